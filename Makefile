@@ -1,0 +1,48 @@
+# make help lists the targets.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PLUGINS := materials jax experiments forearm template
+EDITABLE := $(foreach p,$(PLUGINS),-e plugins/palpate-$(p))
+RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
+PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint format bench clean
+
+help: ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+$(VENV)/installed: $(RUST) $(PYPROJECTS)
+	@command -v cargo >/dev/null || { echo "cargo is missing: install Rust first"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "CPython 3.11 or newer is needed: make PYTHON=python3.11"; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install --quiet --group dev -e . $(EDITABLE)
+	touch $@
+
+demo: $(VENV)/installed ## identify the material of a simulated forearm, end to end
+	$(BIN)/palpate demo
+
+test: lint $(VENV)/installed ## every check: lint, types, Rust and Python tests
+	cargo nextest run --workspace --release || { command -v cargo-nextest >/dev/null && exit 1 || cargo test --workspace --release; }
+	cargo test --workspace --release --doc
+	$(BIN)/python -m pytest -q
+
+lint: $(VENV)/installed ## ruff, mypy --strict, clippy pedantic, rustfmt
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	cargo fmt --check
+	cargo clippy --workspace --all-targets --release -- -D warnings
+
+format: $(VENV)/installed ## rewrite the sources in the project's format
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	cargo fmt
+
+bench: $(VENV)/installed ## timings, each beside a peer of the same run
+	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only
+
+clean: ## remove what the build made
+	rm -rf $(VENV) target runs

@@ -1,0 +1,521 @@
+"""The nouns of a study: frozen values that flow from stage to stage.
+
+Units at this surface are mm, N, MPa, N·mm and degrees. Arrays are copied in,
+checked once and made read-only, so a value that exists is a value that can be
+used.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate import _core
+from palpate.errors import CurveError, MaterialError, MeshError, SamplingError, ScoringError
+
+if TYPE_CHECKING:
+    from palpate.interfaces import Material
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+CELL_NODES: Mapping[str, int] = MappingProxyType({"tet4": 4, "tet10": 10, "hex8": 8})
+"""Element kinds of a :class:`Mesh` and their number of nodes."""
+
+
+def _frozen_floats(values: ArrayLike) -> FloatArray:
+    array = np.array(values, dtype=np.float64, copy=True)
+    array.setflags(write=False)
+    return array
+
+
+def _frozen_ints(values: ArrayLike) -> IntArray:
+    array = np.array(values, dtype=np.int64, copy=True)
+    array.setflags(write=False)
+    return array
+
+
+# --------------------------------------------------------------------- curves
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """What a curve is about: one measured quantity over another.
+
+    ``abscissa`` and ``ordinate`` are column names that carry their unit, such as
+    ``depth_mm`` and ``force_N``; the labels are for people.
+    """
+
+    name: str
+    abscissa: str
+    ordinate: str
+    abscissa_label: str
+    ordinate_label: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curve:
+    """A path in the order in which it was travelled.
+
+    Parameters
+    ----------
+    channel : str
+        Name of the channel, for example ``"force"``.
+    abscissa, ordinate : (n,) array
+        In the units of the channel; at least two points, all finite.
+
+    Raises
+    ------
+    CurveError
+        Shapes differ, fewer than two points, a value that is not finite, or an
+        abscissa that never moves.
+    """
+
+    channel: str
+    abscissa: FloatArray
+    ordinate: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "abscissa", _frozen_floats(self.abscissa))
+        object.__setattr__(self, "ordinate", _frozen_floats(self.ordinate))
+        where = f"curve '{self.channel}'"
+        if self.abscissa.ndim != 1 or self.abscissa.shape != self.ordinate.shape:
+            raise CurveError(
+                f"{where}: abscissa {self.abscissa.shape} and ordinate {self.ordinate.shape} "
+                "must be one-dimensional and of one length"
+            )
+        for name, values in (("abscissa", self.abscissa), ("ordinate", self.ordinate)):
+            bad = np.flatnonzero(~np.isfinite(values))
+            if bad.size:
+                raise CurveError(
+                    f"{where}: {name}[{bad[0]}] is {values[bad[0]]}; "
+                    "remove or repair the row, every value must be finite"
+                )
+        if self.abscissa.size < 2 or np.ptp(self.abscissa) == 0.0:
+            raise CurveError(
+                f"{where}: {self.abscissa.size} point(s) whose abscissa never moves; "
+                "a curve needs at least two different abscissae"
+            )
+
+    @cached_property
+    def branches(self) -> tuple[tuple[int, int], ...]:
+        """Maximal monotone runs as (start, stop), neighbours sharing the turning point."""
+        return tuple((int(a), int(b)) for a, b in _core.branches(self.abscissa))
+
+
+def moving_span(abscissa: FloatArray) -> slice:
+    """Rows between the first and the last movement of an abscissa, both ends included.
+
+    A log holds one channel still while it drives another (depth during the
+    twist); the rest before and after carries no abscissa to compare at.
+
+    Parameters
+    ----------
+    abscissa : (n,) array
+        In the order in which it was travelled.
+
+    Raises
+    ------
+    CurveError
+        The abscissa never moves.
+    """
+    moves = np.flatnonzero(np.diff(abscissa) != 0.0)
+    if moves.size == 0:
+        raise CurveError("the abscissa never moves, so there is no path to compare along")
+    return slice(int(moves[0]), int(moves[-1]) + 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Response:
+    """Curves by channel name: what a limb answers, measured or simulated."""
+
+    curves: Mapping[str, Curve]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "curves", MappingProxyType(dict(self.curves)))
+
+    def __getitem__(self, channel: str) -> Curve:
+        return self.curves[channel]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.curves)
+
+
+class Normaliser(StrEnum):
+    """What the squared error is divided by, computed on the measured curve.
+
+    ``MEAN`` is the letter of the paper; over a symmetric twist it is close to
+    zero, and scoring refuses it there.
+    """
+
+    MEAN_ABS = "mean_abs"
+    MEAN = "mean"
+    RMS = "rms"
+    RANGE = "range"
+    STD = "std"
+
+
+# ------------------------------------------------------------- limb, protocol
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spot:
+    """A marked place on the limb: position [mm] and unit outward normal, in the frame of its mesh."""
+
+    name: str
+    position_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
+    normal: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position_mm", _frozen_floats(self.position_mm))
+        normal = np.asarray(self.normal, dtype=np.float64)
+        length = float(np.linalg.norm(normal))
+        if self.position_mm.shape != (3,) or normal.shape != (3,) or not length > 0.0:
+            raise MeshError(f"spot '{self.name}': position and normal must be three numbers, normal not zero")
+        object.__setattr__(self, "normal", _frozen_floats(normal / length))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mesh:
+    """A limb's volume in elements, with named regions and named node sets.
+
+    Parameters
+    ----------
+    points_mm : (n_nodes, 3) array
+    cells : mapping of kind to (n_cells, n_nodes_of_kind) integer array
+        Kinds are the keys of ``CELL_NODES``.
+    cell_regions : mapping of kind to (n_cells,) integer array
+        Index into ``regions``.
+    regions : tuple of str
+    node_sets : mapping of name to (n,) integer array
+        At least ``fixed`` (held still) and ``contact`` (the outer surface).
+    """
+
+    points_mm: FloatArray
+    cells: Mapping[str, IntArray]
+    cell_regions: Mapping[str, IntArray]
+    regions: tuple[str, ...]
+    node_sets: Mapping[str, IntArray]
+
+    def __post_init__(self) -> None:
+        freeze = object.__setattr__
+        freeze(self, "points_mm", _frozen_floats(self.points_mm))
+        freeze(self, "cells", MappingProxyType({k: _frozen_ints(v) for k, v in self.cells.items()}))
+        freeze(
+            self,
+            "cell_regions",
+            MappingProxyType({k: _frozen_ints(v) for k, v in self.cell_regions.items()}),
+        )
+        freeze(self, "regions", tuple(self.regions))
+        freeze(
+            self,
+            "node_sets",
+            MappingProxyType({k: _frozen_ints(v) for k, v in self.node_sets.items()}),
+        )
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return int(self.points_mm.shape[0])
+
+    @property
+    def n_cells(self) -> int:
+        """Number of elements of all kinds."""
+        return sum(int(cells.shape[0]) for cells in self.cells.values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limb:
+    """One spot and the mesh of the limb segment around it."""
+
+    spot: Spot
+    mesh: Mesh
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sphere:
+    """A rigid spherical indenter."""
+
+    radius_mm: float
+
+    def __post_init__(self) -> None:
+        if not self.radius_mm > 0.0:
+            raise MeshError(f"indenter: a sphere of radius {self.radius_mm} mm; give a radius > 0 mm")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Indentation:
+    """Press along the spot's normal, then twist about it.
+
+    Parameters
+    ----------
+    indenter : Sphere
+        Touches the spot at depth 0.
+    path : (n_waypoints, 2) array
+        Depth [mm] and rotation [degrees], in the order travelled, from rest at (0, 0).
+        Between waypoints both change linearly.
+    friction : float
+        Coulomb coefficient, ≥ 0.
+    """
+
+    indenter: Sphere
+    path: FloatArray
+    friction: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", _frozen_floats(self.path))
+        path = self.path
+        if path.ndim != 2 or path.shape[1] != 2 or path.shape[0] < 2 or not np.isfinite(path).all():
+            raise CurveError("protocol: the path needs at least two finite rows of (depth_mm, rotation_deg)")
+        if path[0].any():
+            raise CurveError(f"protocol: the path starts at {tuple(path[0])}; start it at depth 0 and rotation 0")
+        if (path[:, 0] < 0.0).any():
+            raise CurveError(f"protocol: depth {path[:, 0].min()} mm lies outside the limb; keep depths >= 0")
+        if not (np.isfinite(self.friction) and self.friction >= 0.0):
+            raise MaterialError(f"protocol: friction {self.friction}; give a coefficient >= 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HomogeneousTests:
+    """Homogeneous deformations of one specimen: stretch paths by channel name.
+
+    The channel name selects the mode: ``uniaxial``, ``equibiaxial``,
+    ``pure_shear``, ``simple_shear`` (abscissa is the amount of shear) and
+    ``confined_compression``.
+    """
+
+    paths: Mapping[str, FloatArray]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "paths", MappingProxyType({k: _frozen_floats(v) for k, v in self.paths.items()})
+        )
+
+
+Protocol = Indentation | HomogeneousTests
+"""What is done to the limb or specimen."""
+
+
+# -------------------------------------------------------- parameters, designs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One number that a material needs.
+
+    ``lower`` and ``upper`` are the region of interest that a sweep covers by
+    default; ``physical_lower`` and ``physical_upper`` are limits outside of
+    which the number has no meaning. ``kind`` is ``modulus`` when it scales with
+    stiffness and ``shape`` when it is dimensionless.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    kind: Literal["modulus", "shape"]
+    description: str
+    physical_lower: float = -np.inf
+    physical_upper: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise SamplingError(
+                f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} {self.unit}"
+            )
+        for bound in (self.lower, self.upper):
+            self.check(bound)
+
+    def check(self, value: float) -> None:
+        """Refuse a value outside the physical range, or one that is not finite.
+
+        Raises
+        ------
+        MaterialError
+        """
+        if not (np.isfinite(value) and self.physical_lower <= value <= self.physical_upper):
+            raise MaterialError(
+                f"parameter '{self.name}' = {value} {self.unit} lies outside its physical range "
+                f"[{self.physical_lower}, {self.physical_upper}] {self.unit}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegionMaterial:
+    """The material of one region, with each parameter either searched or fixed.
+
+    Parameters
+    ----------
+    searched : tuple of Parameter
+        With the study's ranges, in ``convention``.
+    fixed : mapping of parameter name to value
+        In ``convention``.
+    convention : str
+        How the numbers are to be read: ``textbook``, or another key of
+        ``material.conventions``.
+    """
+
+    region: str
+    material: "Material"
+    searched: tuple[Parameter, ...]
+    fixed: Mapping[str, float]
+    convention: str = "textbook"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "fixed", MappingProxyType(dict(self.fixed)))
+
+    def theta(self, values: Mapping[str, float]) -> FloatArray:
+        """Textbook parameters in the order of ``material.parameters``, shape (n_parameters,)."""
+        numbers = [
+            self.fixed[p.name] if p.name in self.fixed else values[p.name]
+            for p in self.material.parameters
+        ]
+        return self.material.to_textbook(np.array(numbers), self.convention)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterSpace:
+    """Everything that is searched, over all regions, under the names ``region.parameter``."""
+
+    regions: tuple[RegionMaterial, ...]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Searched parameters with their full names, in design column order."""
+        return tuple(
+            Parameter(
+                name=f"{r.region}.{p.name}",
+                unit=p.unit,
+                lower=p.lower,
+                upper=p.upper,
+                kind=p.kind,
+                description=p.description,
+                physical_lower=p.physical_lower,
+                physical_upper=p.physical_upper,
+            )
+            for r in self.regions
+            for p in r.searched
+        )
+
+    def thetas(self, row: FloatArray) -> dict[str, FloatArray]:
+        """Textbook parameters by region for one design row of shape (n_parameters,)."""
+        values = dict(zip((p.name for p in self.parameters), map(float, row), strict=True))
+        return {
+            r.region: r.theta({p.name: values[f"{r.region}.{p.name}"] for p in r.searched})
+            for r in self.regions
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Design:
+    """Parameter sets: row = ``set_id``, the same at every spot.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        Full names, in column order.
+    values : (n_sets, n_parameters) array
+    seed : int
+    n_drawn : int
+        Sets drawn before the filters; ``n_sets`` of them were kept.
+    """
+
+    parameters: tuple[Parameter, ...]
+    values: FloatArray
+    seed: int
+    n_drawn: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", _frozen_floats(self.values))
+        if self.values.ndim != 2 or self.values.shape[1] != len(self.parameters):
+            raise SamplingError(
+                f"design: values of shape {self.values.shape} for {len(self.parameters)} parameters"
+            )
+
+    @property
+    def n_sets(self) -> int:
+        """Number of sets that are simulated."""
+        return int(self.values.shape[0])
+
+
+# ------------------------------------------------------- simulations, scoring
+
+
+class Status(StrEnum):
+    """How a simulation ended."""
+
+    OK = "ok"
+    DIVERGED = "diverged"
+    TIMED_OUT = "timed_out"
+    UNREADABLE = "unreadable"
+    CRASHED = "crashed"
+
+    @property
+    def remedy(self) -> str:
+        """What a user can try."""
+        return {
+            Status.OK: "nothing to do",
+            Status.DIVERGED: "narrow the ranges, add a stability filter, or allow smaller steps",
+            Status.TIMED_OUT: "raise the solver's time limit or coarsen the mesh",
+            Status.UNREADABLE: "look at the solver's own output for this job",
+            Status.CRASHED: "rerun this job alone to see its traceback; check memory",
+        }[self]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Job:
+    """One simulation to do: a parameter set at a spot.
+
+    ``materials`` and ``thetas`` are by region; ``thetas`` are textbook values in
+    the order of the material's parameters.
+    """
+
+    spot: str
+    set_id: int
+    materials: Mapping[str, "Material"]
+    thetas: Mapping[str, FloatArray]
+    protocol: Protocol
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Simulation:
+    """What became of a job. ``response`` is partial when the status is ``diverged``."""
+
+    job: Job
+    status: Status
+    response: Response | None
+    message: str = ""
+    seconds: float = 0.0
+    diagnostics: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """Which channels count, and how much: Fopt = Σ weight · NMSE."""
+
+    name: str
+    weights: Mapping[str, float]
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        weights = dict(self.weights)
+        if not weights or any(not np.isfinite(w) or w < 0.0 for w in weights.values()) or not any(weights.values()):
+            raise ScoringError(
+                f"scenario '{self.name}': weights {weights} must be >= 0, finite, and at least one > 0"
+            )
+        object.__setattr__(self, "weights", MappingProxyType(weights))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyTemplate:
+    """A ready study that ``palpate init`` copies: a directory with a study.toml and its data."""
+
+    name: str
+    summary: str
+    directory: str

@@ -1,0 +1,44 @@
+"""Errors a user can mend.
+
+Every message says what was wrong, where (file, row, key) and what to do about
+it. The command line prints a :class:`PalpateError` without a traceback and ends
+with exit code 2; anything else that escapes is a bug and keeps its traceback.
+A failed simulation is not an error but a row with a status
+(:class:`palpate.domain.Status`).
+"""
+
+
+class PalpateError(Exception):
+    """A mistake in the input, with what, where and what to do."""
+
+
+class StudyError(PalpateError):
+    """study.toml is missing, malformed or contradicts itself."""
+
+
+class CurveError(PalpateError, ValueError):
+    """A measured or simulated curve cannot be used."""
+
+
+class ScoringError(PalpateError, ValueError):
+    """Curves cannot be compared: degenerate normaliser or too little coverage."""
+
+
+class SamplingError(PalpateError, ValueError):
+    """A design cannot be drawn from these ranges."""
+
+
+class MaterialError(PalpateError, ValueError):
+    """Parameters are missing, out of their physical range, or have no stable reference state."""
+
+
+class MeshError(PalpateError):
+    """A limb cannot be simulated: inverted elements, no fixed nodes, no surface at the spot."""
+
+
+class PluginError(PalpateError):
+    """A plugin is broken, unknown, or clashes with another."""
+
+
+class NothingSelectable(PalpateError):
+    """Every simulation failed, so no set can be chosen (exit code 1)."""

@@ -1,0 +1,215 @@
+"""What plugins subclass. Abstract or final, nothing between.
+
+A component is built from its checked settings; the class attributes ``name``
+and ``summary`` are what ``palpate plugins`` shows. A study names components by
+``name`` and passes their ``settings`` table, which the ``Settings`` model
+checks: every field there needs a description.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from palpate.domain import (
+    BoolArray,
+    FloatArray,
+    Job,
+    Limb,
+    Parameter,
+    ParameterSpace,
+    Response,
+    Simulation,
+    Spot,
+)
+from palpate.errors import MaterialError
+
+Array = Any
+"""An array of the array API: numpy in checks, JAX under differentiation."""
+
+
+class Settings(BaseModel):
+    """Base of every component's settings: frozen, and unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Component(ABC):
+    """Something that a plugin provides under a name.
+
+    Parameters
+    ----------
+    settings : Settings, optional
+        An instance of the class's own ``Settings``; its defaults when left out.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    Settings: ClassVar[type[Settings]] = Settings
+
+    def __init__(self, settings: Settings | None = None) -> None:
+        self.settings: Any = self.Settings() if settings is None else settings
+
+
+class Material(Component):
+    """A hyperelastic material, given by its energy alone.
+
+    Stress, tangent, initial moduli and stability follow from the energy in
+    :mod:`palpate.mechanics`. ``parameters`` may be a class attribute, or be set
+    in ``__init__`` where the settings decide how many there are.
+    """
+
+    parameters: tuple[Parameter, ...]
+
+    conventions: Mapping[str, tuple[float, ...]] = MappingProxyType({})
+    """Other ways to write the coefficients: textbook value = number × factor, by parameter."""
+
+    @abstractmethod
+    def energy(self, stretches: Array, theta: Array) -> Array:
+        """Strain energy per reference volume.
+
+        Parameters
+        ----------
+        stretches : (..., 3) array
+            Principal stretches λ1, λ2, λ3; the energy is symmetric in them and zero at rest.
+        theta : (n_parameters,) array
+            Textbook values in the order of ``parameters``.
+
+        Returns
+        -------
+        (...,) array
+            Energy in MPa. Write it with the array's own namespace
+            (``xp = stretches.__array_namespace__()``), so that numpy can check it and
+            JAX can differentiate it.
+        """
+
+    def energy_from_F(self, F: Array, theta: Array) -> Array:  # noqa: N802, N803
+        """Energy [MPa] from the deformation gradient (3, 3), for anisotropic materials only.
+
+        An anisotropic material overrides this and sets ``isotropic = False``.
+        """
+        raise MaterialError(f"material '{self.name}' is isotropic: use energy(stretches, theta)")
+
+    isotropic: ClassVar[bool] = True
+
+    def to_textbook(self, values: FloatArray, convention: str) -> FloatArray:
+        """Convert coefficients (n_parameters,) written in ``convention`` to textbook values.
+
+        Raises
+        ------
+        MaterialError
+            The convention is unknown to this material.
+        """
+        return values * np.array(self._factors(convention))
+
+    def from_textbook(self, theta: FloatArray, convention: str) -> FloatArray:
+        """Convert textbook values (n_parameters,) to ``convention``."""
+        return theta / np.array(self._factors(convention))
+
+    def _factors(self, convention: str) -> tuple[float, ...]:
+        if convention == "textbook":
+            return (1.0,) * len(self.parameters)
+        if convention not in self.conventions:
+            known = ", ".join(["textbook", *self.conventions])
+            raise MaterialError(
+                f"material '{self.name}' knows no convention '{convention}'; choose one of: {known}"
+            )
+        return self.conventions[convention]
+
+    def check(self, theta: FloatArray) -> None:
+        """Refuse textbook values outside the physical range of their parameter.
+
+        Raises
+        ------
+        MaterialError
+        """
+        if len(theta) != len(self.parameters):
+            raise MaterialError(
+                f"material '{self.name}' takes {len(self.parameters)} parameters, got {len(theta)}"
+            )
+        for parameter, value in zip(self.parameters, theta, strict=True):
+            parameter.check(float(value))
+
+
+class ExperimentLoader(Component):
+    """Reads measured curves."""
+
+    @abstractmethod
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        """Read one file.
+
+        Parameters
+        ----------
+        path : Path
+        channel : str, optional
+            The study says that this file holds this one channel; otherwise the
+            loader's settings say which columns make which channels.
+
+        Raises
+        ------
+        CurveError
+            Naming file, row and column.
+        """
+
+
+class LimbSource(Component):
+    """Makes the limb around a spot from a file."""
+
+    @abstractmethod
+    def load(self, path: Path, spot: Spot) -> Limb:
+        """Read the mesh of one spot.
+
+        Raises
+        ------
+        MeshError
+            Naming the file, element or node.
+        """
+
+
+class Sampler(Component):
+    """Draws points of the unit cube."""
+
+    @abstractmethod
+    def draw(self, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
+        """Points (n_sets, n_parameters) in (0, 1); the same seed gives the same bits."""
+
+
+class SetFilter(Component):
+    """Keeps the parameter sets that make sense, such as the stable ones."""
+
+    @abstractmethod
+    def accept(self, space: ParameterSpace, values: FloatArray) -> BoolArray:
+        """Which rows of ``values`` (n_sets, n_parameters), in design columns, to keep: (n_sets,)."""
+
+
+class Solver(Component):
+    """Simulates a job."""
+
+    needs_limb: ClassVar[bool] = True
+    """False for a solver of homogeneous tests, which has no mesh."""
+
+    @abstractmethod
+    def version(self) -> str:
+        """Version of whatever computes the numbers; part of each simulation's key."""
+
+    def check(self, job: Job, limb: Limb | None) -> None:  # noqa: B027
+        """Refuse, before the first step, what cannot be simulated.
+
+        Raises
+        ------
+        PalpateError
+            Naming the element, node or parameter.
+        """
+
+    @abstractmethod
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        """Simulate one job. A failure is a status, never an exception."""
+
+    def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
+        """Simulate jobs of one limb, yielding each as it ends; override to share work."""
+        for job in jobs:
+            yield self.simulate(job, limb)
