@@ -151,7 +151,8 @@ class Normaliser(StrEnum):
     """What the squared error is divided by, computed on the measured curve.
 
     ``MEAN`` is the letter of the paper; over a symmetric twist it is close to
-    zero, and scoring refuses it there.
+    zero, and scoring refuses it there. ``UNIT`` divides by one unit of the
+    ordinate, which makes the NMSE a plain mean squared error.
     """
 
     MEAN_ABS = "mean_abs"
@@ -159,6 +160,7 @@ class Normaliser(StrEnum):
     RMS = "rms"
     RANGE = "range"
     STD = "std"
+    UNIT = "unit"
 
 
 # ------------------------------------------------------------- limb, protocol
