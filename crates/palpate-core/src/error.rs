@@ -1,0 +1,204 @@
+//! Errors of the kernels: each names the array, the index and the value, and says what to do.
+
+use crate::curve::Direction;
+use crate::nmse::Normaliser;
+
+/// Any failure of a kernel, grouped by who can mend it.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A curve cannot be used.
+    #[error(transparent)]
+    Curve(#[from] CurveError),
+    /// Curves cannot be compared.
+    #[error(transparent)]
+    Scoring(#[from] ScoringError),
+    /// A design cannot be drawn.
+    #[error(transparent)]
+    Sampling(#[from] SamplingError),
+}
+
+/// Why a curve cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CurveError {
+    /// A value is NaN or infinite.
+    #[error("{array}[{index}] is {value}: every value must be finite; drop or repair that sample")]
+    NotFinite {
+        /// Argument that holds the value.
+        array: &'static str,
+        /// Position of the first offender.
+        index: usize,
+        /// The value itself.
+        value: f64,
+    },
+    /// A simulated value in a batch is infinite (NaN marks an uncovered point there).
+    #[error(
+        "{array}[{row}, {index}] is {value}: a simulated value must be finite, or NaN where the \
+         simulation did not get to"
+    )]
+    InfiniteInBatch {
+        /// Argument that holds the value.
+        array: &'static str,
+        /// Row of the batch.
+        row: usize,
+        /// Position within the row.
+        index: usize,
+        /// The value itself.
+        value: f64,
+    },
+    /// An array has no values.
+    #[error("{array} is empty: a curve needs at least one value")]
+    Empty {
+        /// The argument.
+        array: &'static str,
+    },
+    /// A path has a single point.
+    #[error("{array} has one point: a path needs at least two")]
+    OnePoint {
+        /// The argument.
+        array: &'static str,
+    },
+    /// Two arrays that belong together differ in length.
+    #[error(
+        "{array} has {length} values but {other} has {other_length}: they must be equally long"
+    )]
+    LengthMismatch {
+        /// The argument found wanting.
+        array: &'static str,
+        /// Its length.
+        length: usize,
+        /// The argument it must match.
+        other: &'static str,
+        /// The length of that.
+        other_length: usize,
+    },
+    /// A batch does not divide into rows of the measured curve's length.
+    #[error("sim has {length} values: {n_sets} sets of {n_points} measured points were expected")]
+    BatchShape {
+        /// Values in the batch.
+        length: usize,
+        /// Rows asked for.
+        n_sets: usize,
+        /// Points of the measured curve.
+        n_points: usize,
+    },
+    /// The abscissa stays within the tolerance.
+    #[error(
+        "{array} never moves: its values span {span}, not more than the tolerance {tolerance}; \
+         give a path that moves, or a smaller tolerance"
+    )]
+    NeverMoves {
+        /// The argument.
+        array: &'static str,
+        /// Largest minus least value.
+        span: f64,
+        /// Tolerance in force.
+        tolerance: f64,
+    },
+    /// The tolerance is negative or not finite.
+    #[error("tolerance is {value}: it must be finite and not negative")]
+    Tolerance {
+        /// The value given.
+        value: f64,
+    },
+    /// A simulated branch runs against its measured counterpart.
+    #[error(
+        "branch {branch} of the simulated path {array} is {simulated} where that of {measured_array} \
+         is {measured}: simulate the path that was travelled, or raise the tolerance if noise cut it"
+    )]
+    Direction {
+        /// Index of the branch, from 0.
+        branch: usize,
+        /// The simulated abscissa.
+        array: &'static str,
+        /// The measured abscissa.
+        measured_array: &'static str,
+        /// Direction of the simulated branch.
+        simulated: Direction,
+        /// Direction of the measured branch.
+        measured: Direction,
+    },
+    /// The simulated path turns more often than the measured one.
+    #[error(
+        "the simulated path {array} has {simulated} branches but {measured_array} has only \
+         {measured}: simulate the path that was travelled, or raise the tolerance if noise cut it"
+    )]
+    TooManyBranches {
+        /// The simulated abscissa.
+        array: &'static str,
+        /// The measured abscissa.
+        measured_array: &'static str,
+        /// Branches of the simulated path.
+        simulated: usize,
+        /// Branches of the measured path.
+        measured: usize,
+    },
+}
+
+/// Why curves cannot be compared.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ScoringError {
+    /// The normaliser is too close to zero to divide by.
+    #[error(
+        "normaliser \"{normaliser}\" is degenerate: it is {value} on a measured curve whose rms is \
+         {rms}; choose another ({others})",
+        others = normaliser.others()
+    )]
+    Degenerate {
+        /// The normaliser asked for.
+        normaliser: Normaliser,
+        /// Its value on the measured curve.
+        value: f64,
+        /// Root mean square of the measured curve.
+        rms: f64,
+    },
+    /// The name of a normaliser is not known.
+    #[error("normaliser {name:?} is unknown: choose mean_abs, mean, rms, range or std")]
+    UnknownNormaliser {
+        /// The name given.
+        name: String,
+    },
+    /// A weight is negative, NaN or infinite.
+    #[error("weights[{index}] is {value}: a weight must be finite and not negative")]
+    Weight {
+        /// Position of the first offender.
+        index: usize,
+        /// The value itself.
+        value: f64,
+    },
+    /// Every weight is zero.
+    #[error("every weight is zero: give at least one measured point a positive weight")]
+    ZeroWeights,
+    /// There is not one weight for every measured point.
+    #[error("weights has {length} values but the measured curve has {n_points} points")]
+    WeightsLength {
+        /// Number of weights.
+        length: usize,
+        /// Points of the measured curve.
+        n_points: usize,
+    },
+}
+
+/// Why a design cannot be drawn.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SamplingError {
+    /// The design has no rows or no columns.
+    #[error("a design of n = {n} sets and d = {d} parameters is empty: both must be at least 1")]
+    EmptyDesign {
+        /// Sets asked for.
+        n: usize,
+        /// Parameters asked for.
+        d: usize,
+    },
+    /// The design has more values than the limit.
+    #[error(
+        "a design of n = {n} sets and d = {d} parameters exceeds {limit} values: ask for fewer"
+    )]
+    DesignTooLarge {
+        /// Sets asked for.
+        n: usize,
+        /// Parameters asked for.
+        d: usize,
+        /// Most values a design may have.
+        limit: usize,
+    },
+}

@@ -1,0 +1,25 @@
+//! Numerical kernels of palpate, free of Python.
+//!
+//! | module | kernel |
+//! |---|---|
+//! | [`curve`] | a measured or simulated curve as a path: monotone branches, interpolation along them |
+//! | [`nmse`] | normalised mean squared error between a simulated and a measured curve |
+//! | [`lhs`] | Latin hypercube designs, the same bits on every platform |
+//! | [`error`] | what can be wrong with the input, and where |
+//!
+//! Nothing here knows units: abscissae and ordinates may be mm and N, degrees and N·mm, or any
+//! other pair, as long as the simulated and the measured curve share them.
+
+pub mod curve;
+pub mod error;
+pub mod lhs;
+pub mod nmse;
+mod rng;
+
+pub use error::{CurveError, Error, SamplingError, ScoringError};
+
+/// A count as a real number.
+#[expect(clippy::cast_precision_loss, reason = "exact up to 2^53, more than memory can hold")]
+pub(crate) fn real(count: usize) -> f64 {
+    count as f64
+}

@@ -1,0 +1,43 @@
+//! The Python module `palpate._core`: borrows arrays, releases the GIL, maps errors.
+//!
+//! Each file here wraps the file of the same name in `palpate-core`.
+#![expect(clippy::needless_pass_by_value, reason = "PyO3 hands borrowed arrays over by value")]
+
+mod array;
+mod curve;
+mod error;
+mod lhs;
+mod nmse;
+
+/// Numerical kernels of palpate.
+#[pyo3::pymodule]
+mod _core {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use crate::curve::{branches, interpolate};
+    #[pymodule_export]
+    use crate::lhs::latin_hypercube;
+    #[pymodule_export]
+    use crate::nmse::{nmse, nmse_batch, score};
+
+    /// Version of the compiled module.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the Python convention")]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        warn_of_debug_build(module.py())
+    }
+
+    /// A debug build is many times slower; nobody should time or ship one unawares.
+    fn warn_of_debug_build(py: Python<'_>) -> PyResult<()> {
+        if cfg!(debug_assertions) {
+            let category = py.get_type::<pyo3::exceptions::PyRuntimeWarning>();
+            let message = c"palpate._core is a debug build and slow: build it with --release";
+            PyErr::warn(py, &category, message, 1)?;
+        }
+        Ok(())
+    }
+}
