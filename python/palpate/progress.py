@@ -1,0 +1,26 @@
+"""How a stage tells its caller how far it is; the library itself prints nothing."""
+
+from typing import Protocol
+
+
+class Progress(Protocol):
+    """What a caller hands in to follow a run."""
+
+    def begin(self, stage: str, total: int) -> None:
+        """A stage begins that has ``total`` steps."""
+
+    def step(self, note: str = "") -> None:
+        """One step of the running stage is done; ``note`` says how it ended where that matters."""
+
+
+class Silent:
+    """A :class:`Progress` that keeps quiet."""
+
+    def begin(self, stage: str, total: int) -> None:
+        """Say nothing."""
+
+    def step(self, note: str = "") -> None:
+        """Say nothing."""
+
+
+SILENT = Silent()
