@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     import typer
 
 hookspec = pluggy.HookspecMarker("palpate")
-hookimpl = pluggy.HookimplMarker("palpate")
 
 
 @hookspec
@@ -53,7 +52,7 @@ def palpate_samplers() -> Iterable[type[Sampler]]:  # type: ignore[empty-body]
 
 @hookspec
 def palpate_set_filters() -> Iterable[type[SetFilter]]:  # type: ignore[empty-body]
-    """Filters that keep the parameter sets that make sense."""
+    """Tests that a parameter set must pass to be simulated."""
 
 
 @hookspec

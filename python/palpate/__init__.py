@@ -1,0 +1,126 @@
+"""palpate finds what soft tissue is made of from how it pushes back and twists.
+
+The stages of a study as typed functions, for scripts and notebooks:
+
+>>> from pathlib import Path
+>>> import palpate
+>>> plugins = palpate.Plugins.load()
+>>> sorted(plugins.samplers)
+['lhs']
+
+Plugins mark their hooks with :data:`hookimpl`. Names are imported when they are
+first used, so that ``import palpate`` costs next to nothing.
+"""
+
+import importlib
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import pluggy
+
+if TYPE_CHECKING:
+    from palpate.domain import (
+        Channel,
+        Curve,
+        Design,
+        HomogeneousTests,
+        Indentation,
+        Job,
+        Limb,
+        Mesh,
+        Normaliser,
+        Parameter,
+        ParameterSpace,
+        RegionMaterial,
+        Response,
+        Scenario,
+        Simulation,
+        Sphere,
+        Spot,
+        Status,
+        StudyTemplate,
+    )
+    from palpate.errors import PalpateError
+    from palpate.interfaces import (
+        ExperimentLoader,
+        LimbSource,
+        Material,
+        Sampler,
+        SetFilter,
+        Settings,
+        Solver,
+    )
+    from palpate.pipeline import run_study
+    from palpate.plugins import Plugins
+    from palpate.study import Study, read_study
+
+__all__ = [
+    "Channel",
+    "Curve",
+    "Design",
+    "ExperimentLoader",
+    "HomogeneousTests",
+    "Indentation",
+    "Job",
+    "Limb",
+    "LimbSource",
+    "Material",
+    "Mesh",
+    "Normaliser",
+    "PalpateError",
+    "Parameter",
+    "ParameterSpace",
+    "Plugins",
+    "RegionMaterial",
+    "Response",
+    "Sampler",
+    "Scenario",
+    "SetFilter",
+    "Settings",
+    "Simulation",
+    "Solver",
+    "Sphere",
+    "Spot",
+    "Status",
+    "Study",
+    "StudyTemplate",
+    "__version__",
+    "hookimpl",
+    "read_study",
+    "run_study",
+]
+
+__version__ = "0.1.0"
+
+hookimpl = pluggy.HookimplMarker("palpate")
+"""Marks a function of a plugin as the implementation of a hook of :mod:`palpate.hookspecs`."""
+
+_HOMES = MappingProxyType(
+    {
+        "errors": ("PalpateError",),
+        "interfaces": (
+            "ExperimentLoader",
+            "LimbSource",
+            "Material",
+            "Sampler",
+            "SetFilter",
+            "Settings",
+            "Solver",
+        ),
+        "pipeline": ("run_study",),
+        "plugins": ("Plugins",),
+        "study": ("Study", "read_study"),
+    }
+)
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module 'palpate' has no attribute '{name}'")
+    home = next((module for module, names in _HOMES.items() if name in names), "domain")
+    value: object = getattr(importlib.import_module(f"palpate.{home}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
