@@ -52,7 +52,7 @@ def palpate_samplers() -> Iterable[type[Sampler]]:  # type: ignore[empty-body]
 
 @hookspec
 def palpate_set_filters() -> Iterable[type[SetFilter]]:  # type: ignore[empty-body]
-    """Tests that a parameter set must pass to be simulated."""
+    """Keepers of the parameter sets that make sense."""
 
 
 @hookspec
