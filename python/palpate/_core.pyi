@@ -1,0 +1,216 @@
+"""Numerical kernels of palpate, compiled from ``crates/palpate-core`` and ``crates/palpate-sparse``.
+
+Arrays are float64, of any memory layout; another dtype or number of dimensions is a ``TypeError``
+that names the argument. Nothing here knows units: an abscissa may be in mm or degrees, an
+ordinate in N or N·mm, as long as the simulated and the measured curve share them.
+"""
+
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["__version__", "branches", "interpolate", "latin_hypercube", "nmse", "nmse_batch", "score"]
+
+_Floats: TypeAlias = NDArray[np.float64]
+_Normaliser: TypeAlias = Literal["mean_abs", "mean", "rms", "range", "std"]
+
+__version__: str
+
+def branches(abscissa: _Floats, tolerance: float = 0.0) -> list[tuple[int, int]]:
+    """Cut a path into its maximal monotone branches.
+
+    Parameters
+    ----------
+    abscissa
+        Depth or rotation (n,) in the order in which it was travelled.
+    tolerance
+        A reversal of at most this, in units of the abscissa, is noise and does not cut.
+
+    Returns
+    -------
+    list[tuple[int, int]]
+        ``(start, stop)`` of each branch, half open. Neighbours share their turning point: the next
+        ``start`` is this ``stop - 1``. A plateau belongs to the run before it (to the run after
+        it if it comes first), so the turning point is the last point of a plateau.
+
+    Raises
+    ------
+    palpate.errors.CurveError
+        Empty, a single point, NaN or infinite, never moves by more than ``tolerance``, or a
+        negative ``tolerance``.
+
+    Examples
+    --------
+    >>> branches(np.array([0.0, -20.0, 0.0, 20.0, 0.0]))
+    [(0, 2), (1, 4), (3, 5)]
+    """
+
+def interpolate(
+    sim_x: _Floats, sim_y: _Floats, at_x: _Floats, tolerance: float = 0.0
+) -> tuple[_Floats, NDArray[np.bool_]]:
+    """Interpolate a simulated path linearly onto measured abscissae, branch by branch.
+
+    The k-th simulated branch answers for the k-th measured branch; a turning point is answered by
+    the earlier of its two branches. Nothing is extrapolated: a measured point may overshoot the
+    end of its simulated branch by ``tolerance`` plus 1e-9 of the measured span (round-off), and then
+    takes the value at the end. Where the simulated path holds still, the value with which it
+    moves on counts; simulated points inside a reversal below the tolerance are passed over.
+
+    Parameters
+    ----------
+    sim_x, sim_y
+        Simulated path (m,) in the order travelled.
+    at_x
+        Measured abscissae (n,) in the order travelled.
+    tolerance
+        As for `branches`; it applies to both paths.
+
+    Returns
+    -------
+    values
+        Ordinates (n,); NaN where not covered.
+    covered
+        Whether the simulated path reached the point (n,). A simulation that ended early leaves the
+        rest uncovered.
+
+    Raises
+    ------
+    palpate.errors.CurveError
+        As for `branches`; lengths differ; a simulated branch runs against its measured
+        counterpart; or the simulated path has more branches than the measured one.
+    """
+
+def nmse(
+    sim: _Floats,
+    exp: _Floats,
+    normaliser: _Normaliser = "mean_abs",
+    weights: _Floats | None = None,
+) -> float:
+    """Return Σ w (sim - exp)² / (Σ w · normaliser²) of two curves at the same points.
+
+    Parameters
+    ----------
+    sim, exp
+        Simulated and measured ordinates (n,), in one unit.
+    normaliser
+        ``mean_abs``: mean(abs(exp)); ``mean``: abs(mean(exp)); ``rms``; ``range``: max - min;
+        ``std``: population standard deviation. Always of the whole ``exp``, without weights.
+    weights
+        Weight of each point (n,), not negative; equal weights of any size change nothing.
+
+    Returns
+    -------
+    float
+        NMSE, dimensionless; 0 exactly when the curves agree wherever the weight is positive.
+
+    Raises
+    ------
+    palpate.errors.CurveError
+        Empty, NaN or infinite, or lengths differ.
+    palpate.errors.ScoringError
+        Unknown or degenerate normaliser (``mean`` below 0.1 rms, as on a symmetric twist; any
+        other at most 1e-9 of max(abs(exp))); negative, all-zero or too few weights.
+
+    Examples
+    --------
+    >>> round(nmse(np.array([1.1, 2.2]), np.array([1.0, 2.0]), "rms"), 12)
+    0.01
+    """
+
+def nmse_batch(
+    sim: _Floats,
+    exp: _Floats,
+    normaliser: _Normaliser = "mean_abs",
+    weights: _Floats | None = None,
+) -> tuple[_Floats, _Floats]:
+    """Score many simulated curves against one measured curve.
+
+    Parameters
+    ----------
+    sim
+        Simulated ordinates (n_sets, n); NaN marks a point that the simulation did not reach.
+    exp, normaliser, weights
+        As for `nmse`.
+
+    Returns
+    -------
+    nmse
+        NMSE over the covered points (n_sets,); NaN for a row without any.
+    coverage
+        Weight of the covered points over the weight of all (n_sets,), 0 to 1.
+
+    Raises
+    ------
+    palpate.errors.CurveError
+        ``sim`` has another number of points than ``exp`` or an infinite value; ``exp`` is empty or
+        not finite.
+    palpate.errors.ScoringError
+        As for `nmse`.
+    """
+
+def score(
+    sim_x: _Floats,
+    sim_y: _Floats,
+    exp_x: _Floats,
+    exp_y: _Floats,
+    normaliser: _Normaliser = "mean_abs",
+    tolerance: float = 0.0,
+    weights: _Floats | None = None,
+) -> tuple[float, float]:
+    """Score a simulated path against a measured one, each with its own points.
+
+    `interpolate` onto ``exp_x``, then NMSE over the covered points.
+
+    Parameters
+    ----------
+    sim_x, sim_y
+        Simulated path (m,) in the order travelled.
+    exp_x, exp_y
+        Measured path (n,) in the order travelled.
+    normaliser, weights
+        As for `nmse`; one weight for each measured point.
+    tolerance
+        As for `interpolate`.
+
+    Returns
+    -------
+    nmse
+        NMSE over the covered points; NaN if there are none.
+    coverage
+        Weight of the covered points over the weight of all, 0 to 1.
+
+    Raises
+    ------
+    palpate.errors.CurveError
+        As for `interpolate`.
+    palpate.errors.ScoringError
+        As for `nmse`.
+    """
+
+def latin_hypercube(n: int, d: int, seed: int, *, centred: bool = False) -> _Floats:
+    """Draw a Latin hypercube of n sets in the open unit cube of d parameters.
+
+    In every column each of the n strata (k/n, (k+1)/n) holds exactly one value. A seed gives the
+    same bits on every platform and in every version (xoshiro256++, SplitMix64, Fisher-Yates).
+
+    Parameters
+    ----------
+    n, d
+        Number of sets and of parameters, at least 1; n·d at most 2^28.
+    seed
+        0 to 2^64 - 1. A wider design of the same n and seed begins with the same columns.
+    centred
+        Put each value at the centre of its stratum instead of a random place; the strata are
+        those of the design that is not centred.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        Design (n, d), strictly between 0 and 1.
+
+    Raises
+    ------
+    palpate.errors.SamplingError
+        n, d or seed is out of range.
+    """
