@@ -152,7 +152,7 @@ pub enum ScoringError {
         rms: f64,
     },
     /// The name of a normaliser is not known.
-    #[error("normaliser {name:?} is unknown: choose mean_abs, mean, rms, range or std")]
+    #[error("normaliser {name:?} is unknown: choose mean_abs, mean, rms, range, std or unit")]
     UnknownNormaliser {
         /// The name given.
         name: String,

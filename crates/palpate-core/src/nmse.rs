@@ -34,6 +34,8 @@ pub enum Normaliser {
     Range,
     /// Population standard deviation of exp.
     Std,
+    /// One unit of exp, which makes the NMSE a plain mean squared error.
+    Unit,
 }
 
 /// Least admissible |mean(exp)| as a share of the rms.
@@ -49,7 +51,8 @@ pub const LEAST_SHARE: f64 = 1e-9;
 
 impl Normaliser {
     /// Every normaliser, in the order of the documentation.
-    pub const ALL: [Self; 5] = [Self::MeanAbs, Self::Mean, Self::Rms, Self::Range, Self::Std];
+    pub const ALL: [Self; 6] =
+        [Self::MeanAbs, Self::Mean, Self::Rms, Self::Range, Self::Std, Self::Unit];
 
     /// The name in study files.
     ///
@@ -65,6 +68,7 @@ impl Normaliser {
             Self::Rms => "rms",
             Self::Range => "range",
             Self::Std => "std",
+            Self::Unit => "unit",
         }
     }
 
@@ -72,7 +76,7 @@ impl Normaliser {
     ///
     /// # Errors
     /// [`CurveError`] if `exp` is empty or not finite. [`ScoringError::Degenerate`] if the value is
-    /// too small to divide by: `Mean` below [`LEAST_MEAN`] of the rms, any other at most
+    /// too small to divide by: `Mean` below [`LEAST_MEAN`] of the rms, any other but `Unit` at most
     /// [`LEAST_SHARE`] of max|exp|.
     ///
     /// # Examples
@@ -88,6 +92,9 @@ impl Normaliser {
             return Err(CurveError::Empty { array: "exp" }.into());
         }
         curve::finite("exp", exp)?;
+        if self == Self::Unit {
+            return Ok(1.0);
+        }
         // Dividing by the largest value first keeps squares from over- and underflowing.
         let largest = exp.iter().fold(0.0_f64, |most, e| most.max(e.abs()));
         let unit = |e: &f64| if largest > 0.0 { e / largest } else { 0.0 };
@@ -106,6 +113,7 @@ impl Normaliser {
                 let mean = average(&|e| e);
                 average(&|e| (e - mean) * (e - mean)).sqrt()
             }
+            Self::Unit => 1.0,
         };
         let least = if self == Self::Mean { LEAST_MEAN * rms } else { 0.0 };
         if share < least || share <= LEAST_SHARE {

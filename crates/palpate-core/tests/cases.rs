@@ -85,6 +85,20 @@ fn an_early_turn_leaves_the_measured_tip_uncovered() {
 }
 
 #[test]
+fn a_turning_point_is_answered_by_the_earlier_branch() {
+    // The simulation turns at 3 with 3, and is at 2 with 5 on its way back.
+    let out = interpolate(&[0.0, 3.0, 0.0], &[0.0, 3.0, 9.0], &[0.0, 2.0, 0.0], 0.0).unwrap();
+    assert_eq!(out.values, [0.0, 2.0, 9.0]);
+}
+
+#[test]
+fn a_reversal_of_exactly_the_tolerance_does_not_cut() {
+    let x = [0.0, 2.0, 1.5, 4.0];
+    assert_eq!(branches(&x, 0.5).unwrap().len(), 1);
+    assert_eq!(branches(&x, 0.499).unwrap().len(), 3);
+}
+
+#[test]
 fn a_late_start_is_not_extrapolated() {
     let out = interpolate(&[1.0, 2.0], &[3.0, 4.0], &[0.0, 1.0, 2.0], 0.0).unwrap();
     assert_eq!(out.covered, [false, true, true]);
@@ -99,6 +113,8 @@ fn round_off_and_tolerance_reach_past_the_end_and_no_further() {
     assert!(!at(10.0 + 5e-8, 0.0).covered[1]);
     assert_eq!(at(10.04, 0.05).values[1], 7.0);
     assert!(!at(10.06, 0.05).covered[1]);
+    let early = interpolate(&[0.0, 10.0], &[3.0, 7.0], &[-0.04, 10.0], 0.05).unwrap();
+    assert_eq!(early.values, [3.0, 7.0]);
 }
 
 #[test]
@@ -123,6 +139,7 @@ fn the_mean_of_a_twist_is_degenerate_and_the_others_are_not() {
         let scored = nmse(&with_error, &torque, normaliser, None);
         match normaliser {
             Normaliser::Mean => says(scored, &["\"mean\"", "degenerate", "mean_abs, rms"]),
+            Normaliser::Unit => assert!(scored.is_ok()),
             _ => assert!(scored.unwrap() < 0.02),
         }
     }
@@ -135,18 +152,25 @@ fn a_flat_or_zero_curve_is_degenerate() {
     assert!(Normaliser::Std.value(&flat).is_err());
     assert!(Normaliser::MeanAbs.value(&flat).is_ok());
     for normaliser in Normaliser::ALL {
-        assert!(normaliser.value(&[0.0, 0.0]).is_err());
+        let unit = normaliser == Normaliser::Unit;
+        assert_eq!(normaliser.value(&[0.0, 0.0]).is_ok(), unit, "{normaliser}");
     }
 }
 
 #[test]
 fn normalisers_have_their_textbook_values() {
     let exp = [-1.0, 2.0, 5.0];
-    let expected = [8.0 / 3.0, 2.0, 10.0_f64.sqrt(), 6.0, 6.0_f64.sqrt()];
+    let expected = [8.0 / 3.0, 2.0, 10.0_f64.sqrt(), 6.0, 6.0_f64.sqrt(), 1.0];
     for (normaliser, value) in Normaliser::ALL.into_iter().zip(expected) {
         assert!((normaliser.value(&exp).unwrap() - value).abs() < 1e-15, "{normaliser}");
         assert_eq!(normaliser.name().parse(), Ok(normaliser));
     }
+}
+
+#[test]
+fn the_unit_normaliser_gives_the_mean_squared_error() {
+    let scored = nmse(&[1.0, 2.0, 4.0], &[0.0, 0.0, 1.0], Normaliser::Unit, None).unwrap();
+    assert!((scored - 14.0 / 3.0).abs() < 1e-15);
 }
 
 #[test]
