@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 __all__ = ["__version__", "branches", "interpolate", "latin_hypercube", "nmse", "nmse_batch", "score"]
 
 _Floats: TypeAlias = NDArray[np.float64]
-_Normaliser: TypeAlias = Literal["mean_abs", "mean", "rms", "range", "std"]
+_Normaliser: TypeAlias = Literal["mean_abs", "mean", "rms", "range", "std", "unit"]
 
 __version__: str
 
@@ -95,7 +95,8 @@ def nmse(
         Simulated and measured ordinates (n,), in one unit.
     normaliser
         ``mean_abs``: mean(abs(exp)); ``mean``: abs(mean(exp)); ``rms``; ``range``: max - min;
-        ``std``: population standard deviation. Always of the whole ``exp``, without weights.
+        ``std``: population standard deviation; ``unit``: 1, which makes it a plain mean
+        squared error. Always of the whole ``exp``, without weights.
     weights
         Weight of each point (n,), not negative; equal weights of any size change nothing.
 
