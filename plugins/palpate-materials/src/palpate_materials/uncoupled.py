@@ -1,0 +1,73 @@
+"""What nearly incompressible materials share: Ψ = Ψ̃(λ̃) + κ/2 (ln J)²."""
+
+import sys
+from abc import abstractmethod
+
+from palpate.domain import Parameter
+from palpate.interfaces import Array, Material
+
+POSITIVE = sys.float_info.min
+"""Lower physical limit of what must be greater than zero."""
+
+
+class Uncoupled(Material):
+    """A material whose energy splits into a part of shape and a part of volume.
+
+    Ψ = Ψ̃(λ̃1, λ̃2, λ̃3) + κ/2 (ln J)², with λ̃ = J^(−1/3) λ. (The paper prints
+    J^(1/3), a misprint.) κ is the last parameter and the initial bulk modulus.
+    """
+
+    @abstractmethod
+    def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
+        """Ψ̃ [MPa] of isochoric stretches (..., 3), for all parameters but κ: (...,)."""
+
+    def energy(self, stretches: Array, theta: Array) -> Array:
+        """Strain energy per reference volume [MPa], (..., 3) → (...,)."""
+        xp = stretches.__array_namespace__()
+        J = xp.prod(stretches, axis=-1)
+        isochoric = stretches * J[..., None] ** (-1.0 / 3.0)
+        return self.isochoric_energy(isochoric, theta[:-1]) + 0.5 * theta[-1] * xp.log(J) ** 2
+
+
+def first_invariant(stretches: Array) -> Array:
+    """I1 = λ1² + λ2² + λ3², (..., 3) → (...,)."""
+    return stretches.__array_namespace__().sum(stretches * stretches, axis=-1)
+
+
+def bulk_modulus(lower: float = 0.25, upper: float = 2.5) -> Parameter:
+    """Parameter κ; its default range is the paper's for Ogden."""
+    return Parameter(
+        name="kappa",
+        unit="MPa",
+        lower=lower,
+        upper=upper,
+        kind="modulus",
+        description="bulk modulus",
+        physical_lower=POSITIVE,
+    )
+
+
+def modulus(name: str, lower: float, upper: float, description: str, least: float = POSITIVE) -> Parameter:
+    """Parameter in MPa that scales with stiffness; greater than zero unless ``least`` says otherwise."""
+    return Parameter(
+        name=name,
+        unit="MPa",
+        lower=lower,
+        upper=upper,
+        kind="modulus",
+        description=description,
+        physical_lower=least,
+    )
+
+
+def shape(name: str, lower: float, upper: float, description: str, least: float = POSITIVE) -> Parameter:
+    """Dimensionless parameter; greater than zero unless ``least`` says otherwise."""
+    return Parameter(
+        name=name,
+        unit="",
+        lower=lower,
+        upper=upper,
+        kind="shape",
+        description=description,
+        physical_lower=least,
+    )
