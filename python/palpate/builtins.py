@@ -24,7 +24,7 @@ class LatinHypercube(Sampler):
 
     def draw(self, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
         """Points (n_sets, n_parameters) in (0, 1); the same seed gives the same bits."""
-        return _core.latin_hypercube(n_sets, n_parameters, seed, self.settings.centred)
+        return _core.latin_hypercube(n_sets, n_parameters, seed, centred=self.settings.centred)
 
 
 @hookimpl

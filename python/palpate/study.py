@@ -1,29 +1,30 @@
 """study.toml → Study: every name, unit and range checked, with the line in the message."""
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from palpate.domain import Normaliser, ParameterSpace, Protocol, Scenario, Spot
+from palpate.domain import Normaliser, ParameterSpace, Protocol, Scenario
+from palpate.errors import StudyError
 from palpate.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
+from palpate.plugins import Plugins
+from palpate.study_build import (
+    Context,
+    StudySpot,
+    build_components,
+    build_protocol,
+    build_scenarios,
+    build_spots,
+    check_solver_needs,
+)
+from palpate.study_lines import KeyLines
+from palpate.study_model import Tables
+from palpate.study_problems import Problems, read_tables, settled
+from palpate.study_regions import build_space, build_truth
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StudySpot:
-    """One spot with its files.
-
-    Parameters
-    ----------
-    spot : Spot
-    measured : mapping of channel name, or None for a file that holds several channels, to path
-    mesh : Path or None
-        None for a specimen in homogeneous tests.
-    """
-
-    spot: Spot
-    measured: Mapping[str | None, Path]
-    mesh: Path | None
+__all__ = ["Study", "StudySpot", "read_study"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,3 +76,77 @@ class Study:
     n_workers: int
     time_limit_s: float
     plugin_files: tuple[Path, ...]
+
+
+def read_study(path: Path, plugins: Plugins) -> Study:
+    """Read and check a study file.
+
+    Parameters
+    ----------
+    path : Path
+        A study.toml, or the folder that holds one.
+    plugins : Plugins
+        Where the names in the file are looked up.
+
+    Raises
+    ------
+    StudyError
+        Listing everything that is wrong, each with line, key and what to do.
+    """
+    if path.is_dir():
+        path = path / "study.toml"
+    text, raw = _parse(path)
+    problems = Problems(path, KeyLines(text))
+    return _build(Context(path.parent.resolve(), plugins, problems), read_tables(raw, problems))
+
+
+def _parse(path: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+        return text, tomllib.loads(text)
+    except FileNotFoundError:
+        raise StudyError(f"{path}: no such file; `palpate init` makes a study to start from") from None
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    except UnicodeDecodeError as error:
+        raise StudyError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"{path}: not valid TOML: {error}; mend the syntax there") from None
+
+
+def _build(context: Context, tables: Tables) -> Study:
+    header, sampling, solving, selection = tables.study, tables.sampling, tables.solver, tables.selection
+    spots = build_spots(context, tables.spot)
+    parts = build_components(context, tables)
+    protocol = build_protocol(context, tables.protocol) if tables.protocol else None
+    space = build_space(context, tables.region)
+    scenarios = build_scenarios(context, selection, tables.scenario, spots) if selection else ()
+    truth = build_truth(context, tables, space)
+    if parts.solver:
+        check_solver_needs(context, parts.solver, tables)
+    context.problems.raise_if_any()
+    return Study(
+        name=settled(header).name,
+        description=settled(header).description,
+        folder=context.folder,
+        data=settled(header).data,
+        spots=spots,
+        loader=settled(parts.loader),
+        limb_source=parts.limb_source,
+        protocol=protocol,
+        space=space,
+        sampler=settled(parts.sampler),
+        n_sets=settled(sampling).n_sets,
+        seed=settled(sampling).seed,
+        filters=parts.filters,
+        solver=settled(parts.solver),
+        normaliser=settled(tables.scoring).normaliser,
+        minimum_coverage=settled(tables.scoring).minimum_coverage,
+        scenarios=scenarios,
+        generalise_by=settled(selection).generalise_by or scenarios[0].name,
+        refine=settled(selection).refine,
+        truth=truth,
+        n_workers=settled(solving).n_workers,
+        time_limit_s=settled(solving).time_limit,
+        plugin_files=context.plugins.files,
+    )

@@ -1,0 +1,229 @@
+"""From the tables of study.toml to the parts of a Study: what the names in them mean."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from pydantic import ValidationError
+
+from palpate.domain import Indentation, Scenario, Sphere, Spot
+from palpate.interfaces import Component, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
+from palpate.plugins import Catalogue, Plugins
+from palpate.study_lines import Key
+from palpate.study_model import (
+    ProtocolTable,
+    ScenarioTable,
+    SelectionTable,
+    SpotTable,
+    Tables,
+)
+from palpate.study_problems import Problems, choice
+
+C = TypeVar("C", bound=Component)
+
+FILTERS: Key = ("sampling", "filters")
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What every part is built with: where files lie, what plugins provide, where mistakes go."""
+
+    folder: Path
+    plugins: Plugins
+    problems: Problems
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Components:
+    """What plugins supply to a study, built from its settings; None where a problem was found."""
+
+    loader: ExperimentLoader | None
+    limb_source: LimbSource | None
+    sampler: Sampler | None
+    filters: tuple[SetFilter, ...]
+    solver: Solver | None
+
+
+def build_components(context: Context, tables: Tables) -> Components:
+    """Build every component that the file names, except the materials."""
+    experiment, limb, sampling, solver = tables.experiment, tables.limb, tables.sampling, tables.solver
+    catalogues, build = context.plugins, partial(build_component, context)
+    filters = [
+        build(catalogues.set_filters, name, settings, (*FILTERS, name), (*FILTERS, name))
+        for name, settings in (sampling.filters.items() if sampling else ())
+    ]
+    return Components(
+        loader=build(catalogues.loaders, experiment.loader, experiment.settings, ("experiment", "loader"))
+        if experiment
+        else None,
+        limb_source=build(catalogues.limb_sources, limb.source, limb.settings, ("limb", "source"))
+        if limb
+        else None,
+        sampler=build(catalogues.samplers, sampling.sampler, sampling.settings, ("sampling", "sampler"))
+        if sampling
+        else None,
+        filters=tuple(built for built in filters if built is not None),
+        solver=build(catalogues.solvers, solver.name, solver.settings, ("solver", "name"))
+        if solver
+        else None,
+    )
+
+
+def build_component(
+    context: Context,
+    catalogue: Catalogue[type[C]],
+    name: str,
+    settings: Mapping[str, object],
+    key: Key,
+    settings_key: Key | None = None,
+) -> C | None:
+    """Build the component ``name``, which stands at ``key``, from its settings beside it."""
+    settings_key = settings_key or (*key[:-1], "settings")
+    component: type[C] | None = None
+    with context.problems.at(*key):
+        component = catalogue[name]
+    if component is None:
+        return None
+    try:
+        checked = component.Settings.model_validate(dict(settings))
+    except ValidationError as error:
+        context.problems.add_invalid(settings_key, error, component.Settings)
+        return None
+    with context.problems.at(*settings_key):
+        return component(checked)
+    return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudySpot:
+    """One spot with its files.
+
+    Parameters
+    ----------
+    spot : Spot
+    measured : mapping of channel name, or None for a file that holds several channels, to path
+    mesh : Path or None
+        None for a specimen in homogeneous tests.
+    """
+
+    spot: Spot
+    measured: Mapping[str | None, Path]
+    mesh: Path | None
+
+
+def build_spots(context: Context, tables: Sequence[SpotTable]) -> tuple[StudySpot, ...]:
+    """Build the spots; names are unique, files exist, channels are known."""
+    spots = []
+    for index, table in enumerate(tables):
+        key: Key = ("spot", index)
+        if table.name in [earlier.name for earlier in tables[:index]]:
+            context.problems.add(
+                (*key, "name"), f"a spot '{table.name}' already exists; give each spot its own name"
+            )
+        for channel in table.measured:
+            with context.problems.at(*key, "measured", *([channel] if channel else [])):
+                _ = channel and context.plugins.channels[channel]
+        measured = {
+            channel or None: _file(context, file, (*key, "measured", *([channel] if channel else [])))
+            for channel, file in table.measured.items()
+        }
+        mesh = None if table.mesh is None else _file(context, table.mesh, (*key, "mesh"))
+        with context.problems.at(*key, "normal"):
+            spot = Spot(name=table.name, position_mm=np.array(table.position), normal=np.array(table.normal))
+            spots.append(StudySpot(spot=spot, measured=measured, mesh=mesh))
+    return tuple(spots)
+
+
+def _file(context: Context, name: str, key: Key) -> Path:
+    path = context.folder / name
+    if not path.is_file():
+        reason = "is a folder, not a file" if path.is_dir() else "no such file"
+        context.problems.add(key, f"'{name}': {reason} (looked for {path}); paths are relative to study.toml")
+    return path
+
+
+def build_protocol(context: Context, table: ProtocolTable) -> Indentation | None:
+    """Press to the depth, then twist to each rotation in turn."""
+    with context.problems.at("protocol"):
+        rotations = [0.0, 0.0, *table.twist]
+        depths = [0.0] + [table.depth] * (len(rotations) - 1)
+        return Indentation(
+            indenter=Sphere(radius_mm=table.indenter.radius),
+            path=np.column_stack([depths, rotations]),
+            friction=table.friction,
+        )
+    return None
+
+
+def build_scenarios(
+    context: Context, selection: SelectionTable, own: Sequence[ScenarioTable], spots: tuple[StudySpot, ...]
+) -> tuple[Scenario, ...]:
+    """Look up the scenarios to report, among the study's own and the plugins'."""
+    known: dict[str, Scenario] = dict(context.plugins.scenarios)
+    for index, table in enumerate(own):
+        if scenario := _own_scenario(context, table, ("scenario", index), known):
+            known[scenario.name] = scenario
+    chosen = []
+    for index, name in enumerate(selection.scenarios):
+        key: Key = ("selection", "scenarios", index)
+        if name in selection.scenarios[:index]:
+            context.problems.add(key, f"'{name}' is listed twice; list each scenario once")
+        elif name in known:
+            chosen.append(known[name])
+            _check_channels(context, known[name], key, spots)
+        elif name not in [table.name for table in own]:
+            context.problems.add(key, choice(name, known, "scenario"))
+    by = selection.generalise_by
+    if by is not None and by not in selection.scenarios:
+        context.problems.add(
+            ("selection", "generalise_by"),
+            f"'{by}' is not among the scenarios {', '.join(selection.scenarios)}; choose one of them",
+        )
+    return tuple(chosen)
+
+
+def _own_scenario(
+    context: Context, table: ScenarioTable, key: Key, known: Mapping[str, Scenario]
+) -> Scenario | None:
+    if table.name in known:
+        context.problems.add((*key, "name"), f"a scenario '{table.name}' already exists; choose another name")
+        return None
+    for channel in table.weights:
+        with context.problems.at(*key, "weights", channel):
+            context.plugins.channels[channel]
+    with context.problems.at(*key, "weights"):
+        return Scenario(name=table.name, weights=table.weights, description=table.description)
+    return None
+
+
+def _check_channels(context: Context, scenario: Scenario, key: Key, spots: tuple[StudySpot, ...]) -> None:
+    """Refuse a scenario whose channels a spot does not measure, where the file says which it does."""
+    for spot in spots:
+        missing = [c for c, weight in scenario.weights.items() if weight and c not in spot.measured]
+        if missing and None not in spot.measured:
+            context.problems.add(
+                key,
+                f"scenario '{scenario.name}' weighs channel '{missing[0]}', which spot "
+                f"'{spot.spot.name}' does not measure; add its file or leave the scenario out",
+            )
+
+
+def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None:
+    """Refuse a study that lacks what its solver needs, or gives what it would pass over."""
+    problems, name = context.problems, f"solver '{solver.name}'"
+    for table, given in (("limb", tables.limb), ("protocol", tables.protocol)):
+        if solver.needs_limb and table not in tables.written:
+            problems.add(("solver", "name"), f"{name} needs a [{table}] table; add one")
+        if not solver.needs_limb and given is not None:
+            problems.add((table,), f"{name} makes homogeneous tests and has no {table}; remove the table")
+    for index, spot in enumerate(tables.spot):
+        if solver.needs_limb and spot.mesh is None:
+            problems.add(("spot", index), f'{name} needs a mesh; add mesh = "…" to the spot')
+        if not solver.needs_limb and spot.mesh is not None:
+            problems.add(
+                ("spot", index, "mesh"),
+                f"{name} makes homogeneous tests without a mesh; remove the key",
+            )

@@ -1,0 +1,240 @@
+"""The shape of study.toml: its tables and keys, and what each may hold.
+
+This decides what a file may look like; what its names mean is for
+:mod:`palpate.study_build`. The JSON schema that editors use comes from here.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from palpate.domain import Normaliser
+from palpate.units import Quantity
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
+"""A name that also serves as a file name and as a part of ``region.parameter``."""
+
+Length = Annotated[float, Quantity("mm")]
+Angle = Annotated[float, Quantity("deg")]
+Seconds = Annotated[float, Quantity("s")]
+
+
+class Table(BaseModel):
+    """A table of study.toml: unknown keys and values of another type are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class StudyTable(Table):
+    """What the study is."""
+
+    name: Name = Field(description="Name of the study; its runs are kept under it.")
+    description: str = Field(default="", description="What is studied, in a sentence.")
+    data: Literal["measured", "simulated"] = Field(
+        description="Whether the experiment is real; shown wherever results are."
+    )
+
+
+def _by_channel(given: object) -> object:
+    return {"": given} if isinstance(given, str) else given
+
+
+class SpotTable(Table):
+    """A marked spot with its files."""
+
+    name: Name = Field(description="Name of the spot.")
+    measured: Annotated[
+        dict[str, str], BeforeValidator(_by_channel, json_schema_input_type=str | dict[str, str])
+    ] = Field(
+        min_length=1, description="File of the measured curves, or one file per channel, by channel name."
+    )
+    mesh: str | None = Field(default=None, description="File of the limb around the spot.")
+    position: list[Length] = Field(
+        default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="Where the indenter first touches."
+    )
+    normal: list[float] = Field(
+        default=[0.0, 0.0, 1.0], min_length=3, max_length=3, description="Outward normal at the spot."
+    )
+
+
+class ExperimentTable(Table):
+    """How measured curves are read."""
+
+    loader: str = Field(description="Name of an experiment loader.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the loader.")
+
+
+class LimbTable(Table):
+    """How meshes are read."""
+
+    source: str = Field(description="Name of a limb source.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the limb source.")
+
+
+class IndenterTable(Table):
+    """The rigid indenter."""
+
+    shape: Literal["sphere"] = Field(description="Shape of the indenter.")
+    radius: Length = Field(gt=0.0, description="Radius of the sphere.")
+
+
+class ProtocolTable(Table):
+    """What is done to the limb: press along the normal, then twist at depth."""
+
+    indenter: IndenterTable = Field(description="What touches the limb.")
+    depth: Length = Field(gt=0.0, description="Indentation depth.")
+    twist: list[Angle] = Field(default=[], description="Rotations travelled to, in order, at full depth.")
+    friction: float = Field(ge=0.0, description="Coulomb coefficient.")
+
+
+class SearchedRange(Table):
+    """The two ends between which a parameter is searched."""
+
+    lower: str | float = Field(description="Lower end, with its unit.")
+    upper: str | float = Field(description="Upper end, with its unit.")
+
+
+class ParameterTable(Table):
+    """A parameter as read: ``value`` when it is fixed, else the ends of its range.
+
+    The quantities stay as written here, since their unit is the material's to say.
+    """
+
+    value: Any = None
+    lower: Any = None
+    upper: Any = None
+
+
+def _fixed_or_searched(given: object) -> object:
+    if not isinstance(given, dict):
+        return {"value": given}
+    if "value" in given and len(given) > 1:
+        raise ValueError("both fixed (value) and searched (lower, upper); keep one of the two")
+    missing = [end for end in ("lower", "upper") if end not in given]
+    if missing and set(given) <= set(SearchedRange.model_fields):
+        raise ValueError(
+            f"the range has no {' and no '.join(missing)}; "
+            'write { lower = "…", upper = "…" }, or one quantity to fix the parameter'
+        )
+    return given
+
+
+class RegionTable(Table):
+    """The material of one region of the limb."""
+
+    material: str = Field(description="Name of a material.")
+    convention: str = Field(
+        default="textbook",
+        description="How the coefficients are written: textbook, or one the material knows.",
+    )
+    settings: dict[str, Any] = Field(default={}, description="Settings of the material.")
+    parameters: dict[
+        str,
+        Annotated[
+            ParameterTable,
+            BeforeValidator(_fixed_or_searched, json_schema_input_type=str | float | SearchedRange),
+        ],
+    ] = Field(
+        default={},
+        description="A fixed quantity, or lower and upper. A parameter not named is searched over "
+        "the material's own range.",
+    )
+
+
+class SamplingTable(Table):
+    """How parameter sets are drawn."""
+
+    sampler: str = Field(default="lhs", description="Name of a sampler.")
+    n_sets: int = Field(ge=2, description="Sets to draw, before the filters.")
+    seed: int = Field(default=1, ge=0, description="Seed of the draw.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the sampler.")
+    filters: dict[str, dict[str, Any]] = Field(
+        default={}, description="Set filters by name, each with its settings."
+    )
+
+
+class SolverTable(Table):
+    """What simulates a set at a spot."""
+
+    name: str = Field(description="Name of a solver.")
+    n_workers: int = Field(default=0, ge=0, description="Local worker processes; 0: one per core.")
+    time_limit: Seconds = Field(default=600.0, gt=0.0, description="Longest time for one simulation.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the solver.")
+
+
+class ScoringTable(Table):
+    """How a simulated curve is compared with a measured one."""
+
+    normaliser: Annotated[Normaliser, Field(strict=False)] = Field(
+        default=Normaliser.MEAN_ABS, description="What the squared error is divided by."
+    )
+    minimum_coverage: float = Field(
+        default=0.95, gt=0.0, le=1.0, description="Least share of the measured points that must be reached."
+    )
+
+
+class SelectionTable(Table):
+    """How the best set is chosen."""
+
+    scenarios: list[str] = Field(min_length=1, description="Names of scenarios, in the order to report.")
+    generalise_by: str | None = Field(
+        default=None, description="Scenario whose mean over the spots decides; the first one if left out."
+    )
+    refine: bool = Field(default=False, description="Follow the sweep by a local search.")
+
+
+class ScenarioTable(Table):
+    """A scenario of this study."""
+
+    name: str = Field(min_length=1, description="Name of the scenario.")
+    weights: dict[str, float] = Field(description="Weight of each channel's NMSE in Fopt.")
+    description: str = Field(default="", description="What the scenario is for.")
+
+
+class StudyFile(Table):
+    """A palpate study: from measured curves to identified parameters."""
+
+    study: StudyTable
+    spot: list[SpotTable] = Field(min_length=1, description="The marked spots.")
+    experiment: ExperimentTable
+    limb: LimbTable | None = Field(default=None, description="Leave out for homogeneous tests.")
+    protocol: ProtocolTable | None = Field(default=None, description="Leave out for homogeneous tests.")
+    region: dict[Name, RegionTable] = Field(min_length=1, description="Material of each region, by its name.")
+    sampling: SamplingTable
+    solver: SolverTable
+    scoring: ScoringTable = ScoringTable()
+    selection: SelectionTable
+    scenario: list[ScenarioTable] = Field(default=[], description="Scenarios of this study's own.")
+    truth: dict[str, Any] = Field(
+        default={}, description="Known answer by region.parameter, for simulated data only."
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tables:
+    """The tables of one file; None or empty where a table is absent or not valid.
+
+    ``written`` names the tables that the file has, valid or not.
+    """
+
+    written: frozenset[str]
+    study: StudyTable | None = None
+    spot: Sequence[SpotTable] = ()
+    experiment: ExperimentTable | None = None
+    limb: LimbTable | None = None
+    protocol: ProtocolTable | None = None
+    region: Mapping[str, RegionTable] = field(default_factory=dict)
+    sampling: SamplingTable | None = None
+    solver: SolverTable | None = None
+    scoring: ScoringTable | None = None
+    selection: SelectionTable | None = None
+    scenario: Sequence[ScenarioTable] = ()
+    truth: Mapping[str, Any] = field(default_factory=dict)
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of study.toml, for editors."""
+    schema = StudyFile.model_json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -1,0 +1,162 @@
+"""Materials of the regions: which parameters are searched, between what, and which are fixed."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from palpate.domain import FloatArray, Parameter, ParameterSpace, RegionMaterial
+from palpate.interfaces import Material
+from palpate.study_build import Context, build_component
+from palpate.study_lines import Key
+from palpate.study_model import ParameterTable, RegionTable, Tables
+from palpate.study_problems import Problems, choice
+from palpate.units import convert
+
+
+def build_space(context: Context, tables: Mapping[str, RegionTable]) -> ParameterSpace:
+    """Build the material of every region."""
+    built = [_region(context, name, table) for name, table in tables.items()]
+    regions = tuple(region for region in built if region is not None)
+    all_fixed = all(len(region.fixed) == len(region.material.parameters) for region in regions)
+    if regions and len(regions) == len(built) and all_fixed:
+        context.problems.add(
+            ("region",), 'no parameter is searched; give at least one as { lower = "…", upper = "…" }'
+        )
+    return ParameterSpace(regions=regions)
+
+
+def _region(context: Context, name: str, table: RegionTable) -> RegionMaterial | None:
+    key: Key = ("region", name)
+    material = build_component(
+        context, context.plugins.materials, table.material, table.settings, (*key, "material")
+    )
+    if material is None:
+        return None
+    defaults: dict[str, Parameter] = {}
+    with context.problems.at(*key, "convention"):
+        defaults = {p.name: p for p in _in_convention(material, table.convention)}
+    if not defaults:
+        return None
+    for unknown in table.parameters.keys() - defaults.keys():
+        context.problems.add(
+            (*key, "parameters", unknown),
+            choice(unknown, defaults, f"parameter of material '{material.name}'"),
+        )
+    fixed, searched = _split(context.problems, (*key, "parameters"), defaults, table.parameters)
+    return RegionMaterial(
+        region=name, material=material, searched=searched, fixed=fixed, convention=table.convention
+    )
+
+
+def _split(
+    problems: Problems, key: Key, defaults: Mapping[str, Parameter], given: Mapping[str, ParameterTable]
+) -> tuple[dict[str, float], tuple[Parameter, ...]]:
+    fixed: dict[str, float] = {}
+    searched: list[Parameter] = []
+    for name, default in defaults.items():
+        if name not in given:
+            searched.append(default)
+        elif given[name].value is not None:
+            with problems.at(*key, name):
+                fixed[name] = _value(default, given[name].value)
+        else:
+            searched.extend(_range(problems, (*key, name), default, given[name]))
+    return fixed, tuple(searched)
+
+
+def _value(parameter: Parameter, given: object) -> float:
+    value = convert(given, parameter.unit)
+    parameter.check(value)
+    return value
+
+
+def _range(problems: Problems, key: Key, default: Parameter, table: ParameterTable) -> Iterator[Parameter]:
+    ends = {}
+    for end, given in (("lower", table.lower), ("upper", table.upper)):
+        with problems.at(*key, end):
+            ends[end] = _value(default, given)
+    if len(ends) < 2:
+        return
+    if not ends["lower"] < ends["upper"]:
+        problems.add(
+            key,
+            f"lower {table.lower!r} is not less than upper {table.upper!r}; swap them, "
+            "or write one quantity to fix the parameter",
+        )
+        return
+    yield _with_range(default, lower=ends["lower"], upper=ends["upper"])
+
+
+def _with_range(
+    parameter: Parameter,
+    lower: float,
+    upper: float,
+    physical: tuple[float, float] | None = None,
+) -> Parameter:
+    low, high = physical or (parameter.physical_lower, parameter.physical_upper)
+    return Parameter(
+        name=parameter.name,
+        unit=parameter.unit,
+        lower=lower,
+        upper=upper,
+        kind=parameter.kind,
+        description=parameter.description,
+        physical_lower=low,
+        physical_upper=high,
+    )
+
+
+def _in_convention(material: Material, convention: str) -> Iterator[Parameter]:
+    """Parameters of a material with their ranges and limits as ``convention`` writes them.
+
+    Raises
+    ------
+    MaterialError
+        The material does not know the convention.
+    """
+
+    def written(*textbook: float) -> FloatArray:
+        return material.from_textbook(np.array(textbook), convention)
+
+    ranges = np.sort(
+        [written(*(p.lower for p in material.parameters)), written(*(p.upper for p in material.parameters))],
+        axis=0,
+    )
+    limits = np.sort(
+        [
+            written(*(p.physical_lower for p in material.parameters)),
+            written(*(p.physical_upper for p in material.parameters)),
+        ],
+        axis=0,
+    )
+    for index, parameter in enumerate(material.parameters):
+        yield _with_range(
+            parameter,
+            lower=float(ranges[0, index]),
+            upper=float(ranges[1, index]),
+            physical=(float(limits[0, index]), float(limits[1, index])),
+        )
+
+
+def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict[str, float]:
+    """Read the known answer, by ``region.parameter``, in the region's convention."""
+    if tables.truth and tables.study and tables.study.data != "simulated":
+        context.problems.add(("truth",), 'only simulated data have a known answer; set data = "simulated"')
+    units = {f"{r.region}.{p.name}": p.unit for r in space.regions for p in r.material.parameters}
+    truth: dict[str, float] = {}
+    for key, value in _leaves(("truth",), tables.truth):
+        name = ".".join(str(part) for part in key[1:])
+        if name not in units:
+            context.problems.add(key, choice(name, units, "parameter"))
+            continue
+        with context.problems.at(*key):
+            truth[name] = convert(value, units[name])
+    return truth
+
+
+def _leaves(key: Key, table: Mapping[str, object]) -> Iterator[tuple[Key, object]]:
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _leaves((*key, name), value)
+        else:
+            yield (*key, name), value

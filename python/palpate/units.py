@@ -1,0 +1,129 @@
+"""Units at the door: text such as ``"15 mm"`` to a number in the unit that palpate computes in.
+
+A plain number is taken for dimensionless quantities only; everything else names
+its unit. Angles are a kind of their own here: ``"0.4"`` is not an angle and
+``"5 deg"`` is not a ratio, although SI calls both dimensionless.
+"""
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
+
+if TYPE_CHECKING:
+    import pint
+
+DIMENSIONLESS = frozenset({"", "1", "-", "dimensionless"})
+_ANGLES = frozenset({"degree", "radian", "turn", "arcminute", "arcsecond"})
+_RATIOS = frozenset({"percent"})
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+
+
+@cache
+def _registry() -> "pint.UnitRegistry[float]":
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def convert(given: object, unit: str) -> float:
+    """Convert to ``unit`` a quantity written with its own unit.
+
+    Parameters
+    ----------
+    given : str, int or float
+        ``"15 mm"``; a plain number only where ``unit`` is dimensionless.
+    unit : str
+        ``"mm"``, ``"MPa"``, ``"deg"``, ``"s"`` …; ``"1"`` for dimensionless.
+
+    Raises
+    ------
+    ValueError
+        Not a number with a unit, an unknown unit, or a unit of another dimension.
+
+    Examples
+    --------
+    >>> convert("1.5 cm", "mm")
+    15.0
+    >>> convert("20 kPa", "MPa")
+    0.02
+    """
+    plain = unit in DIMENSIONLESS
+    if isinstance(given, bool) or not isinstance(given, str | int | float):
+        raise ValueError(f"{given!r} is not a quantity; {_example(unit)}")
+    if not isinstance(given, str):
+        if not plain:
+            raise ValueError(f'{given!r} has no unit; write "{given} {unit}"')
+        return _finite(float(given), given, unit)
+    match = _QUANTITY.fullmatch(given)
+    if match is None:
+        raise ValueError(f"{given!r} is not a number with a unit; {_example(unit)}")
+    number, written = match.groups()
+    if not written and not plain:
+        raise ValueError(f'{given!r} has no unit; write "{number} {unit}"')
+    return _finite(float(number) * _factor(written, unit, given), given, unit)
+
+
+def _finite(value: float, given: object, unit: str) -> float:
+    if abs(value) < float("inf"):
+        return value
+    raise ValueError(f"{given!r} is not finite; {_example(unit)}")
+
+
+def _example(unit: str) -> str:
+    return "use a plain number, e.g. 1.0" if unit in DIMENSIONLESS else f'use e.g. "10 {unit}"'
+
+
+def _factor(written: str, unit: str, given: str) -> float:
+    target, source = _parsed("" if unit in DIMENSIONLESS else unit), _parsed(written)
+    if source is None or target is None:
+        raise ValueError(f"{given!r}: unknown unit '{written}'; {_example(unit)}")
+    if _dimension(source) != _dimension(target):
+        wanted = "a plain ratio" if unit in DIMENSIONLESS else f"of the kind of {unit}"
+        raise ValueError(f"{given!r} is not {wanted}; {_example(unit)}")
+    return float(_registry().Quantity(1.0, source).to(target).magnitude)
+
+
+def _parsed(written: str) -> "pint.Unit | None":
+    try:
+        return _registry().parse_units(written.replace("·", "*"))
+    except Exception:  # pint's parser raises a dozen kinds on junk
+        return None
+
+
+def _dimension(unit: "pint.Unit") -> str:
+    names = {str(name) for name, _ in _registry().Quantity(1.0, unit).unit_items()}
+    if names and names <= _ANGLES:
+        return "angle"
+    if unit.dimensionless and not names <= _RATIOS:
+        return f"ratio of {sorted(names)}"
+    return str(unit.dimensionality)
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """Annotation of a settings field that is written with its unit.
+
+    ``Annotated[float, Quantity("mm")]`` reads ``"1.5 cm"`` as 15.0.
+    """
+
+    unit: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:  # noqa: ANN401
+        """Convert first, then check the number."""
+        return core_schema.no_info_before_validator_function(self._convert, handler(source))
+
+    def _convert(self, given: object) -> float:
+        return convert(given, self.unit)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Describe what stands in the file: text with a unit."""
+        if self.unit in DIMENSIONLESS:
+            return {"type": ["number", "string"]}
+        return {"type": "string", "examples": [f"10 {self.unit}"]}
