@@ -1,0 +1,122 @@
+"""The application: global options, the commands, and what becomes of an error.
+
+Exit codes: 0 done, 1 every simulation failed so that nothing can be selected,
+2 a mistake in the input. Anything else that escapes is a bug and keeps its
+traceback.
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate import __version__
+from palpate.cli.check import check
+from palpate.cli.demo import demo
+from palpate.cli.experiment import experiment
+from palpate.cli.init import init
+from palpate.cli.limb import limb
+from palpate.cli.plugins import plugins
+from palpate.cli.report import report
+from palpate.cli.run import run
+from palpate.cli.sample import sample
+from palpate.cli.score import score
+from palpate.cli.select import select
+from palpate.cli.session import Session
+from palpate.cli.simulate import simulate
+from palpate.errors import NothingSelectable, PalpateError
+
+COMMANDS = (init, check, run, demo, plugins)
+STAGES = (experiment, limb, sample, simulate, score, select, report)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"palpate {__version__}")
+        raise typer.Exit
+
+
+def _options(
+    context: typer.Context,
+    plugin: Annotated[
+        list[Path] | None,
+        typer.Option("--plugin", metavar="FILE", help="A one-file plugin; repeat for more."),
+    ] = None,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Find what soft tissue is made of from how it pushes back and twists."""
+    if context.obj is None:
+        context.obj = Session(plugin or ())
+
+
+def build_app() -> typer.Typer:
+    """Build the application with the core's own commands."""
+    app = typer.Typer(
+        name="palpate",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    app.callback()(_options)
+    for command in COMMANDS:
+        app.command()(command)
+    for stage in STAGES:
+        app.command(rich_help_panel="Stages")(stage)
+    return app
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    given, files = split_plugin_files(sys.argv[1:] if arguments is None else arguments)
+    app = build_app()
+    session = Session(files)
+    try:
+        if not _is_core_command(given):
+            for broken in session.plugins.add_commands(app):
+                session.note(f"plugin without its commands: {broken}")
+        app(list(given), obj=session, prog_name="palpate")
+    except NothingSelectable as error:
+        return _fail(error, 1)
+    except PalpateError as error:
+        return _fail(error, 2)
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 0
+    return 0
+
+
+def split_plugin_files(arguments: Sequence[str]) -> tuple[list[str], list[Path]]:
+    """Take ``--plugin FILE`` out of the arguments, wherever it stands."""
+    rest: list[str] = []
+    files: list[Path] = []
+    waiting = iter(arguments)
+    for argument in waiting:
+        if argument == "--":
+            return [*rest, argument, *waiting], files
+        name, equals, value = argument.partition("=")
+        if name != "--plugin":
+            rest.append(argument)
+        elif equals:
+            files.append(Path(value))
+        elif (file := next(waiting, None)) is not None:
+            files.append(Path(file))
+        else:
+            rest.append(argument)  # typer says that its value is missing
+    return rest, files
+
+
+def _is_core_command(arguments: Sequence[str]) -> bool:
+    # Only a plugin's command, or the list of all commands, needs plugins this early.
+    return bool(arguments) and (
+        arguments[0] in {command.__name__ for command in (*COMMANDS, *STAGES)} or arguments[0] == "--version"
+    )
+
+
+def _fail(error: PalpateError, code: int) -> int:
+    typer.echo(f"palpate: {error}", err=True)
+    return code

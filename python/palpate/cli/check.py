@@ -1,0 +1,88 @@
+"""``palpate check``: everything that can be known before the first simulation."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli.options import AsJson
+from palpate.cli.results import data_notice
+from palpate.cli.session import Session
+from palpate.errors import StudyError
+
+if TYPE_CHECKING:
+    from palpate.pipeline import Checked
+    from palpate.study import Study
+
+
+def check(
+    context: typer.Context,
+    study: Annotated[
+        Path | None,
+        typer.Argument(metavar="STUDY", help="A study.toml, or the folder that holds one."),
+    ] = None,
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Print the JSON schema of study.toml instead.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check a study with its curves and meshes; writes and simulates nothing."""
+    session = Session.of(context)
+    if schema:
+        from palpate.study_model import json_schema
+
+        session.json(json_schema())
+        return
+    if study is None:
+        raise StudyError("no study given; name a study.toml: palpate check STUDY")
+    from palpate import pipeline
+
+    checked_study = session.study(study)
+    checked = pipeline.check(checked_study, session.plugins)
+    if as_json:
+        session.json(_as_json(checked_study, checked))
+        return
+    _show(session, checked_study, checked)
+    session.note(f"next: palpate run {study}")
+
+
+def _as_json(study: "Study", checked: "Checked") -> dict[str, object]:
+    return {
+        "study": study.name,
+        "data": study.data,
+        "spots": {spot: list(response) for spot, response in checked.measured.items()},
+        "searched": [
+            {"name": p.name, "lower": p.lower, "upper": p.upper, "unit": p.unit}
+            for p in study.space.parameters
+        ],
+        "n_drawn": checked.design.n_drawn,
+        "n_sets": checked.design.n_sets,
+        "solver": study.solver.name,
+        "scenarios": [scenario.name for scenario in study.scenarios],
+    }
+
+
+def _show(session: Session, study: "Study", checked: "Checked") -> None:
+    session.say(f"{study.name}: no mistakes found; {data_notice(study)}")
+    session.table(
+        "Searched parameters",
+        ["name", "lower", "upper", "unit", "description"],
+        [[p.name, f"{p.lower:.6g}", f"{p.upper:.6g}", p.unit, p.description] for p in study.space.parameters],
+    )
+    session.table(
+        "Spots",
+        ["spot", "channels", "nodes"],
+        [
+            [
+                spot,
+                ", ".join(response),
+                str(checked.limbs[spot].mesh.n_nodes) if spot in checked.limbs else "–",
+            ]
+            for spot, response in checked.measured.items()
+        ],
+    )
+    n_sets = checked.design.n_sets
+    session.say(
+        f"{checked.design.n_drawn} sets drawn, {n_sets} kept by the filters; "
+        f"{n_sets * len(checked.measured)} simulations with solver '{study.solver.name}'"
+    )

@@ -1,0 +1,38 @@
+"""``palpate demo``: the whole method on a study that palpate carries."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.options import AsJson, OutFolder
+from palpate.cli.progress import StageProgress
+from palpate.cli.results import data_notice, run_as_json, show_run
+from palpate.cli.session import Session, run_folder
+
+DEMO = "forearm-demo"
+
+
+def demo(
+    context: typer.Context,
+    study: Annotated[str, typer.Option("--study", help="Name of a ready study; see palpate init.")] = DEMO,
+    out: OutFolder = None,
+    as_json: AsJson = False,
+) -> None:
+    """Identify the material of a ready study, end to end."""
+    from palpate import pipeline
+
+    session = Session.of(context)
+    checked = session.study(Path(session.plugins.studies[study].directory) / "study.toml")
+    folder = run_folder(checked, out)
+    session.note(f"{study}: {checked.description}\nNote: {data_notice(checked)}.")
+    with StageProgress(session) as progress:
+        result = pipeline.run_study(checked, folder, session.plugins, progress)
+    if as_json:
+        session.json(run_as_json(checked, result))
+        return
+    show_run(session, checked, result)
+    session.note(
+        f"next: palpate init --study {study} my-{study} copies this study, "
+        f"palpate run my-{study} runs your copy"
+    )

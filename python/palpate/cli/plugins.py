@@ -1,0 +1,132 @@
+"""``palpate plugins``: who provides what."""
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.cli.options import AsJson
+from palpate.cli.session import Session
+
+if TYPE_CHECKING:
+    from palpate.plugins import Plugins
+
+
+def plugins(
+    context: typer.Context,
+    kind: Annotated[
+        str | None, typer.Argument(help="studies, channels, loaders, materials, solvers, scenarios …")
+    ] = None,
+    name: Annotated[str | None, typer.Argument(help="One entry of that kind, in full.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what plugins provide, and which are broken and why."""
+    from palpate.plugins import KINDS
+
+    session = Session.of(context)
+    loaded = session.plugins
+    kinds = [kind.replace("-", "_")] if kind else list(KINDS)
+    found = {
+        key: [describe(loaded, key, entry) for entry in loaded.catalogue(key) if name in (None, entry)]
+        for key in kinds
+    }
+    if name is not None and not found[kinds[0]]:
+        loaded.catalogue(kinds[0])[name]  # raises, with close matches
+    if as_json:
+        broken = [{"name": b.name, "source": b.source, "reason": b.reason} for b in loaded.broken]
+        session.json({**found, "broken": broken})
+    elif name is not None:
+        _show_one(session, found[kinds[0]][0])
+    else:
+        _show_all(session, found)
+
+
+def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
+    """Everything there is to know about one entry, in plain values."""
+    from palpate.interfaces import Material
+
+    catalogue = loaded.catalogue(kind)
+    entry = catalogue[name]
+    found: dict[str, Any] = {"name": name, "plugin": catalogue.provider(name), "summary": _summary(entry)}
+    if isinstance(entry, type):
+        found["class"] = f"{entry.__module__}.{entry.__qualname__}"
+        found["settings"] = _settings(entry)
+    if isinstance(entry, type) and issubclass(entry, Material):
+        found.update(_material(entry))
+    for attribute in ("abscissa", "ordinate", "weights", "directory"):
+        if hasattr(entry, attribute) and not isinstance(entry, type):
+            found[attribute] = getattr(entry, attribute)
+    return found
+
+
+def _summary(entry: Any) -> str:  # noqa: ANN401 -- an entry of any kind
+    for attribute in ("summary", "description"):
+        if isinstance(text := getattr(entry, attribute, None), str):
+            return text
+    return f"{entry.ordinate_label} over {entry.abscissa_label}" if hasattr(entry, "ordinate_label") else ""
+
+
+def _settings(component: Any) -> list[dict[str, Any]]:  # noqa: ANN401 -- a component class
+    schema = component.Settings.model_json_schema()
+    return [
+        {
+            "name": name,
+            "type": _type(schema["properties"][name]),
+            "default": None if field.is_required() else field.get_default(call_default_factory=True),
+            "required": field.is_required(),
+            "description": field.description,
+        }
+        for name, field in component.Settings.model_fields.items()
+    ]
+
+
+def _type(schema: dict[str, Any]) -> str:
+    if "enum" in schema:
+        return " | ".join(map(repr, schema["enum"]))
+    if "anyOf" in schema:
+        return " | ".join(map(_type, schema["anyOf"]))
+    return str(schema.get("type", schema.get("$ref", "any")))
+
+
+def _material(material: Any) -> dict[str, Any]:  # noqa: ANN401 -- a material class
+    if any(field.is_required() for field in material.Settings.model_fields.values()):
+        return {"parameters": [], "conventions": []}  # they follow from settings without default
+    built = material()
+    return {
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "lower": p.lower,
+                "upper": p.upper,
+                "physical_lower": p.physical_lower,
+                "physical_upper": p.physical_upper,
+                "kind": p.kind,
+                "description": p.description,
+            }
+            for p in built.parameters
+        ],
+        "conventions": ["textbook", *built.conventions],
+    }
+
+
+def _show_all(session: Session, found: dict[str, list[dict[str, Any]]]) -> None:
+    rows = [
+        [kind, entry["name"], entry["plugin"], entry["summary"]]
+        for kind, entries in found.items()
+        for entry in entries
+    ]
+    session.table("Provided by plugins", ["kind", "name", "plugin", "summary"], rows)
+    broken = [[b.name, b.source, b.reason] for b in session.plugins.broken]
+    if broken:
+        session.table("Broken, left out", ["plugin", "source", "reason"], broken)
+
+
+def _show_one(session: Session, entry: dict[str, Any]) -> None:
+    for key, value in entry.items():
+        if not isinstance(value, list):
+            session.say(f"{key}: {value}")
+    if "conventions" in entry:
+        session.say(f"conventions: {', '.join(entry['conventions'])}")
+    for key in ("parameters", "settings"):
+        if rows := entry.get(key):
+            session.table(key.capitalize(), list(rows[0]), [[str(v) for v in row.values()] for row in rows])

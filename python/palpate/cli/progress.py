@@ -1,0 +1,73 @@
+"""Progress on stderr: a bar for people, a few lines for a log."""
+
+from collections import Counter
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from palpate.cli.session import Session
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+
+class StageProgress:
+    """A :class:`palpate.progress.Progress` that shows one stage after the other."""
+
+    def __init__(self, session: Session) -> None:
+        self._console = session.stderr
+        self._bars: Progress | None = None
+        self._task: TaskID | None = None
+        self._stage = ""
+        self._total = 0
+        self._done = 0
+        self._notes: Counter[str] = Counter()
+
+    def __enter__(self) -> "StageProgress":
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+        if self._console.is_terminal:
+            self._bars = Progress(
+                TextColumn("{task.description:<14}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeElapsedColumn(),
+                TextColumn("{task.fields[notes]}"),
+                console=self._console,
+            )
+            self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._bars is not None:
+            self._bars.stop()
+
+    def begin(self, stage: str, total: int) -> None:
+        """Show a new stage of ``total`` steps."""
+        self._stage, self._total, self._done = stage, total, 0
+        self._notes = Counter()
+        if self._bars is not None:
+            self._task = self._bars.add_task(stage, total=total, notes="")
+        else:
+            self._console.print(f"{stage}: {total} steps", markup=False)
+
+    def step(self, note: str = "") -> None:
+        """Count one step, and how it ended."""
+        self._done += 1
+        if note:
+            self._notes[note] += 1
+        notes = ", ".join(f"{count} {name}" for name, count in self._notes.most_common())
+        if self._bars is not None and self._task is not None:
+            self._bars.update(self._task, advance=1, notes=notes)
+        elif self._tenth_done():
+            self._console.print(
+                f"{self._stage}: {self._done} of {self._total} {notes}".rstrip(), markup=False
+            )
+
+    def _tenth_done(self) -> bool:
+        tenth = max(1, self._total // 10)
+        return self._total >= 10 and (self._done % tenth == 0 or self._done == self._total)

@@ -1,0 +1,43 @@
+"""How a whole run is shown: tables, distance to a known truth, where the figures lie."""
+
+from typing import TYPE_CHECKING
+
+from palpate.cli.session import Session
+
+if TYPE_CHECKING:
+    from palpate.pipeline import RunResult
+    from palpate.study import Study
+
+
+def show_run(session: Session, study: "Study", result: "RunResult") -> None:
+    """Print what a run found, for people."""
+    session.say(f"{study.name}: {data_notice(study)}")
+    for name, frame in result.report.tables.items():
+        if frame.height:
+            session.frame(name, frame)
+    figures = sorted({str(f.parent) for f in result.report.files if f.suffix in {".svg", ".png"}})
+    for folder in figures:
+        session.say(f"Figures: {folder}")
+
+
+def run_as_json(study: "Study", result: "RunResult") -> dict[str, object]:
+    """Collect what a run found, for a script."""
+    return {
+        "study": study.name,
+        "data": study.data,
+        "folder": str(result.folder),
+        "n_sets": result.design.n_sets,
+        "n_simulations": len(result.simulations),
+        "selection": result.selected.selection.to_dicts(),
+        "generalisation": result.selected.generalisation.to_dicts(),
+        "refinement": result.selected.refinement.to_dicts(),
+        "tables": {name: frame.to_dicts() for name, frame in result.report.tables.items()},
+        "files": [str(file) for file in result.report.files],
+    }
+
+
+def data_notice(study: "Study") -> str:
+    """Sentence that says whether the experiment is real."""
+    if study.data == "simulated":
+        return "the 'measured' curves of this study are SIMULATED, not a real experiment"
+    return "measured data"

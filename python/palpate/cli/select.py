@@ -1,0 +1,30 @@
+"""``palpate select``: the best set by scenario and over all spots."""
+
+import typer
+
+from palpate.cli.options import AsJson, OutFolder, StudyPath
+from palpate.cli.progress import StageProgress
+from palpate.cli.session import Session, run_folder
+
+
+def select(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False) -> None:
+    """Choose the best set by scenario and over all spots."""
+    from palpate import pipeline
+
+    session = Session.of(context)
+    checked = session.study(study)
+    folder = run_folder(checked, out)
+    with StageProgress(session) as progress:
+        selected = pipeline.select(checked, folder, session.plugins, progress)
+    frames = {
+        "selection": selected.selection,
+        "generalisation": selected.generalisation,
+        "refinement": selected.refinement,
+    }
+    if as_json:
+        session.json({name: frame.to_dicts() for name, frame in frames.items()})
+        return
+    for name, frame in frames.items():
+        if frame.height:
+            session.frame(name.capitalize(), frame)
+    session.note(f"written to {folder}; next: palpate report {study} --out {folder}")

@@ -1,0 +1,140 @@
+"""What one call of the command line carries: its plugins, and where it writes."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import typer
+
+if TYPE_CHECKING:
+    import polars as pl
+    from rich.console import Console
+
+    from palpate.plugins import Plugins
+    from palpate.study import Study
+
+MAX_ROWS = 30
+"""Longest table that is shown whole; files hold the rest."""
+
+FILE_WIDTH = 200
+"""Columns of a table that goes to a file or a pipe."""
+
+
+class Session:
+    """Plugins loaded once, results to stdout, everything else to stderr.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        One-file plugins.
+    """
+
+    def __init__(self, files: Sequence[Path] = ()) -> None:
+        self.files = tuple(files)
+
+    @classmethod
+    def of(cls, context: typer.Context) -> "Session":
+        """Session of the running command."""
+        return cast("Session", context.obj)
+
+    @cached_property
+    def plugins(self) -> "Plugins":
+        """Everything that plugins provide; a broken one is mentioned once, on stderr."""
+        from palpate.plugins import Plugins
+
+        plugins = Plugins.load(self.files)
+        for broken in plugins.broken:
+            self.note(f"[yellow]plugin left out:[/] {_escaped(str(broken))}")
+        return plugins
+
+    @cached_property
+    def stdout(self) -> "Console":
+        """Where results go."""
+        from rich.console import Console
+
+        console = Console(highlight=False, soft_wrap=True)
+        if not console.is_terminal:
+            console.width = FILE_WIDTH
+        return console
+
+    @cached_property
+    def stderr(self) -> "Console":
+        """Where progress and notes go."""
+        from rich.console import Console
+
+        return Console(stderr=True, highlight=False, soft_wrap=True)
+
+    def study(self, path: Path) -> "Study":
+        """Read and check a study file."""
+        from palpate.study import read_study
+
+        return read_study(path, self.plugins)
+
+    def note(self, text: str) -> None:
+        """Tell people something (rich markup)."""
+        self.stderr.print(text)
+
+    def say(self, text: str) -> None:
+        """Print a line of the result, as it stands."""
+        self.stdout.print(text, markup=False)
+
+    def json(self, value: object) -> None:
+        """Print a value as JSON; numbers that are not finite become null."""
+        typer.echo(json.dumps(_plain(value), indent=2, ensure_ascii=False))
+
+    def frame(self, title: str, frame: "pl.DataFrame") -> None:
+        """Print a data frame as a table."""
+        cells = [[_cell(value) for value in row] for row in frame.head(MAX_ROWS).rows()]
+        self.table(title, frame.columns, cells)
+        if frame.height > MAX_ROWS:
+            self.say(f"… {frame.height - MAX_ROWS} more rows")
+
+    def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """Print a table of text cells."""
+        from rich import box
+        from rich.table import Table
+
+        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", title_style="bold")
+        for column in columns:
+            table.add_column(_escaped(column), overflow="fold")
+        for row in rows:
+            table.add_row(*map(_escaped, row))
+        self.stdout.print(table)
+
+
+def run_folder(study: "Study", out: Path | None) -> Path:
+    """Folder of the run: what ``--out`` says, or ``runs/<study>``."""
+    return out if out is not None else Path("runs") / study.name
+
+
+def _escaped(text: str) -> str:
+    from rich.markup import escape
+
+    return escape(text)
+
+
+def _cell(value: object) -> str:
+    match value:
+        case None:
+            return "–"
+        case float():
+            return f"{value:.6g}"
+        case _:
+            return str(value)
+
+
+def _plain(value: object) -> object:
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case str() | int() | None:
+            return value
+        case Mapping():
+            return {str(key): _plain(item) for key, item in value.items()}
+        case Sequence():
+            return [_plain(item) for item in value]
+        case _:
+            return str(value)
