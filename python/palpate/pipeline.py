@@ -12,9 +12,18 @@ from pathlib import Path
 
 import polars as pl
 
+from palpate import scoring, selection, simulation
 from palpate.domain import Design, Limb, Response, Simulation
+from palpate.errors import StudyError
+from palpate.experiment import load_measured
+from palpate.generalisation import generalise
+from palpate.limb import load_limbs
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
+from palpate.refinement import Refined, refine
+from palpate.report import Content, make_tables, write_report
+from palpate.run_directory import RunDirectory
+from palpate.sampling import draw_design
 from palpate.study import Study
 
 
@@ -84,46 +93,30 @@ class RunResult:
 
 
 def check(study: Study, plugins: Plugins) -> Checked:
-    """Read and check every input of the study without writing or simulating anything."""
-    raise NotImplementedError
+    """Read and check every input of the study without writing or simulating anything.
 
-
-def measure(
-    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT
-) -> Mapping[str, Response]:
-    """Read the measured curves into ``measured/<spot>.parquet``."""
-    raise NotImplementedError
-
-
-def sample(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Design:
-    """Draw the parameter sets into ``design.parquet``."""
-    raise NotImplementedError
-
-
-def simulate(
-    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT
-) -> tuple[Simulation, ...]:
-    """Simulate every set at every spot, keeping each result as it comes."""
-    raise NotImplementedError
-
-
-def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:
-    """Compare simulated with measured curves into ``scores.parquet``."""
-    raise NotImplementedError
-
-
-def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Selected:
-    """Choose the best set by scenario and over all spots, and refine if the study says so."""
-    raise NotImplementedError
-
-
-def report(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Report:
-    """Lay the results out as tables and figures under ``report/``; recomputes nothing."""
-    raise NotImplementedError
+    Raises
+    ------
+    PalpateError
+    """
+    measured = load_measured(study, plugins.channels)
+    scoring.check_scorable(measured, study.normaliser)
+    limbs = load_limbs(study)
+    design = draw_design(study.space, study.sampler, study.n_sets, study.seed, study.filters)
+    simulation.check_jobs(study, simulation.jobs(study, design, measured), limbs)
+    return Checked(measured=measured, limbs=limbs, design=design)
 
 
 def run_study(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> RunResult:
     """From measured curves to identified parameters.
+
+    Parameters
+    ----------
+    study : Study
+    run_folder : Path
+        Made where it is missing; simulations already in it are not computed again.
+    plugins : Plugins
+    progress : Progress
 
     Raises
     ------
@@ -132,4 +125,174 @@ def run_study(study: Study, run_folder: Path, plugins: Plugins, progress: Progre
     NothingSelectable
         Every simulation failed.
     """
-    raise NotImplementedError
+    checked = check(study, plugins)
+    run = RunDirectory(run_folder)
+    run.begin(study, plugins.channels)
+    run.write_measured(checked.measured)
+    run.write_design(checked.design)
+    simulations = _simulate(study, run, checked, progress)
+    scores = _score(study, run, checked, simulations)
+    selected = _select(study, run, checked, scores, progress)
+    return RunResult(
+        folder=run_folder,
+        measured=checked.measured,
+        design=checked.design,
+        simulations=simulations,
+        scores=scores,
+        selected=selected,
+        report=_report(study, run, checked, plugins),
+    )
+
+
+# --------------------------------------------------------------- one by one
+
+
+def measure(
+    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT
+) -> Mapping[str, Response]:
+    """Read the measured curves into ``measured/<spot>.parquet``."""
+    progress.begin("measure", 1)
+    measured = load_measured(study, plugins.channels)
+    scoring.check_scorable(measured, study.normaliser)
+    run = RunDirectory(run_folder)
+    run.begin(study, plugins.channels)
+    run.write_measured(measured)
+    progress.step()
+    return measured
+
+
+def sample(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Design:
+    """Draw the parameter sets into ``design.parquet``."""
+    progress.begin("sample", 1)
+    design = draw_design(study.space, study.sampler, study.n_sets, study.seed, study.filters)
+    run = RunDirectory(run_folder)
+    run.begin(study, plugins.channels)
+    run.write_design(design)
+    progress.step()
+    return design
+
+
+def simulate(
+    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT
+) -> tuple[Simulation, ...]:
+    """Simulate every set at every spot, keeping each result as it comes."""
+    run = RunDirectory(run_folder)
+    checked = _from_files(study, run)
+    simulation.check_jobs(study, simulation.jobs(study, checked.design, checked.measured), checked.limbs)
+    run.begin(study, plugins.channels)
+    return _simulate(study, run, checked, progress)
+
+
+def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:
+    """Compare simulated with measured curves into ``scores.parquet``."""
+    run = RunDirectory(run_folder)
+    checked = _from_files(study, run)
+    scoring.check_scorable(checked.measured, study.normaliser)
+    progress.begin("score", 1)
+    simulations = simulation.stored(study, checked.design, checked.limbs, checked.measured, run_folder)
+    if not simulations:
+        raise StudyError(f"{run_folder}: holds no simulation of this study; run `palpate simulate` first")
+    run.begin(study, plugins.channels)
+    scores = _score(study, run, checked, simulations)
+    progress.step()
+    return scores
+
+
+def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Selected:
+    """Choose the best set by scenario and over all spots, and refine if the study says so.
+
+    Raises
+    ------
+    NothingSelectable
+        Every simulation failed.
+    """
+    run = RunDirectory(run_folder)
+    scores = run.scores()
+    checked = _from_files(study, run, with_limbs=study.refine)
+    progress.begin("select", 1)
+    selected = _select(study, run, checked, scores, progress)
+    run.begin(study, plugins.channels)
+    progress.step()
+    return selected
+
+
+def report(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Report:
+    """Lay the results out as tables and figures under ``report/``; recomputes nothing."""
+    run = RunDirectory(run_folder)
+    progress.begin("report", 1)
+    made = _report(study, run, _from_files(study, run), plugins)
+    progress.step()
+    return made
+
+
+# ------------------------------------------------------------------- what they do
+
+
+def _from_files(study: Study, run: RunDirectory, *, with_limbs: bool = True) -> Checked:
+    """What the earlier verbs left, refused where it belongs to another study."""
+    design = run.design()
+    searched = tuple(p.name for p in study.space.parameters)
+    if tuple(p.name for p in design.parameters) != searched:
+        raise StudyError(
+            f"{run.folder / 'design.parquet'}: was drawn for {', '.join(p.name for p in design.parameters)}, but the "
+            f"study searches {', '.join(searched)}; run `palpate sample` again"
+        )
+    measured = run.measured(tuple(spot.spot.name for spot in study.spots))
+    return Checked(measured=measured, limbs=load_limbs(study) if with_limbs else {}, design=design)
+
+
+def _simulate(
+    study: Study, run: RunDirectory, checked: Checked, progress: Progress
+) -> tuple[Simulation, ...]:
+    return simulation.simulate(study, checked.design, checked.limbs, checked.measured, run.folder, progress)
+
+
+def _score(
+    study: Study, run: RunDirectory, checked: Checked, simulations: tuple[Simulation, ...]
+) -> pl.DataFrame:
+    scores = scoring.score(
+        simulations,
+        checked.measured,
+        normaliser=study.normaliser,
+        minimum_coverage=study.minimum_coverage,
+    )
+    run.write_scores(scores)
+    return scores
+
+
+def _select(
+    study: Study, run: RunDirectory, checked: Checked, scores: pl.DataFrame, progress: Progress
+) -> Selected:
+    chosen = selection.select(scores, study.scenarios, checked.design)
+    for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
+    generalisation = generalise(scores, for_all, checked.design)
+    run.write_selection(chosen, generalisation)
+    refined = Refined(table=pl.DataFrame(), responses={})
+    if study.refine:
+        refined = refine(study, chosen, checked.design, checked.limbs, checked.measured, progress)
+        run.write_refinement(refined)
+    else:
+        run.drop_refinement()
+    return Selected(selection=chosen, generalisation=generalisation, refinement=refined.table)
+
+
+def _report(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins) -> Report:
+    chosen, generalisation = run.selection(), run.generalisation()
+    wanted = {
+        (row["spot"], row["set_id"])
+        for frame in (chosen, generalisation)
+        for row in frame.iter_rows(named=True)
+    }
+    found = simulation.stored(study, checked.design, checked.limbs, checked.measured, run.folder, wanted)
+    content = Content(
+        study=study,
+        channels=plugins.channels,
+        measured=checked.measured,
+        design=checked.design,
+        scores=run.scores(),
+        selection=chosen,
+        generalisation=generalisation,
+        refined=run.refinement(),
+        responses={(s.job.spot, s.job.set_id): s.response for s in found if s.response is not None},
+    )
+    return Report(tables=make_tables(content), files=write_report(content, run.report))

@@ -1,0 +1,261 @@
+"""Limbs: made by the study's limb source, and refused when they cannot be simulated."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from palpate.domain import CELL_NODES, BoolArray, FloatArray, IntArray, Limb, Mesh
+from palpate.errors import MeshError, StudyError
+from palpate.study import Study
+
+
+def load_limbs(study: Study) -> dict[str, Limb]:
+    """Limb of each spot, checked; empty when the solver needs none.
+
+    Raises
+    ------
+    MeshError
+        A mesh cannot be read or simulated.
+    StudyError
+        The solver needs a mesh and the study names none.
+    """
+    if not study.solver.needs_limb:
+        return {}
+    limbs = {}
+    for spot in study.spots:
+        name = spot.spot.name
+        if spot.mesh is None or study.limb_source is None:
+            raise StudyError(
+                f"spot '{name}' has no mesh, which solver '{study.solver.name}' needs; name a mesh file"
+            )
+        limb = study.limb_source.load(spot.mesh, spot.spot)
+        try:
+            check_limb(limb, [region.region for region in study.space.regions])
+        except MeshError as error:
+            raise MeshError(f"{spot.mesh}: {error}") from error
+        limbs[name] = limb
+    return limbs
+
+
+def check_limb(limb: Limb, regions: Sequence[str]) -> None:
+    """Refuse a limb that cannot be simulated.
+
+    Parameters
+    ----------
+    limb : Limb
+    regions : sequence of str
+        Regions that have a material.
+
+    Raises
+    ------
+    MeshError
+        Naming the element, node or region.
+    """
+    mesh = limb.mesh
+    _check_arrays(mesh)
+    _check_regions(mesh, regions)
+    _check_node_sets(mesh)
+    _check_elements(mesh)
+    _check_held(mesh)
+    _check_spot(limb)
+
+
+def _refuse(problems: Iterable[str]) -> None:
+    for problem in problems:
+        raise MeshError(problem)
+
+
+def _check_arrays(mesh: Mesh) -> None:
+    _refuse(_array_problems(mesh))
+
+
+def _array_problems(mesh: Mesh) -> Iterator[str]:
+    points = mesh.points_mm
+    if points.ndim != 2 or points.shape[1] != 3:
+        yield f"mesh: points of shape {points.shape}; give (n_nodes, 3) coordinates in mm"
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if bad.size:
+        yield f"mesh: node {bad[0]} lies at {points[bad[0]].tolist()}; every coordinate must be finite"
+    if mesh.n_cells == 0:
+        yield f"mesh: no volume elements; give cells of {', '.join(CELL_NODES)}"
+    for kind, cells in mesh.cells.items():
+        if kind not in CELL_NODES:
+            yield f"mesh: elements of kind '{kind}'; use {', '.join(CELL_NODES)}"
+        if cells.ndim != 2 or cells.shape[1] != CELL_NODES[kind]:
+            yield f"mesh: {kind} cells of shape {cells.shape}; give (n_cells, {CELL_NODES[kind]})"
+        yield from _index_problems(f"{kind} cells", cells, mesh.n_nodes)
+        if np.shape(mesh.cell_regions.get(kind)) != (len(cells),):
+            yield f"mesh: {kind} has {len(cells)} cells and not one region for each; give each cell a region"
+        yield from _index_problems(f"regions of {kind}", mesh.cell_regions[kind], len(mesh.regions), "region")
+    for name, nodes in mesh.node_sets.items():
+        yield from _index_problems(f"node set '{name}'", nodes, mesh.n_nodes)
+
+
+def _index_problems(what: str, indices: IntArray, n: int, noun: str = "node") -> Iterator[str]:
+    bad = np.argwhere((indices < 0) | (indices >= n))
+    if bad.size:
+        place = tuple(int(i) for i in bad[0])
+        row = ", ".join(map(str, place))
+        yield f"mesh: {what}[{row}] names {noun} {indices[place]}, but there are {n}; write the mesh anew"
+
+
+def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:
+    used = {mesh.regions[i] for ids in mesh.cell_regions.values() for i in np.unique(ids)}
+    for region in sorted(used - set(regions)):
+        raise MeshError(
+            f"mesh: region '{region}' has no material (materials: {', '.join(regions) or 'none'}); give it one"
+        )
+    for region in regions:
+        if region not in used:
+            raise MeshError(
+                f"mesh: region '{region}' has a material but no element (regions: {', '.join(sorted(used))}); "
+                "correct its name"
+            )
+
+
+def _check_node_sets(mesh: Mesh) -> None:
+    purposes = {"fixed": "nodes held still, or the limb flies away", "contact": "the skin that is pressed"}
+    for name, purpose in purposes.items():
+        if np.size(mesh.node_sets.get(name, ())) == 0:
+            raise MeshError(
+                f"mesh: node set '{name}' is missing or empty (it holds {purpose}); mark those nodes"
+            )
+    used = np.zeros(mesh.n_nodes, dtype=bool)
+    for cells in mesh.cells.values():
+        used[cells] = True
+    if not used.all():
+        raise MeshError(
+            f"mesh: {np.count_nonzero(~used)} nodes belong to no element, first node "
+            f"{np.flatnonzero(~used)[0]}; remove them"
+        )
+
+
+# ------------------------------------------------------------------- elements
+
+
+def _check_elements(mesh: Mesh) -> None:
+    for kind, cells in mesh.cells.items():
+        if not len(cells):
+            continue
+        least, size = _least_jacobian(kind, mesh.points_mm[cells])
+        # A sliver below this share of its own size is flat up to round-off.
+        bad = np.flatnonzero(least <= 1e-9 * size)
+        if bad.size:
+            centre = mesh.points_mm[cells[bad[0]]].mean(axis=0)
+            raise MeshError(
+                f"mesh: {bad.size} {kind} elements are inverted or flat, first element {bad[0]} near "
+                f"{np.round(centre, 3).tolist()} mm with Jacobian determinant {least[bad[0]]:.3g} mm³; "
+                "repair the mesh or its node order"
+            )
+
+
+def _least_jacobian(kind: str, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least Jacobian determinant over the sampled points, and the cube of the extent: (n_cells,)."""
+    gradients = np.stack([_GRADIENTS[kind](point) for point in _SAMPLED[kind]])
+    jacobians = np.einsum("qai,caj->cqij", gradients, corners)
+    least: FloatArray = np.linalg.det(jacobians).min(axis=1)
+    extent: FloatArray = np.ptp(corners, axis=1).max(axis=1)
+    return least, extent**3
+
+
+def _tet4_gradients(_: FloatArray) -> FloatArray:
+    return np.array([[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+_TET10_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+
+
+def _tet10_gradients(point: FloatArray) -> FloatArray:
+    barycentric = np.array([1.0 - point.sum(), *point])
+    linear = _tet4_gradients(point)
+    corners = (4.0 * barycentric[:, None] - 1.0) * linear
+    edges = [4.0 * (barycentric[a] * linear[b] + barycentric[b] * linear[a]) for a, b in _TET10_EDGES]
+    return np.vstack([corners, edges])
+
+
+_HEX8_CORNERS = np.array(
+    [
+        [-1.0, -1.0, -1.0],
+        [1.0, -1.0, -1.0],
+        [1.0, 1.0, -1.0],
+        [-1.0, 1.0, -1.0],
+        [-1.0, -1.0, 1.0],
+        [1.0, -1.0, 1.0],
+        [1.0, 1.0, 1.0],
+        [-1.0, 1.0, 1.0],
+    ]
+)
+_HEX8_CORNERS.setflags(write=False)
+
+
+def _hex8_gradients(point: FloatArray) -> FloatArray:
+    factors = 1.0 + _HEX8_CORNERS * point
+    others = [factors[:, [1, 2]], factors[:, [0, 2]], factors[:, [0, 1]]]
+    columns = [_HEX8_CORNERS[:, i] * others[i].prod(axis=1) / 8.0 for i in range(3)]
+    return np.stack(columns, axis=1)
+
+
+_TET_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+_TET_GAUSS = 0.1381966011250105 + 0.4472135954999579 * _TET_CORNERS
+
+_GRADIENTS = MappingProxyType({"tet4": _tet4_gradients, "tet10": _tet10_gradients, "hex8": _hex8_gradients})
+_SAMPLED: Mapping[str, FloatArray] = MappingProxyType(
+    {
+        "tet4": _TET_CORNERS[:1],
+        "tet10": np.vstack([_TET_CORNERS, _TET_GAUSS]),
+        "hex8": np.vstack([_HEX8_CORNERS, _HEX8_CORNERS / np.sqrt(3.0)]),
+    }
+)
+"""Reference points at which elements are checked: corners and quadrature points."""
+
+
+# ---------------------------------------------------------- supports and spot
+
+
+def _check_held(mesh: Mesh) -> None:
+    """Refuse a part of the mesh that nothing holds still."""
+    pairs = [
+        np.stack([np.repeat(cells[:, :1], cells.shape[1] - 1, axis=1).ravel(), cells[:, 1:].ravel()])
+        for cells in mesh.cells.values()
+    ]
+    first, other = np.concatenate(pairs, axis=1)
+    links = coo_array((np.ones(first.size), (first, other)), shape=(mesh.n_nodes, mesh.n_nodes))
+    n_parts, part = connected_components(links, directed=False)
+    held = np.zeros(n_parts, dtype=bool)
+    held[part[mesh.node_sets["fixed"]]] = True
+    if not held.all():
+        loose = int(np.flatnonzero(~held)[0])
+        raise MeshError(
+            f"mesh: {n_parts} disconnected parts, of which one with {np.count_nonzero(part == loose)} nodes "
+            f"(first node {np.flatnonzero(part == loose)[0]}) has no fixed node; join it or fix it"
+        )
+
+
+def _check_spot(limb: Limb) -> None:
+    """Refuse a spot that is not on the contact surface, or whose normal points inwards."""
+    mesh, spot = limb.mesh, limb.spot
+    contact = mesh.node_sets["contact"]
+    distances = np.linalg.norm(mesh.points_mm[contact] - spot.position_mm, axis=1)
+    nearest = int(contact[distances.argmin()])
+    around = [mesh.points_mm[cells[_touching(cells, nearest)]] for cells in mesh.cells.values()]
+    reach = max(float(np.ptp(corners, axis=1).max()) for corners in around if len(corners))
+    if distances.min() > reach:
+        raise MeshError(
+            f"spot '{spot.name}' at {spot.position_mm.tolist()} mm lies {distances.min():.3g} mm from the "
+            f"nearest contact node {nearest}, further than an element there ({reach:.3g} mm); "
+            "correct the spot's position, or mark the surface around it as contact"
+        )
+    inwards = np.vstack([corners.mean(axis=1) for corners in around]).mean(axis=0) - mesh.points_mm[nearest]
+    if float(inwards @ spot.normal) >= 0.0:
+        raise MeshError(
+            f"spot '{spot.name}': its normal {np.round(spot.normal, 6).tolist()} points into the limb at "
+            f"contact node {nearest}; give the outward normal"
+        )
+
+
+def _touching(cells: IntArray, node: int) -> BoolArray:
+    touching: BoolArray = (cells == node).any(axis=1)
+    return touching

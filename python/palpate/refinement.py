@@ -1,0 +1,246 @@
+"""A local search from each selected set, for more digits than a sweep has sets.
+
+Bounded least squares on r = √(weight/N) · (sim − exp)/normaliser over all
+channels of a scenario, whose Σ r² is exactly that scenario's Fopt. The result is
+a row of its own, never one of the design.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import polars as pl
+from scipy.optimize import least_squares
+
+from palpate import _core
+from palpate.domain import Design, FloatArray, Limb, Response, Scenario, Simulation, Status
+from palpate.progress import SILENT, Progress
+from palpate.scoring import compare, score
+from palpate.selection import objectives
+from palpate.simulation import job_for
+from palpate.study import Study
+
+PROBE = 1e-3
+"""Step of the central differences as a share of each range: above a solver's own tolerance."""
+
+TOLERANCE = 1e-13
+"""Relative change of Fopt and of the parameters at which the search ends."""
+
+MOST_STEPS = 40
+"""Most trial steps of one search, each with two simulations per parameter for the slopes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refined:
+    """Where the local searches ended.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row per row of the selection: spot, scenario, start_set_id, start_fopt, fopt,
+        nmse_<channel>, r2_<channel>, n_simulations, message and <region.parameter>. All but
+        the start and the message are null where the start could not be simulated again.
+    responses : mapping of (spot, scenario) to Response
+        Simulated curves of each row.
+    """
+
+    table: pl.DataFrame
+    responses: Mapping[tuple[str, str], Response]
+
+
+def refine(
+    study: Study,
+    selection: pl.DataFrame,
+    design: Design,
+    limbs: Mapping[str, Limb],
+    measured: Mapping[str, Response],
+    progress: Progress = SILENT,
+) -> Refined:
+    """Search locally, within the ranges, from each selected set.
+
+    Parameters
+    ----------
+    study : Study
+    selection : DataFrame
+        As :func:`palpate.selection.select` returns it.
+    design : Design
+    limbs, measured : mapping of spot name to Limb, Response
+    """
+    scenarios = {scenario.name: scenario for scenario in study.scenarios}
+    progress.begin("refine", len(selection))
+    rows: list[pl.DataFrame] = []
+    responses: dict[tuple[str, str], Response] = {}
+    for start in selection.iter_rows(named=True):
+        spot, name = start["spot"], start["scenario"]
+        search = _Search(
+            study=study,
+            spot=spot,
+            scenario=scenarios[name],
+            limb=limbs.get(spot),
+            measured=measured[spot],
+        )
+        message = search.run(design.values[start["set_id"]])
+        rows.append(search.row(start, message))
+        if search.best is not None and search.best.response is not None:
+            responses[spot, name] = search.best.response
+        progress.step(message)
+    table = pl.concat(rows, how="diagonal") if rows else pl.DataFrame()
+    return Refined(table=table, responses=MappingProxyType(responses))
+
+
+@dataclass(kw_only=True)
+class _Search:
+    """One local search, and the best simulation that it has seen."""
+
+    study: Study
+    spot: str
+    scenario: Scenario
+    limb: Limb | None
+    measured: Response
+    n_simulations: int = 0
+    best_fopt: float = np.inf
+    best_values: FloatArray = field(default_factory=lambda: np.zeros(0))
+    best: Simulation | None = None
+    _seen: dict[bytes, FloatArray] = field(default_factory=dict)
+
+    @property
+    def lower(self) -> FloatArray:
+        return np.array([p.lower for p in self.study.space.parameters])
+
+    @property
+    def upper(self) -> FloatArray:
+        return np.array([p.upper for p in self.study.space.parameters])
+
+    def run(self, values: FloatArray) -> str:
+        """Search from ``values`` (n_parameters,); returns why the search ended."""
+        span = self.upper - self.lower
+        start = np.clip((values - self.lower) / span, 0.0, 1.0)
+        # The start itself, exactly as the sweep simulated it.
+        if self.residuals(values) is None:
+            return "the selected set could not be simulated again; the sweep's result stands"
+        try:
+            found = least_squares(
+                self._vector,
+                start,
+                jac=self._slopes,
+                bounds=(0.0, 1.0),
+                xtol=TOLERANCE,
+                ftol=TOLERANCE,
+                gtol=TOLERANCE,
+                max_nfev=MOST_STEPS,
+            )
+        except _NoSlope as error:
+            return str(error)
+        return str(found.message)
+
+    def row(self, start: Mapping[str, Any], message: str) -> pl.DataFrame:
+        """The row of :class:`Refined` for the best simulation seen."""
+        begin = pl.DataFrame(
+            {"spot": [self.spot], "scenario": [self.scenario.name]}
+            | {"start_set_id": [start["set_id"]], "start_fopt": [start["fopt"]], "message": [message]}
+        )
+        if self.best is None:
+            return begin
+        scores = score(
+            [self.best],
+            {self.spot: self.measured},
+            normaliser=self.study.normaliser,
+            minimum_coverage=self.study.minimum_coverage,
+        )
+        end = objectives(scores, [self.scenario]).drop("spot", "scenario", "set_id")
+        values = pl.DataFrame(
+            {p.name: [float(v)] for p, v in zip(self.study.space.parameters, self.best_values, strict=True)}
+        )
+        n_simulations = pl.DataFrame({"n_simulations": [self.n_simulations]})
+        return pl.concat([begin, end, n_simulations, values], how="horizontal")
+
+    # ------------------------------------------------------------- for the search
+
+    def _values(self, u: FloatArray) -> FloatArray:
+        return np.clip(self.lower + u * (self.upper - self.lower), self.lower, self.upper)
+
+    def _vector(self, u: FloatArray) -> FloatArray:
+        """Residuals, or such large ones where a set cannot be simulated that the step is refused."""
+        residuals = self.residuals(self._values(u))
+        if residuals is None:
+            n_points = next(iter(self._seen.values())).size
+            return np.full(n_points, np.sqrt(10.0 * (1.0 + self.best_fopt) / n_points))
+        return residuals
+
+    def _slopes(self, u: FloatArray) -> FloatArray:
+        """Central differences (n_points, n_parameters), one-sided of second order at a bound."""
+        columns = []
+        for i in range(u.size):
+            shifts = (-1.0, 1.0) if PROBE <= u[i] <= 1.0 - PROBE else (0.0, 1.0, 2.0)
+            direction = 1.0 if u[i] < 0.5 else -1.0
+            points = []
+            for shift in shifts:
+                probe = u.copy()
+                probe[i] += direction * shift * PROBE
+                residuals = self.residuals(self._values(probe))
+                if residuals is None:
+                    raise _NoSlope(
+                        f"stopped: a set beside {self._values(u).tolist()} could not be simulated; "
+                        "the best set so far stands"
+                    )
+                points.append(residuals)
+            columns.append(_derivative(points) * direction / PROBE)
+        return np.stack(columns, axis=1)
+
+    def residuals(self, values: FloatArray) -> FloatArray | None:
+        """Weighted residuals (n_points,) of one set, or None where it is not to be ranked."""
+        key = values.tobytes()
+        if key not in self._seen:
+            residuals = self._simulated_residuals(values)
+            if residuals is None:
+                return None
+            self._seen[key] = residuals
+        return self._seen[key]
+
+    def _simulated_residuals(self, values: FloatArray) -> FloatArray | None:
+        job = job_for(self.study, self.spot, 0, values, {self.spot: self.measured})
+        self.n_simulations += 1
+        simulation = self.study.solver.simulate(job, self.limb)
+        if simulation.status is not Status.OK:
+            return None
+        parts = [
+            self._channel_residuals(simulation, channel, weight)
+            for channel, weight in self.scenario.weights.items()
+            if weight > 0.0
+        ]
+        if any(part is None for part in parts):
+            return None
+        residuals = np.concatenate([part for part in parts if part is not None])
+        if (fopt := float(residuals @ residuals)) < self.best_fopt:
+            self.best_fopt, self.best_values, self.best = fopt, values, simulation
+        return residuals
+
+    def _channel_residuals(self, simulation: Simulation, channel: str, weight: float) -> FloatArray | None:
+        """√(weight/N)·(sim − exp)/normaliser (n,); points that are not covered count as exact."""
+        curve = self.measured[channel]
+        compared = compare(simulation, curve)
+        covered = np.isfinite(compared.values)
+        if compared.status is not Status.OK or covered.mean() < self.study.minimum_coverage:
+            return None
+        differences = np.where(covered, compared.values - curve.ordinate, 0.0)
+        return differences * np.sqrt(weight / covered.sum()) / normaliser_value(curve.ordinate, self.study)
+
+
+def normaliser_value(ordinate: FloatArray, study: Study) -> float:
+    """The study's normaliser of a measured curve, in the unit of its ordinate."""
+    # NMSE of an error of one unit everywhere is 1/normaliser².
+    return float(_core.nmse(ordinate + 1.0, ordinate, study.normaliser.value) ** -0.5)
+
+
+class _NoSlope(Exception):
+    """A neighbour that the slopes need cannot be simulated."""
+
+
+def _derivative(points: Sequence[FloatArray]) -> FloatArray:
+    if len(points) == 2:
+        difference: FloatArray = (points[1] - points[0]) / 2.0
+        return difference
+    one_sided: FloatArray = (-3.0 * points[0] + 4.0 * points[1] - points[2]) / 2.0
+    return one_sided

@@ -1,0 +1,19 @@
+"""Tables, figures and one page from what a run has found; recomputes nothing."""
+
+from pathlib import Path
+
+from palpate.report.content import Content
+from palpate.report.figures import write_figures
+from palpate.report.page import write_page
+from palpate.report.tables import make_tables, write_tables
+
+__all__ = ["Content", "make_tables", "write_report"]
+
+
+def write_report(content: Content, folder: Path) -> tuple[Path, ...]:
+    """Write ``tables/*.csv``, ``figures/*.svg|png`` and ``index.html``; returns the files."""
+    tables = make_tables(content)
+    table_files = write_tables(tables, folder / "tables")
+    figure_files = write_figures(content, folder / "figures")
+    page = write_page(content, tables, figure_files, folder)
+    return (*table_files, *figure_files, page)

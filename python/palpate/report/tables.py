@@ -1,0 +1,133 @@
+"""The paper's tables, and those that it argues from in prose."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import polars as pl
+
+from palpate.domain import Parameter, RegionMaterial, Scenario
+from palpate.report.content import Content
+from palpate.results import write_atomically
+from palpate.selection import failures
+
+
+def make_tables(content: Content) -> dict[str, pl.DataFrame]:
+    """Every table that has a row, by name.
+
+    ``table1_coefficients`` and ``table2_nmse`` are the paper's; ``cross_channel``
+    shows what a fit to some channels costs in the others; ``generalised``,
+    ``refined``, ``distance_to_truth`` and ``failures`` come where there is one.
+    """
+    tables = {
+        "table1_coefficients": coefficients(content),
+        "table2_nmse": nmse_by_scenario(content),
+        "cross_channel": cross_channel(content),
+        "generalised": generalised(content),
+        "refined": content.refined.table,
+        "distance_to_truth": distance_to_truth(content),
+        "failures": failures(content.scores),
+    }
+    return {name: table for name, table in tables.items() if not table.is_empty()}
+
+
+def write_tables(tables: Mapping[str, pl.DataFrame], folder: Path) -> tuple[Path, ...]:
+    """Write each table as CSV, and remove those of an earlier report."""
+    for old in folder.glob("*.csv"):
+        old.unlink()
+    files = {folder / f"{name}.csv": table for name, table in tables.items()}
+    for path, table in files.items():
+        write_atomically(path, table.write_csv().encode())
+    return tuple(files)
+
+
+def coefficients(content: Content) -> pl.DataFrame:
+    """Table 1: coefficients by material, spot and scenario, each in its region's convention."""
+    rows = [
+        {
+            "region": region.region,
+            "material": region.material.name,
+            "convention": region.convention,
+            "spot": row["spot"],
+            "scenario": row["scenario"],
+            "parameter": parameter.name,
+            "value": row[f"{region.region}.{parameter.name}"],
+            "unit": parameter.unit,
+        }
+        for region, parameter in _searched(content)
+        for row in content.selection.iter_rows(named=True)
+    ]
+    return pl.DataFrame(rows)
+
+
+def _searched(content: Content) -> Iterator[tuple[RegionMaterial, Parameter]]:
+    for region in content.study.space.regions:
+        for parameter in region.searched:
+            yield region, parameter
+
+
+def nmse_by_scenario(content: Content) -> pl.DataFrame:
+    """Table 2: Fopt by spot, with one column per scenario."""
+    wide = content.selection.pivot("scenario", index="spot", values="fopt")
+    names = [s.name for s in content.study.scenarios if s.name in wide.columns]
+    return wide.select("spot", *names)
+
+
+def cross_channel(content: Content) -> pl.DataFrame:
+    """Error in every channel of the set that each scenario selected, fitted to it or not."""
+    fitted = {s.name: weighted_channels(s) for s in content.study.scenarios}
+    measures = [name for name in content.selection.columns if name.startswith(("nmse_", "r2_"))]
+    return content.selection.select(
+        "spot",
+        "scenario",
+        pl.col("scenario").replace_strict(fitted, return_dtype=pl.String).alias("fitted_to"),
+        "set_id",
+        *measures,
+    )
+
+
+def weighted_channels(scenario: Scenario) -> str:
+    """Channels that a scenario weights, joined with plus signs."""
+    return " + ".join(channel for channel, weight in scenario.weights.items() if weight > 0.0)
+
+
+def generalised(content: Content) -> pl.DataFrame:
+    """The one set for all spots: mean ± sd of Fopt, its value at each spot, coefficients."""
+    rows = content.generalisation
+    if rows.is_empty():
+        return pl.DataFrame()
+    names = [p.name for p in content.design.parameters]
+    one = rows.head(1).select("scenario", "set_id", "fopt_mean", "fopt_sd", *names)
+    by_spot = {f"fopt_{row['spot']}": row["fopt"] for row in rows.iter_rows(named=True)}
+    return one.with_columns(**{name: pl.lit(value) for name, value in by_spot.items()})
+
+
+def distance_to_truth(content: Content) -> pl.DataFrame:
+    """How far the found coefficients are from the known ones of a simulated experiment."""
+    truth = content.study.truth
+    found = [
+        ("sweep", content.selection),
+        ("refined", content.refined.table),
+        ("generalised", _all_spots(content.generalisation)),
+    ]
+    rows = [
+        {
+            "search": search,
+            "spot": row["spot"],
+            "scenario": row["scenario"],
+            "parameter": name,
+            "value": row[name],
+            "truth": truth[name],
+            "difference_percent": 100.0 * (row[name] - truth[name]) / abs(truth[name])
+            if truth[name]
+            else None,
+        }
+        for search, table in found
+        for row in table.iter_rows(named=True)
+        for name in truth
+        if row.get(name) is not None
+    ]
+    return pl.DataFrame(rows)
+
+
+def _all_spots(generalisation: pl.DataFrame) -> pl.DataFrame:
+    return generalisation.head(1).with_columns(pl.lit("all spots").alias("spot"))

@@ -1,0 +1,280 @@
+"""A run on disk: what every number depended on lies beside it.
+
+::
+
+    study.toml              as run
+    manifest.json           versions, hashes of the inputs, units, normaliser, conventions, seed
+    measured/<spot>.parquet
+    design.parquet
+    simulations.jsonl       one line per simulation: status, message, seconds
+    curves/<key>.parquet    its curves
+    scores.parquet  selection.parquet  generalisation.parquet
+    refinement.parquet  refined/<spot>/<scenario>.parquet
+    report/
+
+Files are written whole or not at all, and the folder moves freely.
+"""
+
+import hashlib
+import importlib.metadata
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import Channel, Design, Indentation, Parameter, Response
+from palpate.errors import StudyError
+from palpate.refinement import Refined
+from palpate.results import frame_of, plain, response_of, write_atomically, write_frame
+from palpate.study import Study
+
+UNITS = "mm, N, MPa, N·mm, degrees"
+"""Units of every number in a run directory."""
+
+_LIBRARIES = ("palpate", "numpy", "scipy", "jax", "polars", "matplotlib")
+
+
+class RunDirectory:
+    """The files of one run.
+
+    Parameters
+    ----------
+    folder : Path
+        Made on the first write.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    @property
+    def report(self) -> Path:
+        """Where tables, figures and the page go."""
+        return self.folder / "report"
+
+    # ------------------------------------------------------------------ beginning
+
+    def begin(self, study: Study, channels: Mapping[str, Channel]) -> None:
+        """Write ``manifest.json`` and the study as run."""
+        source = study.folder / "study.toml"
+        if source.is_file() and source.resolve() != (self.folder / "study.toml").resolve():
+            write_atomically(self.folder / "study.toml", source.read_bytes())
+        text = json.dumps(manifest(study, channels), indent=2, ensure_ascii=False, allow_nan=False)
+        write_atomically(self.folder / "manifest.json", text.encode() + b"\n")
+
+    def manifest(self) -> dict[str, Any]:
+        """Content of ``manifest.json``."""
+        path = self._existing("manifest.json", "run")
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return content
+
+    # ------------------------------------------------------------------ the stages
+
+    def write_measured(self, measured: Mapping[str, Response]) -> None:
+        """Write ``measured/<spot>.parquet``."""
+        for spot, response in measured.items():
+            write_frame(self._measured(spot), frame_of(response))
+
+    def measured(self, spots: tuple[str, ...]) -> dict[str, Response]:
+        """Measured responses of these spots."""
+        return {
+            spot: response_of(
+                pl.read_parquet(
+                    self._existing(str(self._measured(spot).relative_to(self.folder)), "experiment")
+                )
+            )
+            for spot in spots
+        }
+
+    def write_design(self, design: Design) -> None:
+        """Write ``design.parquet``: set_id and a column per parameter."""
+        columns = {p.name: design.values[:, i] for i, p in enumerate(design.parameters)}
+        frame = pl.DataFrame({"set_id": np.arange(design.n_sets), **columns})
+        write_frame(self.folder / "design.parquet", frame)
+        about = {
+            "seed": design.seed,
+            "n_drawn": design.n_drawn,
+            "parameters": [_finite(asdict(p)) for p in design.parameters],
+        }
+        text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
+        write_atomically(self.folder / "design.json", text.encode() + b"\n")
+
+    def design(self) -> Design:
+        """The design, with its parameters."""
+        frame = self._frame("design.parquet", "sample")
+        about = json.loads(self._existing("design.json", "sample").read_text(encoding="utf-8"))
+        parameters = tuple(Parameter(**_infinite(p)) for p in about["parameters"])
+        values = frame.select(p.name for p in parameters).to_numpy()
+        return Design(parameters=parameters, values=values, seed=about["seed"], n_drawn=about["n_drawn"])
+
+    def write_scores(self, scores: pl.DataFrame) -> None:
+        """Write ``scores.parquet``."""
+        write_frame(self.folder / "scores.parquet", scores)
+
+    def scores(self) -> pl.DataFrame:
+        """Scores of every set, as :func:`palpate.scoring.score` returns them."""
+        return self._frame("scores.parquet", "score")
+
+    def write_selection(self, selection: pl.DataFrame, generalisation: pl.DataFrame) -> None:
+        """Write ``selection.parquet`` and ``generalisation.parquet``."""
+        write_frame(self.folder / "selection.parquet", selection)
+        write_frame(self.folder / "generalisation.parquet", generalisation)
+
+    def selection(self) -> pl.DataFrame:
+        """Least Fopt by spot and scenario."""
+        return self._frame("selection.parquet", "select")
+
+    def generalisation(self) -> pl.DataFrame:
+        """The set for all spots."""
+        return self._frame("generalisation.parquet", "select")
+
+    def write_refinement(self, refined: Refined) -> None:
+        """Write ``refinement.parquet`` and ``refined/<spot>/<scenario>.parquet``."""
+        for (spot, scenario), response in refined.responses.items():
+            write_frame(self._refined(spot, scenario), frame_of(response))
+        write_frame(self.folder / "refinement.parquet", refined.table)
+
+    def drop_refinement(self) -> None:
+        """Remove the refinement of an earlier selection."""
+        (self.folder / "refinement.parquet").unlink(missing_ok=True)
+
+    def refinement(self) -> Refined:
+        """Where the local searches ended; empty when there were none."""
+        path = self.folder / "refinement.parquet"
+        if not path.exists():
+            return Refined(table=pl.DataFrame(), responses={})
+        table = pl.read_parquet(path)
+        keys = [(row["spot"], row["scenario"]) for row in table.iter_rows(named=True)]
+        found = {key: self._refined(*key) for key in keys if self._refined(*key).exists()}
+        return Refined(
+            table=table,
+            responses={key: response_of(pl.read_parquet(file)) for key, file in found.items()},
+        )
+
+    # ----------------------------------------------------------------------- paths
+
+    def _measured(self, spot: str) -> Path:
+        return self.folder / "measured" / f"{file_name(spot)}.parquet"
+
+    def _refined(self, spot: str, scenario: str) -> Path:
+        return self.folder / "refined" / file_name(spot) / f"{file_name(scenario)}.parquet"
+
+    def _frame(self, name: str, command: str) -> pl.DataFrame:
+        return pl.read_parquet(self._existing(name, command))
+
+    def _existing(self, name: str, command: str) -> Path:
+        path = self.folder / name
+        if not path.exists():
+            raise StudyError(f"{path}: not there yet; run `palpate {command}` first")
+        return path
+
+
+def file_name(name: str) -> str:
+    """A name as a file name: whatever could lead out of a folder is escaped."""
+    return quote(name, safe=" ").replace(".", "%2E")
+
+
+def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
+    """What the numbers of a run depended on."""
+    weighted = {channel for scenario in study.scenarios for channel in scenario.weights}
+    return {
+        "study": study.name,
+        "description": study.description,
+        "data": study.data,
+        "units": UNITS,
+        "versions": versions(study),
+        "inputs": _hashes(study),
+        "loader": _component(study.loader),
+        "limb_source": _component(study.limb_source) if study.limb_source else None,
+        "solver": _component(study.solver),
+        "protocol": _protocol(study),
+        "materials": [
+            {
+                "region": region.region,
+                **_component(region.material),
+                "convention": region.convention,
+                "searched": [_finite(asdict(p)) for p in region.searched],
+                "fixed": plain(region.fixed),
+            }
+            for region in study.space.regions
+        ],
+        "sampler": _component(study.sampler),
+        "n_sets": study.n_sets,
+        "seed": study.seed,
+        "filters": [_component(keep) for keep in study.filters],
+        "normaliser": study.normaliser.value,
+        "minimum_coverage": study.minimum_coverage,
+        "scenarios": {scenario.name: dict(scenario.weights) for scenario in study.scenarios},
+        "generalise_by": study.generalise_by,
+        "refine": study.refine,
+        "truth": plain(study.truth),
+        "channels": {name: asdict(channel) for name, channel in channels.items() if name in weighted},
+    }
+
+
+def versions(study: Study) -> dict[str, str]:
+    """Versions of everything that took part."""
+    found = {"python": platform.python_version(), f"solver {study.solver.name}": study.solver.version()}
+    plugins = {
+        point.dist.name
+        for point in importlib.metadata.entry_points(group="palpate")
+        if point.dist is not None
+    }
+    for name in (*_LIBRARIES, *sorted(plugins)):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _hashes(study: Study) -> dict[str, str]:
+    files = [study.folder / "study.toml", *study.plugin_files]
+    for spot in study.spots:
+        files += [*spot.measured.values(), *([spot.mesh] if spot.mesh else [])]
+    return {
+        _relative(file, study.folder): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in files
+        if file.is_file()
+    }
+
+
+def _relative(file: Path, folder: Path) -> str:
+    """Path from the study's folder; the bare name of a file that lies elsewhere."""
+    inside = file.resolve().is_relative_to(folder.resolve())
+    return file.resolve().relative_to(folder.resolve()).as_posix() if inside else file.name
+
+
+def _component(component: Any) -> dict[str, Any]:
+    return {"name": component.name, "settings": component.settings.model_dump(mode="json")}
+
+
+def _protocol(study: Study) -> dict[str, Any]:
+    protocol = study.protocol
+    if isinstance(protocol, Indentation):
+        return {
+            "kind": "indentation",
+            "indenter": type(protocol.indenter).__name__,
+            "radius_mm": protocol.indenter.radius_mm,
+            "path_depth_mm_rotation_deg": protocol.path.tolist(),
+            "friction": protocol.friction,
+        }
+    return {"kind": "homogeneous tests"}
+
+
+_LIMITS = ("physical_lower", "physical_upper")
+
+
+def _finite(parameter: dict[str, Any]) -> dict[str, Any]:
+    """A parameter for JSON, which has no infinity: no limit is null."""
+    return parameter | {k: None for k in _LIMITS if not np.isfinite(parameter[k])}
+
+
+def _infinite(parameter: dict[str, Any]) -> dict[str, Any]:
+    missing = {"physical_lower": -np.inf, "physical_upper": np.inf}
+    return parameter | {k: v for k, v in missing.items() if parameter[k] is None}

@@ -1,0 +1,243 @@
+"""The sweep: every set at every spot, each result kept as it comes, none computed twice."""
+
+import hashlib
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from palpate.domain import (
+    Design,
+    FloatArray,
+    HomogeneousTests,
+    Indentation,
+    Job,
+    Limb,
+    Protocol,
+    Response,
+    Simulation,
+    Status,
+)
+from palpate.executors import Outcome, run
+from palpate.interfaces import Component, Solver
+from palpate.progress import SILENT, Progress
+from palpate.results import Results
+from palpate.study import Study
+
+
+def jobs(study: Study, design: Design, measured: Mapping[str, Response]) -> list[Job]:
+    """Every job of the sweep: spots in the study's order, and the same sets at each.
+
+    Without a protocol a job is homogeneous tests along the measured abscissae.
+    """
+    return [
+        job_for(study, spot.spot.name, set_id, design.values[set_id], measured)
+        for spot in study.spots
+        for set_id in range(design.n_sets)
+    ]
+
+
+def job_for(study: Study, spot: str, set_id: int, row: FloatArray, measured: Mapping[str, Response]) -> Job:
+    """The job of one parameter set, ``row`` (n_parameters,) in design columns, at a spot."""
+    return Job(
+        spot=spot,
+        set_id=set_id,
+        materials={region.region: region.material for region in study.space.regions},
+        thetas=study.space.thetas(row),
+        protocol=study.protocol or _along(measured[spot]),
+    )
+
+
+def _along(measured: Response) -> HomogeneousTests:
+    return HomogeneousTests(paths={name: curve.abscissa for name, curve in measured.curves.items()})
+
+
+def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> None:
+    """Refuse, before the first simulation, what cannot be simulated.
+
+    Every set is held against the physical ranges of its material; the solver itself
+    is asked about the first set of each spot.
+
+    Raises
+    ------
+    PalpateError
+    """
+    asked: set[str] = set()
+    for job in to_do:
+        for region, theta in job.thetas.items():
+            job.materials[region].check(theta)
+        if job.spot not in asked:
+            study.solver.check(job, limbs.get(job.spot))
+            asked.add(job.spot)
+
+
+# ----------------------------------------------------------------------- keys
+
+
+def job_key(job: Job, limb: Limb | None, solver: Solver) -> str:
+    """Hash of everything that decides the result of a job.
+
+    That is the mesh, the spot, each region's material with its settings and values,
+    the protocol, and the solver with its version and settings. The ``set_id`` is a
+    name and decides nothing.
+    """
+    return _job_key(job, limb_key(limb), solver_key(solver))
+
+
+def limb_key(limb: Limb | None) -> str:
+    """Hash of a mesh and the spot on it."""
+    digest = hashlib.sha256()
+    if limb is not None:
+        mesh = limb.mesh
+        _add(digest, limb.spot.position_mm, limb.spot.normal, mesh.points_mm, list(mesh.regions))
+        for arrays in (mesh.cells, mesh.cell_regions, mesh.node_sets):
+            for name in sorted(arrays):
+                _add(digest, name, arrays[name])
+    return digest.hexdigest()
+
+
+def solver_key(solver: Solver) -> str:
+    """Hash of a solver, its version and its settings."""
+    digest = hashlib.sha256()
+    _add(digest, *_described(solver), solver.version())
+    return digest.hexdigest()
+
+
+def _job_key(job: Job, limb: str, solver: str) -> str:
+    digest = hashlib.sha256()
+    _add(digest, limb, solver, *_protocol_parts(job.protocol))
+    for region in sorted(job.materials):
+        _add(digest, region, *_described(job.materials[region]), job.thetas[region])
+    return digest.hexdigest()
+
+
+def _described(component: Component) -> tuple[str, str]:
+    return component.name, component.settings.model_dump_json()
+
+
+def _protocol_parts(protocol: Protocol) -> Iterator[object]:
+    if isinstance(protocol, Indentation):
+        indenter = protocol.indenter
+        yield from (
+            "indentation",
+            type(indenter).__name__,
+            indenter.radius_mm,
+            protocol.path,
+            protocol.friction,
+        )
+    else:
+        yield "homogeneous"
+        for name in sorted(protocol.paths):
+            yield from (name, protocol.paths[name])
+
+
+def _add(digest: "hashlib._Hash", *parts: object) -> None:
+    """Feed values to a hash so that neither their borders nor their shapes can be confused."""
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            digest.update(f"array {part.dtype.str} {part.shape};".encode())
+            digest.update(np.ascontiguousarray(part).tobytes())
+        else:
+            text = json.dumps(part).encode()
+            digest.update(f"json {len(text)};".encode())
+            digest.update(text)
+
+
+# ---------------------------------------------------------------------- sweep
+
+
+def simulate(
+    study: Study,
+    design: Design,
+    limbs: Mapping[str, Limb],
+    measured: Mapping[str, Response],
+    folder: Path,
+    progress: Progress = SILENT,
+) -> tuple[Simulation, ...]:
+    """Simulate every job whose result is not yet in ``folder``.
+
+    Each result is on disk before the next is awaited, so an interrupted sweep goes on
+    where it stopped. What had crashed is tried again, and what had run out of time when
+    there is more of it now.
+
+    Returns
+    -------
+    tuple of Simulation
+        In the order of :func:`jobs`.
+
+    Raises
+    ------
+    PalpateError
+        A job cannot be simulated at all; nothing has been written then.
+    """
+    to_do = jobs(study, design, measured)
+    check_jobs(study, to_do, limbs)
+    keys = _keys(study, to_do, limbs)
+    results = Results(folder)
+    done = {
+        key: kept
+        for job, key in zip(to_do, keys, strict=True)
+        if (kept := results.load(key, job)) is not None and not _worth_retrying(kept, study)
+    }
+    progress.begin("simulate", len(to_do))
+    for kept in done.values():
+        progress.step(kept.status.value)
+    missing = [i for i, key in enumerate(keys) if key not in done]
+    for outcome in _outcomes(study, [to_do[i] for i in missing], limbs):
+        index = missing[outcome.index]
+        simulation = outcome.simulation(to_do[index])
+        results.store(keys[index], simulation)
+        done[keys[index]] = simulation
+        progress.step(simulation.status.value)
+    return tuple(_of_job(done[key], job) for key, job in zip(keys, to_do, strict=True))
+
+
+def stored(
+    study: Study,
+    design: Design,
+    limbs: Mapping[str, Limb],
+    measured: Mapping[str, Response],
+    folder: Path,
+    wanted: Collection[tuple[str, int]] | None = None,
+) -> tuple[Simulation, ...]:
+    """Results in ``folder`` that belong to this study, in the order of :func:`jobs`; computes nothing.
+
+    ``wanted`` narrows them to these pairs of spot and set_id.
+    """
+    every = jobs(study, design, measured)
+    to_do = [job for job in every if wanted is None or (job.spot, job.set_id) in wanted]
+    results = Results(folder)
+    found = (results.load(key, job) for key, job in zip(_keys(study, to_do, limbs), to_do, strict=True))
+    return tuple(simulation for simulation in found if simulation is not None)
+
+
+def _keys(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> list[str]:
+    meshes = {spot.spot.name: limb_key(limbs.get(spot.spot.name)) for spot in study.spots}
+    solver = solver_key(study.solver)
+    return [_job_key(job, meshes[job.spot], solver) for job in to_do]
+
+
+def _worth_retrying(kept: Simulation, study: Study) -> bool:
+    if kept.status is Status.TIMED_OUT:
+        return study.time_limit_s > kept.seconds
+    return kept.status is Status.CRASHED
+
+
+def _outcomes(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> Iterator[Outcome]:
+    return run(
+        study.solver,
+        to_do,
+        limbs,
+        n_workers=study.n_workers,
+        time_limit_s=study.time_limit_s,
+        plugin_files=study.plugin_files,
+    )
+
+
+def _of_job(simulation: Simulation, job: Job) -> Simulation:
+    """The same result under another set_id, where two rows of a design have one key."""
+    if simulation.job is job:
+        return simulation
+    return replace(simulation, job=job)

@@ -1,0 +1,118 @@
+"""A worker process: :func:`main` takes jobs on stdin and answers on stdout.
+
+Messages are pickles behind their length. What a solver prints goes to stderr, so
+that it cannot garble the answers.
+"""
+
+import io
+import os
+import pickle
+import struct
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import IO, Any
+
+from palpate.attempts import attempt
+from palpate.domain import Limb
+from palpate.interfaces import Component, Solver
+from palpate.plugins import load_file
+
+_LENGTH = struct.Struct("<Q")
+
+
+class _Pickler(pickle.Pickler):
+    """Sends a component as its class and settings, so that nothing it has cached travels."""
+
+    def reducer_override(self, obj: object) -> Any:  # noqa: ANN401 - as pickle declares it
+        if isinstance(obj, MappingProxyType):
+            return _frozen, (dict(obj),)
+        if isinstance(obj, Component):
+            return type(obj), (obj.settings,)
+        return NotImplemented
+
+
+def _frozen(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(items)
+
+
+def packed(value: object) -> bytes:
+    """Pickle a value of the domain."""
+    buffer = io.BytesIO()
+    _Pickler(buffer, protocol=pickle.HIGHEST_PROTOCOL).dump(value)
+    return buffer.getvalue()
+
+
+def send(stream: IO[bytes], message: object) -> None:
+    """Write one message."""
+    content = packed(message)
+    stream.write(_LENGTH.pack(len(content)) + content)
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:  # noqa: ANN401 - whatever the other side sent
+    """Read one message.
+
+    Raises
+    ------
+    EOFError
+        The other side is gone.
+    """
+    head = stream.read(_LENGTH.size)
+    content = stream.read(_LENGTH.unpack(head)[0]) if len(head) == _LENGTH.size else b""
+    if not content:
+        raise EOFError
+    return pickle.loads(content)
+
+
+def main() -> None:
+    """Serve until the parent closes its end."""
+    inbox = os.fdopen(os.dup(0), "rb")
+    outbox = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+
+    def tell(*message: object) -> None:
+        send(outbox, message)
+
+    try:
+        _serve(inbox, tell)
+    except (EOFError, BrokenPipeError):
+        # The exit handlers of a numerical library may wait for threads that nobody needs any more.
+        sys.stderr.flush()
+        os._exit(0)
+
+
+def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
+    try:
+        plugin_files, solver_pickle = receive(inbox)
+        _load_plugins(plugin_files)
+        solver = pickle.loads(solver_pickle)
+    except EOFError:
+        raise
+    except Exception as error:
+        tell("unable", f"{type(error).__name__}: {error}")
+        return
+    tell("ready")
+    limbs: dict[str, Limb] = {}
+    while True:
+        kind, *content = receive(inbox)
+        if kind == "limb":
+            spot, limb_pickle = content
+            limbs = {spot: pickle.loads(limb_pickle)}
+        else:
+            _work(solver, limbs, content[0], tell)
+
+
+def _work(solver: Solver, limbs: Mapping[str, Limb], tasks_pickle: bytes, tell: Callable[..., None]) -> None:
+    tasks = pickle.loads(tasks_pickle)
+    limb = limbs.get(tasks[0][1].spot)
+    for outcome in attempt(solver, limb, tasks, lambda index: tell("started", index)):
+        tell("done", outcome)
+    tell("idle")
+
+
+def _load_plugins(files: tuple[Path, ...]) -> None:
+    for path in files:
+        load_file(path)
