@@ -82,9 +82,7 @@ class ClosedForm(Solver):
         assert isinstance(job.protocol, HomogeneousTests)
         ((_, theta),) = job.thetas.items()
         curves = {
-            name: Curve(
-                channel=name, abscissa=x, ordinate=theta[0] * (x - 1) * (1 + theta[1] * (x - 1))
-            )
+            name: Curve(channel=name, abscissa=x, ordinate=theta[0] * (x - 1) * (1 + theta[1] * (x - 1)))
             for name, x in job.protocol.paths.items()
         }
         return Simulation(job=job, status=Status.OK, response=Response(curves=curves))
@@ -174,7 +172,9 @@ def palpate_scenarios():
 
 @hookimpl
 def palpate_studies():
-    return [StudyTemplate(name="toy", summary="A spring that is pulled", directory=str(Path(__file__).parent))]
+    return [
+        StudyTemplate(name="toy", summary="A spring that is pulled", directory=str(Path(__file__).parent))
+    ]
 
 
 @hookimpl

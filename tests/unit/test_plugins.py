@@ -1,0 +1,322 @@
+"""Plugins: what works is found, what is broken is named and harms nothing else."""
+
+import importlib.metadata
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+import typer
+
+from palpate.errors import PalpateError, PluginError
+from palpate.plugins import HOOKS, KINDS, Plugins, load_file
+
+Write = Callable[..., Path]
+
+SAMPLER = """
+import numpy as np
+from palpate import hookimpl
+from palpate.interfaces import Sampler
+
+class Grid(Sampler):
+    name = "{name}"
+    summary = "Evenly spread"
+
+    def draw(self, n_sets, n_parameters, seed):
+        return np.full((n_sets, n_parameters), 0.5)
+
+@hookimpl
+def palpate_samplers():
+    return [Grid]
+"""
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    def write_plugin(name: str, text: str) -> Path:
+        path = tmp_path / f"{name}.py"
+        path.write_text(text)
+        return path
+
+    return write_plugin
+
+
+def load(*files: Path) -> Plugins:
+    return Plugins.load(files, entry_points=False)
+
+
+def test_the_core_provides_its_sampler_through_the_hooks() -> None:
+    plugins = load()
+    assert plugins.samplers.provider("lhs") == "palpate"
+    points = plugins.samplers["lhs"]().draw(8, 2, 1)
+    assert points.shape == (8, 2)
+    assert sorted((points[:, 0] * 8).astype(int)) == list(range(8))
+
+
+def test_centred_is_a_setting_of_the_sampler() -> None:
+    sampler = load().samplers["lhs"]
+    points = sampler(sampler.Settings.model_validate({"centred": True})).draw(4, 1, 1)
+    assert sorted(points[:, 0]) == [0.125, 0.375, 0.625, 0.875]
+
+
+def test_every_hook_fills_a_catalogue_or_adds_commands() -> None:
+    from palpate import hookspecs
+
+    specified = {name for name, value in vars(hookspecs).items() if hasattr(value, "palpate_spec")}
+    assert specified == HOOKS
+    assert {kind.hook for kind in KINDS.values()} == HOOKS - {"palpate_commands"}
+
+
+def test_a_file_provides_a_component(write: Write) -> None:
+    plugins = load(write("grid", SAMPLER.format(name="grid")))
+    assert plugins.broken == ()
+    assert list(plugins.samplers) == ["lhs", "grid"]
+    assert plugins.samplers.provider("grid") == "grid"
+
+
+BROKEN = {
+    "import error": ("import no_such_module_anywhere\n", "ModuleNotFoundError", "no_such_module_anywhere"),
+    "syntax error": ("def broken(:\n", "SyntaxError", ""),
+    "exit at import": ("import sys\nsys.exit(3)\n", "sys.exit(3)", ""),
+    "raise at import": ("raise BaseException('deep')\n", "BaseException", "deep"),
+    "misspelt": (SAMPLER.format(name="x").replace("palpate_samplers", "palpate_samplrs"), "palpate_samplrs", "did you mean 'palpate_samplers'"),
+    "marked but unknown": ("from palpate import hookimpl\n@hookimpl\ndef samplers(): return []\n", "unknown hook 'samplers'", ""),
+    "not marked": (SAMPLER.format(name="x").replace("@hookimpl\n", ""), "palpate_samplers", "put @palpate.hookimpl above it"),
+    "wrong arguments": (SAMPLER.format(name="x").replace("palpate_samplers()", "palpate_samplers(extra)"), "extra", ""),
+    "raises in hook": (SAMPLER.format(name="x").replace("return [Grid]", "raise RuntimeError('boom')"), "RuntimeError: boom", ""),
+    "exits in hook": (SAMPLER.format(name="x").replace("return [Grid]", "raise SystemExit('bye')"), "sys.exit('bye')", ""),
+    "raises in generator": (SAMPLER.format(name="x").replace("return [Grid]", "yield Grid\n    raise ValueError('late')"), "ValueError: late", ""),
+    "not a list": (SAMPLER.format(name="x").replace("return [Grid]", "return Grid"), "return a list", ""),
+    "a string": (SAMPLER.format(name="x").replace("return [Grid]", "return 'Grid'"), "return a list", ""),
+    "an instance": (SAMPLER.format(name="x").replace("[Grid]", "[Grid()]"), "return subclasses of Sampler", ""),
+    "another class": (SAMPLER.format(name="x").replace("[Grid]", "[dict]"), "return subclasses of Sampler", ""),
+    "abstract": (SAMPLER.format(name="x").replace("def draw", "def drew"), "class Grid does not define draw", ""),
+    "no name": (SAMPLER.format(name="x").replace('    name = "x"\n', ""), "has no name", ""),
+    "no summary": (SAMPLER.format(name="x").replace('summary = "Evenly spread"', 'summary = ""'), "has no summary", ""),
+    "setting without help": (
+        SAMPLER.format(name="x").replace(
+            "class Grid(Sampler):",
+            "from palpate.interfaces import Settings\nclass S(Settings):\n    n: int = 1\n"
+            "class Grid(Sampler):\n    Settings = S",
+        ),
+        "setting 'n' of 'x' has no description",
+        "pydantic.Field",
+    ),
+    "channel of a wrong type": ("from palpate import hookimpl\n@hookimpl\ndef palpate_channels(): return ['force']\n", "return Channel values", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "reason", "remedy"), BROKEN.values(), ids=BROKEN)
+def test_a_broken_plugin_is_listed_and_the_rest_works(
+    write: Write, text: str, reason: str, remedy: str
+) -> None:
+    path = write("broken", text)
+    plugins = load(path, write("grid", SAMPLER.format(name="grid")))
+    (broken,) = plugins.broken
+    assert (broken.name, broken.source) == ("broken", str(path))
+    assert reason in broken.reason
+    assert remedy in broken.reason
+    assert list(plugins.samplers) == ["lhs", "grid"]
+
+
+def test_a_broken_plugin_contributes_nothing_at_all(write: Write) -> None:
+    text = (
+        SAMPLER.format(name="half") + "\n@hookimpl\ndef palpate_solvers():\n    raise OSError('no engine')\n"
+    )
+    plugins = load(write("half", text))
+    assert "half" not in plugins.samplers
+    assert plugins.broken[0].reason == "OSError: no engine"
+
+
+def test_every_broken_plugin_is_listed_not_the_first_alone(write: Write) -> None:
+    texts = [BROKEN[case][0] for case in ("misspelt", "wrong arguments", "import error")]
+    plugins = load(*(write(f"p{i}", text) for i, text in enumerate(texts)))
+    assert [broken.name for broken in plugins.broken] == ["p0", "p1", "p2"]
+
+
+def test_ctrl_c_is_not_a_broken_plugin(write: Write) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        load(write("stop", "raise KeyboardInterrupt\n"))
+
+
+def test_what_a_plugin_prints_stays_out_of_the_results(
+    write: Write, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plugins = load(write("chatty", "print('welcome to chatty')\n" + SAMPLER.format(name="chatty")))
+    assert "chatty" in plugins.samplers
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "welcome to chatty" in captured.err
+
+
+def test_of_two_plugins_with_one_name_the_first_keeps_it(write: Write) -> None:
+    plugins = load(
+        write("one", SAMPLER.format(name="grid")),
+        write("two", SAMPLER.format(name="grid")),
+        write("three", SAMPLER.format(name="lhs")),
+    )
+    assert plugins.samplers.provider("grid") == "one"
+    assert plugins.samplers.provider("lhs") == "palpate"
+    two, three = plugins.broken
+    assert two.reason == (
+        "sampler 'grid' of plugin 'two' is already provided by plugin 'one'; "
+        "rename one or uninstall one of the two"
+    )
+    assert "'three' is already provided by plugin 'palpate'" in three.reason
+
+
+def test_two_files_of_one_name_clash(write: Write, tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    plugins = load(write("grid", SAMPLER.format(name="a")), write("sub/grid", SAMPLER.format(name="b")))
+    assert "b" not in plugins.samplers
+    assert "the plugin name 'grid' is taken by" in plugins.broken[0].reason
+
+
+def test_a_missing_file_is_a_mistake_of_the_user(tmp_path: Path) -> None:
+    with pytest.raises(PluginError, match=r"absent\.py: no such file"):
+        load(tmp_path / "absent.py")
+
+
+def test_an_unknown_name_offers_what_is_close(write: Write) -> None:
+    plugins = load(write("grid", SAMPLER.format(name="grid")), write("bad", "import nope\n"))
+    with pytest.raises(PalpateError) as caught:
+        plugins.samplers["gird"]
+    message = str(caught.value)
+    assert message.startswith("no sampler 'gird'; did you mean 'grid'? (known: lhs, grid)")
+    assert "bad" in message
+    assert "No module named 'nope'" in message
+    with pytest.raises(PluginError, match="no material 'yeoh' .known: none."):
+        plugins.materials["yeoh"]
+
+
+def test_a_catalogue_is_an_ordinary_mapping() -> None:
+    samplers = load().samplers
+    assert "gird" not in samplers
+    assert samplers.get("gird") is None
+    assert len(samplers) == 1
+    assert dict(samplers).keys() == {"lhs"}
+
+
+def test_an_unknown_kind_offers_what_is_close() -> None:
+    with pytest.raises(PluginError, match=r"no kind of plugin 'material'; did you mean 'materials'"):
+        load().catalogue("material")
+
+
+# ------------------------------------------------------------- entry points
+
+
+class FakePoint:
+    group = "palpate"
+    dist = None
+
+    def __init__(self, name: str, path: Path) -> None:
+        self.name = name
+        self.value = path.stem
+        self._path = path
+
+    def load(self) -> object:
+        return load_file(self._path)
+
+
+def test_entry_points_register_in_the_order_of_their_names(
+    write: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, two = write("zed", SAMPLER.format(name="same")), write("abc", SAMPLER.format(name="same"))
+    bad = write("bad", "import nope\n")
+    points = [FakePoint("zed", one), FakePoint("abc", two), FakePoint("bad", bad), FakePoint("zed", one)]
+
+    def entry_points(*, group: str) -> Sequence[FakePoint]:
+        assert group == "palpate"
+        return points
+
+    monkeypatch.setattr(importlib.metadata, "entry_points", entry_points)
+    plugins = Plugins.load()
+    assert plugins.samplers.provider("same") == "abc"
+    assert [broken.name for broken in plugins.broken] == ["bad", "zed"]
+    assert Plugins.load(entry_points=False).broken == ()
+
+
+# ------------------------------------------------- one-file plugins, workers
+
+
+def test_a_file_is_imported_once_for_its_content(write: Write) -> None:
+    path = write("grid", SAMPLER.format(name="grid"))
+    first = load(path).samplers["grid"]
+    assert load(path).samplers["grid"] is first
+    path.write_text(SAMPLER.format(name="grid").replace("0.5", "0.25"))
+    assert load(path).samplers["grid"] is not first
+
+
+def test_another_process_unpickles_what_the_file_defines(write: Write) -> None:
+    path = write("grid", SAMPLER.format(name="grid"))
+    pickled = pickle.dumps(load(path).samplers["grid"]())
+    code = (
+        "import pathlib, pickle, sys\n"
+        "from palpate.plugins import Plugins\n"
+        f"Plugins.load([pathlib.Path({str(path)!r})], entry_points=False)\n"
+        "print(pickle.load(sys.stdin.buffer).draw(1, 2, 0).tolist())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], input=pickled, capture_output=True, check=True)
+    assert done.stdout.decode().strip() == "[[0.5, 0.5]]"
+
+
+def test_a_failed_import_leaves_no_half_module_behind(write: Write) -> None:
+    path = write("late", "x = 1\nraise RuntimeError('late')\n")
+    load(path)
+    assert not [name for name in sys.modules if name.startswith("palpate_plugin_late")]
+
+
+def test_import_palpate_is_light() -> None:
+    code = "import sys, palpate; print({'jax', 'polars', 'matplotlib', 'numpy', 'pint'} & sys.modules.keys())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_every_public_name_can_be_imported() -> None:
+    import palpate
+
+    for name in palpate.__all__:
+        assert getattr(palpate, name) is not None
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = palpate.nonsense  # type: ignore[attr-defined]
+
+
+# ------------------------------------------------------------------ commands
+
+COMMAND = """
+from palpate import hookimpl
+
+@hookimpl
+def palpate_commands(app):
+    @app.command("{name}")
+    def anything() -> None:
+        pass
+    {then}
+"""
+
+
+def test_a_plugin_adds_a_command(write: Write) -> None:
+    app = typer.Typer()
+    broken = load(write("cmd", COMMAND.format(name="hello", then=""))).add_commands(app)
+    assert broken == ()
+    assert [command.name for command in app.registered_commands] == ["hello"]
+
+
+@pytest.mark.parametrize(
+    ("name", "then", "reason"),
+    [
+        ("hello", "raise RuntimeError('half way')", "RuntimeError: half way"),
+        ("run", "", "command 'run' already exists"),
+    ],
+)
+def test_a_plugin_with_broken_commands_adds_none(write: Write, name: str, then: str, reason: str) -> None:
+    app = typer.Typer()
+
+    @app.command()
+    def run() -> None: ...
+
+    (broken,) = load(write("cmd", COMMAND.format(name=name, then=then))).add_commands(app)
+    assert reason in broken.reason
+    assert len(app.registered_commands) == 1
