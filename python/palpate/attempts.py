@@ -26,7 +26,7 @@ class Outcome:
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
 
     def simulation(self, job: Job) -> Simulation:
-        """The outcome together with its job."""
+        """Put the outcome together with its job."""
         return Simulation(
             job=job,
             status=self.status,

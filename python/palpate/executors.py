@@ -177,7 +177,7 @@ class _Pool:
         worker.heard()
 
     def _take(self, worker: "_Worker") -> list[int]:
-        """The next jobs for a worker, all of one limb: best of the one that it already holds."""
+        """Take the next jobs for a worker, all of one limb: best of the one that it already holds."""
         if self._alone:
             return [self._alone.popleft()]
         waiting = {spot: indices for spot, indices in self._pending.items() if indices}
@@ -204,7 +204,7 @@ class _Pool:
         worker.heard()
         return self._handle(worker, *message)
 
-    def _handle(self, worker: "_Worker", kind: str, *content: Any) -> list[Outcome]:
+    def _handle(self, worker: "_Worker", kind: str, *content: Any) -> list[Outcome]:  # noqa: ANN401 - each kind has its own
         if kind == "ready":
             worker.ready = True
         elif kind == "started":
@@ -304,7 +304,7 @@ class _Worker:
         self.started: set[int] = set()
         self.begun = self.last_heard = monotonic()
         self.last_output = ""
-        self._output = tempfile.TemporaryFile()
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed in stop()
         search_path = os.pathsep.join(path or os.getcwd() for path in sys.path)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", "from palpate.worker import main; main()"],

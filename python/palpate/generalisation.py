@@ -13,7 +13,7 @@ from palpate.selection import objectives, with_parameters
 
 
 def generalise(scores: pl.DataFrame, scenario: Scenario, design: Design) -> pl.DataFrame:
-    """The set with the least mean Fopt over all spots.
+    """Find the set with the least mean Fopt over all spots.
 
     Parameters
     ----------

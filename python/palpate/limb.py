@@ -87,9 +87,10 @@ def _array_problems(mesh: Mesh) -> Iterator[str]:
         if cells.ndim != 2 or cells.shape[1] != CELL_NODES[kind]:
             yield f"mesh: {kind} cells of shape {cells.shape}; give (n_cells, {CELL_NODES[kind]})"
         yield from _index_problems(f"{kind} cells", cells, mesh.n_nodes)
-        if np.shape(mesh.cell_regions.get(kind)) != (len(cells),):
-            yield f"mesh: {kind} has {len(cells)} cells and not one region for each; give each cell a region"
-        yield from _index_problems(f"regions of {kind}", mesh.cell_regions[kind], len(mesh.regions), "region")
+        if kind not in mesh.cell_regions or mesh.cell_regions[kind].shape != (len(cells),):
+            yield f"mesh: {kind} has {len(cells)} cells and not one region for each; give them all one"
+        ids = mesh.cell_regions[kind]
+        yield from _index_problems(f"regions of {kind}", ids, len(mesh.regions), "region")
     for name, nodes in mesh.node_sets.items():
         yield from _index_problems(f"node set '{name}'", nodes, mesh.n_nodes)
 
@@ -105,9 +106,7 @@ def _index_problems(what: str, indices: IntArray, n: int, noun: str = "node") ->
 def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:
     used = {mesh.regions[i] for ids in mesh.cell_regions.values() for i in np.unique(ids)}
     for region in sorted(used - set(regions)):
-        raise MeshError(
-            f"mesh: region '{region}' has no material (materials: {', '.join(regions) or 'none'}); give it one"
-        )
+        raise MeshError(f"mesh: region '{region}' has no material (given: {', '.join(regions)}); give it one")
     for region in regions:
         if region not in used:
             raise MeshError(

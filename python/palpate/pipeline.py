@@ -229,13 +229,13 @@ def report(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
 
 
 def _from_files(study: Study, run: RunDirectory, *, with_limbs: bool = True) -> Checked:
-    """What the earlier verbs left, refused where it belongs to another study."""
+    """Read what the earlier verbs left, and refuse it where it belongs to another study."""
     design = run.design()
     searched = tuple(p.name for p in study.space.parameters)
     if tuple(p.name for p in design.parameters) != searched:
         raise StudyError(
-            f"{run.folder / 'design.parquet'}: was drawn for {', '.join(p.name for p in design.parameters)}, but the "
-            f"study searches {', '.join(searched)}; run `palpate sample` again"
+            f"{run.folder / 'design.parquet'}: was drawn for {', '.join(p.name for p in design.parameters)}, "
+            f"but the study searches {', '.join(searched)}; run `palpate sample` again"
         )
     measured = run.measured(tuple(spot.spot.name for spot in study.spots))
     return Checked(measured=measured, limbs=load_limbs(study) if with_limbs else {}, design=design)

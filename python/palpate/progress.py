@@ -7,10 +7,10 @@ class Progress(Protocol):
     """What a caller hands in to follow a run."""
 
     def begin(self, stage: str, total: int) -> None:
-        """A stage begins that has ``total`` steps."""
+        """Begin a stage that has ``total`` steps."""
 
     def step(self, note: str = "") -> None:
-        """One step of the running stage is done; ``note`` says how it ended where that matters."""
+        """Count one step of the running stage; ``note`` says how it ended where that matters."""
 
 
 class Silent:

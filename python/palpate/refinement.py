@@ -131,12 +131,12 @@ class _Search:
                 gtol=TOLERANCE,
                 max_nfev=MOST_STEPS,
             )
-        except _NoSlope as error:
+        except _NoSlopeError as error:
             return str(error)
         return str(found.message)
 
     def row(self, start: Mapping[str, Any], message: str) -> pl.DataFrame:
-        """The row of :class:`Refined` for the best simulation seen."""
+        """Make the row of :class:`Refined` for the best simulation seen."""
         begin = pl.DataFrame(
             {"spot": [self.spot], "scenario": [self.scenario.name]}
             | {"start_set_id": [start["set_id"]], "start_fopt": [start["fopt"]], "message": [message]}
@@ -181,7 +181,7 @@ class _Search:
                 probe[i] += direction * shift * PROBE
                 residuals = self.residuals(self._values(probe))
                 if residuals is None:
-                    raise _NoSlope(
+                    raise _NoSlopeError(
                         f"stopped: a set beside {self._values(u).tolist()} could not be simulated; "
                         "the best set so far stands"
                     )
@@ -225,16 +225,18 @@ class _Search:
         if compared.status is not Status.OK or covered.mean() < self.study.minimum_coverage:
             return None
         differences = np.where(covered, compared.values - curve.ordinate, 0.0)
-        return differences * np.sqrt(weight / covered.sum()) / normaliser_value(curve.ordinate, self.study)
+        scale = np.sqrt(weight / covered.sum()) / normaliser_value(curve.ordinate, self.study)
+        residuals: FloatArray = differences * scale
+        return residuals
 
 
 def normaliser_value(ordinate: FloatArray, study: Study) -> float:
-    """The study's normaliser of a measured curve, in the unit of its ordinate."""
+    """Work out the study's normaliser of a measured curve, in the unit of its ordinate."""
     # NMSE of an error of one unit everywhere is 1/normaliser².
     return float(_core.nmse(ordinate + 1.0, ordinate, study.normaliser.value) ** -0.5)
 
 
-class _NoSlope(Exception):
+class _NoSlopeError(Exception):
     """A neighbour that the slopes need cannot be simulated."""
 
 

@@ -36,7 +36,7 @@ def frame_of(response: Response) -> pl.DataFrame:
 
 
 def response_of(frame: pl.DataFrame) -> Response:
-    """The inverse of :func:`frame_of`."""
+    """Make curves of rows: the inverse of :func:`frame_of`."""
     return Response(
         curves={
             str(name): Curve(
@@ -86,7 +86,7 @@ class Results:
         self._known = _read_lines(self._lines)
 
     def load(self, key: str, job: Job) -> Simulation | None:
-        """The simulation of ``job``, or None if it is not there or not readable."""
+        """Read the simulation of ``job``; None if it is not there or not readable."""
         line = self._known.get(key)
         if line is None:
             return None
@@ -153,8 +153,8 @@ def _append_line(path: Path, text: str) -> None:
         os.fsync(file.fileno())
 
 
-def plain(value: Any) -> Any:
-    """A solver's diagnostics as JSON: numbers, text, lists and tables; anything else as its text."""
+def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a solver reports
+    """Turn a solver's diagnostics into JSON: numbers, text, lists, tables; anything else as its text."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -30,6 +30,7 @@ import polars as pl
 
 from palpate.domain import Channel, Design, Indentation, Parameter, Response
 from palpate.errors import StudyError
+from palpate.interfaces import Component
 from palpate.refinement import Refined
 from palpate.results import frame_of, plain, response_of, write_atomically, write_frame
 from palpate.study import Study
@@ -105,7 +106,7 @@ class RunDirectory:
         write_atomically(self.folder / "design.json", text.encode() + b"\n")
 
     def design(self) -> Design:
-        """The design, with its parameters."""
+        """Read the design with its parameters."""
         frame = self._frame("design.parquet", "sample")
         about = json.loads(self._existing("design.json", "sample").read_text(encoding="utf-8"))
         parameters = tuple(Parameter(**_infinite(p)) for p in about["parameters"])
@@ -130,7 +131,7 @@ class RunDirectory:
         return self._frame("selection.parquet", "select")
 
     def generalisation(self) -> pl.DataFrame:
-        """The set for all spots."""
+        """Read the set for all spots."""
         return self._frame("generalisation.parquet", "select")
 
     def write_refinement(self, refined: Refined) -> None:
@@ -175,12 +176,12 @@ class RunDirectory:
 
 
 def file_name(name: str) -> str:
-    """A name as a file name: whatever could lead out of a folder is escaped."""
+    """Make a file name of a name: whatever could lead out of a folder is escaped."""
     return quote(name, safe=" ").replace(".", "%2E")
 
 
 def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
-    """What the numbers of a run depended on."""
+    """Tell what the numbers of a run depended on."""
     weighted = {channel for scenario in study.scenarios for channel in scenario.weights}
     return {
         "study": study.name,
@@ -250,7 +251,7 @@ def _relative(file: Path, folder: Path) -> str:
     return file.resolve().relative_to(folder.resolve()).as_posix() if inside else file.name
 
 
-def _component(component: Any) -> dict[str, Any]:
+def _component(component: Component) -> dict[str, Any]:
     return {"name": component.name, "settings": component.settings.model_dump(mode="json")}
 
 
@@ -271,7 +272,7 @@ _LIMITS = ("physical_lower", "physical_upper")
 
 
 def _finite(parameter: dict[str, Any]) -> dict[str, Any]:
-    """A parameter for JSON, which has no infinity: no limit is null."""
+    """Make a parameter fit for JSON, which has no infinity: no limit is null."""
     return parameter | {k: None for k in _LIMITS if not np.isfinite(parameter[k])}
 
 

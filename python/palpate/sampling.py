@@ -65,7 +65,8 @@ def _in_ranges(space: ParameterSpace, points: FloatArray) -> FloatArray:
     lower = np.array([p.lower for p in space.parameters])
     upper = np.array([p.upper for p in space.parameters])
     # Rounding may carry lower + (upper - lower) past upper.
-    return np.clip(lower + points * (upper - lower), lower, upper)
+    values: FloatArray = np.clip(lower + points * (upper - lower), lower, upper)
+    return values
 
 
 def _accepted(keep: SetFilter, space: ParameterSpace, values: FloatArray) -> BoolArray:

@@ -82,7 +82,7 @@ def _objective(wide: pl.DataFrame, scenario: Scenario) -> pl.DataFrame:
 
 
 def select(scores: pl.DataFrame, scenarios: Sequence[Scenario], design: Design) -> pl.DataFrame:
-    """The set with the least Fopt of each spot in each scenario; ties go to the lower set_id.
+    """Choose the set with the least Fopt for each spot and scenario; ties go to the lower set_id.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ def jobs(study: Study, design: Design, measured: Mapping[str, Response]) -> list
 
 
 def job_for(study: Study, spot: str, set_id: int, row: FloatArray, measured: Mapping[str, Response]) -> Job:
-    """The job of one parameter set, ``row`` (n_parameters,) in design columns, at a spot."""
+    """Make the job of one parameter set, ``row`` (n_parameters,) in design columns, at a spot."""
     return Job(
         spot=spot,
         set_id=set_id,
@@ -237,7 +237,7 @@ def _outcomes(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> 
 
 
 def _of_job(simulation: Simulation, job: Job) -> Simulation:
-    """The same result under another set_id, where two rows of a design have one key."""
+    """Put the result under another set_id, where two rows of a design have one key."""
     if simulation.job is job:
         return simulation
     return replace(simulation, job=job)

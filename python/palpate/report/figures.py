@@ -1,10 +1,12 @@
 """The paper's figures, for any channels, spots, parameters and scenarios."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -31,8 +33,7 @@ MOST_PAIRS = 15
 
 STYLE: Mapping[str, Any] = MappingProxyType(
     {
-        "figure.dpi": 100,
-        "savefig.dpi": 160,
+        "figure.dpi": 160,
         "figure.constrained_layout.use": True,
         "font.size": 9.0,
         "axes.titlesize": 9.0,
@@ -50,9 +51,11 @@ STYLE: Mapping[str, Any] = MappingProxyType(
     }
 )
 
+Dash = str | tuple[int, tuple[int, ...]]
+
 _MEASURED = "#0072B2"
 _LEAST = "#D7191C"
-_LINES = (
+_LINES: tuple[tuple[str, Dash], ...] = (
     ("#D55E00", "-"),
     ("#E69F00", "--"),
     ("#CC79A7", "-."),
@@ -68,24 +71,24 @@ def write_figures(content: Content, folder: Path) -> tuple[Path, ...]:
     for old in (*folder.glob("*.svg"), *folder.glob("*.png")):
         old.unlink()
     folder.mkdir(parents=True, exist_ok=True)
-    drawings: dict[str, Callable[[], Figure]] = {"nmse_distribution": lambda: nmse_distribution(content)}
+    drawings: dict[str, Callable[[], Figure]] = {"nmse_distribution": partial(nmse_distribution, content)}
     for spot in content.spots:
-        drawings[f"parameter_space_{file_name(spot)}"] = lambda spot=spot: parameter_space(content, spot)
-        drawings[f"response_{file_name(spot)}"] = lambda spot=spot: responses(content, spot)
+        drawings[f"parameter_space_{file_name(spot)}"] = partial(parameter_space, content, spot)
+        drawings[f"response_{file_name(spot)}"] = partial(responses, content, spot)
     if not content.generalisation.is_empty():
-        drawings["generalised"] = lambda: generalised(content)
+        drawings["generalised"] = partial(generalised, content)
     files: list[Path] = []
     for name, draw in drawings.items():
         # The context is left before the next figure, so that nobody else's style changes.
-        with mpl.rc_context(dict(STYLE)):
+        with mpl.rc_context(cast("Any", dict(STYLE))):
             files += _save(draw(), folder / name)
     return tuple(files)
 
 
 def _save(figure: Figure, stem: Path) -> list[Path]:
     svg, png = stem.with_name(f"{stem.name}.svg"), stem.with_name(f"{stem.name}.png")
-    FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None})
-    FigureCanvasAgg(figure).print_png(png)
+    for canvas, path, metadata in ((FigureCanvasSVG, svg, {"Date": None}), (FigureCanvasAgg, png, None)):
+        canvas(figure).print_figure(path, dpi=figure.dpi, metadata=metadata)
     return [svg, png]
 
 
@@ -138,6 +141,7 @@ def _draw_measured(axis: Axes, content: Content, curve: Curve) -> None:
         markevery=1 if few else max(1, curve.abscissa.size // 60),
         markerfacecolor="none",
         linestyle="none",
+        zorder=4,
         label="experiment (simulated)" if content.notice else "experiment",
     )
     axis.set_xlabel(channel.abscissa_label)
@@ -145,7 +149,7 @@ def _draw_measured(axis: Axes, content: Content, curve: Curve) -> None:
 
 
 def _draw(
-    axis: Axes, curve: Curve, colour: str, dash: Any, label: str, width: float = 1.4, alpha: float = 1.0
+    axis: Axes, curve: Curve, colour: str, dash: Dash, label: str, width: float = 1.4, alpha: float = 1.0
 ) -> None:
     axis.plot(
         curve.abscissa,
@@ -163,11 +167,18 @@ def _legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
     for axis in axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             labelled.setdefault(label, handle)
-    figure.legend(labelled.values(), labelled.keys(), loc="outside lower center", ncols=min(4, len(labelled)))
+    widest = max(len(label) for label in labelled)
+    n_columns = int(figure.get_figwidth() / (0.55 + 0.068 * widest))
+    figure.legend(
+        list(labelled.values()),
+        list(labelled),
+        loc="outside lower center",
+        ncols=max(1, min(n_columns, len(labelled))),
+    )
 
 
 def generalised(content: Content) -> Figure:
-    """The one set for all spots, on the measured curves of every spot."""
+    """Show the one set for all spots on the measured curves of every spot."""
     channels, spots = content.measured_channels, content.spots
     figure = Figure(figsize=(3.0 * len(spots) + 0.6, 2.6 * len(channels) + 0.9))
     axes = figure.subplots(len(channels), len(spots), squeeze=False)
@@ -221,17 +232,16 @@ def _draw_distribution(axis: Axes, place: int, fopt: FloatArray) -> None:
     shown = np.sort(fopt[fopt <= DISTRIBUTION_LIMIT])
     # The golden ratio spreads neighbours evenly, and the same data always look the same.
     spread = (np.arange(shown.size) * 0.6180339887 % 1.0 - 0.5) * 0.5
-    first = place == 0
-    axis.scatter(
-        place + spread, shown, s=9, color=_MEASURED, alpha=0.5, linewidths=0, label="set" if first else None
-    )
+    # Matplotlib leaves what begins with an underscore out of the legend.
+    hide = "" if place == 0 else "_"
+    axis.scatter(place + spread, shown, s=9, color=_MEASURED, alpha=0.5, linewidths=0, label=f"{hide}set")
     if fopt.size:
         least, middle = float(fopt.min()), float(np.median(fopt))
         axis.hlines(min(middle, DISTRIBUTION_LIMIT), place - 0.32, place + 0.32, color="black", linewidth=1.6,
-                    label="median of all sets" if first else None)  # fmt: skip
+                    label=f"{hide}median of all sets")  # fmt: skip
         if least <= DISTRIBUTION_LIMIT:
             axis.scatter([place], [least], marker="*", s=90, color=_LEAST, zorder=4, clip_on=False,
-                         label="least" if first else None)  # fmt: skip
+                         label=f"{hide}least")  # fmt: skip
     n_above = int((fopt > DISTRIBUTION_LIMIT).sum())
     if n_above:
         axis.text(place, DISTRIBUTION_LIMIT * 1.06, f"{n_above} above", ha="center", va="center", fontsize=8)
@@ -244,13 +254,13 @@ def _colours() -> Colormap:
 
 
 def parameter_space(content: Content, spot: str) -> Figure:
-    """Sets in the space of their parameters, coloured by NMSE; black above the limit, red the least.
+    """Show sets in the space of their parameters: coloured by NMSE, black above the limit, red the least.
 
     Three parameters are shown in space and in pairs, more in pairs (at most
     ``MOST_PAIRS``), one over its own axis.
     """
     values, fopt = _sets_at(content, spot)
-    parameters = content.design.parameters
+    parameters = _named_briefly(content.design.parameters)
     n = len(parameters)
     if n == 1:
         figure, flat = _one_parameter(values[:, 0], fopt, parameters[0])
@@ -316,11 +326,11 @@ def _draw_space(
     ):
         set_label(_label(parameter), fontsize=7)
     axis.tick_params(labelsize=6, pad=-1)
-    axis.set_box_aspect(None, zoom=0.84)
+    axis.set_box_aspect(None, zoom=0.78)
 
 
 def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
-    """Sets at coordinates (n_sets,) each: coloured, black above the limit, grey failed, red least."""
+    """Draw sets at coordinates (n_sets,) each: coloured, black above the limit, grey failed, red least."""
     scatter: Any = axis.scatter
     failed, above = np.isnan(fopt), fopt > COLOUR_LIMIT
     kinds = {
@@ -353,6 +363,13 @@ def _colour_bar(figure: Figure, axes: Sequence[Axes], content: Content) -> None:
         shrink=0.8,
         pad=0.02,
     )
+
+
+def _named_briefly(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """Parameters without the name of their region, where there is only one."""
+    if len({p.name.partition(".")[0] for p in parameters}) > 1:
+        return tuple(parameters)
+    return tuple(replace(p, name=p.name.partition(".")[2]) for p in parameters)
 
 
 def _label(parameter: Parameter) -> str:

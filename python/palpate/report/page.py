@@ -10,46 +10,6 @@ import polars as pl
 from palpate.report.content import Content
 from palpate.results import write_atomically
 
-_TEMPLATE = """\
-<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{{ study.name }} · palpate</title>
-<style>
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem; color: #222 }
-h1 { margin-bottom: 0 } h2 { margin-top: 2.5rem; border-bottom: 1px solid #ddd }
-.notice { background: #fff3cd; border-left: 4px solid #e69f00; padding: .5rem 1rem }
-.wide { overflow-x: auto }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px }
-th, td { padding: .2rem .6rem; text-align: right; border-bottom: 1px solid #eee; white-space: nowrap }
-th { border-bottom: 2px solid #999 } .text { text-align: left }
-img { max-width: 100%; height: auto }
-figure { margin: 1.5rem 0 } figcaption { color: #666; font-size: 13px }
-</style>
-<h1>{{ study.name }}</h1>
-<p>{{ study.description }}</p>
-{% if notice %}<p class="notice">These are {{ notice }}.</p>{% endif %}
-<p>{{ n_sets }} sets at {{ n_spots }} {{ "spot" if n_spots == 1 else "spots" }}; solver {{ solver }};
-NMSE with normaliser {{ normaliser }}. What every number depended on: <a href="../manifest.json">manifest.json</a>.</p>
-{% for table in tables %}
-<h2 id="{{ table.name }}">{{ table.title }}</h2>
-<div class="wide"><table>
-<tr>{% for column in table.columns %}<th>{{ column }}</th>{% endfor %}</tr>
-{% for row in table.rows %}<tr>{% for cell in row %}<td{% if cell.text %} class="text"{% endif %}>{{ cell.shown }}\
-</td>{% endfor %}</tr>
-{% endfor %}</table></div>
-<p><a href="tables/{{ table.name | urlencode }}.csv">{{ table.name }}.csv</a></p>
-{% endfor %}
-<h2>Figures</h2>
-{% for figure in figures %}
-<figure><img src="figures/{{ figure | urlencode }}.svg" alt="{{ figure }}">
-<figcaption>{{ figure }}: <a href="figures/{{ figure | urlencode }}.svg">SVG</a>,
-<a href="figures/{{ figure | urlencode }}.png">PNG</a></figcaption></figure>
-{% endfor %}
-</html>
-"""
-
 _TITLES = {
     "table1_coefficients": "Table 1: coefficients by spot and scenario",
     "table2_nmse": "Table 2: NMSE by spot and scenario",
@@ -65,8 +25,12 @@ def write_page(
     content: Content, tables: Mapping[str, pl.DataFrame], figures: Sequence[Path], folder: Path
 ) -> Path:
     """Write ``index.html`` beside the tables and figures."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    text = environment.from_string(_TEMPLATE).render(
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    text = environment.get_template("index.html.jinja").render(
         study=content.study,
         notice=content.notice,
         n_sets=content.design.n_sets,

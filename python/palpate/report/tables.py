@@ -91,7 +91,7 @@ def weighted_channels(scenario: Scenario) -> str:
 
 
 def generalised(content: Content) -> pl.DataFrame:
-    """The one set for all spots: mean ± sd of Fopt, its value at each spot, coefficients."""
+    """Lay out the one set for all spots: mean ± sd of Fopt, its value at each spot, coefficients."""
     rows = content.generalisation
     if rows.is_empty():
         return pl.DataFrame()
