@@ -62,22 +62,22 @@ class _Walk:
         array = self.text.startswith("[[", self.at)
         start = self.at
         self.at += 2 if array else 1
-        key = self.inside(tuple(self.key()), array=array)
+        key = self.inside(tuple(self.key()), start, array=array)
         self.skip_to("]")
         self.at += 2 if array else 1
-        self.mark(key, start)
         return key
 
-    def inside(self, names: tuple[str, ...], *, array: bool) -> Key:
+    def inside(self, names: tuple[str, ...], start: int, *, array: bool) -> Key:
         """Full key of a header: an array of tables on the way means its latest table."""
         key: Key = ()
         for depth, name in enumerate(names, start=1):
             key = (*key, name)
+            self.mark(key, start)
             if array and depth == len(names):
-                self.mark(key, self.at)
                 self.n_tables[key] = self.n_tables.get(key, 0) + 1
             if key in self.n_tables:
                 key = (*key, self.n_tables[key] - 1)
+                self.mark(key, start)
         return key
 
     def pair(self, table: Key) -> Key:

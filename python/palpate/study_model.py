@@ -96,6 +96,12 @@ class SearchedRange(Table):
     upper: str | float = Field(description="Upper end, with its unit.")
 
 
+class FixedValue(Table):
+    """A fixed parameter, written out."""
+
+    value: str | float = Field(description="The quantity, with its unit.")
+
+
 class ParameterTable(Table):
     """A parameter as read: ``value`` when it is fixed, else the ends of its range.
 
@@ -113,7 +119,7 @@ def _fixed_or_searched(given: object) -> object:
     if "value" in given and len(given) > 1:
         raise ValueError("both fixed (value) and searched (lower, upper); keep one of the two")
     missing = [end for end in ("lower", "upper") if end not in given]
-    if missing and set(given) <= set(SearchedRange.model_fields):
+    if missing and "value" not in given and set(given) <= set(SearchedRange.model_fields):
         raise ValueError(
             f"the range has no {' and no '.join(missing)}; "
             'write { lower = "…", upper = "…" }, or one quantity to fix the parameter'
@@ -134,7 +140,9 @@ class RegionTable(Table):
         str,
         Annotated[
             ParameterTable,
-            BeforeValidator(_fixed_or_searched, json_schema_input_type=str | float | SearchedRange),
+            BeforeValidator(
+                _fixed_or_searched, json_schema_input_type=str | float | FixedValue | SearchedRange
+            ),
         ],
     ] = Field(
         default={},

@@ -144,6 +144,8 @@ def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict
         context.problems.add(("truth",), 'only simulated data have a known answer; set data = "simulated"')
     units = {f"{r.region}.{p.name}": p.unit for r in space.regions for p in r.material.parameters}
     truth: dict[str, float] = {}
+    if not space.regions or len(space.regions) < len(tables.region):
+        return truth  # a region's own mistake is told already
     for key, value in _leaves(("truth",), tables.truth):
         name = ".".join(str(part) for part in key[1:])
         if name not in units:

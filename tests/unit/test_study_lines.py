@@ -56,6 +56,8 @@ EXPECTED: dict[Key, int] = {
     ("spot", 1, "position", 1): 19,
     ("spot", 1, "files"): 21,
     ("spot", 1, "files", "force", "more", "z"): 22,
+    ("region",): 23,
+    ("region", "soft tissue"): 23,
     ("region", "soft tissue", "parameters"): 23,
     ("region", "soft tissue", "parameters", "c1", "upper"): 24,
     ("region", "soft tissue", "parameters", "d.e"): 25,

@@ -1,8 +1,10 @@
 """A one-file plugin with a closed-form answer, so that tests of the surface need no solver."""
 
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
+import typer
 from pydantic import Field
 
 from palpate import hookimpl
@@ -40,7 +42,7 @@ class Spring(Material):
         ),
         Parameter(name="a", unit="1", lower=0.0, upper=1.0, kind="shape", description="stiffening"),
     )
-    conventions = {"doubled": (0.5, 1.0)}
+    conventions = MappingProxyType({"doubled": (0.5, 1.0)})
 
     def energy(self, stretches, theta):
         x = (stretches**2).sum(-1) - 3.0
@@ -182,4 +184,4 @@ def palpate_commands(app):
     @app.command("toy-hello")
     def hello() -> None:
         """Say hello."""
-        print("hello from a plugin")
+        typer.echo("hello from a plugin")
