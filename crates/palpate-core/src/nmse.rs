@@ -137,13 +137,13 @@ impl fmt::Display for Normaliser {
 }
 
 impl FromStr for Normaliser {
-    type Err = ScoringError;
+    type Err = Error;
 
-    fn from_str(name: &str) -> Result<Self, ScoringError> {
+    fn from_str(name: &str) -> Result<Self, Error> {
         Self::ALL
             .into_iter()
             .find(|n| n.name() == name)
-            .ok_or_else(|| ScoringError::UnknownNormaliser { name: name.to_owned() })
+            .ok_or_else(|| ScoringError::UnknownNormaliser { name: name.to_owned() }.into())
     }
 }
 

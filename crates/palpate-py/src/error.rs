@@ -1,28 +1,46 @@
-//! Errors of the core as the exceptions of `palpate.errors`.
+//! Errors of the kernels as Python exceptions.
 
-use palpate_core::Error;
+use pyo3::exceptions::PyValueError;
 use pyo3::{PyErr, import_exception};
 
+import_exception!(numpy.linalg, LinAlgError);
 import_exception!(palpate.errors, CurveError);
 import_exception!(palpate.errors, SamplingError);
 import_exception!(palpate.errors, ScoringError);
 
-/// An error of the core on its way to Python.
-pub(crate) struct Raised(Error);
+/// An error of a kernel on its way to Python.
+pub(crate) enum Raised {
+    Core(palpate_core::Error),
+    Sparse(palpate_sparse::Error),
+}
 
-impl<E: Into<Error>> From<E> for Raised {
-    fn from(error: E) -> Self {
-        Self(error.into())
+impl From<palpate_core::Error> for Raised {
+    fn from(error: palpate_core::Error) -> Self {
+        Self::Core(error)
+    }
+}
+
+impl From<palpate_sparse::Error> for Raised {
+    fn from(error: palpate_sparse::Error) -> Self {
+        Self::Sparse(error)
     }
 }
 
 impl From<Raised> for PyErr {
-    fn from(Raised(error): Raised) -> Self {
-        let message = error.to_string();
-        match error {
-            Error::Curve(_) => CurveError::new_err(message),
-            Error::Scoring(_) => ScoringError::new_err(message),
-            Error::Sampling(_) => SamplingError::new_err(message),
+    fn from(raised: Raised) -> Self {
+        match raised {
+            Raised::Core(error) => {
+                let message = error.to_string();
+                match error {
+                    palpate_core::Error::Curve(_) => CurveError::new_err(message),
+                    palpate_core::Error::Scoring(_) => ScoringError::new_err(message),
+                    palpate_core::Error::Sampling(_) => SamplingError::new_err(message),
+                }
+            }
+            Raised::Sparse(error @ palpate_sparse::Error::Input(_)) => {
+                PyValueError::new_err(error.to_string())
+            }
+            Raised::Sparse(error) => LinAlgError::new_err(error.to_string()),
         }
     }
 }

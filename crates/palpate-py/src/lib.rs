@@ -1,6 +1,6 @@
 //! The Python module `palpate._core`: borrows arrays, releases the GIL, maps errors.
 //!
-//! Each file here wraps the file of the same name in `palpate-core`.
+//! Each file here wraps the file of the same name in `palpate-core` or `palpate-sparse`.
 #![expect(clippy::needless_pass_by_value, reason = "PyO3 hands borrowed arrays over by value")]
 
 mod array;
@@ -8,6 +8,7 @@ mod curve;
 mod error;
 mod lhs;
 mod nmse;
+mod solver;
 
 /// Numerical kernels of palpate.
 #[pyo3::pymodule]
@@ -20,6 +21,8 @@ mod _core {
     use crate::lhs::latin_hypercube;
     #[pymodule_export]
     use crate::nmse::{nmse, nmse_batch, score};
+    #[pymodule_export]
+    use crate::solver::SparseFactor;
 
     /// Version of the compiled module.
     #[pymodule_export]

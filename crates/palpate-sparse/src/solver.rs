@@ -1,0 +1,227 @@
+//! Analyse once, factorise often, solve with the last factor, and never return a bad solution.
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::error::{Error, InputError, NumericalError};
+use crate::factor::Factor;
+use crate::pattern::{self, Layout, Pattern};
+
+/// Largest relative error with which a known solution may come back from a fresh factor.
+///
+/// It is about the condition number times 2⁻⁵³, so this admits condition numbers up to about 10¹¹;
+/// a body that is not held is at 10¹⁶.
+pub const LARGEST_PROBE_ERROR: f64 = 1e-5;
+
+/// A solution with a larger backward error is refined once.
+pub const GOOD_BACKWARD_ERROR: f64 = 1e-13;
+
+/// A refined solution with a larger backward error is an error.
+pub const LARGEST_BACKWARD_ERROR: f64 = 1e-9;
+
+/// Which factorisation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Kind {
+    /// Any matrix: L U with partial pivoting.
+    #[default]
+    Lu,
+    /// Symmetric, possibly indefinite: L B Lᵀ with pivots of one or two rows.
+    Ldlt,
+    /// Symmetric and positive definite: L Lᵀ.
+    Llt,
+}
+
+impl Kind {
+    /// The name in Python.
+    ///
+    /// ```
+    /// assert_eq!(palpate_sparse::Kind::Ldlt.name(), "ldlt");
+    /// ```
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Lu => "lu",
+            Self::Ldlt => "ldlt",
+            Self::Llt => "llt",
+        }
+    }
+}
+
+impl FromStr for Kind {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        [Self::Lu, Self::Ldlt, Self::Llt].into_iter().find(|k| k.name() == name).ok_or_else(|| {
+            let (name, choices) = (name.to_owned(), "lu, ldlt or llt");
+            InputError::Unknown { what: "kind", name, choices }.into()
+        })
+    }
+}
+
+/// A direct solver of A x = b for a pattern that stays the same.
+///
+/// # Examples
+/// ```
+/// use palpate_sparse::{Kind, Layout, SparseFactor};
+/// // [[4, 1], [1, 3]] by columns.
+/// let mut factor = SparseFactor::new(&[0, 2, 4], &[0, 1, 0, 1], Layout::Csc, Kind::Ldlt)?;
+/// factor.factorise(&[4.0, 1.0, 1.0, 3.0])?;
+/// let x = factor.solve(&[1.0, 2.0], 1)?;
+/// assert!((x[0] - 1.0 / 11.0).abs() < 1e-15 && (x[1] - 7.0 / 11.0).abs() < 1e-15);
+/// # Ok::<(), palpate_sparse::Error>(())
+/// ```
+pub struct SparseFactor {
+    kind: Kind,
+    pattern: Pattern,
+    factor: Factor,
+    /// Values of the last factorisation that succeeded.
+    current: Option<Current>,
+}
+
+/// What a residual needs.
+struct Current {
+    values: Vec<f64>,
+    norm: f64,
+    probe_error: f64,
+}
+
+impl fmt::Debug for SparseFactor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ready = self.current.is_some();
+        write!(f, "SparseFactor({}, n={}, ready={ready})", self.kind.name(), self.n())
+    }
+}
+
+impl SparseFactor {
+    /// Orders and analyses the pattern of a square matrix with `indptr.len() - 1` rows.
+    ///
+    /// `ldlt` and `llt` take the lower triangle alone or a symmetric pattern.
+    ///
+    /// # Errors
+    /// [`InputError`] as for [`Pattern::new`], or if the factor would exceed memory.
+    pub fn new<I: Copy + Into<i64>>(
+        indptr: &[I],
+        indices: &[I],
+        layout: Layout,
+        kind: Kind,
+    ) -> Result<Self, Error> {
+        let pattern = Pattern::new(indptr, indices, layout, kind != Kind::Lu)?;
+        let factor = Factor::analyse(&pattern, kind)?;
+        Ok(Self { kind, pattern, factor, current: None })
+    }
+
+    /// Rows of the matrix.
+    #[must_use]
+    pub fn n(&self) -> usize {
+        self.pattern.n()
+    }
+
+    /// Values that [`Self::factorise`] takes.
+    #[must_use]
+    pub fn n_data(&self) -> usize {
+        self.pattern.n_data()
+    }
+
+    /// Which factorisation.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// Relative error with which a known solution came back from the current factor: about its
+    /// condition number times 2⁻⁵³. `None` without a factor.
+    #[must_use]
+    pub fn probe_error(&self) -> Option<f64> {
+        self.current.as_ref().map(|current| current.probe_error)
+    }
+
+    /// Factorises the values, given in the order of the pattern's indices.
+    ///
+    /// After an error there is no factor to solve with.
+    ///
+    /// # Errors
+    /// [`InputError`] as for [`Pattern::gather`]; [`NumericalError`] if the matrix is singular to
+    /// working precision, or not positive definite for `llt`.
+    pub fn factorise(&mut self, data: &[f64]) -> Result<(), Error> {
+        self.current = None;
+        let values = self.pattern.gather(data)?;
+        self.factor.factorise(&self.pattern, &values)?;
+        let probe_error = self.probe(&values)?;
+        if probe_error <= LARGEST_PROBE_ERROR {
+            let norm = self.pattern.norm(&values);
+            self.current = Some(Current { values, norm, probe_error });
+            return Ok(());
+        }
+        // NaN ends here too.
+        Err(NumericalError::Singular { probe_error }.into())
+    }
+
+    /// Solves A X = B for every column of `rhs` (n, `n_columns`), row after row.
+    ///
+    /// # Errors
+    /// [`InputError`] if there is no factor, or `rhs` is not finite or of another length;
+    /// [`NumericalError::Inaccurate`] if a solution does not satisfy the system after refinement.
+    pub fn solve(&self, rhs: &[f64], n_columns: usize) -> Result<Vec<f64>, Error> {
+        let current = self.current.as_ref().ok_or(InputError::NotFactorised)?;
+        pattern::finite("rhs", rhs, self.n().saturating_mul(n_columns))?;
+        let mut solution = rhs.to_vec();
+        self.factor.solve(&self.pattern, &mut solution)?;
+        let (mut residual, mut backward_error) = self.residual(current, rhs, &solution);
+        if backward_error > GOOD_BACKWARD_ERROR {
+            self.factor.solve(&self.pattern, &mut residual)?;
+            solution.iter_mut().zip(&residual).for_each(|(x, correction)| *x += correction);
+            backward_error = self.residual(current, rhs, &solution).1;
+        }
+        if backward_error <= LARGEST_BACKWARD_ERROR {
+            return Ok(solution);
+        }
+        // NaN ends here too.
+        Err(NumericalError::Inaccurate { backward_error }.into())
+    }
+
+    /// Relative error with which a known solution comes back.
+    fn probe(&self, values: &[f64]) -> Result<f64, Error> {
+        // A low-discrepancy sequence in [0.5, 1.5): no rigid motion or checkerboard is orthogonal
+        // to it, so that whatever the matrix cannot see shows.
+        let golden = 0.618_033_988_749_894_9_f64;
+        let mut share = 0.0_f64;
+        let known: Vec<f64> = (0..self.n())
+            .map(|_| {
+                share = (share + golden).fract();
+                0.5 + share
+            })
+            .collect();
+        let mut found = vec![0.0; self.n()];
+        self.pattern.multiply(values, &known, &mut found);
+        self.factor.solve(&self.pattern, &mut found)?;
+        let errors = found.iter().zip(&known).map(|(f, k)| (f - k).abs());
+        Ok(errors.fold(0.0, largest))
+    }
+
+    /// B − A X, and its largest size over the columns relative to ‖A‖ ‖x‖ + ‖b‖.
+    fn residual(&self, current: &Current, rhs: &[f64], solution: &[f64]) -> (Vec<f64>, f64) {
+        let n = self.n();
+        let k = rhs.len() / n;
+        let mut residual = rhs.to_vec();
+        let mut worst = 0.0;
+        for column in 0..k {
+            let x: Vec<f64> = solution.iter().skip(column).step_by(k).copied().collect();
+            let mut product = vec![0.0; n];
+            self.pattern.multiply(&current.values, &x, &mut product);
+            let (mut left, mut b) = (0.0, 0.0);
+            for (i, p) in product.into_iter().enumerate() {
+                b = largest(b, rhs[i * k + column].abs());
+                residual[i * k + column] -= p;
+                left = largest(left, residual[i * k + column].abs());
+            }
+            let scale = current.norm * x.iter().map(|v| v.abs()).fold(0.0, largest) + b;
+            worst = largest(worst, if left == 0.0 { 0.0 } else { left / scale });
+        }
+        (residual, worst)
+    }
+}
+
+/// The larger of two numbers; NaN if either is.
+fn largest(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
+}

@@ -1,0 +1,113 @@
+"""Laws of the sparse direct solver, against scipy."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.sparse.linalg import spsolve
+
+from palpate import _core
+
+INDEX_TYPES = st.sampled_from([np.int32, np.int64])
+
+
+@st.composite
+def systems(draw: st.DrawFn, *, symmetric: bool) -> tuple[sp.csc_array, np.ndarray]:
+    """A random sparse matrix far from singular, and right-hand sides."""
+    n = draw(st.integers(1, 60))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    matrix = sp.random_array((n, n), density=draw(st.floats(0, 0.3)), rng=rng)
+    if symmetric:
+        matrix = matrix + matrix.T
+    matrix = sp.csc_array(matrix + sp.diags_array(abs(matrix).sum(1) + rng.uniform(0.5, 2, n)))
+    return matrix, rng.normal(size=(n, draw(st.integers(1, 3))))
+
+
+def factor_of(matrix: sp.csc_array, kind: str, layout: str, index: type) -> _core.SparseFactor:
+    compressed = matrix.asformat(layout)
+    factor = _core.SparseFactor(
+        compressed.indptr.astype(index), compressed.indices.astype(index), kind=kind, layout=layout
+    )
+    factor.factorise(compressed.data)
+    return factor
+
+
+@given(systems(symmetric=False), st.sampled_from(["csc", "csr"]), INDEX_TYPES)
+def test_lu_agrees_with_scipy(system, layout, index):
+    matrix, rhs = system
+    factor = factor_of(matrix, "lu", layout, index)
+    assert (factor.n, factor.n_data, factor.kind) == (matrix.shape[0], matrix.nnz, "lu")
+    expected = spsolve(matrix, rhs).reshape(rhs.shape)
+    np.testing.assert_allclose(factor.solve(rhs), expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(factor.solve(np.asfortranarray(rhs)), factor.solve(rhs))
+    np.testing.assert_allclose(factor.solve(rhs[:, 0]), expected[:, 0], rtol=1e-9, atol=1e-12)
+    assert factor.solve(rhs[:, 0]).shape == (factor.n,)
+
+
+@given(systems(symmetric=True), st.sampled_from(["ldlt", "llt"]), st.booleans(), INDEX_TYPES)
+def test_symmetric_kinds_agree_with_scipy(system, kind, lower, index):
+    matrix, rhs = system
+    given_part = sp.csc_array(sp.tril(matrix)) if lower else matrix
+    found = factor_of(given_part, kind, "csc", index).solve(rhs)
+    np.testing.assert_allclose(found, spsolve(matrix, rhs).reshape(rhs.shape), rtol=1e-9, atol=1e-12)
+
+
+@given(systems(symmetric=True), st.data())
+def test_ldlt_solves_indefinite_matrices(system, data):
+    matrix, rhs = system
+    n = matrix.shape[0]
+    signs = data.draw(st.lists(st.sampled_from([-1.0, 1.0]), min_size=n, max_size=n))
+    off_diagonal = matrix - sp.diags_array(matrix.diagonal())
+    matrix = sp.csc_array(off_diagonal + sp.diags_array(np.array(signs) * matrix.diagonal()))
+    found = factor_of(matrix, "ldlt", "csc", np.int32).solve(rhs)
+    np.testing.assert_allclose(matrix @ found, rhs, atol=1e-9)
+
+
+def laplacian(n: int) -> sp.csc_array:
+    """A chain of springs, not held."""
+    matrix = sp.diags_array([2 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]).tolil()
+    matrix[0, 0] = matrix[-1, -1] = 1.0
+    return matrix.tocsc()
+
+
+@pytest.mark.parametrize("kind", ["lu", "ldlt", "llt"])
+def test_a_singular_matrix_is_an_error_and_leaves_no_factor(kind):
+    loose = laplacian(30)
+    factor = _core.SparseFactor(loose.indptr, loose.indices, kind=kind)
+    with pytest.raises(np.linalg.LinAlgError, match=r"singular|not positive definite"):
+        factor.factorise(loose.data)
+    assert factor.probe_error is None
+    with pytest.raises(ValueError, match="call factorise first"):
+        factor.solve(np.ones(30))
+    held = loose.copy()
+    held[0, 0] += 1.0
+    factor.factorise(held.data)
+    assert factor.probe_error < 1e-12
+    np.testing.assert_allclose(held @ factor.solve(np.ones(30)), 1.0, rtol=1e-10)
+
+
+def test_bad_arguments_are_named():
+    matrix = laplacian(3)
+    with pytest.raises(ValueError, match=r"indices\[0\] is 7"):
+        _core.SparseFactor(matrix.indptr, np.full_like(matrix.indices, 7))
+    with pytest.raises(ValueError, match='kind "qr" is unknown'):
+        _core.SparseFactor(matrix.indptr, matrix.indices, kind="qr")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="indptr"):
+        _core.SparseFactor(matrix.indptr.astype(float), matrix.indices)  # type: ignore[arg-type]
+    factor = _core.SparseFactor(matrix.indptr, matrix.indices, kind="ldlt")
+    with pytest.raises(ValueError, match="data has 2 values where 7"):
+        factor.factorise(np.ones(2))
+    with pytest.raises(ValueError, match=r"data\[0\] is NaN"):
+        factor.factorise(np.full(7, np.nan))
+    unsymmetric = matrix.copy()
+    unsymmetric[0, 1] = 5.0
+    with pytest.raises(ValueError, match="its counterpart is 5"):
+        factor.factorise(unsymmetric.data)
+    with pytest.raises(TypeError, match="data"):
+        factor.factorise(matrix.data.astype(np.float32))
+    factor.factorise((matrix + 0.1 * sp.eye_array(3, format="csc")).data)
+    with pytest.raises(ValueError, match="rhs has 4 values where 3"):
+        factor.solve(np.ones(4))
+    with pytest.raises(ValueError, match="rhs has 6 values"):
+        factor.solve(np.ones((2, 3)))
