@@ -51,7 +51,7 @@ class Component(ABC):
     summary: ClassVar[str]
     Settings: ClassVar[type[Settings]] = Settings
 
-    def __init__(self, settings: Settings | None = None) -> None:
+    def __init__(self, settings: BaseModel | None = None) -> None:
         self.settings: Any = self.Settings() if settings is None else settings
 
 
@@ -104,11 +104,13 @@ class Material(Component):
         MaterialError
             The convention is unknown to this material.
         """
-        return values * np.array(self._factors(convention))
+        theta: FloatArray = values * np.array(self._factors(convention))
+        return theta
 
     def from_textbook(self, theta: FloatArray, convention: str) -> FloatArray:
         """Convert textbook values (n_parameters,) to ``convention``."""
-        return theta / np.array(self._factors(convention))
+        values: FloatArray = theta / np.array(self._factors(convention))
+        return values
 
     def _factors(self, convention: str) -> tuple[float, ...]:
         if convention == "textbook":
