@@ -1,0 +1,405 @@
+"""Homogeneous tests of any isotropic material, without a mesh.
+
+The test's stretch t is prescribed, the free faces carry no load. Nominal
+(engineering) stress in MPa, force per undeformed area:
+
+======================  =====================  =========================
+mode                    principal stretches    stress
+======================  =====================  =========================
+uniaxial                t, y, y                P = dΨ/dt
+equibiaxial             t, t, y                P = ½ dΨ/dt
+pure_shear              t, 1, y                P = dΨ/dt
+confined_compression    t, 1, 1                P = dΨ/dt
+simple_shear            F = 1 + γ e1 ⊗ e2      P12 = dΨ/dγ, at constant volume
+======================  =====================  =========================
+
+Incompressible: y follows from t and the pressure drops out of dΨ/dt, so the
+stress is exact and the volumetric energy plays no part. Compressible: y is
+where ∂Ψ/∂y = 0, found by Newton's method. The compression of a cylinder
+between greased plates is ``uniaxial`` with t < 1 and force / area < 0.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from itertools import groupby, islice
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pydantic import Field
+
+import palpate
+from palpate import mechanics
+from palpate.domain import (
+    Channel,
+    Curve,
+    FloatArray,
+    HomogeneousTests,
+    Job,
+    Limb,
+    Response,
+    Simulation,
+    Status,
+)
+from palpate.errors import CurveError, MaterialError, PalpateError
+from palpate.interfaces import Array, Material, Settings, Solver
+
+LONGEST_STEP = 0.3
+"""Largest change of ln y in one Newton step."""
+
+SLOW = 0.5
+"""Newton's method is slow where a step is longer than this share of the one before."""
+
+NEAR = 1e-4
+"""Steps of ln y below this are never lengthened: the gradient may be rounding."""
+
+MAXIMUM_STEPS = 120
+STEP_TOLERANCE = 1e-11
+"""A transverse stretch counts as found when its logarithm moves by less."""
+
+SETS_AT_ONCE = 256
+"""Sets evaluated in one call by ``simulate_many``."""
+
+Lateral = Callable[[Array, Array], Array]
+
+LATERAL = MappingProxyType({"uniaxial": -0.5, "equibiaxial": -2.0, "pure_shear": -1.0})
+"""Modes with a free transverse stretch, and the power of t that it has at constant volume."""
+
+
+def _channel(name: str, noun: str, abscissa: str = "stretch") -> Channel:
+    label = "amount of shear" if abscissa == "shear" else "stretch"
+    return Channel(
+        name=name,
+        abscissa=abscissa,
+        ordinate="stress_MPa",
+        abscissa_label=label,
+        ordinate_label=f"{noun} (MPa)",
+    )
+
+
+CHANNELS = (
+    _channel("uniaxial", "uniaxial nominal stress"),
+    _channel("equibiaxial", "equibiaxial nominal stress"),
+    _channel("pure_shear", "pure shear nominal stress"),
+    _channel("simple_shear", "shear stress", abscissa="shear"),
+    _channel("confined_compression", "confined nominal stress"),
+)
+"""Channels of the modes; the channel's name is the mode's."""
+
+MODES = tuple(channel.name for channel in CHANNELS)
+
+
+# ------------------------------------------------------------------- stresses
+
+
+def _stretches(mode: str, t: Array, y: Array) -> Array:
+    """Principal stretches (..., 3) of a mode with a transverse stretch."""
+    triple = {"uniaxial": (t, y, y), "equibiaxial": (t, t, y), "pure_shear": (t, jnp.ones_like(t), y)}
+    return jnp.stack(triple[mode], axis=-1)
+
+
+class _Search(NamedTuple):
+    """State of the search for u = ln y: bracket, factor on the Newton step, and that step."""
+
+    u: Array
+    low: Array
+    high: Array
+    boost: Array
+    step: Array
+    n_steps: Array | int
+
+
+def _transverse(gradient: Lateral, log_t: Array, guess: Array) -> tuple[Array, Array]:
+    """Solve ∂Ψ/∂u = 0 for u = ln y, shape (n,), and say where that succeeded.
+
+    Newton with the modulus of the curvature, which always descends in energy,
+    and a bounded step. While the steps hardly shrink, as they do far out on an
+    exponential, their factor doubles. A step out of the known bracket
+    goes to its middle instead. A solution must also be a minimum.
+    """
+
+    def newton(u: Array) -> tuple[Array, Array, Array]:
+        g, curvature = jax.jvp(lambda v: gradient(log_t, v), (u,), (jnp.ones_like(u),))
+        return g, -g / jnp.abs(curvature), curvature
+
+    def unfinished(state: _Search) -> Array:
+        return jnp.any(jnp.abs(state.step) > STEP_TOLERANCE) & (state.n_steps < MAXIMUM_STEPS)
+
+    def advance(state: _Search) -> _Search:
+        u = state.u
+        g, step, _ = newton(u)
+        low, high = jnp.where(g < 0.0, u, state.low), jnp.where(g < 0.0, state.high, u)
+        slow = (step / state.step > SLOW) & (jnp.abs(step) > NEAR)
+        boost = jnp.where(slow, 2.0 * state.boost, 1.0)
+        proposed = u + jnp.clip(boost * step, -LONGEST_STEP, LONGEST_STEP)
+        outside = (proposed <= low) | (proposed >= high)
+        middle = 0.5 * (low + high)
+        bisect = outside & jnp.isfinite(middle) & (jnp.abs(step) > NEAR)
+        u = jnp.where(bisect, middle, proposed)
+        return _Search(u, low, high, boost, step, state.n_steps + 1)
+
+    far = jnp.full_like(guess, jnp.inf)
+    start = _Search(guess, -far, far, jnp.ones_like(guess), far, 0)
+    u = jax.lax.while_loop(unfinished, advance, start).u
+    _, step, curvature = newton(u)
+    return u, (jnp.abs(step) <= STEP_TOLERANCE) & (curvature > 0.0)
+
+
+def _free_stress(material: Material, mode: str, incompressible: bool, theta: Array, t: Array) -> Array:
+    """Nominal stress (n,) of a mode with a transverse stretch; NaN where no equilibrium was found."""
+
+    def energy(log_t: Array, u: Array) -> Array:
+        return jnp.sum(material.energy(_stretches(mode, jnp.exp(log_t), jnp.exp(u)), theta))
+
+    log_t, power = jnp.log(t), LATERAL[mode]
+    if incompressible:
+        along = jax.grad(lambda x: energy(x, power * x))(log_t)
+    else:
+        u, found = _transverse(jax.grad(energy, argnums=1), log_t, power * log_t)
+        along = jnp.where(found, jax.grad(energy)(log_t, u), jnp.nan)
+    return along / t * (0.5 if mode == "equibiaxial" else 1.0)
+
+
+def _simple_shear(material: Material, theta: Array, shear: Array) -> Array:
+    F = jnp.eye(3) + shear[:, None, None] * jnp.zeros((3, 3)).at[0, 1].set(1.0)
+    return mechanics.stress(material, F, theta)[:, 0, 1]
+
+
+def _confined(material: Material, theta: Array, t: Array) -> Array:
+    def energy(x: Array) -> Array:
+        return jnp.sum(material.energy(jnp.stack([x, jnp.ones_like(x), jnp.ones_like(x)], axis=-1), theta))
+
+    return jax.grad(energy)(t)
+
+
+def nominal_stress(material: Material, mode: str, incompressible: bool, theta: Array, path: Array) -> Array:
+    """Nominal stress of one mode along a path, under ``jax.jit`` and ``jax.vmap`` too.
+
+    Parameters
+    ----------
+    material : Material
+        Isotropic.
+    mode : str
+        One of ``MODES``.
+    incompressible : bool
+    theta : (n_parameters,) array
+        Textbook values.
+    path : (n,) array
+        Stretches, or amounts of shear.
+
+    Returns
+    -------
+    (n,) array
+        [MPa]; NaN where no equilibrium was found.
+    """
+    if mode == "simple_shear":
+        return _simple_shear(material, theta, path)
+    if mode == "confined_compression":
+        return _confined(material, theta, path)
+    return _free_stress(material, mode, incompressible, theta, path)
+
+
+# --------------------------------------------------------------------- solver
+
+
+class HomogeneousSettings(Settings):
+    """Settings of :class:`HomogeneousSolver`."""
+
+    incompressible: bool = Field(
+        default=False,
+        description="Keep the volume constant exactly, instead of finding the transverse stretch.",
+    )
+
+
+Evaluate = Callable[[FloatArray, dict[str, FloatArray]], dict[str, Array]]
+
+
+class HomogeneousSolver(Solver):
+    """Stress of homogeneous tests from the energy alone, for one region of isotropic material."""
+
+    name = "homogeneous"
+    summary = "homogeneous tests (uniaxial, equibiaxial, pure and simple shear, confined) without a mesh"
+    Settings = HomogeneousSettings
+    needs_limb = False
+
+    def __init__(self, settings: HomogeneousSettings | None = None) -> None:
+        super().__init__(settings)
+        self._compiled: dict[tuple[object, ...], Evaluate] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the compiled functions behind: they cannot travel to another process."""
+        return {**self.__dict__, "_compiled": {}}
+
+    def version(self) -> str:
+        """Versions of palpate and of JAX."""
+        return f"{palpate.__version__}, jax {jax.__version__}"
+
+    def check(self, job: Job, limb: Limb | None) -> None:
+        """Refuse what is not a homogeneous test of one sound isotropic material.
+
+        Raises
+        ------
+        CurveError
+            The protocol, a mode or a stretch cannot be tested.
+        MaterialError
+            Several regions, an anisotropic material, or one without a sound
+            reference state.
+        """
+        self._check_tests(job)
+        material, theta = _specimen(job)
+        mechanics.check_reference_state(material, theta)
+
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        """Simulate one job; see :meth:`simulate_many`."""
+        return next(self.simulate_many([job], limb))
+
+    def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
+        """Simulate jobs, those of one protocol and material together.
+
+        Where no equilibrium is found the status is ``diverged``, and the response
+        holds the points before.
+        """
+        for _, alike in groupby(jobs, key=_batch_key):
+            while batch := list(islice(alike, SETS_AT_ONCE)):
+                yield from self._simulate_alike(batch)
+
+    def _simulate_alike(self, jobs: list[Job]) -> Iterator[Simulation]:
+        started = time.perf_counter()
+        refused = {k: message for k, job in enumerate(jobs) if (message := self._refusal(job))}
+        accepted = [job for k, job in enumerate(jobs) if k not in refused]
+        try:
+            stresses = self._stresses(accepted) if accepted else {}
+        except Exception as error:  # a third party's energy may raise anything
+            message = f"{type(error).__name__}: {error}"
+            yield from (_failed(job, Status.CRASHED, message) for job in jobs)
+            return
+        seconds = (time.perf_counter() - started) / len(jobs)
+        rows = iter(range(len(accepted)))
+        for k, job in enumerate(jobs):
+            if k in refused:
+                yield _failed(job, Status.DIVERGED, refused[k])
+            else:
+                row = next(rows)
+                yield _simulation(job, {mode: values[row] for mode, values in stresses.items()}, seconds)
+
+    def _refusal(self, job: Job) -> str:
+        """Say why a job cannot be simulated; empty when it can."""
+        try:
+            self._check_tests(job)
+            _specimen(job)
+        except PalpateError as error:
+            return str(error)
+        return ""
+
+    def _stresses(self, jobs: list[Job]) -> dict[str, FloatArray]:
+        """Stresses by mode, (n_jobs, n)."""
+        material, _ = _specimen(jobs[0])
+        thetas = np.array([_specimen(job)[1] for job in jobs])
+        # Rounded up to a power of two, so that few batch sizes are compiled.
+        n_padded = 1 << (len(jobs) - 1).bit_length()
+        padded = np.concatenate([thetas, np.repeat(thetas[-1:], n_padded - len(jobs), axis=0)])
+        paths = dict(_tests(jobs[0]).paths)
+        results = self._evaluate(material, tuple(paths))(padded, paths)
+        return {mode: np.asarray(values)[: len(jobs)] for mode, values in results.items()}
+
+    def _evaluate(self, material: Material, modes: tuple[str, ...]) -> Evaluate:
+        """Compiled function for the material's class and settings, whichever instance a job carries."""
+        key = (*_kind(material), modes)
+        if key not in self._compiled:
+            incompressible = self.settings.incompressible
+
+            def evaluate(thetas: Array, paths: dict[str, Array]) -> dict[str, Array]:
+                def one(theta: Array) -> dict[str, Array]:
+                    stress = partial(nominal_stress, material)
+                    return {mode: stress(mode, incompressible, theta, paths[mode]) for mode in modes}
+
+                return jax.vmap(one)(thetas)
+
+            self._compiled[key] = jax.jit(evaluate)
+        return self._compiled[key]
+
+    def _check_tests(self, job: Job) -> None:
+        for mode, path in _tests(job).paths.items():
+            where = f"spot '{job.spot}', channel '{mode}'"
+            if mode not in MODES:
+                raise CurveError(
+                    f"{where}: no homogeneous test has this name; use one of: {', '.join(MODES)}"
+                )
+            if mode == "confined_compression" and self.settings.incompressible:
+                raise CurveError(
+                    f"{where}: confined compression changes the volume; "
+                    "set the solver's incompressible = false, or leave this test out"
+                )
+            least = -np.inf if mode == "simple_shear" else 0.0
+            bad = np.flatnonzero(~(np.isfinite(path) & (path > least)))
+            if bad.size:
+                raise CurveError(
+                    f"{where}: value {path[bad[0]]} at index {bad[0]}; "
+                    "give stretches (deformed length / undeformed length), finite and greater than zero"
+                )
+
+
+def _kind(material: Material) -> tuple[object, ...]:
+    """Name what decides a material's energy: two instances of one kind are interchangeable."""
+    return type(material), material.settings.model_dump_json()
+
+
+def _batch_key(job: Job) -> tuple[object, ...]:
+    """Name what jobs must share to be evaluated together."""
+    kinds = tuple(_kind(material) for material in job.materials.values())
+    if not isinstance(job.protocol, HomogeneousTests):
+        return kinds
+    return kinds, *((mode, path.tobytes()) for mode, path in job.protocol.paths.items())
+
+
+def _tests(job: Job) -> HomogeneousTests:
+    if not isinstance(job.protocol, HomogeneousTests):
+        raise CurveError(
+            f"spot '{job.spot}': the homogeneous solver cannot indent a limb; "
+            "leave out the protocol, or choose a finite element solver"
+        )
+    return job.protocol
+
+
+def _specimen(job: Job) -> tuple[Material, FloatArray]:
+    """Return the one material of the specimen, and its checked parameters."""
+    if len(job.materials) != 1:
+        raise MaterialError(
+            f"spot '{job.spot}': a homogeneous specimen has one region, not {len(job.materials)} "
+            f"({', '.join(job.materials)}); describe one"
+        )
+    ((region, material),) = job.materials.items()
+    if not material.isotropic:
+        raise MaterialError(
+            f"region '{region}': material '{material.name}' is anisotropic; "
+            "the homogeneous solver takes isotropic materials only"
+        )
+    material.check(job.thetas[region])
+    return material, job.thetas[region]
+
+
+def _failed(job: Job, status: Status, message: str) -> Simulation:
+    return Simulation(job=job, status=status, response=None, message=message)
+
+
+def _simulation(job: Job, stresses: dict[str, FloatArray], seconds: float) -> Simulation:
+    """Curves up to the first point without a finite stress."""
+    curves, problems = {}, []
+    for mode, stress in stresses.items():
+        path = _tests(job).paths[mode]
+        bad = np.flatnonzero(~np.isfinite(stress))
+        n_good = int(bad[0]) if bad.size else path.size
+        if bad.size:
+            problems.append(f"{mode}: no equilibrium at {path[n_good]:g} (index {n_good})")
+        if n_good >= 2 and np.ptp(path[:n_good]) > 0.0:
+            curves[mode] = Curve(channel=mode, abscissa=path[:n_good], ordinate=stress[:n_good])
+    return Simulation(
+        job=job,
+        status=Status.DIVERGED if problems else Status.OK,
+        response=Response(curves=curves) if curves else None,
+        message="; ".join(problems),
+        seconds=seconds,
+    )
