@@ -15,7 +15,7 @@ class Demiray(Uncoupled):
     >>> import numpy as np
     >>> theta = np.array([0.04, 1.0, 1.0])
     >>> float(Demiray().energy(np.array([1.5, 1.5**-0.5, 1.5**-0.5]), theta).round(6))
-    0.015832
+    0.01584
     """
 
     name = "demiray"

@@ -36,7 +36,7 @@ def least_stiffness(material: Material, stretches: Array, thetas: Array) -> Arra
     def least(theta: Array) -> Array:
         return jnp.min(jnp.linalg.eigvalsh(hessians(material, stretches, theta)))
 
-    return jax.lax.map(least, thetas, batch_size=SETS_AT_ONCE)  # type: ignore[no-any-return]
+    return jax.lax.map(least, thetas, batch_size=SETS_AT_ONCE)
 
 
 def _principal_hessians(material: Material, stretches: Array, theta: Array) -> Array:

@@ -29,14 +29,14 @@ class Ogden(Uncoupled):
     >>> import numpy as np
     >>> theta = np.array([0.061, 3.1, 1.3])
     >>> float(Ogden().energy(np.array([2.0, 0.5**0.5, 0.5**0.5]), theta).round(6))
-    0.039858
+    0.039718
     """
 
     name = "ogden"
     summary = "Ogden: powers of the principal stretches, nearly incompressible"
     Settings = OgdenSettings
 
-    def __init__(self, settings: Settings | None = None) -> None:
+    def __init__(self, settings: OgdenSettings | None = None) -> None:
         super().__init__(settings)
         n_terms = self.settings.terms
         coefficients = []

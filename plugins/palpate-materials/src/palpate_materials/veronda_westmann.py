@@ -15,7 +15,7 @@ class VerondaWestmann(Uncoupled):
     >>> import numpy as np
     >>> theta = np.array([0.04, 1.0, 1.0])
     >>> float(VerondaWestmann().energy(np.array([1.5, 1.5**-0.5, 1.5**-0.5]), theta).round(6))
-    0.03154
+    0.022791
     """
 
     name = "veronda_westmann"

@@ -1,7 +1,5 @@
 """Yeoh material, and the two ways in which its coefficients are written."""
 
-from types import MappingProxyType
-
 import numpy as np
 from pydantic import Field
 
@@ -46,12 +44,12 @@ class Yeoh(Uncoupled):
     summary = "Yeoh: powers of the first invariant, nearly incompressible"
     Settings = YeohSettings
 
-    def __init__(self, settings: Settings | None = None) -> None:
+    def __init__(self, settings: YeohSettings | None = None) -> None:
         super().__init__(settings)
         n_terms = self.settings.terms
         self.parameters = (*(_coefficient(k) for k in range(1, n_terms + 1)), bulk_modulus())
         factors = (*(1.0 / k for k in range(1, n_terms + 1)), 1.0)
-        self.conventions = MappingProxyType({"febio4": factors})
+        self.conventions = {"febio4": factors}
 
     def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
         """Σ_k c_k (Ĩ1 − 3)^k [MPa]."""
