@@ -110,8 +110,8 @@ def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:
     for region in regions:
         if region not in used:
             raise MeshError(
-                f"mesh: region '{region}' has a material but no element (regions: {', '.join(sorted(used))}); "
-                "correct its name"
+                f"mesh: region '{region}' has a material but no element; correct its name "
+                f"(regions of the mesh: {', '.join(sorted(used))})"
             )
 
 

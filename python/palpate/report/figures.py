@@ -327,11 +327,14 @@ def _draw_space(
         set_label(_label(parameter), fontsize=7)
     axis.tick_params(labelsize=6, pad=-1)
     axis.set_box_aspect(None, zoom=0.78)
+    axis.computed_zorder = False  # the least stays on top
+    axis.zaxis.set_ticks_position("lower")
+    axis.zaxis.set_label_position("lower")
 
 
 def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
     """Draw sets at coordinates (n_sets,) each: coloured, black above the limit, grey failed, red least."""
-    scatter: Any = axis.scatter
+    scatter: Any = partial(axis.scatter, **({"depthshade": False} if axis.name == "3d" else {}))
     failed, above = np.isnan(fopt), fopt > COLOUR_LIMIT
     kinds = {
         "failed": (failed, {"color": "0.6", "marker": "+", "s": 18}),
