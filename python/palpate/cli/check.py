@@ -43,7 +43,7 @@ def check(
         session.json(_as_json(checked_study, checked))
         return
     _show(session, checked_study, checked)
-    session.note(f"next: palpate run {study}")
+    session.next(f"run {study}")
 
 
 def _as_json(study: "Study", checked: "Checked") -> dict[str, object]:

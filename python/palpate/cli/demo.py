@@ -32,7 +32,4 @@ def demo(
         session.json(run_as_json(checked, result))
         return
     show_run(session, checked, result)
-    session.note(
-        f"next: palpate init --study {study} my-{study} copies this study, "
-        f"palpate run my-{study} runs your copy"
-    )
+    session.next(f"init --study {study} my-{study}", "to make the study your own, ")

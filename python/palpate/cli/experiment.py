@@ -29,4 +29,4 @@ def experiment(
     session.table(
         "Measured curves", ["spot", "channel", "points"], [list(map(str, r.values())) for r in rows]
     )
-    session.note(f"written to {folder}; next: palpate sample {study} --out {folder}")
+    session.next(f"sample {study} --out {folder}", f"written to {folder}; ")

@@ -27,14 +27,14 @@ def init(
             session.json([dict(zip(("name", "plugin", "summary"), row, strict=True)) for row in rows])
             return
         session.table("Ready studies", ["name", "plugin", "summary"], rows)
-        session.note("next: palpate init --study NAME FOLDER")
+        session.next("init --study NAME FOLDER")
         return
     copy_study(Path(studies[study].directory), folder)
     if as_json:
         session.json({"study": study, "folder": str(folder)})
         return
     session.say(f"{study} copied to {folder}")
-    session.note(f"next: palpate check {folder}")
+    session.next(f"check {folder}")
 
 
 def copy_study(source: Path, folder: Path) -> None:

@@ -14,7 +14,7 @@ def show_run(session: Session, study: "Study", result: "RunResult") -> None:
     session.say(f"{study.name}: {data_notice(study)}")
     for name, frame in result.report.tables.items():
         if frame.height:
-            session.frame(name, frame)
+            session.frame(name.replace("_", " "), frame)
     figures = sorted({str(f.parent) for f in result.report.files if f.suffix in {".svg", ".png"}})
     for folder in figures:
         session.say(f"Figures: {folder}")

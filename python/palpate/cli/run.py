@@ -21,4 +21,6 @@ def run(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json
         session.json(run_as_json(checked, result))
         return
     show_run(session, checked, result)
-    session.note(f"next: look at {folder / 'report'}, or change {study} and run it again")
+    session.next(
+        f"run {study} --out {folder}", "change the study and run it again; what is simulated is kept; "
+    )

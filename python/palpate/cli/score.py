@@ -20,4 +20,4 @@ def score(context: typer.Context, study: StudyPath, out: OutFolder = None, as_js
         session.json(scores.to_dicts())
         return
     session.frame("Scores", scores)
-    session.note(f"written to {folder}; next: palpate select {study} --out {folder}")
+    session.next(f"select {study} --out {folder}", f"written to {folder}; ")

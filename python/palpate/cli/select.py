@@ -27,4 +27,4 @@ def select(context: typer.Context, study: StudyPath, out: OutFolder = None, as_j
     for name, frame in frames.items():
         if frame.height:
             session.frame(name.capitalize(), frame)
-    session.note(f"written to {folder}; next: palpate report {study} --out {folder}")
+    session.next(f"report {study} --out {folder}", f"written to {folder}; ")

@@ -77,6 +77,11 @@ class Session:
         """Tell people something (rich markup)."""
         self.stderr.print(text)
 
+    def next(self, command: str, before: str = "") -> None:
+        """Tell which command to run next, with the plugin files of this one."""
+        files = "".join(f"--plugin {file} " for file in self.files)
+        self.stderr.print(f"{before}next: palpate {files}{command}", markup=False)
+
     def say(self, text: str) -> None:
         """Print a line of the result, as it stands."""
         self.stdout.print(text, markup=False)

@@ -25,4 +25,4 @@ def simulate(
         session.json(counts)
         return
     session.table("Simulations", ["status", "number"], [[s, str(n)] for s, n in counts.most_common()])
-    session.note(f"written to {folder}; next: palpate score {study} --out {folder}")
+    session.next(f"score {study} --out {folder}", f"written to {folder}; ")

@@ -69,7 +69,10 @@ class LineLoader(ExperimentLoader):
             raise CurveError(f"{path}: {len(rows)} rows; a curve needs at least two")
         x, y = np.array(rows).T
         name = channel or "pull"
-        return Response(curves={name: Curve(channel=name, abscissa=x, ordinate=y)})
+        try:
+            return Response(curves={name: Curve(channel=name, abscissa=x, ordinate=y)})
+        except CurveError as error:
+            raise CurveError(f"{path}: {error}") from None
 
 
 class ClosedForm(Solver):

@@ -1,0 +1,327 @@
+"""The command line over the toy study: what it prints, where, and how it ends."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate import __version__
+from palpate.cli.app import COMMANDS, STAGES, main, split_plugin_files
+
+from .conftest import PLUGIN, TOY, Call
+
+
+def edit(study: Path, old: str, new: str) -> None:
+    path = study / "study.toml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+# ------------------------------------------------------------------- surface
+
+
+def test_help_lists_every_command_and_those_of_plugins(call: Call) -> None:
+    outcome = call("--help")
+    assert outcome.code == 0
+    for command in (*COMMANDS, *STAGES):
+        assert f"  {command.__name__} " in outcome.out
+    assert "toy-hello" in outcome.out
+
+
+def test_a_command_of_a_plugin_runs(call: Call) -> None:
+    assert call("toy-hello").out == "hello from a plugin\n"
+
+
+def test_version(call: Call) -> None:
+    assert call("--version", plugin=None).out == f"palpate {__version__}\n"
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    root = Path(__file__).parents[2]
+    assert f'version = "{__version__}"' in (root / "pyproject.toml").read_text()
+
+
+def test_a_misspelt_command_is_a_mistake_of_the_user(call: Call) -> None:
+    outcome = call("rnu")
+    assert outcome.code == 2
+    assert "rnu" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("given", "rest", "files"),
+    [
+        (["--plugin", "a.py", "run", "s"], ["run", "s"], ["a.py"]),
+        (["run", "s", "--plugin=a.py", "--plugin", "b.py"], ["run", "s"], ["a.py", "b.py"]),
+        (["run", "--", "--plugin", "a.py"], ["run", "--", "--plugin", "a.py"], []),
+        (["run", "--plugin"], ["run", "--plugin"], []),
+    ],
+)
+def test_plugin_files_may_stand_anywhere(given: list[str], rest: list[str], files: list[str]) -> None:
+    assert split_plugin_files(given) == (rest, [Path(file) for file in files])
+
+
+def test_a_missing_plugin_file_is_a_mistake(call: Call) -> None:
+    outcome = call("plugins", plugin="nowhere.py")
+    assert outcome.code == 2
+    assert "nowhere.py: no such file" in outcome.err
+
+
+# --------------------------------------------------------------------- check
+
+
+def test_check_tells_what_a_run_would_do_and_writes_nothing(call: Call, study: Path, tmp_path: Path) -> None:
+    before = sorted(tmp_path.rglob("*"))
+    outcome = call("check", study)
+    assert outcome.code == 0
+    assert "rubber.k" in outcome.out
+    assert "20 sets drawn, 20 kept by the filters; 40 simulations" in outcome.out
+    assert "SIMULATED" in outcome.out
+    assert f"next: palpate --plugin {PLUGIN} run {study}" in outcome.err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_check_as_json(call: Call) -> None:
+    found = call("check", TOY, "--json").json
+    assert found["spots"] == {"s1": ["pull"], "s2": ["pull"]}
+    assert found["searched"] == [{"name": "rubber.k", "lower": 1.0, "upper": 3.0, "unit": "MPa"}]
+    assert (found["data"], found["n_sets"]) == ("simulated", 20)
+
+
+def test_check_prints_the_schema(call: Call) -> None:
+    found = call("check", "--schema").json
+    assert found["$schema"].startswith("https://json-schema.org")
+    assert "study" in found["required"]
+
+
+def test_check_without_a_study(call: Call) -> None:
+    outcome = call("check")
+    assert outcome.code == 2
+    assert "palpate check STUDY" in outcome.err
+
+
+# ------------------------------------------------------------ mistakes, codes
+
+
+@pytest.mark.parametrize("command", ["check", "run", "experiment", "sample", "simulate"])
+def test_a_mistake_in_the_study_ends_with_2_and_writes_nothing(call: Call, study: Path, command: str) -> None:
+    edit(study, '"3 MPa"', '"3 apples"')
+    outcome = call(command, study)
+    assert outcome.code == 2
+    assert outcome.out == ""
+    assert f"{study / 'study.toml'}:21: region.rubber.parameters.k.upper: '3 apples'" in outcome.err
+    assert 'use e.g. "10 MPa"' in outcome.err
+    assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"), [("1 0\n1.5 nan\n2 1\n", "nan"), ("1 0\n1.5 x\n", "row 2"), ("", "0 rows")]
+)
+def test_a_bad_curve_ends_with_2_and_writes_nothing(
+    call: Call, study: Path, content: str, message: str
+) -> None:
+    (study / "s2.txt").write_text(content)
+    outcome = call("run", study)
+    assert outcome.code == 2
+    assert message in outcome.err
+    assert "s2" in outcome.err
+    assert not Path("runs").exists()
+
+
+def test_no_set_that_works_ends_with_1_and_the_reason(call: Call, study: Path) -> None:
+    edit(study, "closed_form", "never_works")
+    outcome = call("run", study)
+    assert outcome.code == 1
+    assert "no equilibrium" in outcome.err or "diverged" in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from palpate import pipeline
+
+    def buggy(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(pipeline, "run_study", buggy)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ZeroDivisionError):
+        main(["--plugin", PLUGIN, "run", str(TOY)])
+
+
+def test_a_process_ends_with_the_code(study: Path, tmp_path: Path) -> None:
+    edit(study, '"closed_form"', '"clsed_form"')
+    done = subprocess.run(
+        [sys.executable, "-m", "palpate.cli", "check", str(study), "--plugin", PLUGIN],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        env={**os.environ, "NO_COLOR": "1"},
+    )
+    assert done.returncode == 2
+    assert "did you mean 'closed_form'" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+
+
+# ----------------------------------------------------------------------- run
+
+
+def test_run_prints_results_to_stdout_and_progress_to_stderr(call: Call, study: Path) -> None:
+    outcome = call("run", study, "--out", "here")
+    assert outcome.code == 0
+    assert "SIMULATED" in outcome.out
+    assert "distance to truth" in outcome.out
+    assert "40 ok" in outcome.err
+    assert "40 ok" not in outcome.out
+    assert Path("here/report").is_dir()
+    assert Path("here/design.parquet").is_file()
+
+
+def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) -> None:
+    whole = call("run", study, "--json").json
+    assert whole["folder"] == "runs/toy"
+    assert abs(whole["generalisation"][0]["rubber.k"] - 2.0) < 0.15
+    results: dict[str, Any] = {}
+    for stage in ("experiment", "sample", "simulate", "score", "select", "report"):
+        outcome = call(stage, study, "--out", "apart", "--json")
+        assert outcome.code == 0, outcome.err
+        results[stage] = outcome.json
+    assert results["experiment"][0] == {"spot": "s1", "channel": "pull", "n_points": 11}
+    assert results["sample"]["n_sets"] == 20
+    assert results["simulate"] == {"ok": 40}
+    assert len(results["score"]) >= 40
+    assert results["select"]["selection"] == whole["selection"]
+    assert results["select"]["generalisation"] == whole["generalisation"]
+    assert any(file.endswith(".svg") for file in results["report"]["files"])
+
+
+@pytest.mark.parametrize("stage", ["simulate", "score", "select", "report"])
+def test_a_stage_without_its_input_says_what_to_run_first(call: Call, study: Path, stage: str) -> None:
+    outcome = call(stage, study)
+    assert outcome.code == 2
+    assert "palpate" in outcome.err
+
+
+def test_stages_for_people_end_with_the_command_to_run_next(call: Call, study: Path) -> None:
+    following = {"experiment": "sample", "sample": "simulate", "simulate": "score", "score": "select"}
+    for stage, then in following.items():
+        assert f" {then} {study} --out runs/toy" in call(stage, study).err
+    assert "Selection" in call("select", study).out
+
+
+def test_limb_shows_meshes_or_says_that_there_are_none(call: Call, study: Path) -> None:
+    assert "No limb" in call("limb", study).out
+    assert call("limb", study, "--json").json == []
+
+
+# ---------------------------------------------------------------- init, demo
+
+
+def test_init_lists_the_ready_studies(call: Call) -> None:
+    outcome = call("init")
+    assert "A spring that is pulled" in outcome.out
+    names = [entry["name"] for entry in call("init", "--json").json]
+    assert "toy" in names
+
+
+def test_init_copies_a_study_that_checks(call: Call) -> None:
+    outcome = call("init", "--study", "toy", "mine")
+    assert outcome.code == 0
+    assert "check mine" in outcome.err
+    assert Path("mine/study.toml").is_file()
+    assert not Path("mine/__pycache__").exists()
+    assert call("check", "mine").code == 0
+
+
+def test_init_overwrites_nothing(call: Call) -> None:
+    Path("mine").mkdir()
+    Path("mine/notes.txt").write_text("mine")
+    Path("file").write_text("mine")
+    for folder, reason in (("mine", "is not empty"), ("file", "is a file")):
+        outcome = call("init", "--study", "toy", folder)
+        assert outcome.code == 2
+        assert reason in outcome.err
+    assert [path.name for path in Path("mine").iterdir()] == ["notes.txt"]
+
+
+def test_init_names_the_studies_when_the_name_is_wrong(call: Call) -> None:
+    outcome = call("init", "--study", "toi", "mine")
+    assert outcome.code == 2
+    assert "did you mean 'toy'" in outcome.err
+    assert not Path("mine").exists()
+
+
+def test_demo_says_that_the_data_are_simulated(call: Call) -> None:
+    outcome = call("demo", "--study", "toy")
+    assert outcome.code == 0
+    assert "SIMULATED" in outcome.err
+    assert "SIMULATED" in outcome.out
+    assert "distance to truth" in outcome.out
+    assert "Figures: runs/toy/report/figures" in outcome.out
+    assert "init --study toy my-toy" in outcome.err
+
+
+# ------------------------------------------------------------------- plugins
+
+
+def test_plugins_as_json_holds_everything(call: Call) -> None:
+    found = call("plugins", "--json").json
+    (spring,) = [entry for entry in found["materials"] if entry["name"] == "spring"]
+    assert spring["plugin"] == "toy_plugin"
+    assert spring["conventions"] == ["textbook", "doubled"]
+    assert spring["parameters"][0] == {
+        "name": "k",
+        "unit": "MPa",
+        "lower": 0.5,
+        "upper": 4.0,
+        "physical_lower": 0.0,
+        "physical_upper": None,
+        "kind": "modulus",
+        "description": "stiffness",
+    }
+    (lines,) = [entry for entry in found["loaders"] if entry["name"] == "lines"]
+    assert lines["settings"] == [
+        {
+            "name": "skip",
+            "type": "integer",
+            "default": 0,
+            "required": False,
+            "description": "Rows to skip at the top.",
+        }
+    ]
+
+
+def test_plugins_by_kind_and_by_name(call: Call) -> None:
+    kind = call("plugins", "set-filters").out
+    assert "stiff" in kind
+    assert "spring" not in kind
+    one = call("plugins", "materials", "spring").out
+    assert "stiffening" in one
+    assert "conventions: textbook, doubled" in one
+    assert call("plugins", "channels", "pull", "--json").json["channels"][0]["abscissa"] == "stretch"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [(["material"], "did you mean 'materials'"), (["materials", "sprig"], "did you mean 'spring'")],
+)
+def test_plugins_that_do_not_exist(call: Call, arguments: list[str], message: str) -> None:
+    outcome = call("plugins", *arguments)
+    assert outcome.code == 2
+    assert message in outcome.err
+
+
+def test_a_broken_plugin_is_shown_with_its_reason_and_the_rest_works(call: Call, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.py"
+    bad.write_text("import nowhere_at_all\n")
+    outcome = call("plugins", "--plugin", bad)
+    assert outcome.code == 0
+    assert "No module named 'nowhere_at_all'" in outcome.out
+    assert "plugin left out: bad" in outcome.err
+    assert "spring" in outcome.out
+    found = call("plugins", "--json", "--plugin", bad).json
+    assert [(b["name"], b["source"]) for b in found["broken"] if b["name"] == "bad"] == [("bad", str(bad))]
