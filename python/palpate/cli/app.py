@@ -78,8 +78,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     session = Session(files)
     try:
         if not _is_core_command(given):
-            for broken in session.plugins.add_commands(app):
-                session.note(f"plugin without its commands: {broken}")
+            from palpate.plugins import add_commands
+
+            for broken in add_commands(app, files):
+                typer.echo(f"plugin left out: {broken}", err=True)
         app(list(given), obj=session, prog_name="palpate")
     except NothingSelectable as error:
         return _fail(error, 1)

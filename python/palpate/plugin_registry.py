@@ -1,0 +1,307 @@
+"""How plugins are imported, registered and questioned, each behind a guard.
+
+One plugin's mistake must not stop another: whatever a plugin does wrong while
+it is imported or asked becomes a :class:`BrokenPlugin` with the reason.
+"""
+
+import contextlib
+import difflib
+import functools
+import hashlib
+import importlib.metadata
+import importlib.util
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import TYPE_CHECKING, Any
+
+import pluggy
+
+from palpate import hookspecs
+from palpate.domain import Channel, Scenario, StudyTemplate
+from palpate.errors import PluginError
+from palpate.interfaces import (
+    Component,
+    ExperimentLoader,
+    LimbSource,
+    Material,
+    Sampler,
+    SetFilter,
+    Solver,
+)
+
+if TYPE_CHECKING:
+    import typer
+
+GROUP = "palpate"
+"""Entry-point group, and the name of the core's own plugin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One catalogue: the hook that fills it, and what the hook must return."""
+
+    hook: str
+    noun: str
+    base: type[Any]
+
+
+KINDS: Mapping[str, Kind] = MappingProxyType(
+    {
+        "studies": Kind("palpate_studies", "study", StudyTemplate),
+        "channels": Kind("palpate_channels", "channel", Channel),
+        "loaders": Kind("palpate_experiment_loaders", "experiment loader", ExperimentLoader),
+        "limb_sources": Kind("palpate_limb_sources", "limb source", LimbSource),
+        "materials": Kind("palpate_materials", "material", Material),
+        "samplers": Kind("palpate_samplers", "sampler", Sampler),
+        "set_filters": Kind("palpate_set_filters", "set filter", SetFilter),
+        "solvers": Kind("palpate_solvers", "solver", Solver),
+        "scenarios": Kind("palpate_scenarios", "scenario", Scenario),
+    }
+)
+"""The catalogues in pipeline order, by the name of their attribute in :class:`Plugins`."""
+
+HOOKS = frozenset({*(kind.hook for kind in KINDS.values()), "palpate_commands"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BrokenPlugin:
+    """A plugin that is left out, where it comes from, and why."""
+
+    name: str
+    source: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.source}): {self.reason}"
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Text that offers the close matches of ``name`` among ``known``, or is empty."""
+    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.5)
+    return f"; did you mean {' or '.join(repr(match) for match in close)}?" if close else ""
+
+
+class Registry:
+    """Plugins by name, and their entries by kind, as they are being collected."""
+
+    def __init__(self) -> None:
+        self.manager = pluggy.PluginManager(GROUP)
+        self.manager.add_hookspecs(hookspecs)
+        self.entries: dict[str, dict[str, tuple[Any, str]]] = {kind: {} for kind in KINDS}
+        self.sources: dict[str, str] = {}
+        self.broken: list[BrokenPlugin] = []
+
+    def admit(self, name: str, source: str, load: Callable[[], object]) -> None:
+        """Import one plugin and register its hooks, or list it as broken."""
+        try:
+            if name in self.sources:
+                raise PluginError(f"the plugin name '{name}' is taken by {self.sources[name]}; rename one")
+            with _guarded():
+                plugin = load()
+            self._register(name, plugin)
+        except PluginError as error:
+            self.broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
+            return
+        self.sources[name] = source
+
+    def collect(self) -> None:
+        """Ask every plugin for all that it provides; one that fails is listed as broken."""
+        for name, source in list(self.sources.items()):
+            try:
+                provided = {kind: self._provided(name, kind) for kind in KINDS}
+                self._refuse_clashes(name, provided)
+            except PluginError as error:
+                del self.sources[name]
+                self.broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
+                continue
+            for kind, items in provided.items():
+                self.entries[kind].update({item.name: (item, name) for item in items})
+
+    def _register(self, name: str, plugin: object) -> None:
+        _check_hook_names(plugin)
+        try:
+            with _guarded():
+                self.manager.register(plugin, name)
+        except PluginError:
+            # pluggy keeps what it had registered before it failed.
+            if self.manager.is_registered(plugin):
+                self.manager.unregister(plugin)
+            raise
+
+    def _provided(self, name: str, kind: str) -> list[Any]:
+        hook = KINDS[kind].hook
+        with _guarded():
+            results = self._call(name, hook)()
+            items = [item for result in results for item in _as_items(result, hook)]
+            for item in items:
+                _check_item(item, KINDS[kind], hook)
+        return items
+
+    def _call(self, name: str, hook: str) -> Callable[..., list[Any]]:
+        others = [plugin for key, plugin in self.manager.list_name_plugin() if key != name]
+        return self.manager.subset_hook_caller(hook, others)
+
+    def _refuse_clashes(self, name: str, provided: Mapping[str, list[Any]]) -> None:
+        for kind, items in provided.items():
+            taken = {key: owner for key, (_, owner) in self.entries[kind].items()}
+            for item in items:
+                if item.name in taken:
+                    raise PluginError(
+                        f"{KINDS[kind].noun} '{item.name}' of plugin '{name}' is already provided by "
+                        f"plugin '{taken[item.name]}'; rename one or uninstall one of the two"
+                    )
+                taken[item.name] = name
+
+    def add_commands(self, app: "typer.Typer") -> tuple[BrokenPlugin, ...]:
+        """Let every plugin add its commands, all of them or none."""
+        broken = []
+        for name, source in self.sources.items():
+            commands, groups = list(app.registered_commands), list(app.registered_groups)
+            try:
+                with _guarded():
+                    self._call(name, "palpate_commands")(app=app)
+                    _refuse_command_clashes(app)
+            except PluginError as error:
+                app.registered_commands[:], app.registered_groups[:] = commands, groups
+                broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
+        return tuple(broken)
+
+
+def admitted(files: Sequence[Path], *, entry_points: bool) -> Registry:
+    """Import the core's plugin, the installed ones by name, and files in the order given.
+
+    Raises
+    ------
+    PluginError
+        A file does not exist.
+    """
+    from palpate import builtins
+
+    paths = [_existing(path) for path in files]
+    registry = Registry()
+    registry.admit(GROUP, "the core", lambda: builtins)
+    for point in _entry_points() if entry_points else ():
+        source = point.dist.name if point.dist else point.value
+        registry.admit(point.name, f"distribution {source}", point.load)
+    for path in paths:
+        registry.admit(path.stem, str(path), functools.partial(load_file, path))
+    return registry
+
+
+def load_file(path: Path) -> ModuleType:
+    """Import a one-file plugin, once per process and content.
+
+    The module's name follows from the file's name and content alone and stands
+    in ``sys.modules``, so that a worker process that loads the same file can
+    unpickle instances of its classes.
+    """
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    name = f"palpate_plugin_{path.stem}_{digest}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise PluginError(f"plugin file {path}: not a Python file; its name must end in .py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def _existing(path: Path) -> Path:
+    if not path.is_file():
+        raise PluginError(f"plugin file {path}: no such file; give the path of a Python file")
+    return path.resolve()
+
+
+def _entry_points() -> list[importlib.metadata.EntryPoint]:
+    # A distribution that two folders of sys.path describe is still one plugin.
+    found = {
+        (point.name, point.value, point.dist.name if point.dist else ""): point
+        for point in importlib.metadata.entry_points(group=GROUP)
+    }
+    return [found[key] for key in sorted(found)]
+
+
+@contextlib.contextmanager
+def _guarded() -> Iterator[None]:
+    """Turn whatever a plugin does wrong into one PluginError, and its prints into stderr's."""
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    except KeyboardInterrupt:
+        raise
+    except PluginError:
+        raise
+    except SystemExit as error:
+        raise PluginError(f"called sys.exit({error.code!r})") from error
+    except BaseException as error:
+        raise PluginError(f"{type(error).__name__}: {error}") from error
+
+
+def _check_hook_names(plugin: object) -> None:
+    """Refuse hooks that would be passed over in silence: misspelt, or not marked."""
+    for name in dir(plugin):
+        member = getattr(plugin, name, None)
+        if not inspect.isroutine(member) or hasattr(member, "palpate_spec"):
+            continue
+        marked = hasattr(member, "palpate_impl")
+        if (marked or name.startswith("palpate_")) and name not in HOOKS:
+            raise PluginError(f"unknown hook '{name}'{suggestion(name, HOOKS)}")
+        if name in HOOKS and not marked:
+            raise PluginError(f"hook '{name}' is not marked; put @palpate.hookimpl above it")
+
+
+def _as_items(result: object, hook: str) -> list[Any]:
+    if isinstance(result, str) or not isinstance(result, Iterable):
+        raise PluginError(f"{hook} returned {result!r}; return a list")
+    return list(result)
+
+
+def _check_item(item: object, kind: Kind, hook: str) -> None:
+    if issubclass(kind.base, Component):
+        if not (isinstance(item, type) and issubclass(item, kind.base)):
+            raise PluginError(f"{hook} returned {item!r}; return subclasses of {kind.base.__name__}")
+        _check_component(item, hook)
+    elif not isinstance(item, kind.base):
+        raise PluginError(f"{hook} returned {item!r}; return {kind.base.__name__} values")
+    else:
+        _check_text(item, "name", hook)
+
+
+def _check_component(component: type[Component], hook: str) -> None:
+    if inspect.isabstract(component):
+        missing = ", ".join(sorted(component.__abstractmethods__))
+        raise PluginError(f"{hook}: class {component.__name__} does not define {missing}")
+    _check_text(component, "name", hook)
+    _check_text(component, "summary", hook)
+    for name, info in component.Settings.model_fields.items():
+        if not info.description:
+            raise PluginError(
+                f"{hook}: setting '{name}' of '{component.name}' has no description; "
+                "give it one with pydantic.Field(description=...)"
+            )
+
+
+def _check_text(item: object, attribute: str, hook: str) -> None:
+    text = getattr(item, attribute, None)
+    if not isinstance(text, str) or not text.strip():
+        raise PluginError(f"{hook}: {item!r} has no {attribute}; give it a non-empty string")
+
+
+def _refuse_command_clashes(app: "typer.Typer") -> None:
+    names = [
+        command.name or getattr(command.callback, "__name__", "").replace("_", "-")
+        for command in app.registered_commands
+    ] + [str(group.name) for group in app.registered_groups]
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise PluginError(f"command '{double[0]}' already exists; rename it")
