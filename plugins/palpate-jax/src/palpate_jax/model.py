@@ -1,0 +1,123 @@
+"""One limb ready to be solved: body, contact and the sparse pattern they share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from palpate.domain import FloatArray, IntArray, Limb, Mesh
+from palpate.interfaces import Material
+from palpate_jax.body import Body
+from palpate_jax.contact import Contact, Law, Memory, Pose
+from palpate_jax.sparse import Pattern, Tangent
+
+
+def in_spot_frame(limb: Limb) -> Mesh:
+    """The mesh moved so that the spot is the origin and its outward normal +z."""
+    z = limb.spot.normal
+    helper = np.eye(3)[np.argmin(np.abs(z))] if abs(z[0]) > 0.9 else np.array([1.0, 0.0, 0.0])
+    x = helper - z * (z @ helper)
+    x /= np.linalg.norm(x)
+    frame = np.stack([x, np.cross(z, x), z], axis=1)
+    return replace(limb.mesh, points_mm=(limb.mesh.points_mm - limb.spot.position_mm) @ frame)
+
+
+def _touched_region(mesh: Mesh, body: Body) -> str:
+    """Region of the surface at the spot, which sets the scale of the contact penalty."""
+    surface = mesh.node_sets["contact"]
+    nearest = surface[np.argmin(np.linalg.norm(mesh.points_mm[surface], axis=1))]
+    return next(b.region for b in body.blocks if (b.nodes == nearest).any())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Load:
+    """One position on the path: where the sphere is, what the contact remembers, and its law."""
+
+    pose: Pose
+    memory: Memory
+    law: Law
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residual:
+    """Imbalance of the free unknowns (n,) [N], the size of the forces in it, and the least J."""
+
+    free: FloatArray
+    scale: float
+    least_jacobian: float
+
+    @property
+    def relative(self) -> float:
+        """Size of the imbalance relative to the forces."""
+        return float(np.linalg.norm(self.free)) / self.scale
+
+
+class Model:
+    """A limb, its materials by region, and the unknowns that are free to move.
+
+    Parameters
+    ----------
+    limb : Limb
+    materials : mapping of region to Material
+    mean_dilatation : bool
+    """
+
+    def __init__(self, limb: Limb, materials: Mapping[str, Material], mean_dilatation: bool) -> None:
+        mesh = in_spot_frame(limb)
+        self.body = Body(mesh, materials, mean_dilatation)
+        self.contact = Contact(mesh)
+        self.touched_region = _touched_region(mesh, self.body)
+        unknowns = np.zeros((mesh.n_nodes, 3), dtype=np.int64)
+        unknowns[mesh.node_sets["fixed"]] = -1
+        self._free = unknowns.ravel() >= 0
+        unknowns.reshape(-1)[self._free] = np.arange(self._free.sum())
+        self._unknowns = unknowns
+        groups = [b.nodes for b in self.body.blocks] + [s.nodes for s in self.contact.skins]
+        self.pattern = Pattern([self._numbers(nodes) for nodes in groups], int(self._free.sum()))
+
+    def _numbers(self, nodes: IntArray) -> IntArray:
+        return self._unknowns[nodes].reshape(len(nodes), -1)
+
+    def rest(self) -> FloatArray:
+        """Displacements (n_nodes, 3) of the unloaded limb."""
+        return np.zeros_like(self._unknowns, dtype=np.float64)
+
+    def moved(self, displacements: FloatArray, step: FloatArray) -> FloatArray:
+        """Displacements after a step of the free unknowns."""
+        result = displacements.copy()
+        result.reshape(-1)[self._free] += step
+        return result
+
+    def residual(
+        self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load
+    ) -> Residual:
+        """Internal minus contact forces."""
+        internal, least = self.body.force(displacements, thetas)
+        return self._residual(internal, least, displacements, load)
+
+    def _residual(
+        self, internal: FloatArray, least: float, displacements: FloatArray, load: Load
+    ) -> Residual:
+        external = self.contact.force(displacements, load.pose, load.memory, load.law)
+        free = (internal - external).ravel()[self._free]
+        scale = max(float(np.linalg.norm(external)), float(np.linalg.norm(internal)), 1e-12)
+        return Residual(free, scale, least)
+
+    def linearised(
+        self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load
+    ) -> tuple[Residual, Tangent]:
+        """The residual and its exact derivative."""
+        internal, stiffnesses, least = self.body.tangent(displacements, thetas)
+
+        def with_contact(coupled: bool) -> sp.csr_array:
+            contact = self.contact.stiffness(
+                displacements, load.pose, load.memory, load.law, coupled=coupled
+            )
+            return self.pattern.fill([*stiffnesses, *contact])
+
+        tangent = Tangent(
+            matrix=with_contact(coupled=True),
+            symmetric=lambda: self.pattern.symmetric_part(with_contact(coupled=False)),
+        )
+        return self._residual(internal, least, displacements, load), tangent

@@ -1,0 +1,110 @@
+"""Equilibrium at one position of the sphere: Newton's method, guarded."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.domain import FloatArray
+from palpate_jax.model import Load, Model, Residual
+from palpate_jax.sparse import LinearSolver
+
+MOST_ITERATIONS = 16
+MOST_TRIALS = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Balance:
+    """Where Newton's method ended; ``reason`` is empty when it converged."""
+
+    displacements: FloatArray
+    n_iterations: int
+    reason: str
+
+
+def equilibrium(
+    model: Model,
+    thetas: Mapping[str, FloatArray],
+    load: Load,
+    start: FloatArray,
+    linear: LinearSolver,
+    tolerance: float,
+) -> Balance:
+    """Displacements at which internal and contact forces balance.
+
+    Parameters
+    ----------
+    start : (n_nodes, 3) array
+        First guess [mm].
+    tolerance : float
+        Imbalance relative to the forces.
+    """
+    displacements = start
+    for iteration in range(MOST_ITERATIONS):
+        residual, tangent = model.linearised(displacements, thetas, load)
+        if not np.isfinite(residual.free).all() or residual.least_jacobian <= 0.0:
+            return Balance(displacements, iteration, "inverted element")
+        if residual.relative <= tolerance:
+            return Balance(displacements, iteration, "")
+        try:
+            step = linear.solve(tangent, -residual.free, _forcing(residual.relative, tolerance))
+        except np.linalg.LinAlgError as error:
+            return Balance(displacements, iteration, str(error))
+        moved = _line_search(model, thetas, load, displacements, step, residual)
+        if moved is None:
+            return Balance(displacements, iteration, "no descent: contact cycles or the material is unstable")
+        displacements, after = moved
+        if after.relative <= tolerance:
+            return Balance(displacements, iteration + 1, "")
+    return Balance(displacements, MOST_ITERATIONS, f"no balance after {MOST_ITERATIONS} iterations")
+
+
+def _forcing(relative: float, tolerance: float) -> float:
+    """Accuracy of the linear solve: tight enough to stay quadratic, never tighter than useful."""
+    return float(np.clip(0.3 * min(relative, 0.1 * tolerance / max(relative, 1e-300) + relative), 1e-6, 1e-3))
+
+
+def _line_search(
+    model: Model,
+    thetas: Mapping[str, FloatArray],
+    load: Load,
+    start: FloatArray,
+    step: FloatArray,
+    before: Residual,
+) -> tuple[FloatArray, Residual] | None:
+    """A length at which the imbalance no longer pulls along the step.
+
+    The pull r·d is the slope of the energy where there is one. A full step is
+    taken when it lessens the imbalance; otherwise the root of the slope is
+    bracketed and closed in on by regula falsi, which ends the cycles of points
+    that go in and out of contact.
+    """
+
+    def at(length: float) -> tuple[FloatArray, Residual, float]:
+        moved = model.moved(start, length * step)
+        residual = model.residual(moved, thetas, load)
+        return moved, residual, float(residual.free @ step)
+
+    slope = float(before.free @ step)
+    length, low, low_slope = 1.0, 0.0, slope
+    best: tuple[FloatArray, Residual] | None = None
+    for _ in range(MOST_TRIALS):
+        moved, residual, pull = at(length)
+        sound = np.isfinite(pull) and residual.least_jacobian > 0.0
+        if not sound:
+            length = 0.5 * (low + length)
+            continue
+        size, reference = np.linalg.norm(residual.free), np.linalg.norm(before.free)
+        if best is None or size < np.linalg.norm(best[1].free):
+            best = moved, residual
+        if (length == 1.0 and size < 0.7 * reference) or abs(pull) < 0.3 * abs(slope):
+            return moved, residual
+        if pull * slope > 0.0:
+            if length == 1.0:
+                return moved, residual
+            low, low_slope = length, pull
+            length = 0.5 * (length + high)
+            continue
+        high = length
+        length = low + (length - low) * np.clip(low_slope / (low_slope - pull), 0.1, 0.9)
+    return best

@@ -1,0 +1,128 @@
+"""The sparse system: a pattern fixed once, filled many times.
+
+The tangent is unsymmetric under friction and changes little from one Newton
+iteration to the next, so a factorisation is kept as the preconditioner of GMRES
+for as long as that stays cheap.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from palpate._core import SparseFactor
+from palpate.domain import FloatArray, IntArray
+
+CYCLES = 3
+"""Cycles of GMRES; those after the first take a few steps."""
+
+FEW_KRYLOV_STEPS = 15
+"""A solve that needs more has outlived its preconditioner."""
+
+MOST_KRYLOV_STEPS = 60
+"""A solve that needs more with a fresh preconditioner has failed."""
+
+
+class Pattern:
+    """Where element entries go in a compressed-row matrix over the free unknowns.
+
+    Parameters
+    ----------
+    groups : sequence of (e, m) integer arrays
+        Unknown of each element degree of freedom, −1 where it is held.
+    n_unknowns : int
+    """
+
+    def __init__(self, groups: Sequence[IntArray], n_unknowns: int) -> None:
+        self.n_unknowns = n_unknowns
+        rows = np.concatenate([np.repeat(g, g.shape[1], axis=1).ravel() for g in groups])
+        columns = np.concatenate([np.tile(g, (1, g.shape[1])).ravel() for g in groups])
+        free = (rows >= 0) & (columns >= 0)
+        entries, places = np.unique(rows[free] * n_unknowns + columns[free], return_inverse=True)
+        self._places = np.full(len(rows), len(entries))  # held entries fall into one spare place
+        self._places[free] = places
+        self.indices = (entries % n_unknowns).astype(np.int32)
+        counts = np.bincount(entries // n_unknowns, minlength=n_unknowns)
+        self.indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        self._transposed = np.argsort(entries % n_unknowns * n_unknowns + entries // n_unknowns)
+
+    def fill(self, stiffnesses: Sequence[FloatArray]) -> sp.csr_array:
+        """Matrix from element stiffnesses, one (e, m, m) array per group."""
+        values = np.concatenate([k.ravel() for k in stiffnesses])
+        data = np.bincount(self._places, values, minlength=len(self.indices) + 1)[:-1]
+        return sp.csr_array((data, self.indices, self.indptr), shape=(self.n_unknowns,) * 2)
+
+    def symmetric_part(self, matrix: sp.csr_array) -> FloatArray:
+        """Values of (K + Kᵀ)/2 in the order of ``indices``."""
+        return np.asarray(0.5 * (matrix.data + matrix.data[self._transposed]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tangent:
+    """An exact tangent, and how to get values of a symmetric matrix close to it."""
+
+    matrix: sp.csr_array
+    symmetric: Callable[[], FloatArray]
+
+
+class LinearSolver:
+    """Solves K x = b by GMRES, preconditioned with the factors of a symmetric matrix close to K.
+
+    Symmetric factors cost a fifth of unsymmetric ones, and older ones still
+    serve: they are renewed only when the iteration stops paying.
+
+    Parameters
+    ----------
+    pattern : Pattern
+
+    Attributes
+    ----------
+    n_factorisations : int
+        How often a matrix was factorised.
+    """
+
+    def __init__(self, pattern: Pattern) -> None:
+        self.n_factorisations = 0
+        self._pattern = pattern
+        self._factor = SparseFactor(pattern.indptr, pattern.indices, kind="ldlt", layout="csr")
+        self._preconditioner: LinearOperator | None = None
+
+    def reset(self) -> None:
+        """Forget the factorisation."""
+        self._preconditioner = None
+
+    def solve(self, tangent: Tangent, rhs: FloatArray, tolerance: float) -> FloatArray:
+        """Solution to the relative residual ``tolerance``.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The matrix is singular to working precision.
+        """
+        matrix = tangent.matrix
+        if self._preconditioner is not None:
+            solution, converged = self._iterate(matrix, rhs, tolerance, FEW_KRYLOV_STEPS)
+            if converged:
+                return solution
+        self._factorise(tangent)
+        solution, converged = self._iterate(matrix, rhs, tolerance, MOST_KRYLOV_STEPS)
+        if not converged:
+            raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
+        return solution
+
+    def _factorise(self, tangent: Tangent) -> None:
+        self.n_factorisations += 1
+        self._preconditioner = None
+        self._factor.factorise(tangent.symmetric())
+        self._preconditioner = LinearOperator(tangent.matrix.shape, matvec=self._factor.solve, dtype=np.float64)
+
+    def _iterate(
+        self, matrix: sp.csr_array, rhs: FloatArray, tolerance: float, most_steps: int
+    ) -> tuple[FloatArray, bool]:
+        # The inner iteration watches the preconditioned residual only: a second cycle serves the true one.
+        solution, info = gmres(
+            matrix, rhs, rtol=tolerance, atol=0.0, M=self._preconditioner, restart=most_steps, maxiter=CYCLES
+        )
+        return solution, info == 0 and bool(np.isfinite(solution).all())
