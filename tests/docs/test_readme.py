@@ -1,0 +1,60 @@
+"""What the README says is so."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli.app import COMMANDS, STAGES
+from palpate.plugins import HOOKS, Plugins
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+COMMAND_NAMES = {command.__name__ for command in (*COMMANDS, *STAGES)}
+
+
+@pytest.mark.parametrize("target", sorted(set(re.findall(r"\]\(([^)]+)\)", README))))
+def test_a_file_that_the_readme_links_exists(target: str) -> None:
+    assert (ROOT / target).is_file()
+
+
+def test_every_command_of_the_readme_exists_and_the_other_way_round() -> None:
+    named = set(re.findall(r"(?:`| {4})palpate ([a-z]+)", README))
+    assert named <= COMMAND_NAMES
+    assert COMMAND_NAMES - named <= {"demo"}  # as make demo
+
+
+def test_every_make_target_of_the_readme_exists() -> None:
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
+    named = set(re.findall(r"(?:`| {4})make ([a-z]+)", README))
+    assert {"demo", "test"} <= named <= targets
+
+
+def test_the_readme_lists_the_hooks() -> None:
+    assert set(re.findall(r"^\| `(palpate_\w+)`", README, flags=re.MULTILINE)) == HOOKS
+
+
+def test_the_plugin_of_the_readme_works(tmp_path: Path) -> None:
+    from palpate import mechanics
+
+    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    assert len(code.splitlines()) <= 35
+    path = tmp_path / "gent.py"
+    path.write_text(code, encoding="utf-8")
+    plugins = Plugins.load([path], entry_points=False)
+    assert plugins.broken == ()
+    gent = plugins.materials["gent"]()
+    mu, kappa = mechanics.initial_moduli(gent, np.array([0.05, 30.0, 1.0]))
+    assert mu == pytest.approx(0.05, rel=1e-9)
+    assert kappa == pytest.approx(1.0, rel=1e-9)
+
+
+def test_the_toml_of_the_readme_is_read(tmp_path: Path) -> None:
+    import tomllib
+
+    from palpate.study_model import RegionTable
+
+    (text,) = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)
+    for region in tomllib.loads(text)["region"].values():
+        assert set(RegionTable.model_validate(region).parameters) == {"c1", "kappa"}
