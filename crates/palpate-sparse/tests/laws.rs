@@ -173,6 +173,33 @@ fn a_saddle_point_needs_pivots_of_two_rows() {
     assert_solves(&a, &factorised(&a, Layout::Csc, Kind::Ldlt, true).unwrap(), 1);
 }
 
+#[test]
+fn small_pivots_outside_the_reach_of_pivoting_are_refined_away() {
+    // Leaves with a tiny diagonal hang on a dense hub; each is a pivot before its neighbour is seen.
+    let (leaves, hub) = (40, 40);
+    let mut a = vec![vec![0.0; leaves + hub]; leaves + hub];
+    for i in 0..leaves {
+        a[i][i] = 1e-7;
+        a[i][leaves + i * 7 % hub] = 1.0;
+        a[leaves + i * 7 % hub][i] = 1.0;
+    }
+    for i in 0..hub {
+        for j in 0..hub {
+            a[leaves + i][leaves + j] =
+                f64::from(u32::try_from(3 * (i + j) + i * j).unwrap()).sin();
+        }
+    }
+    let a = Dense(a);
+    let factor = factorised(&a, Layout::Csc, Kind::Ldlt, false).unwrap();
+    assert!(factor.probe_error().unwrap() > 1e-10, "the factor alone is good enough");
+    let rhs: Vec<f64> = (0..a.n()).map(|i| f64::from(u32::try_from(i).unwrap()).cos()).collect();
+    let x = factor.solve(&rhs, 1).unwrap();
+    let scale = x.iter().fold(1.0_f64, |most, x| most.max(x.abs()));
+    for (found, wanted) in a.times(&x, 1).iter().zip(&rhs) {
+        assert!((found - wanted).abs() < 1e-13 * scale, "{found} {wanted}");
+    }
+}
+
 fn says<T>(result: Result<T, Error>, parts: &[&str]) {
     let message = result.map(|_| ()).unwrap_err().to_string();
     for part in parts {
