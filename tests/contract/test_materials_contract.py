@@ -1,0 +1,54 @@
+"""The shipped materials and their filter under the contracts of palpate.testing."""
+
+import numpy as np
+import pytest
+
+from palpate.domain import ParameterSpace, RegionMaterial
+from palpate.testing import MaterialContract, SetFilterContract
+from palpate_materials import Demiray, Drucker, MooneyRivlin, NeoHookean, Ogden, VerondaWestmann, Yeoh
+from palpate_materials.ogden import OgdenSettings
+from palpate_materials.yeoh import YeohSettings
+
+
+class TestMaterials(MaterialContract):
+    @pytest.fixture(
+        params=[
+            Ogden(),
+            Ogden(OgdenSettings(terms=2)),
+            Yeoh(),
+            Yeoh(YeohSettings(terms=1)),
+            NeoHookean(),
+            MooneyRivlin(),
+            VerondaWestmann(),
+            Demiray(),
+        ],
+        ids=[
+            "ogden",
+            "ogden2",
+            "yeoh",
+            "yeoh1",
+            "neo_hookean",
+            "mooney_rivlin",
+            "veronda_westmann",
+            "demiray",
+        ],
+    )
+    def material(self, request):
+        return request.param
+
+
+class TestDrucker(SetFilterContract):
+    @pytest.fixture
+    def set_filter(self):
+        return Drucker()
+
+    @pytest.fixture
+    def space(self):
+        yeoh = Yeoh()
+        region = RegionMaterial(region="soft_tissue", material=yeoh, searched=yeoh.parameters, fixed={})
+        return ParameterSpace(regions=(region,))
+
+    @pytest.fixture
+    def values(self, space):
+        lower, upper = np.array([[p.lower, p.upper] for p in space.parameters]).T
+        return lower + (upper - lower) * np.random.default_rng(0).random((20, lower.size))
