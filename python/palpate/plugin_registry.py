@@ -127,7 +127,7 @@ class Registry:
             with _guarded():
                 self.manager.register(plugin, name)
         except PluginError:
-            # pluggy keeps what it had registered before it failed.
+            # Older releases of pluggy keep what they had registered before they failed.
             if self.manager.is_registered(plugin):
                 self.manager.unregister(plugin)
             raise

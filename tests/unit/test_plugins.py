@@ -194,6 +194,14 @@ def test_two_files_of_one_name_clash(write: Write, tmp_path: Path) -> None:
     assert "the plugin name 'grid' is taken by" in plugins.broken[0].reason
 
 
+def test_a_half_registered_plugin_does_not_block_another_of_its_name(write: Write, tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    half = COMMAND.format(name="x", then="") + BROKEN["wrong arguments"][0]
+    plugins = load(write("sub/grid", half), write("grid", SAMPLER.format(name="grid")))
+    assert [broken.source for broken in plugins.broken] == [str(tmp_path / "sub" / "grid.py")]
+    assert plugins.samplers.provider("grid") == "grid"
+
+
 def test_a_missing_file_is_a_mistake_of_the_user(tmp_path: Path) -> None:
     with pytest.raises(PluginError, match=r"absent\.py: no such file"):
         load(tmp_path / "absent.py")
@@ -340,3 +348,10 @@ def test_a_plugin_with_broken_commands_adds_none(write: Write, name: str, then: 
     (broken,) = load(write("cmd", COMMAND.format(name=name, then=then))).add_commands(app)
     assert reason in broken.reason
     assert len(app.registered_commands) == 1
+
+
+def test_a_plugin_that_is_left_out_adds_no_command(write: Write) -> None:
+    app = typer.Typer()
+    half = COMMAND.format(name="hello", then="") + BROKEN["raises in hook"][0]
+    assert load(write("half", half)).add_commands(app) == ()
+    assert app.registered_commands == []

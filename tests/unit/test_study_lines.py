@@ -18,7 +18,7 @@ b = 1 \\""" still
 """
 raw = \'\'\'
 c = 2\'\'\'
-
+quoted = """she said "no""""
 [[spot]]
 name = "p1"
 a.b = 3

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.cli.options import AsJson
-from palpate.cli.session import Session
+from palpate.cli.session import Session, cell
 
 if TYPE_CHECKING:
     from palpate.plugins import Plugins
@@ -129,4 +129,4 @@ def _show_one(session: Session, entry: dict[str, Any]) -> None:
         session.say(f"conventions: {', '.join(entry['conventions'])}")
     for key in ("parameters", "settings"):
         if rows := entry.get(key):
-            session.table(key.capitalize(), list(rows[0]), [[str(v) for v in row.values()] for row in rows])
+            session.table(key.capitalize(), list(rows[0]), [[cell(v) for v in row.values()] for row in rows])

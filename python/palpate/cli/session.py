@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -92,7 +93,7 @@ class Session:
 
     def frame(self, title: str, frame: "pl.DataFrame") -> None:
         """Print a data frame as a table."""
-        cells = [[_cell(value) for value in row] for row in frame.head(MAX_ROWS).rows()]
+        cells = [[cell(value) for value in row] for row in frame.head(MAX_ROWS).rows()]
         self.table(title, frame.columns, cells)
         if frame.height > MAX_ROWS:
             self.say(f"… {frame.height - MAX_ROWS} more rows")
@@ -121,12 +122,14 @@ def _escaped(text: str) -> str:
     return escape(text)
 
 
-def _cell(value: object) -> str:
+def cell(value: object) -> str:
+    """Text of a value in a table: six digits, a dash for nothing."""
     match value:
         case None:
             return "–"
         case float():
-            return f"{value:.6g}"
+            # The least positive number is how an open lower limit of zero is written.
+            return "> 0" if value == sys.float_info.min else f"{value:.6g}"
         case _:
             return str(value)
 
