@@ -336,7 +336,9 @@ def initial_moduli(material: Material, theta: FloatArray) -> tuple[float, float]
     """
     energy, largest, mu, kappa = map(float, _rest(material, jnp.asarray(theta, dtype=jnp.float64)))
     where = f"material '{material.name}' at {_named(material, theta)}"
-    if not (np.isfinite(mu) and np.isfinite(kappa) and mu > 0.0 and kappa > 0.0):
+    # A modulus that is missing altogether shows up as rounding of the other.
+    least = REST_TOLERANCE * (mu + kappa)
+    if not (mu > least and kappa > least):
         raise MaterialError(
             f"{where}: initial shear modulus {mu:g} MPa and bulk modulus {kappa:g} MPa must be positive; "
             "change the parameters, or give the energy a volumetric part"
