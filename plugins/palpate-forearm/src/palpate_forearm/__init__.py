@@ -1,0 +1,73 @@
+"""The forearm study: its channels, scenarios, mesh source and ready studies."""
+
+from importlib.resources import files
+
+from palpate import hookimpl
+from palpate.domain import Channel, Scenario, StudyTemplate
+from palpate.interfaces import LimbSource
+from palpate_forearm.mesh_source import MeshioSettings, MeshioSource
+
+__all__ = ["MeshioSettings", "MeshioSource"]
+
+
+@hookimpl
+def palpate_channels() -> list[Channel]:
+    """Provide the paper's two variables."""
+    return [
+        Channel(
+            name="force",
+            abscissa="depth_mm",
+            ordinate="force_N",
+            abscissa_label="indentation depth (mm)",
+            ordinate_label="normal force (N)",
+        ),
+        Channel(
+            name="torque",
+            abscissa="rotation_deg",
+            ordinate="torque_Nmm",
+            abscissa_label="rotation (degrees)",
+            ordinate_label="torque (N·mm)",
+        ),
+    ]
+
+
+@hookimpl
+def palpate_scenarios() -> list[Scenario]:
+    """Provide the paper's three scenarios."""
+    return [
+        Scenario(name="I", weights={"force": 1.0, "torque": 1.0}, description="force and torque"),
+        Scenario(name="II", weights={"torque": 1.0}, description="torque alone"),
+        Scenario(name="III", weights={"force": 1.0}, description="force alone"),
+    ]
+
+
+@hookimpl
+def palpate_limb_sources() -> list[type[LimbSource]]:
+    """Provide the reader of mesh files."""
+    return [MeshioSource]
+
+
+@hookimpl
+def palpate_studies() -> list[StudyTemplate]:
+    """Provide the forearm studies, all on simulated data."""
+    return [
+        StudyTemplate(
+            name="forearm-demo",
+            summary="four spots on coarse meshes, a small design: minutes (simulated)",
+            directory=_directory("forearm-demo"),
+        ),
+        StudyTemplate(
+            name="forearm",
+            summary="four spots in the paper's manner, 250 sets: hours (simulated)",
+            directory=_directory("forearm"),
+        ),
+        StudyTemplate(
+            name="forearm-layered",
+            summary="skin over soft tissue, identified together at one spot (simulated)",
+            directory=_directory("forearm-layered"),
+        ),
+    ]
+
+
+def _directory(name: str) -> str:
+    return str(files("palpate_forearm") / "studies" / name)

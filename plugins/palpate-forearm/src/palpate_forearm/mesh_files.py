@@ -1,0 +1,73 @@
+"""Mesh files through meshio, which this module alone touches.
+
+meshio is untyped, ends the interpreter on some bad files, writes its complaints
+to the terminal and accepts coordinates that are not numbers. Here all of that
+becomes a :class:`~palpate.errors.MeshError` or a plain value.
+"""
+
+import contextlib
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import MeshError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeshFile:
+    """What a mesh file holds, in its own names and units.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) array
+    blocks : tuple of (meshio's cell type, (n_cells, n_nodes_of_type) array)
+    point_data : mapping of name to array with one row per node
+    cell_data : mapping of name to one array per block
+    point_sets : mapping of name to array of node numbers
+    """
+
+    points: NDArray[np.float64]
+    blocks: tuple[tuple[str, NDArray[np.int64]], ...]
+    point_data: Mapping[str, NDArray[np.generic]]
+    cell_data: Mapping[str, tuple[NDArray[np.generic], ...]]
+    point_sets: Mapping[str, NDArray[np.int64]]
+
+
+def read_mesh_file(path: Path) -> MeshFile:
+    """Read any format that meshio knows.
+
+    Raises
+    ------
+    MeshError
+        The file is missing, of an unknown format, or broken.
+    """
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file; check the path of the mesh")
+    complaints = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
+            mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # its readers raise whatever a broken file trips over
+        reason = " ".join((complaints.getvalue() or str(error)).split()) or type(error).__name__
+        raise MeshError(
+            f"{path}: meshio cannot read it ({reason}); write it anew, as .vtu for example"
+        ) from error
+    return MeshFile(
+        points=np.asarray(mesh.points, dtype=np.float64),
+        blocks=tuple((str(block.type), _integers(path, block.data)) for block in mesh.cells),
+        point_data={str(k): np.asarray(v) for k, v in mesh.point_data.items()},
+        cell_data={str(k): tuple(np.asarray(v) for v in blocks) for k, blocks in mesh.cell_data.items()},
+        point_sets={str(k): np.asarray(v, dtype=np.int64) for k, v in mesh.point_sets.items()},
+    )
+
+
+def _integers(path: Path, cells: object) -> NDArray[np.int64]:
+    try:
+        return np.asarray(cells).astype(np.int64, casting="same_kind")
+    except (TypeError, ValueError):
+        raise MeshError(f"{path}: cells whose nodes are not whole numbers; write the mesh anew") from None
