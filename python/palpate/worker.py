@@ -9,6 +9,8 @@ import os
 import pickle
 import struct
 import sys
+import threading
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -67,7 +69,8 @@ def receive(stream: IO[bytes]) -> Any:  # noqa: ANN401 - whatever the other side
 
 
 def main() -> None:
-    """Serve until the parent closes its end."""
+    """Serve until the parent closes its end or is gone."""
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     inbox = os.fdopen(os.dup(0), "rb")
     outbox = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -82,6 +85,13 @@ def main() -> None:
         # The exit handlers of a numerical library may wait for threads that nobody needs any more.
         sys.stderr.flush()
         os._exit(0)
+
+
+def _end_with(parent: int) -> None:
+    """End this process once its parent has: a job may still be running then, for nobody."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
 
 
 def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:

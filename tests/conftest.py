@@ -1,0 +1,99 @@
+"""A study of a tissue whose answer is known in closed form, for the tests of every stage."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from palpate.builtins import LatinHypercube
+from palpate.domain import (
+    Indentation,
+    Normaliser,
+    ParameterSpace,
+    RegionMaterial,
+    Response,
+    Scenario,
+    Sphere,
+    Spot,
+)
+from palpate.plugins import Plugins, load_file
+from palpate.study import Study, StudySpot
+
+TISSUE_FILE = Path(__file__).parent / "data" / "plugins" / "analytic_tissue.py"
+TRUTH = {"p1": (0.4, 20.0), "p2": (0.5, 25.0)}
+SCENARIOS = (
+    Scenario(name="I", weights={"force": 1.0, "torque": 1.0}),
+    Scenario(name="II", weights={"torque": 1.0}),
+    Scenario(name="III", weights={"force": 1.0}),
+)
+PATH = [(0.0, 0.0), (10.0, 0.0), (10.0, -22.5), (10.0, 22.5), (10.0, 0.0)]
+
+
+@pytest.fixture(scope="session")
+def tissue() -> ModuleType:
+    return load_file(TISSUE_FILE)
+
+
+@pytest.fixture(scope="session")
+def plugins() -> Plugins:
+    return Plugins.load([TISSUE_FILE], entry_points=False)
+
+
+def write_curves(path: Path, response: Response) -> None:
+    rows = [
+        f"{name},{float(x)!r},{float(y)!r}\n"
+        for name, curve in response.curves.items()
+        for x, y in zip(curve.abscissa, curve.ordinate, strict=True)
+    ]
+    path.write_text("".join(rows))
+
+
+@pytest.fixture
+def space(tissue: ModuleType) -> ParameterSpace:
+    material = tissue.Spongy()
+    region = RegionMaterial(region="soft_tissue", material=material, searched=material.parameters, fixed={})
+    return ParameterSpace(regions=(region,))
+
+
+@pytest.fixture
+def make_study(tmp_path: Path, tissue: ModuleType, space: ParameterSpace) -> Callable[..., Study]:
+    """Make a study of two spots; ``solver`` is one, or names a class of the tissue; the rest are fields."""
+
+    def make(solver: Any = "Analytic", **changes: Any) -> Study:
+        spots = []
+        for name, truth in TRUTH.items():
+            path = tmp_path / f"{name}.csv"
+            if not path.exists():
+                write_curves(path, tissue.answer(*truth))
+            spots.append(StudySpot(spot=Spot(name=name), measured={None: path}, mesh=None))
+        study = Study(
+            name="sponge",
+            description="a stand-in with a known answer",
+            folder=tmp_path,
+            data="simulated",
+            spots=tuple(spots),
+            loader=tissue.Table(),
+            limb_source=None,
+            protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=PATH, friction=1.0),
+            space=space,
+            sampler=LatinHypercube(),
+            n_sets=12,
+            seed=1,
+            filters=(),
+            solver=getattr(tissue, solver)() if isinstance(solver, str) else solver,
+            normaliser=Normaliser.MEAN_ABS,
+            minimum_coverage=0.95,
+            scenarios=SCENARIOS,
+            generalise_by="I",
+            refine=False,
+            truth={},
+            n_workers=1,
+            time_limit_s=60.0,
+            plugin_files=(TISSUE_FILE,),
+        )
+        return replace(study, **changes)
+
+    return make

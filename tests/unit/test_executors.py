@@ -1,0 +1,184 @@
+"""Workers: every job has one outcome, whatever becomes of the process that it ran in."""
+
+import os
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from palpate.domain import Status
+from palpate.errors import PluginError
+from palpate.executors import n_cores, run, thread_limits
+from palpate.interfaces import Settings, Solver
+from palpate.simulation import jobs
+
+HOW = {1: Status.CRASHED, 2: Status.TIMED_OUT, 3: Status.CRASHED, 4: Status.DIVERGED}
+
+
+def outcomes(study, n_workers, n_sets=8, limit_s=1.5):
+    design = SimpleNamespace(n_sets=n_sets, values=np.linspace([0.2, 10.0], [0.8, 40.0], n_sets))
+    to_do = jobs(study, design, {})
+    found = list(
+        run(
+            study.solver,
+            to_do,
+            {},
+            n_workers=n_workers,
+            time_limit_s=limit_s,
+            plugin_files=study.plugin_files,
+        )
+    )
+    assert sorted(o.index for o in found) == list(range(len(to_do)))
+    return to_do, {o.index: o for o in found}
+
+
+@pytest.mark.parametrize("solver", ["Faulty", "Batch"])
+def test_failures_stay_with_their_job(make_study, solver):
+    to_do, found = outcomes(make_study(solver), n_workers=2)
+    for index, job in enumerate(to_do):
+        assert found[index].status is HOW.get(job.set_id, Status.OK), (index, found[index])
+    assert "exit code 17" in found[1].message
+    assert "limit 1.5 s" in found[2].message
+    assert found[2].seconds >= 1.5
+    assert found[3].message == "ZeroDivisionError: stretch of zero"
+    assert found[4].response["force"].abscissa.size == 8
+
+
+def test_processes_and_one_process_give_the_same_bits(make_study):
+    study = make_study()
+    _, alone = outcomes(study, n_workers=1)
+    _, spread = outcomes(study, n_workers=2)
+    for index, outcome in alone.items():
+        for channel in ("force", "torque"):
+            assert np.array_equal(
+                outcome.response[channel].ordinate, spread[index].response[channel].ordinate
+            )
+
+
+def test_an_exception_in_this_process_is_a_row(make_study, tissue):
+    class Raising(tissue.Analytic):
+        def behave(self, job):
+            if job.set_id == 3:
+                raise ZeroDivisionError("stretch of zero")
+            if job.set_id == 4:
+                raise SystemExit(3)
+            return super().behave(job)
+
+    _, found = outcomes(make_study(solver=Raising()), n_workers=1)
+    assert found[3].message == "ZeroDivisionError: stretch of zero"
+    assert found[4].message == "SystemExit: 3"
+    assert [o.status for i, o in found.items() if i % 8 not in (3, 4)] == [Status.OK] * 12
+
+
+def test_a_solver_that_swallows_a_job_leaves_it_unreadable(make_study, tissue):
+    class Forgetful(tissue.Analytic):
+        def simulate_many(self, jobs, limb):
+            for job in jobs:
+                if job.set_id == 2:
+                    continue
+                if job.set_id == 6:
+                    return
+                yield self.simulate(job, limb)
+
+    _, found = outcomes(make_study(solver=Forgetful()), n_workers=1)
+    statuses = [found[i].status for i in range(8)]
+    assert [i for i, s in enumerate(statuses) if s is not Status.OK] == [2, 6, 7]
+    assert "without a result" in found[2].message
+
+
+def test_workers_stay_warm(make_study, tissue, tmp_path):
+    log = tmp_path / "log.txt"
+    study = make_study(solver="Analytic")
+    solver = tissue.Analytic(tissue.Analytic.Settings(log=str(log)))
+    outcomes(make_study(solver=solver), n_workers=2, n_sets=10)
+    lines = [line.split() for line in log.read_text().splitlines()]
+    assert len(lines) == 20
+    assert len({pid for *_, pid in lines}) <= 2
+    assert str(os.getpid()) not in {pid for *_, pid in lines}
+    assert study.solver.settings.log == ""
+
+
+def test_a_solver_of_no_importable_module_is_refused(make_study, tissue):
+    class Local(tissue.Analytic):
+        pass
+
+    with pytest.raises(PluginError, match=r"solver 'analytic' cannot be sent.*plugin file"):
+        outcomes(make_study(solver=Local()), n_workers=2)
+
+
+def test_a_worker_that_cannot_load_the_plugins_says_why(make_study, tmp_path):
+    broken = tmp_path / "broken.py"
+    broken.write_text("raise RuntimeError('no licence')")
+    with pytest.raises(PluginError, match="RuntimeError: no licence"):
+        outcomes(make_study(plugin_files=(broken,)), n_workers=2)
+
+
+def test_what_a_solver_prints_does_not_garble_the_answers(make_study, tmp_path, tissue):
+    talkative = tmp_path / "talkative.py"
+    talkative.write_text(
+        "import os, sys\n"
+        "from palpate import Simulation, Solver, Status\n"
+        "class Talkative(Solver):\n"
+        "    name = 'talkative'\n"
+        "    summary = 'prints'\n"
+        "    def version(self): return '1'\n"
+        "    def simulate(self, job, limb):\n"
+        "        print('hello'); os.write(1, b'raw'); sys.stdin.read()\n"
+        "        return Simulation(job=job, status=Status.OK, response=None)\n"
+    )
+    from palpate.plugins import load_file
+
+    solver = load_file(talkative).Talkative()
+    study = make_study(solver=solver, plugin_files=(*make_study().plugin_files, talkative))
+    _, found = outcomes(study, n_workers=2)
+    assert {o.status for o in found.values()} == {Status.OK}
+
+
+def test_closing_the_sweep_stops_the_workers(make_study, tmp_path, tissue):
+    log = tmp_path / "log.txt"
+    solver = tissue.Faulty(tissue.Faulty.Settings(log=str(log)))
+    study = make_study(solver=solver)
+    design = SimpleNamespace(n_sets=3, values=np.tile([0.4, 20.0], (3, 1)))
+    every = {(job.spot, job.set_id): job for job in jobs(study, design, {})}
+    hangs_then_works = [every["p1", 2], every["p2", 0]]
+    sweep = run(
+        solver, hangs_then_works, {}, n_workers=2, time_limit_s=600.0, plugin_files=study.plugin_files
+    )
+    next(sweep)
+    while " 2 " not in log.read_text():  # a job that hangs has begun
+        time.sleep(0.02)
+    pids = {int(line.split()[-1]) for line in log.read_text().splitlines()}
+    sweep.close()
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_threads_of_all_workers_fit_the_machine():
+    assert n_cores() >= 1
+    limits = thread_limits(1)
+    assert limits["OMP_NUM_THREADS"] == limits["NPROC"] == "1"
+    assert "--xla_cpu_multi_thread_eigen=false" in limits["XLA_FLAGS"]
+    assert "XLA_FLAGS" not in thread_limits(2)
+
+
+def test_a_worker_sees_its_thread_limit(make_study, tmp_path):
+    curious = tmp_path / "curious.py"
+    curious.write_text(
+        "import os\n"
+        "from palpate import Simulation, Solver, Status\n"
+        "class Curious(Solver):\n"
+        "    name = 'curious'\n"
+        "    summary = 'looks around'\n"
+        "    def version(self): return '1'\n"
+        "    def simulate(self, job, limb):\n"
+        "        return Simulation(job=job, status=Status.OK, response=None,\n"
+        "                          message=os.environ['OMP_NUM_THREADS'])\n"
+    )
+    from palpate.plugins import load_file
+
+    solver: Solver = load_file(curious).Curious(Settings())
+    files = (*make_study().plugin_files, curious)
+    _, found = outcomes(make_study(solver=solver, plugin_files=files), n_workers=2)
+    assert {int(o.message) for o in found.values()} == {max(1, n_cores() // 2)}

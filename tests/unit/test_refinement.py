@@ -1,0 +1,102 @@
+"""Refinement: from the sweep's best set to the bottom of its valley, within the ranges."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate import scoring, selection, simulation
+from palpate.domain import Normaliser, ParameterSpace, Scenario, Simulation, Status
+from palpate.experiment import load_measured
+from palpate.refinement import normaliser_value, refine
+from palpate.sampling import draw_design
+
+
+def refined(study, plugins, tmp_path):
+    measured = load_measured(study, plugins.channels)
+    design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
+    swept = simulation.simulate(study, design, {}, measured, tmp_path / "run")
+    scores = scoring.score(
+        swept, measured, normaliser=study.normaliser, minimum_coverage=study.minimum_coverage
+    )
+    chosen = selection.select(scores, study.scenarios, design)
+    return chosen, refine(study, chosen, design, {}, measured)
+
+
+def test_the_truth_is_found_to_ten_digits(make_study, plugins, tmp_path):
+    _, found = refined(make_study(), plugins, tmp_path)
+    for spot, truth in (("p1", (0.4, 20.0)), ("p2", (0.5, 25.0))):
+        row = found.table.row(by_predicate=_is(spot, "I"), named=True)
+        assert row["soft_tissue.stiffness"] == pytest.approx(truth[0], rel=1e-10)
+        assert row["soft_tissue.grip"] == pytest.approx(truth[1], rel=1e-10)
+        assert row["fopt"] < 1e-20
+        assert row["n_simulations"] > 3
+
+
+def test_no_row_is_worse_than_where_it_began(make_study, plugins, tmp_path):
+    chosen, found = refined(make_study(), plugins, tmp_path)
+    assert found.table["start_fopt"].to_list() == chosen["fopt"].to_list()
+    assert found.table["start_set_id"].to_list() == chosen["set_id"].to_list()
+    assert (found.table["fopt"] <= found.table["start_fopt"]).all()
+
+
+def test_a_channel_without_weight_does_not_pull(make_study, plugins, tmp_path):
+    chosen, found = refined(make_study(), plugins, tmp_path)
+    start = chosen.row(by_predicate=_is("p1", "III"), named=True)
+    end = found.table.row(by_predicate=_is("p1", "III"), named=True)
+    assert end["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-10)
+    assert end["soft_tissue.grip"] == pytest.approx(start["soft_tissue.grip"], rel=1e-12)
+
+
+def test_the_search_stays_in_the_ranges(make_study, plugins, tmp_path, space):
+    region = space.regions[0]
+    narrow = (replace(region.searched[0], upper=0.35), region.searched[1])
+    study = make_study(space=ParameterSpace(regions=(replace(region, searched=narrow),)))
+    _, found = refined(study, plugins, tmp_path)
+    row = found.table.row(by_predicate=_is("p1", "III"), named=True)
+    assert row["soft_tissue.stiffness"] == pytest.approx(0.35, rel=1e-6)
+    assert row["soft_tissue.stiffness"] <= 0.35
+
+
+def test_a_neighbour_that_fails_ends_the_search_with_the_best_so_far(make_study, plugins, tmp_path, tissue):
+    class Fragile(tissue.Analytic):
+        def simulate(self, job, limb):
+            if job.thetas["soft_tissue"][0] < 0.38:
+                return Simulation(job=job, status=Status.DIVERGED, response=None)
+            return super().simulate(job, limb)
+
+    study = make_study(solver=Fragile(), scenarios=(Scenario(name="I", weights={"torque": 1.0}),))
+    chosen, found = refined(study, plugins, tmp_path)
+    assert (found.table["fopt"] <= chosen["fopt"]).all()
+    assert (found.table["soft_tissue.stiffness"] >= 0.38).all()
+
+
+def test_a_start_that_fails_again_is_a_row_with_its_message(make_study, plugins, tmp_path, tissue):
+    class Once(tissue.Analytic):
+        def simulate(self, job, limb):
+            if seen.get((job.spot, job.set_id)):
+                return Simulation(job=job, status=Status.CRASHED, response=None)
+            seen[job.spot, job.set_id] = True
+            return super().simulate(job, limb)
+
+    seen = {("p1", 0): False}
+    study = make_study(solver=Once(), scenarios=(Scenario(name="I", weights={"force": 1.0}),))
+    _, found = refined(study, plugins, tmp_path)
+    assert all("could not be simulated again" in message for message in found.table["message"])
+    assert found.responses == {}
+
+
+@pytest.mark.parametrize("normaliser", Normaliser)
+def test_the_normaliser_is_the_one_that_scores(make_study, normaliser):
+    ordinate = np.array([1.0, 2.0, 6.0])
+    expected = {
+        "mean_abs": 3.0, "mean": 3.0, "rms": np.sqrt(41 / 3), "range": 5.0, "std": np.sqrt(14 / 3), "unit": 1.0,
+    }  # fmt: skip
+    value = normaliser_value(ordinate, make_study(normaliser=normaliser))
+    assert value == pytest.approx(expected[normaliser.value], rel=1e-12)
+
+
+def _is(spot, scenario):
+    import polars as pl
+
+    return (pl.col("spot") == spot) & (pl.col("scenario") == scenario)
