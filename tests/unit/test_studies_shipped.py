@@ -1,0 +1,206 @@
+"""The ready studies are sound: they load, say what their data are, and hold what their text claims."""
+
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.experiment import load_measured
+from palpate.limb import load_limbs
+from palpate.plugins import Plugins
+from palpate.study import Study, read_study
+
+FOREARM = ("forearm-demo", "forearm")
+HOMOGENEOUS = ("treloar", "ecoflex")
+TRUTH = {"soft_tissue.c1": 0.0141, "soft_tissue.c2": -0.0011, "soft_tissue.c3": 1.05e-4}
+
+
+@cache
+def plugins() -> Plugins:
+    return Plugins.load()
+
+
+def folder(name: str) -> Path:
+    return Path(plugins().studies[name].directory)
+
+
+@cache
+def study(name: str) -> Study:
+    return read_study(folder(name), plugins())
+
+
+@pytest.mark.parametrize("name", [*FOREARM, *HOMOGENEOUS])
+def test_every_spot_is_measured_in_every_channel_that_counts(name: str) -> None:
+    measured = load_measured(study(name), plugins().channels)
+    weighted = {c for scenario in study(name).scenarios for c, w in scenario.weights.items() if w}
+    assert list(measured) == [spot.spot.name for spot in study(name).spots]
+    for response in measured.values():
+        assert set(response) == weighted
+
+
+@pytest.mark.parametrize("name", [*FOREARM, "forearm-layered", *HOMOGENEOUS])
+def test_simulated_data_are_called_simulated(name: str) -> None:
+    simulated = name.startswith("forearm")
+    text = (folder(name) / "study.toml").read_text()
+    readme = (folder(name) / "README.md").read_text()
+    assert f'data = "{"simulated" if simulated else "measured"}"' in text
+    assert ("**The experiment is simulated" in readme) is simulated
+    assert ("(simulated)" in plugins().studies[name].summary) is simulated
+
+
+def test_the_silicone_names_its_authors_and_licence() -> None:
+    readme = (folder("ecoflex") / "README.md").read_text()
+    assert "A. B. Dawood et al. 2026, files EF50_0T_A1…A5" in readme
+    assert "CC BY 4.0" in readme
+
+
+# ----------------------------------------------------------------- homogeneous
+
+
+def test_the_joint_scenario_is_plain_least_squares_over_all_points() -> None:
+    """Weight = number of points, so that Σ w · mean(r²) = Σ r² (with the unit normaliser)."""
+    treloar = study("treloar")
+    response = load_measured(treloar, plugins().channels)["specimen"]
+    joint = {scenario.name: scenario for scenario in treloar.scenarios}["joint"]
+    assert joint.weights == {channel: response[channel].abscissa.size for channel in response}
+    assert (treloar.normaliser, treloar.refine) == ("unit", True)
+
+
+def test_treloars_curves_are_treloars() -> None:
+    response = load_measured(study("treloar"), plugins().channels)["specimen"]
+    ends = {c: (response[c].abscissa[-1], response[c].ordinate[-1]) for c in response}
+    assert ends == {"uniaxial": (7.6, 6.3176), "equibiaxial": (4.45, 2.4426), "pure_shear": (4.97, 1.805)}
+
+
+def test_compression_is_negative_stress_over_a_falling_stretch() -> None:
+    """Stretch and stress against the raw compression and load of the file: 30 mm high, 50 mm wide."""
+    for spot in study("ecoflex").spots:
+        (path,) = spot.measured.values()
+        raw = np.loadtxt(path, delimiter=",", skiprows=8)
+        curve = study("ecoflex").loader.load(path, "uniaxial")["uniaxial"]
+        np.testing.assert_allclose(curve.abscissa, 1.0 - raw[:, 1] / 30.0, atol=1e-6)
+        np.testing.assert_allclose(curve.ordinate, -raw[:, 2] / (np.pi * 25.0**2), atol=1e-8)
+        assert len(curve.branches) == 1
+
+
+@pytest.mark.parametrize("name", HOMOGENEOUS)
+def test_the_least_squares_answer_lies_well_inside_the_ranges(name: str) -> None:
+    """Yeoh is linear in its coefficients, so the best set of each scenario is known exactly."""
+    ranges = [(p.lower, p.upper) for p in study(name).space.parameters]
+    for response in load_measured(study(name), plugins().channels).values():
+        for scenario in study(name).scenarios:
+            systems = [yeoh_columns(c, response[c].abscissa) for c, w in scenario.weights.items() if w]
+            stresses = [response[c].ordinate for c, w in scenario.weights.items() if w]
+            best = np.linalg.lstsq(np.vstack(systems), np.concatenate(stresses))[0]
+            for value, (lower, upper) in zip(best, ranges, strict=True):
+                assert lower + 0.1 * (upper - lower) < value < upper - 0.1 * (upper - lower)
+
+
+def yeoh_columns(mode: str, t: np.ndarray) -> np.ndarray:
+    """Nominal stress of an incompressible Yeoh material per unit of c1, c2, c3: (n, 3)."""
+    invariant, slope = {
+        "uniaxial": (t**2 + 2 / t, 2 * (t - t**-2)),
+        "equibiaxial": (2 * t**2 + t**-4, 2 * (t - t**-5)),
+        "pure_shear": (t**2 + t**-2 + 1, 2 * (t - t**-3)),
+    }[mode]
+    return np.stack([k * (invariant - 3) ** (k - 1) * slope for k in (1, 2, 3)], axis=1)
+
+
+# --------------------------------------------------------------------- forearm
+
+
+@pytest.mark.parametrize("name", FOREARM)
+def test_the_meshes_can_be_simulated(name: str) -> None:
+    limbs = load_limbs(study(name))
+    most = 1800 if name == "forearm-demo" else 4000
+    assert max(limb.mesh.n_nodes for limb in limbs.values()) < most
+    for limb in limbs.values():
+        points, skin = limb.mesh.points_mm, limb.mesh.node_sets["contact"]
+        nearest = points[skin[np.linalg.norm(points[skin, :2], axis=1).argmin()]]
+        assert abs(nearest[2]) < 0.05
+        assert np.abs(points[skin, 2]).max() > 40.0, "the skin goes all the way round"
+
+
+def volume(points: np.ndarray, cells: np.ndarray) -> float:
+    """Volume [mm³] of curved tetrahedra by the four-point rule on the Jacobian determinant."""
+    near, far = 0.1381966011250105, 0.5854101966249685
+    slopes = np.array([[-1.0, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    total = 0.0
+    for i in range(4):
+        weight = np.full(4, near)
+        weight[i] = far
+        edges = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+        middles = [4 * (weight[a] * slopes[b] + weight[b] * slopes[a]) for a, b in edges]
+        gradients = np.vstack([(4 * weight - 1)[:, None] * slopes, middles])
+        total += np.linalg.det(np.einsum("ak,cai->cik", gradients, points[cells])).sum() / 24.0
+    return total
+
+
+def test_the_demo_meshes_are_the_same_limbs() -> None:
+    """Volume within 2 %, nearest bone within 1 mm of the finer meshes."""
+    demo, full = load_limbs(study("forearm-demo")), load_limbs(study("forearm"))
+    for spot in demo:
+        a, b = demo[spot].mesh, full[spot].mesh
+        ratio = volume(a.points_mm, a.cells["tet10"]) / volume(b.points_mm, b.cells["tet10"])
+        assert ratio == pytest.approx(1.0, abs=0.02)
+        reach = [bone_depth(mesh.points_mm, mesh.node_sets["fixed"]) for mesh in (a, b)]
+        assert reach[0] == pytest.approx(reach[1], abs=1.0)
+
+
+def bone_depth(points: np.ndarray, fixed: np.ndarray) -> float:
+    """Distance [mm] from the spot to the nearest node of a bone."""
+    bone = points[fixed][np.abs(points[fixed, 0]) < 30.0]
+    return float(np.linalg.norm(bone, axis=1).min())
+
+
+@pytest.mark.parametrize("name", FOREARM)
+def test_the_truth_is_the_one_that_made_the_data(name: str) -> None:
+    (region,) = study(name).space.regions
+    ones = region.material.to_textbook(np.ones(4), region.convention)
+    factors = dict(zip((p.name for p in region.material.parameters), ones, strict=True))
+    textbook = {key: value * factors[key.split(".")[1]] for key, value in study(name).truth.items()}
+    assert textbook == pytest.approx(TRUTH)
+
+
+def test_the_demo_can_find_the_truth_but_is_not_handed_it() -> None:
+    for parameter in study("forearm-demo").space.parameters:
+        place = (TRUTH[parameter.name] - parameter.lower) / (parameter.upper - parameter.lower)
+        assert 0.1 < place < 0.9
+        assert abs(place - 0.5) > 0.05
+
+
+def test_the_full_study_has_the_papers_ranges() -> None:
+    paper = study("forearm")
+    (region,) = paper.space.regions
+    assert (paper.n_sets, region.convention) == (250, "febio4")
+    ranges = [(p.lower, p.upper) for p in region.searched]
+    assert ranges == [(1.4e-3, 3e-2), (-3e-3, -4.14e-5), (3e-6, 3e-4)]
+    assert [f.name for f in paper.filters] == ["drucker"]
+
+
+def test_the_layered_mesh_has_skin_over_soft_tissue() -> None:
+    source = plugins().limb_sources["meshio"]
+    settings = source.Settings(regions={"soft_tissue": 0, "skin": 1})
+    spot = study("forearm-demo").spots[1].spot
+    mesh = source(settings).load(folder("forearm-layered") / "meshes" / "p2.vtu", spot).mesh
+    skin = mesh.cells["tet10"][mesh.cell_regions["tet10"] == mesh.regions.index("skin")]
+    core = mesh.cells["tet10"][mesh.cell_regions["tet10"] == mesh.regions.index("soft_tissue")]
+    assert set(mesh.node_sets["contact"]) <= set(skin.ravel())
+    interface = mesh.points_mm[np.intersect1d(skin, core)]
+    beneath = interface[np.linalg.norm(interface[:, :2], axis=1) < 6.0]
+    upper = beneath[beneath[:, 2] > -10.0]
+    assert len(upper) > 10
+    np.testing.assert_allclose(upper[:, 2], -2.5, atol=0.7)
+
+
+# ------------------------------------------------------------- what texts claim
+
+
+@pytest.mark.parametrize("name", FOREARM)
+def test_the_readme_gives_the_right_sizes(name: str) -> None:
+    sizes = [limb.mesh.n_nodes for limb in load_limbs(study(name)).values()]
+    text = " ".join((folder(name) / "README.md").read_text().split())
+    low, high = re.search(r"([\d,]+) to ([\d,]+) nodes", text).groups()
+    assert (int(low.replace(",", "")), int(high.replace(",", ""))) == (min(sizes), max(sizes))
