@@ -14,6 +14,7 @@ from palpate.domain import (
     moving_span,
 )
 from palpate.errors import CurveError, PalpateError
+from palpate.plugins import answering_for
 from palpate.study import Study, StudySpot
 
 COVERED_SHARE = 0.98
@@ -43,7 +44,9 @@ def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Re
 def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -> Response:
     curves: dict[str, Curve] = {}
     for only, path in spot.measured.items():
-        for name, curve in study.loader.load(path, only).curves.items():
+        with answering_for(study.loader, f"reading {path}"):
+            response = study.loader.load(path, only)
+        for name, curve in response.curves.items():
             if name in curves:
                 raise CurveError(
                     f"{path}: channel '{name}' of spot '{spot.spot.name}' is already read from "

@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from palpate.domain import CELL_NODES, BoolArray, FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError, StudyError
+from palpate.plugins import answering_for
 from palpate.study import Study
 
 
@@ -31,7 +32,8 @@ def load_limbs(study: Study) -> dict[str, Limb]:
             raise StudyError(
                 f"spot '{name}' has no mesh, which solver '{study.solver.name}' needs; name a mesh file"
             )
-        limb = study.limb_source.load(spot.mesh, spot.spot)
+        with answering_for(study.limb_source, f"reading {spot.mesh}"):
+            limb = study.limb_source.load(spot.mesh, spot.spot)
         try:
             check_limb(limb, [region.region for region in study.space.regions])
         except MeshError as error:

@@ -22,7 +22,7 @@ import pluggy
 
 from palpate import hookspecs
 from palpate.domain import Channel, Scenario, StudyTemplate
-from palpate.errors import PluginError
+from palpate.errors import PalpateError, PluginError
 from palpate.interfaces import (
     Component,
     ExperimentLoader,
@@ -229,6 +229,32 @@ def _entry_points() -> list[importlib.metadata.EntryPoint]:
         for point in importlib.metadata.entry_points(group=GROUP)
     }
     return [found[key] for key in sorted(found)]
+
+
+@contextlib.contextmanager
+def answering_for(component: Component, doing: str) -> Iterator[None]:
+    """Turn what a plugin's component raises beside a PalpateError into one that names it.
+
+    Parameters
+    ----------
+    component : Component
+    doing : str
+        What it was asked to do, with the file if there is one: ``"reading p1.csv"``.
+
+    Raises
+    ------
+    PluginError
+    """
+    try:
+        yield
+    except PalpateError:
+        raise
+    except Exception as error:
+        where = f"{type(component).__module__}.{type(component).__qualname__}"
+        raise PluginError(
+            f"{doing}: '{component.name}' ({where}) raised {type(error).__name__}: {error}; "
+            "check the file, or tell the plugin's author"
+        ) from error
 
 
 @contextlib.contextmanager

@@ -21,6 +21,7 @@ from palpate.plugin_registry import (
     Kind,
     Registry,
     admitted,
+    answering_for,
     load_file,
     suggestion,
 )
@@ -37,6 +38,7 @@ __all__ = [
     "Plugins",
     "UnknownNameError",
     "add_commands",
+    "answering_for",
     "load_file",
     "suggestion",
 ]

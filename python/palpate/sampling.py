@@ -7,6 +7,7 @@ import numpy as np
 from palpate.domain import BoolArray, Design, FloatArray, ParameterSpace
 from palpate.errors import SamplingError
 from palpate.interfaces import Sampler, SetFilter
+from palpate.plugins import answering_for
 
 
 def draw_design(
@@ -51,7 +52,8 @@ def draw_design(
 def _unit_points(sampler: Sampler, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
     if n_sets < 1:
         raise SamplingError(f"design: {n_sets} sets asked for; ask for at least 1")
-    points = np.asarray(sampler.draw(n_sets, n_parameters, seed), dtype=np.float64)
+    with answering_for(sampler, "drawing the design"):
+        points = np.asarray(sampler.draw(n_sets, n_parameters, seed), dtype=np.float64)
     if points.shape != (n_sets, n_parameters) or not ((points >= 0.0) & (points <= 1.0)).all():
         raise SamplingError(
             f"design: sampler '{sampler.name}' returned points of shape {points.shape} in "
@@ -70,7 +72,8 @@ def _in_ranges(space: ParameterSpace, points: FloatArray) -> FloatArray:
 
 
 def _accepted(keep: SetFilter, space: ParameterSpace, values: FloatArray) -> BoolArray:
-    accepted = np.asarray(keep.accept(space, values))
+    with answering_for(keep, "filtering the design"):
+        accepted = np.asarray(keep.accept(space, values))
     if accepted.shape != (len(values),) or accepted.dtype != np.bool_:
         raise SamplingError(
             f"design: filter '{keep.name}' returned {accepted.dtype} of shape {accepted.shape}; "

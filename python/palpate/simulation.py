@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from palpate.domain import (
 )
 from palpate.executors import Outcome, run
 from palpate.interfaces import Component, Solver
+from palpate.plugins import answering_for
 from palpate.progress import SILENT, Progress
 from palpate.results import Results
 from palpate.study import Study
@@ -69,7 +71,8 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
         for region, theta in job.thetas.items():
             job.materials[region].check(theta)
         if job.spot not in asked:
-            study.solver.check(job, limbs.get(job.spot))
+            with answering_for(study.solver, f"checking spot '{job.spot}'"):
+                study.solver.check(job, limbs.get(job.spot))
             asked.add(job.spot)
 
 
@@ -182,15 +185,21 @@ def simulate(
         if (kept := results.load(key, job)) is not None and not _worth_retrying(kept, study)
     }
     progress.begin("simulate", len(to_do))
-    for kept in done.values():
-        progress.step(kept.status.value)
-    missing = [i for i, key in enumerate(keys) if key not in done]
-    for outcome in _outcomes(study, [to_do[i] for i in missing], limbs):
-        index = missing[outcome.index]
-        simulation = outcome.simulation(to_do[index])
-        results.store(keys[index], simulation)
-        done[keys[index]] = simulation
-        progress.step(simulation.status.value)
+    for key in keys:
+        if key in done:
+            progress.step(done[key].status.value)
+    # Jobs with one key, such as the same test at two spots, are simulated once.
+    missing: dict[str, Job] = {}
+    for key, job in zip(keys, to_do, strict=True):
+        if key not in done:
+            missing.setdefault(key, job)
+    missing_keys, n_jobs = list(missing), Counter(keys)
+    for outcome in _outcomes(study, list(missing.values()), limbs):
+        key = missing_keys[outcome.index]
+        done[key] = simulation = outcome.simulation(missing[key])
+        results.store(key, simulation)
+        for _ in range(n_jobs[key]):
+            progress.step(simulation.status.value)
     return tuple(_of_job(done[key], job) for key, job in zip(keys, to_do, strict=True))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from palpate.domain import Indentation, Scenario, Sphere, Spot
+from palpate.errors import PalpateError
 from palpate.interfaces import Component, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins import Catalogue, Plugins
 from palpate.study_lines import Key
@@ -92,9 +93,12 @@ def build_component(
     except ValidationError as error:
         context.problems.add_invalid(settings_key, error, component.Settings)
         return None
-    with context.problems.at(*settings_key):
+    try:
         return component(checked)
-    return None
+    except Exception as error:
+        told = str(error) if isinstance(error, PalpateError) else f"{type(error).__name__}: {error}"
+        context.problems.add(settings_key, f"'{name}' cannot be made from these settings: {told}")
+        return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -131,6 +131,25 @@ def test_a_bad_curve_ends_with_2_and_writes_nothing(
     assert not Path("runs").exists()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('loader = "lines"', 'loader = "clumsy"', "s1.txt: 'clumsy'"),
+        ("seed = 3", 'seed = 3\nsampler = "clumsy"', "drawing the design: 'clumsy'"),
+        ("[solver]", "[sampling.filters.clumsy]\n[solver]", "filtering the design: 'clumsy'"),
+    ],
+)
+def test_a_component_that_raises_is_named_and_ends_with_2(
+    call: Call, study: Path, old: str, new: str, told: str
+) -> None:
+    edit(study, old, new)
+    outcome = call("run", study)
+    assert outcome.code == 2
+    assert told in outcome.err
+    assert "Error: " in outcome.err
+    assert not Path("runs").exists()
+
+
 def test_no_set_that_works_ends_with_1_and_the_reason(call: Call, study: Path) -> None:
     edit(study, "closed_form", "never_works")
     outcome = call("run", study)

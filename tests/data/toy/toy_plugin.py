@@ -24,7 +24,7 @@ from palpate.domain import (
     StudyTemplate,
 )
 from palpate.errors import CurveError
-from palpate.interfaces import ExperimentLoader, LimbSource, Material, SetFilter, Settings, Solver
+from palpate.interfaces import ExperimentLoader, LimbSource, Material, Sampler, SetFilter, Settings, Solver
 
 
 class Spring(Material):
@@ -75,6 +75,28 @@ class LineLoader(ExperimentLoader):
             raise CurveError(f"{path}: {error}") from None
 
 
+class Stiff(SetFilter):
+    name = "stiff"
+    summary = "Sets whose first parameter is at least 1"
+
+    def accept(self, space, values):
+        return values[:, 0] >= 1.0
+
+
+class Clumsy(LineLoader, Stiff, Sampler):
+    name = "clumsy"
+    summary = "Raises whatever it is asked to do"
+
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        raise KeyError("column")
+
+    def accept(self, space, values):
+        raise IndexError("out of bounds")
+
+    def draw(self, n_sets, n_parameters, seed):
+        raise ZeroDivisionError("by zero")
+
+
 class ClosedForm(Solver):
     name = "closed_form"
     summary = "y = k (x - 1) (1 + a (x - 1))"
@@ -123,14 +145,6 @@ class Block(LimbSource):
         return Limb(spot=spot, mesh=mesh)
 
 
-class Stiff(SetFilter):
-    name = "stiff"
-    summary = "Sets whose first parameter is at least 1"
-
-    def accept(self, space, values):
-        return values[:, 0] >= 1.0
-
-
 @hookimpl
 def palpate_channels():
     return [
@@ -147,7 +161,7 @@ def palpate_channels():
 
 @hookimpl
 def palpate_experiment_loaders():
-    return [LineLoader]
+    return [LineLoader, Clumsy]
 
 
 @hookimpl
@@ -161,8 +175,13 @@ def palpate_materials():
 
 
 @hookimpl
+def palpate_samplers():
+    return [Clumsy]
+
+
+@hookimpl
 def palpate_set_filters():
-    return [Stiff]
+    return [Stiff, Clumsy]
 
 
 @hookimpl
