@@ -87,8 +87,9 @@ def write_figures(content: Content, folder: Path) -> tuple[Path, ...]:
 
 def _save(figure: Figure, stem: Path) -> list[Path]:
     svg, png = stem.with_name(f"{stem.name}.svg"), stem.with_name(f"{stem.name}.png")
-    for canvas, path, metadata in ((FigureCanvasSVG, svg, {"Date": None}), (FigureCanvasAgg, png, None)):
-        canvas(figure).print_figure(path, dpi=figure.dpi, metadata=metadata)
+    FigureCanvasSVG(figure).print_figure(svg, metadata={"Date": None})
+    figure.set_layout_engine("none")  # what the first drawing has laid out stays
+    FigureCanvasAgg(figure).print_figure(png, dpi=figure.dpi)
     return [svg, png]
 
 

@@ -1,0 +1,171 @@
+"""Limbs that cannot be simulated are refused, each with the element, node or region."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from palpate.domain import Limb, Mesh, Spot
+from palpate.errors import MeshError, StudyError
+from palpate.interfaces import LimbSource, Solver
+from palpate.limb import check_limb, load_limbs
+
+CUBE = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float
+)
+TET_IN_CUBE = [[0, 1, 3, 4], [1, 2, 3, 6], [1, 6, 4, 5], [3, 4, 6, 7], [1, 3, 4, 6]]
+EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+TOP = Spot(name="p1", position_mm=[0.5, 0.5, 1.0], normal=[0, 0, 1])
+
+
+def quadratic(points, cells):
+    """Ten-node tetrahedra with straight edges, in the order of VTK."""
+    points, made, ten = [tuple(p) for p in points], {}, []
+    for cell in cells:
+        middles = []
+        for a, b in EDGES:
+            key = frozenset((cell[a], cell[b]))
+            if key not in made:
+                made[key] = len(points)
+                points.append(tuple((np.array(points[cell[a]]) + np.array(points[cell[b]])) / 2))
+            middles.append(made[key])
+        ten.append([*cell, *middles])
+    return np.array(points), np.array(ten)
+
+
+def limb(kind="hex8", *, points=None, cells=None, regions=("soft_tissue",), ids=None, sets=None, spot=TOP):
+    if cells is None:
+        cells = {"hex8": [list(range(8))], "tet4": TET_IN_CUBE}.get(kind)
+        points = CUBE if points is None else points
+        if kind == "tet10":
+            points, cells = quadratic(points, TET_IN_CUBE)
+    nodes: Mapping[str, object] = {"fixed": [0, 1, 2, 3], "contact": [4, 5, 6, 7]} | (sets or {})
+    ids = np.zeros(len(cells)) if ids is None else ids
+    mesh = Mesh(
+        points_mm=points, cells={kind: cells}, cell_regions={kind: ids}, regions=regions, node_sets=nodes
+    )
+    return Limb(spot=spot, mesh=mesh)
+
+
+def refused(broken, match, regions=("soft_tissue",)):
+    with pytest.raises(MeshError, match=match):
+        check_limb(broken, regions)
+
+
+@pytest.mark.parametrize("kind", ["hex8", "tet4", "tet10"])
+def test_a_sound_limb_passes(kind):
+    check_limb(limb(kind), ["soft_tissue"])
+
+
+@pytest.mark.parametrize("kind", ["hex8", "tet4", "tet10"])
+def test_a_mirrored_limb_is_inverted(kind):
+    mirrored = limb(kind, points=CUBE * [1, 1, -1] + [0, 0, 1])
+    refused(mirrored, rf"{kind} elements are inverted or flat, first element 0 near \[.*determinant -")
+
+
+def test_the_determinant_of_a_box_is_its_volume_ratio():
+    from palpate.limb import _least_jacobian
+
+    box = CUBE * [2.0, 3.0, 4.0]
+    least, _ = _least_jacobian("hex8", box[None])
+    assert least[0] == pytest.approx(24.0 / 8.0)
+    for kind in ("tet4", "tet10"):
+        points, cells = (box, TET_IN_CUBE) if kind == "tet4" else quadratic(box, TET_IN_CUBE)
+        least, _ = _least_jacobian(kind, points[np.array(cells)])
+        # Four corner tetrahedra of 1/6 and the inner one of 1/3 of the box.
+        assert least == pytest.approx([24.0, 24.0, 24.0, 24.0, 48.0])
+
+
+def test_a_flat_element_is_refused():
+    refused(limb(points=CUBE * [1, 1, 0]), "inverted or flat")
+
+
+def test_a_midside_node_that_folds_the_element_is_refused():
+    folded = limb("tet10")
+    points = np.array(folded.mesh.points_mm)
+    cell = folded.mesh.cells["tet10"][2]
+    points[cell[4]] = points[cell[0]] + 0.95 * (points[cell[1]] - points[cell[0]])
+    broken = limb("tet10", points=points, cells=folded.mesh.cells["tet10"])
+    refused(broken, "3 tet10 elements are inverted or flat, first element 1")
+
+
+def test_a_coordinate_that_is_not_finite_names_its_node():
+    points = CUBE.copy()
+    points[5, 1] = np.nan
+    refused(limb(points=points), "node 5 lies at")
+
+
+def test_an_index_out_of_range_names_its_place():
+    refused(
+        limb(cells=[[0, 1, 2, 3, 4, 5, 6, 8]], points=CUBE),
+        r"hex8 cells\[0, 7\] names node 8, but there are 8",
+    )
+    refused(limb(sets={"fixed": [0, -1]}), r"node set 'fixed'\[1\] names node -1")
+    refused(limb(ids=[1]), r"regions of hex8\[0\] names region 1")
+
+
+def test_shapes_and_kinds_are_checked():
+    refused(limb(points=CUBE[:, :2]), r"points of shape \(8, 2\)")
+    refused(limb(cells=[[0, 1, 2, 3]], points=CUBE), r"hex8 cells of shape \(1, 4\)")
+    refused(limb("wedge6", cells=[[0, 1, 2, 3, 4, 5]], points=CUBE), "kind 'wedge6'")
+    refused(limb(ids=[0, 0]), "not one region for each")
+    refused(limb(cells=np.zeros((0, 8)), points=CUBE), "no volume elements")
+
+
+@pytest.mark.parametrize("name", ["fixed", "contact"])
+def test_a_missing_node_set_is_named(name):
+    refused(limb(sets={name: []}), f"node set '{name}' is missing or empty")
+
+
+def test_regions_and_materials_must_match():
+    refused(limb(regions=("skin",)), "region 'skin' has no material")
+    refused(limb(), "region 'muscle' has a material but no element", regions=("soft_tissue", "muscle"))
+
+
+def test_an_unused_node_is_refused():
+    refused(limb(points=np.vstack([CUBE, [[9, 9, 9]]])), "1 nodes belong to no element, first node 8")
+
+
+def test_a_loose_part_is_refused():
+    points = np.vstack([CUBE, CUBE + [0, 0, 5]])
+    two = limb(points=points, cells=[list(range(8)), list(range(8, 16))])
+    refused(two, r"2 disconnected parts, of which one with 8 nodes \(first node 8\) has no fixed node")
+    held = limb(points=points, cells=[list(range(8)), list(range(8, 16))], sets={"fixed": [0, 8]})
+    check_limb(held, ["soft_tissue"])
+
+
+def test_a_spot_off_the_surface_is_refused():
+    away = Spot(name="p1", position_mm=[0.5, 0.5, 3.0], normal=[0, 0, 1])
+    refused(limb(spot=away), r"spot 'p1' .* lies 2.12 mm from the nearest contact node")
+
+
+def test_a_normal_that_points_inwards_is_refused():
+    inwards = Spot(name="p1", position_mm=[0.5, 0.5, 1.0], normal=[0, 0, -1])
+    refused(limb(spot=inwards), "points into the limb")
+
+
+class Source(LimbSource):
+    name = "cube"
+    summary = "a cube"
+
+    def load(self, path, spot):
+        return limb(spot=spot, points=CUBE if path.name == "good.vtu" else CUBE * [1, 1, -1])
+
+
+def test_the_message_names_the_file(make_study, tissue, tmp_path):
+    from dataclasses import replace
+
+    class Meshed(tissue.Analytic):
+        needs_limb = True
+
+    def study(mesh):
+        spots = tuple(replace(s, mesh=mesh and tmp_path / mesh, spot=TOP) for s in make_study().spots[:1])
+        return make_study(solver=Meshed(), limb_source=Source(), spots=spots)
+
+    assert set(load_limbs(study("good.vtu"))) == {"p1"}
+    with pytest.raises(MeshError, match=r"bad\.vtu: mesh: 1 hex8 elements"):
+        load_limbs(study("bad.vtu"))
+    with pytest.raises(StudyError, match="spot 'p1' has no mesh, which solver 'analytic' needs"):
+        load_limbs(study(None))
+    assert load_limbs(make_study()) == {}
+    assert issubclass(Meshed, Solver)

@@ -1,0 +1,213 @@
+"""The stages composed, and one by one from files."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from palpate import pipeline
+from palpate.domain import Normaliser
+from palpate.errors import CurveError, NothingSelectable, PalpateError, ScoringError, StudyError
+from palpate.run_directory import RunDirectory, file_name
+
+TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
+FRAMES = ("scores", "selection", "generalisation")
+
+
+@pytest.fixture(autouse=True)
+def one_figure(monkeypatch):
+    """Leave the drawing to the tests of the report."""
+    import palpate.report
+
+    def draw_one(content, folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "one.svg").touch()
+        return (folder / "one.svg",)
+
+    monkeypatch.setattr(palpate.report, "write_figures", draw_one)
+
+
+class Recorder:
+    def __init__(self):
+        self.stages = {}
+
+    def begin(self, stage, total):
+        self.stages[stage] = [total, 0]
+
+    def step(self, note=""):
+        self.stages[list(self.stages)[-1]][1] += 1
+
+
+def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
+    recorder = Recorder()
+    study = make_study(n_sets=60, refine=True, truth=TRUTH)
+    result = pipeline.run_study(study, tmp_path / "run", plugins, recorder)
+    refined = result.selected.refinement.filter(pl.col("spot") == "p1", pl.col("scenario") == "I")
+    assert refined["soft_tissue.stiffness"][0] == pytest.approx(0.4, rel=1e-9)
+    assert refined["soft_tissue.grip"][0] == pytest.approx(20.0, rel=1e-9)
+    assert len(result.simulations) == 120
+    assert set(result.report.tables) == {
+        "table1_coefficients", "table2_nmse", "cross_channel", "generalised", "refined", "distance_to_truth",
+    }  # fmt: skip
+    assert all(path.exists() for path in result.report.files)
+    assert recorder.stages == {"simulate": [120, 120], "refine": [6, 6]}
+
+
+def test_the_verbs_alone_leave_what_the_run_leaves(make_study, plugins, tmp_path):
+    study = make_study(refine=True)
+    result = pipeline.run_study(study, tmp_path / "whole", plugins)
+    alone = tmp_path / "alone"
+    pipeline.measure(study, alone, plugins)
+    pipeline.sample(study, alone, plugins)
+    pipeline.simulate(study, alone, plugins)
+    scores = pipeline.score(study, alone, plugins)
+    selected = pipeline.select(study, alone, plugins)
+    report = pipeline.report(study, alone, plugins)
+    assert_frame_equal(scores.drop("seconds"), result.scores.drop("seconds"))
+    assert_frame_equal(selected.selection, result.selected.selection)
+    assert_frame_equal(selected.generalisation, result.selected.generalisation)
+    assert_frame_equal(selected.refinement, result.selected.refinement)
+    assert [p.relative_to(alone) for p in report.files] == [
+        p.relative_to(tmp_path / "whole") for p in result.report.files
+    ]
+    for name in FRAMES:
+        assert_frame_equal(
+            pl.read_parquet(alone / f"{name}.parquet"),
+            pl.read_parquet(tmp_path / "whole" / f"{name}.parquet"),
+        )
+
+
+def test_a_run_directory_moves_freely(make_study, plugins, tmp_path):
+    study = make_study()
+    pipeline.run_study(study, tmp_path / "here", plugins)
+    (tmp_path / "here").rename(tmp_path / "there")
+    report = pipeline.report(study, tmp_path / "there", plugins)
+    assert all((tmp_path / "there") in path.parents for path in report.files)
+    for path in (tmp_path / "there").rglob("*"):
+        if path.suffix in (".json", ".jsonl", ".html", ".csv", ".svg"):
+            assert str(tmp_path) not in path.read_text(), path
+
+
+@pytest.mark.parametrize(
+    ("verb", "missing", "command"),
+    [
+        ("simulate", "design.parquet", "sample"),
+        ("score", "design.parquet", "sample"),
+        ("select", "scores.parquet", "score"),
+        ("report", "design.parquet", "sample"),
+    ],
+)
+def test_a_verb_names_the_one_that_must_come_before(make_study, plugins, tmp_path, verb, missing, command):
+    with pytest.raises(StudyError, match=rf"{missing}: not there yet; run `palpate {command}` first"):
+        getattr(pipeline, verb)(make_study(), tmp_path / "run", plugins)
+    assert not (tmp_path / "run").exists()
+
+
+def test_measured_curves_must_come_before_the_sweep(make_study, plugins, tmp_path):
+    pipeline.sample(make_study(), tmp_path / "run", plugins)
+    with pytest.raises(StudyError, match=r"p1\.parquet: not there yet; run `palpate experiment` first"):
+        pipeline.simulate(make_study(), tmp_path / "run", plugins)
+
+
+def test_scores_need_simulations_of_this_very_study(make_study, plugins, tmp_path, tissue):
+    pipeline.run_study(make_study(), tmp_path / "run", plugins)
+    other = make_study(solver=tissue.Analytic(tissue.AnalyticSettings(offset=1.0)))
+    with pytest.raises(StudyError, match=r"holds no simulation of this study; run `palpate simulate`"):
+        pipeline.score(other, tmp_path / "run", plugins)
+
+
+def test_a_design_of_other_parameters_is_refused(make_study, plugins, tmp_path, space):
+    pipeline.measure(make_study(), tmp_path / "run", plugins)
+    pipeline.sample(make_study(), tmp_path / "run", plugins)
+    region = replace(space.regions[0], searched=space.regions[0].searched[:1], fixed={"grip": 20.0})
+    study = make_study(space=replace(space, regions=(region,)))
+    with pytest.raises(StudyError, match=r"drawn for .*grip, but the study searches soft_tissue.stiffness"):
+        pipeline.simulate(study, tmp_path / "run", plugins)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"normaliser": Normaliser.MEAN}, ScoringError),
+        ({"n_sets": 0}, PalpateError),
+        ({"minimum_coverage": 1.0, "spots": "short"}, CurveError),
+    ],
+)
+def test_bad_input_writes_nothing(make_study, plugins, tmp_path, changes, error):
+    if changes.get("spots"):
+        path = make_study().spots[0].measured[None]
+        path.write_text("\n".join(path.read_text().splitlines()[:8]))
+        changes = {"minimum_coverage": 1.0}
+    with pytest.raises(error):
+        pipeline.run_study(make_study(**changes), tmp_path / "run", plugins)
+    assert not (tmp_path / "run").exists()
+
+
+def test_when_everything_fails_the_reason_is_told_and_the_scores_stay(make_study, plugins, tmp_path):
+    study = make_study(solver="Hopeless")
+    with pytest.raises(
+        NothingSelectable, match=r"none of 24 simulations .*diverged: step too small; .*narrow"
+    ):
+        pipeline.run_study(study, tmp_path / "run", plugins)
+    assert RunDirectory(tmp_path / "run").scores()["status"].unique().to_list() == ["diverged"]
+    with pytest.raises(NothingSelectable):
+        pipeline.select(study, tmp_path / "run", plugins)
+
+
+def test_failures_are_rows_and_the_rest_is_ranked(make_study, plugins, tmp_path, tissue):
+    class Partial(tissue.Faulty):
+        def behave(self, job):
+            return super().behave(job) if job.set_id > 2 else tissue.Analytic.behave(self, job)
+
+    result = pipeline.run_study(make_study(solver=Partial()), tmp_path / "run", plugins)
+    table = result.report.tables["failures"]
+    assert sorted(table["status"]) == ["crashed", "diverged", "unreadable"]
+    assert not set(result.selected.selection["set_id"]) & {3, 4, 5}
+
+
+def test_the_manifest_says_what_the_numbers_depended_on(make_study, plugins, tmp_path):
+    (tmp_path / "study.toml").write_text("# as run\n")
+    study = make_study(truth=TRUTH)
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert (tmp_path / "run" / "study.toml").read_text() == "# as run\n"
+    assert manifest["data"] == "simulated"
+    assert manifest["normaliser"] == "mean_abs"
+    assert manifest["seed"] == 1
+    assert manifest["truth"] == TRUTH
+    assert manifest["units"] == "mm, N, MPa, N·mm, degrees"
+    assert manifest["materials"][0]["convention"] == "textbook"
+    assert manifest["versions"]["solver analytic"] == "1"
+    assert {"python", "numpy", "polars"} <= set(manifest["versions"])
+    assert set(manifest["inputs"]) == {"study.toml", "analytic_tissue.py", "p1.csv", "p2.csv"}
+    assert set(manifest["channels"]) == {"force", "torque"}
+
+
+def test_a_refinement_of_an_earlier_selection_does_not_linger(make_study, plugins, tmp_path):
+    pipeline.run_study(make_study(refine=True), tmp_path / "run", plugins)
+    result = pipeline.run_study(make_study(), tmp_path / "run", plugins)
+    assert "refined" not in result.report.tables
+    assert not RunDirectory(tmp_path / "run").refinement().responses
+
+
+def test_a_design_comes_back_to_the_last_bit(make_study, plugins, tmp_path):
+    design = pipeline.sample(make_study(), tmp_path / "run", plugins)
+    back = RunDirectory(tmp_path / "run").design()
+    assert np.array_equal(back.values, design.values)
+    assert (back.parameters, back.seed, back.n_drawn) == (design.parameters, design.seed, design.n_drawn)
+
+
+@pytest.mark.parametrize("name", ["p1", "spot 2", "../up", "..", "a/b", "ünder", "c:d"])
+def test_a_name_never_leads_out_of_its_folder(name, tmp_path):
+    made = file_name(name)
+    assert (tmp_path / made).parent == tmp_path
+    assert made not in (".", "..")
+    (tmp_path / made).touch()
+
+
+def test_names_stay_apart():
+    names = ["a.b", "a%2Eb", "a/b", "a b", "a_b"]
+    assert len({file_name(n) for n in names}) == len(names)

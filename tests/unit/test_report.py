@@ -1,0 +1,246 @@
+"""Reports: what the stages found, laid out, whatever the channels are called."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib import rcParams
+from matplotlib.image import imread
+
+from palpate import pipeline
+from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario
+from palpate.refinement import Refined
+from palpate.report import Content, figures, make_tables, write_report
+from palpate.report.figures import COLOUR_LIMIT, generalised, nmse_distribution, parameter_space, responses
+from palpate.scoring import score
+from palpate.selection import select
+from palpate.simulation import simulate
+
+
+@pytest.fixture
+def content(make_study, plugins, tmp_path):
+    """Content of a run of the analytic tissue."""
+    kept = []
+
+    def made(**changes):
+        study = make_study(**({"n_sets": 40} | changes))
+        original = pipeline.write_report
+        pipeline.write_report = lambda content, folder: kept.append(content) or ()
+        try:
+            pipeline.run_study(study, tmp_path / "run", plugins)
+        finally:
+            pipeline.write_report = original
+        return kept[-1]
+
+    return made
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Report without drawing, for what is not about the pictures."""
+    import palpate.report
+
+    monkeypatch.setattr(palpate.report, "write_figures", lambda content, folder: (folder / "a figure.svg",))
+
+
+def test_table_1_is_the_papers_in_long_form(content):
+    made = content()
+    table = make_tables(made)["table1_coefficients"]
+    assert table.columns == [
+        "region", "material", "convention", "spot", "scenario", "parameter", "value", "unit",
+    ]  # fmt: skip
+    assert len(table) == 2 * 3 * 2
+    row = table.row(0, named=True)
+    assert (row["material"], row["spot"], row["scenario"], row["unit"]) == ("spongy", "p1", "I", "MPa")
+    assert row["value"] == made.selection["soft_tissue.stiffness"][0]
+
+
+def test_table_2_has_a_column_per_scenario(content):
+    made = content()
+    table = make_tables(made)["table2_nmse"]
+    assert table.columns == ["spot", "I", "II", "III"]
+    assert table.row(1)[1:] == tuple(made.selection["fopt"][3:6])
+
+
+def test_the_cross_table_shows_what_a_fit_to_one_channel_costs_in_the_other(content):
+    table = make_tables(content())["cross_channel"]
+    assert table["fitted_to"].to_list()[:3] == ["force + torque", "torque", "force"]
+    for row in table.iter_rows(named=True):
+        assert row["nmse_force"] >= 0.0
+        assert row["r2_torque"] <= 1.0
+
+
+def test_the_distance_to_the_truth_is_signed_and_relative(content):
+    made = content(truth={"soft_tissue.stiffness": 0.4})
+    table = make_tables(made)["distance_to_truth"]
+    assert set(table["search"]) == {"sweep", "generalised"}
+    row = table.row(0, named=True)
+    assert row["difference_percent"] == pytest.approx(100 * (row["value"] / 0.4 - 1))
+    assert "distance_to_truth" not in make_tables(content())
+
+
+def test_the_csv_files_hold_every_digit(undrawn, content, tmp_path):
+    made = content()
+    write_report(made, tmp_path / "report")
+    with (tmp_path / "report" / "tables" / "table2_nmse.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[0]["II"]) == made.selection["fopt"][1]
+
+
+def test_the_page_names_every_table_and_figure_and_says_that_the_data_are_simulated(
+    undrawn, content, tmp_path
+):
+    files = write_report(content(), tmp_path / "report")
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "simulated data, not a measurement" in page
+    assert 'src="figures/a%20figure.svg"' in page
+    for path in files:
+        assert path.name in page or path.suffix != ".csv"
+    write_report(content(data="measured"), tmp_path / "real")
+    assert "simulated" not in (tmp_path / "real" / "index.html").read_text()
+
+
+def test_names_are_escaped_in_the_page(undrawn, content, tmp_path):
+    write_report(content(name="<script>x</script>"), tmp_path / "report")
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+
+
+def test_an_earlier_report_leaves_nothing_behind(content, tmp_path):
+    made = content()
+    made = replace(made, measured={"p1": made.measured["p1"]}, generalisation=made.generalisation[:0])
+    folder = tmp_path / "report"
+    for old in ("tables/old.csv", "figures/old.svg", "figures/old.png"):
+        (folder / old).parent.mkdir(parents=True, exist_ok=True)
+        (folder / old).touch()
+    files = write_report(made, folder)
+    assert {p for p in folder.rglob("*") if p.is_file()} == set(files)
+
+
+def test_figures_are_drawn_alike_twice_and_nobodys_style_changes(content, tmp_path):
+    before = dict(rcParams)
+    made = content()
+    spot = {"p1": made.measured["p1"]}
+    made = replace(made, measured=spot, selection=made.selection[:3], generalisation=made.generalisation[:1])
+    for name in ("one", "two"):
+        write_report(made, tmp_path / name)
+    assert dict(rcParams) == before
+    for path in (tmp_path / "one" / "figures").glob("*.svg"):
+        assert path.read_bytes() == (tmp_path / "two" / "figures" / path.name).read_bytes()
+    picture = imread(tmp_path / "one" / "figures" / "response_p1.png")
+    assert picture.shape[1] > 1000
+    assert np.ptp(picture) == 1.0
+
+
+def test_every_figure_of_simulated_data_says_so(content):
+    made, real = content(), content(data="measured")
+    for draw in (
+        nmse_distribution, generalised, lambda c: responses(c, "p1"), lambda c: parameter_space(c, "p1"),
+    ):  # fmt: skip
+        assert "simulated data" in draw(made).get_suptitle()
+        assert "simulated" not in draw(real).get_suptitle()
+
+
+def test_a_response_has_the_experiment_and_a_curve_per_scenario(content):
+    made = content()
+    axes = responses(made, "p2").axes
+    assert [a.get_xlabel() for a in axes] == ["indentation depth [mm]", "rotation [°]"]
+    lines = axes[0].get_lines()
+    assert len(lines) == 4
+    assert np.array_equal(lines[0].get_ydata(), made.measured["p2"]["force"].ordinate)
+    chosen = made.selection.row(3, named=True)
+    shown = made.responses["p2", chosen["set_id"]]["force"]
+    assert np.array_equal(lines[1].get_ydata(), shown.ordinate)
+    styles = {(line.get_color(), line.get_linestyle()) for line in lines[1:]}
+    assert len(styles) == 3
+
+
+def test_the_refined_curves_stand_beside_the_sweeps(content):
+    axes = responses(content(refine=True), "p1").axes
+    labels = [line.get_label() for line in axes[0].get_lines()]
+    assert sum("refined" in label for label in labels) == 3
+
+
+def test_the_distribution_is_cut_and_says_how_many_are_above(content):
+    made = content()
+    axis = nmse_distribution(made).axes[0]
+    offsets = np.concatenate([c.get_offsets() for c in axis.collections if len(c.get_offsets()) > 1])
+    assert offsets[:, 1].max() <= figures.DISTRIBUTION_LIMIT
+    n_above = sum(int(t.get_text().split()[0]) for t in axis.texts)
+    assert len(offsets) + n_above == 80
+
+
+def test_the_parameter_space_shows_each_set_once(content):
+    made = content()
+    panel = parameter_space(made, "p1").axes[0]
+    by_label = {c.get_label(): len(c.get_offsets()) for c in panel.collections}
+    least = made.selection.row(0, named=True)
+    assert any(label.startswith(f"least: set {least['set_id']}") for label in by_label)
+    above = sum(n for label, n in by_label.items() if "above" in label)
+    coloured = next(c for c in panel.collections if c.get_array() is not None)
+    assert above + len(coloured.get_offsets()) == 40
+    assert coloured.get_clim() == (0.0, COLOUR_LIMIT)
+    assert (coloured.get_array() <= COLOUR_LIMIT).all()
+
+
+@pytest.mark.parametrize(("n", "panels"), [(1, 1), (2, 1), (3, 4), (4, 6), (7, figures.MOST_PAIRS)])
+def test_any_number_of_parameters_is_shown(content, n, panels):
+    made = content()
+    one = made.design.parameters[0]
+    parameters = tuple(replace(one, name=f"soft_tissue.c{i}") for i in range(n))
+    values = np.random.default_rng(0).uniform(0.1, 1.0, (40, n))
+    design = Design(parameters=parameters, values=values, seed=0, n_drawn=40)
+    figure = parameter_space(replace(made, design=design), "p1")
+    assert len([a for a in figure.axes if a.get_label() != "<colorbar>"]) == panels
+
+
+def test_three_channels_of_other_names_and_a_spot_that_lacks_one(make_study, plugins, tmp_path, tissue):
+    names = ("uniaxial", "equibiaxial", "pure_shear")
+    x = np.linspace(1.0, 3.0, 30)
+    channels = {
+        n: Channel(name=n, abscissa="stretch", ordinate="stress_MPa",
+                   abscissa_label="stretch", ordinate_label=f"{n} stress [MPa]")
+        for n in names
+    }  # fmt: skip
+    curves = {
+        n: Curve(channel=n, abscissa=x, ordinate=(0.4 + 0.1 * i) * x + 20.0 * x**2)
+        for i, n in enumerate(names)
+    }
+    measured = {
+        "p1": Response(curves=curves),
+        "p2": Response(curves={"uniaxial": curves["uniaxial"]}),
+    }
+    scenarios = (
+        Scenario(name="UT", weights={"uniaxial": 1.0}),
+        Scenario(name="all", weights=dict.fromkeys(names, 1.0)),
+    )
+    study = make_study(protocol=None, scenarios=scenarios, generalise_by="UT", data="measured")
+    from palpate.generalisation import generalise
+    from palpate.sampling import draw_design
+
+    design = draw_design(study.space, study.sampler, 20, 1)
+    swept = simulate(study, design, {}, measured, tmp_path / "run")
+    scores = score(swept, measured, normaliser=study.normaliser, minimum_coverage=1.0)
+    chosen = select(scores, scenarios, design)
+    assert chosen.select("spot", "scenario").rows() == [("p1", "UT"), ("p1", "all"), ("p2", "UT")]
+    made = Content(
+        study=study, channels=channels, measured=measured, design=design, scores=scores, selection=chosen,
+        generalisation=generalise(scores, scenarios[0], design),
+        refined=Refined(table=chosen.clear(), responses={}),
+        responses={(s.job.spot, s.job.set_id): s.response for s in swept},
+    )  # fmt: skip
+    assert len(write_report(made, tmp_path / "report")) == 4 + 2 * 6 + 1
+    assert len(responses(made, "p1").axes) == 3
+    assert len(responses(made, "p2").axes) == 1
+    assert make_tables(made)["table2_nmse"]["all"].to_list()[1] is None
+
+
+def test_two_regions_keep_their_names(space):
+    from palpate.report.figures import _named_briefly
+
+    one = space.parameters
+    assert [p.name for p in _named_briefly(one)] == ["stiffness", "grip"]
+    two = ParameterSpace(regions=(*space.regions, replace(space.regions[0], region="skin"))).parameters
+    assert _named_briefly(two) == two
