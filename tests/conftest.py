@@ -97,3 +97,15 @@ def make_study(tmp_path: Path, tissue: ModuleType, space: ParameterSpace) -> Cal
         return replace(study, **changes)
 
     return make
+
+
+@pytest.fixture
+def one_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the drawing to the tests of the report."""
+
+    def draw_one(content: Any, folder: Path) -> tuple[Path, ...]:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "one.svg").touch()
+        return (folder / "one.svg",)
+
+    monkeypatch.setattr("palpate.report.write_figures", draw_one)

@@ -127,7 +127,7 @@ def test_an_unused_node_is_refused():
 
 
 def test_a_loose_part_is_refused():
-    points = np.vstack([CUBE, CUBE + [0, 0, 5]])
+    points = np.vstack([CUBE, CUBE + np.array([0, 0, 5])])
     two = limb(points=points, cells=[list(range(8)), list(range(8, 16))])
     refused(two, r"2 disconnected parts, of which one with 8 nodes \(first node 8\) has no fixed node")
     held = limb(points=points, cells=[list(range(8)), list(range(8, 16))], sets={"fixed": [0, 8]})

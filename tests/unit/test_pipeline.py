@@ -17,17 +17,7 @@ TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
 FRAMES = ("scores", "selection", "generalisation")
 
 
-@pytest.fixture(autouse=True)
-def one_figure(monkeypatch):
-    """Leave the drawing to the tests of the report."""
-    import palpate.report
-
-    def draw_one(content, folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "one.svg").touch()
-        return (folder / "one.svg",)
-
-    monkeypatch.setattr(palpate.report, "write_figures", draw_one)
+pytestmark = pytest.mark.usefixtures("one_figure")
 
 
 class Recorder:

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
+
 from palpate import (
     Channel,
     Curve,
@@ -26,7 +28,6 @@ from palpate import (
     Status,
     hookimpl,
 )
-from pydantic import Field
 
 DEPTHS = np.linspace(0.0, 10.0, 21)
 ANGLES = np.concatenate(
