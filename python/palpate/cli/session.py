@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 MAX_ROWS = 30
 """Longest table that is shown whole; files hold the rest."""
 
+MAX_COLUMNS = 6
+"""Most rows of a table that is turned on its side."""
+
 FILE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe."""
 
@@ -92,9 +95,14 @@ class Session:
         typer.echo(json.dumps(_plain(value), indent=2, ensure_ascii=False))
 
     def frame(self, title: str, frame: "pl.DataFrame") -> None:
-        """Print a data frame as a table."""
-        cells = [[cell(value) for value in row] for row in frame.head(MAX_ROWS).rows()]
-        self.table(title, frame.columns, cells)
+        """Print a data frame as a table; a wide one of few rows lies on its side."""
+        rows = [[cell(value) for value in row] for row in frame.head(MAX_ROWS).rows()]
+        widths = [max(map(len, column)) + 3 for column in zip(frame.columns, *rows, strict=True)]
+        if sum(widths) > self.stdout.width and len(rows) <= MAX_COLUMNS:
+            first, *others = zip(frame.columns, *rows, strict=True)
+            self.table(title, first, others)
+        else:
+            self.table(title, frame.columns, rows)
         if frame.height > MAX_ROWS:
             self.say(f"… {frame.height - MAX_ROWS} more rows")
 

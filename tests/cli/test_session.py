@@ -1,0 +1,57 @@
+"""How results are printed."""
+
+import json
+import math
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from palpate.cli.session import MAX_ROWS, Session
+
+
+@pytest.fixture
+def printed(capsys: pytest.CaptureFixture[str]) -> "Printed":
+    return Printed(capsys)
+
+
+class Printed:
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+        self.session = Session()
+
+    def lines(self) -> list[list[str]]:
+        return [line.split() for line in self._capsys.readouterr().out.splitlines() if line.split()]
+
+
+def test_a_frame_has_six_digits_and_dashes(printed: Printed) -> None:
+    printed.session.frame("Things", pl.DataFrame({"name": ["a", None], "value": [math.pi, 1e-9]}))
+    title, head, _, first, second = printed.lines()
+    assert title == ["Things"]
+    assert head == ["name", "value"]
+    assert first == ["a", "3.14159"]
+    assert second == ["–", "1e-09"]
+
+
+def test_a_wide_frame_of_few_rows_lies_on_its_side(printed: Printed) -> None:
+    printed.session.frame("Wide", pl.DataFrame({f"a_long_name_{i}": [i, i + 100] for i in range(20)}))
+    lines = printed.lines()
+    assert lines[1] == ["a_long_name_0", "0", "100"]
+    assert lines[-1] == ["a_long_name_19", "19", "119"]
+
+
+def test_a_long_frame_is_cut_and_says_so(printed: Printed) -> None:
+    printed.session.frame("Long", pl.DataFrame({"n": list(range(MAX_ROWS + 7))}))
+    assert printed.lines()[-1] == ["…", "7", "more", "rows"]
+
+
+def test_brackets_are_text_not_markup(printed: Printed) -> None:
+    printed.session.table("Units", ["stress [MPa]"], [["[red]1[/red]"]])
+    assert "[MPa]" in printed.lines()[1]
+    printed.session.say("value [bold]")
+    assert printed.lines() == [["value", "[bold]"]]
+
+
+def test_json_has_no_numbers_that_json_lacks(capsys: pytest.CaptureFixture[str]) -> None:
+    Session().json({"a": [math.nan, -math.inf, 1.5, True], "b": Path("x"), "c": (None, "µ")})
+    assert json.loads(capsys.readouterr().out) == {"a": [None, None, 1.5, True], "b": "x", "c": [None, "µ"]}
