@@ -91,8 +91,13 @@ def test_a_start_that_fails_again_is_a_row_with_its_message(make_study, plugins,
 def test_the_normaliser_is_the_one_that_scores(make_study, normaliser):
     ordinate = np.array([1.0, 2.0, 6.0])
     expected = {
-        "mean_abs": 3.0, "mean": 3.0, "rms": np.sqrt(41 / 3), "range": 5.0, "std": np.sqrt(14 / 3), "unit": 1.0,
-    }  # fmt: skip
+        "mean_abs": 3.0,
+        "mean": 3.0,
+        "rms": np.sqrt(41 / 3),
+        "range": 5.0,
+        "std": np.sqrt(14 / 3),
+        "unit": 1.0,
+    }
     value = normaliser_value(ordinate, make_study(normaliser=normaliser))
     assert value == pytest.approx(expected[normaliser.value], rel=1e-12)
 

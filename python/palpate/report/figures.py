@@ -335,7 +335,8 @@ def _draw_space(
 
 def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
     """Draw sets at coordinates (n_sets,) each: coloured, black above the limit, grey failed, red least."""
-    scatter: Any = partial(axis.scatter, **({"depthshade": False} if axis.name == "3d" else {}))
+    draw: Any = axis.scatter
+    scatter = partial(draw, depthshade=False) if axis.name == "3d" else draw
     failed, above = np.isnan(fopt), fopt > COLOUR_LIMIT
     kinds = {
         "failed": (failed, {"color": "0.6", "marker": "+", "s": 18}),
