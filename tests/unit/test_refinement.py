@@ -9,7 +9,7 @@ import pytest
 from palpate import scoring, selection, simulation
 from palpate.domain import Normaliser, ParameterSpace, Scenario, Simulation, Status
 from palpate.experiment import load_measured
-from palpate.refinement import normaliser_value, refine
+from palpate.refinement import _Search, normaliser_value, refine
 from palpate.sampling import draw_design
 
 
@@ -39,6 +39,26 @@ def test_no_row_is_worse_than_where_it_began(make_study, plugins, tmp_path):
     assert found.table["start_fopt"].to_list() == chosen["fopt"].to_list()
     assert found.table["start_set_id"].to_list() == chosen["set_id"].to_list()
     assert (found.table["fopt"] <= found.table["start_fopt"]).all()
+
+
+def test_the_squares_that_are_minimised_sum_to_fopt(make_study, plugins):
+    """With other numbers of points, weights and sizes in the two channels."""
+    scenario = Scenario(name="I", weights={"force": 3.0, "torque": 0.5})
+    study = make_study(scenarios=(scenario,))
+    measured = load_measured(study, plugins.channels)
+    design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
+    search = _Search(study=study, spot="p1", scenario=scenario, limb=None, measured=measured["p1"])
+    jobs = simulation.jobs(study, design, measured)[: design.n_sets]
+    scores = scoring.score(
+        [study.solver.simulate(job, None) for job in jobs],
+        {"p1": measured["p1"]},
+        normaliser=study.normaliser,
+        minimum_coverage=1.0,
+    )
+    fopt = selection.objectives(scores, [scenario])["fopt"].to_list()
+    for values, expected in zip(design.values, fopt, strict=True):
+        residuals = search.residuals(values)
+        assert residuals @ residuals == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_channel_without_weight_does_not_pull(make_study, plugins, tmp_path):

@@ -102,6 +102,14 @@ def test_a_torn_line_and_a_lost_curve_cost_one_simulation_each(sweep, tmp_path):
     assert {s.status for s in found} == {Status.OK}
 
 
+def test_a_line_after_a_torn_one_is_not_lost(sweep, tmp_path):
+    sweep()
+    lines = tmp_path / "run" / "simulations.jsonl"
+    lines.write_text(lines.read_text()[:-30])
+    assert sweep()[1] == [("p1", "11")]
+    assert sweep()[1] == []
+
+
 def test_failures_keep_their_partial_curves_and_crashes_are_tried_again(sweep, tissue):
     class Sickly(tissue.Faulty):
         def behave(self, job):
