@@ -312,10 +312,10 @@ def moduli_at_rest(material: Material, theta: Array) -> tuple[Array, Array]:
 def _rest(material: Material, theta: Array) -> tuple[Array, Array, Array, Array]:
     """Energy, largest stress, shear and bulk modulus at rest."""
     if material.isotropic:
-        energy = material.energy(jnp.ones(3), theta)
+        energy, slope = material.energy(jnp.ones(3), theta), _psi_i(material, jnp.ones(3), theta)
     else:
-        energy = material.energy_from_F(jnp.eye(3), theta)
-    largest = jnp.max(jnp.abs(stress(material, jnp.eye(3), theta)))
+        energy, slope = jax.value_and_grad(material.energy_from_F)(jnp.eye(3), theta)
+    largest = jnp.max(jnp.abs(slope))
     return energy, largest, *moduli_at_rest(material, theta)
 
 

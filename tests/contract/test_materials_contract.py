@@ -8,7 +8,6 @@ from palpate.errors import MaterialError
 from palpate.testing import MaterialContract, SetFilterContract
 from palpate_materials import Demiray, Drucker, MooneyRivlin, NeoHookean, Ogden, VerondaWestmann, Yeoh
 from palpate_materials.ogden import OgdenSettings
-from palpate_materials.yeoh import YeohSettings
 
 
 class TestMaterials(MaterialContract):
@@ -17,7 +16,6 @@ class TestMaterials(MaterialContract):
             Ogden(),
             Ogden(OgdenSettings(terms=2)),
             Yeoh(),
-            Yeoh(YeohSettings(terms=1)),
             NeoHookean(),
             MooneyRivlin(),
             VerondaWestmann(),
@@ -27,7 +25,6 @@ class TestMaterials(MaterialContract):
             "ogden",
             "ogden2",
             "yeoh",
-            "yeoh1",
             "neo_hookean",
             "mooney_rivlin",
             "veronda_westmann",
