@@ -170,6 +170,18 @@ def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         main(["--plugin", PLUGIN, "run", str(TOY)])
 
 
+def test_ctrl_c_ends_with_130_and_says_how_to_go_on(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    from palpate import pipeline
+
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "run_study", stopped)
+    outcome = call("run", TOY)
+    assert outcome.code == 130
+    assert "the same command goes on from there" in outcome.err
+
+
 def test_a_process_ends_with_the_code(study: Path, tmp_path: Path) -> None:
     edit(study, '"closed_form"', '"clsed_form"')
     done = subprocess.run(

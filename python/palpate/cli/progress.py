@@ -45,6 +45,8 @@ class StageProgress:
     ) -> None:
         if self._bars is not None:
             self._bars.stop()
+        if kind is not None and issubclass(kind, KeyboardInterrupt):
+            self._console.print("stopped; what is simulated is kept, and the same command goes on from there")
 
     def begin(self, stage: str, total: int) -> None:
         """Show a new stage of ``total`` steps."""
