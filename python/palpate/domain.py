@@ -1,8 +1,7 @@
 """The nouns of a study: frozen values that flow from stage to stage.
 
-Units at this surface are mm, N, MPa, N·mm and degrees. Arrays are copied in,
-checked once and made read-only, so a value that exists is a value that can be
-used.
+Units are mm, N, MPa, N·mm and degrees. Arrays are copied in, checked once and
+made read-only, so a value that exists can be used.
 """
 
 from collections.abc import Iterator, Mapping
@@ -39,9 +38,6 @@ def _frozen_ints(values: ArrayLike) -> IntArray:
     array = np.array(values, dtype=np.int64, copy=True)
     array.setflags(write=False)
     return array
-
-
-# --------------------------------------------------------------------- curves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,8 +147,7 @@ class Normaliser(StrEnum):
     """What the squared error is divided by, computed on the measured curve.
 
     ``MEAN`` is the letter of the paper; over a symmetric twist it is close to
-    zero, and scoring refuses it there. ``UNIT`` divides by one unit of the
-    ordinate, which makes the NMSE a plain mean squared error.
+    zero, and scoring refuses it there. ``UNIT`` divides by one: plain mean squared error.
     """
 
     MEAN_ABS = "mean_abs"
@@ -161,9 +156,6 @@ class Normaliser(StrEnum):
     RANGE = "range"
     STD = "std"
     UNIT = "unit"
-
-
-# ------------------------------------------------------------- limb, protocol
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -206,20 +198,11 @@ class Mesh:
     node_sets: Mapping[str, IntArray]
 
     def __post_init__(self) -> None:
-        freeze = object.__setattr__
-        freeze(self, "points_mm", _frozen_floats(self.points_mm))
-        freeze(self, "cells", MappingProxyType({k: _frozen_ints(v) for k, v in self.cells.items()}))
-        freeze(
-            self,
-            "cell_regions",
-            MappingProxyType({k: _frozen_ints(v) for k, v in self.cell_regions.items()}),
-        )
-        freeze(self, "regions", tuple(self.regions))
-        freeze(
-            self,
-            "node_sets",
-            MappingProxyType({k: _frozen_ints(v) for k, v in self.node_sets.items()}),
-        )
+        object.__setattr__(self, "points_mm", _frozen_floats(self.points_mm))
+        object.__setattr__(self, "regions", tuple(self.regions))
+        for name in ("cells", "cell_regions", "node_sets"):
+            frozen = {key: _frozen_ints(values) for key, values in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(frozen))
 
     @property
     def n_nodes(self) -> int:
@@ -276,7 +259,7 @@ class Indentation:
         if path.ndim != 2 or path.shape[1] != 2 or path.shape[0] < 2 or not np.isfinite(path).all():
             raise CurveError("protocol: the path needs at least two finite rows of (depth_mm, rotation_deg)")
         if path[0].any():
-            raise CurveError(f"protocol: the path starts at {tuple(path[0])}; start it at depth 0 and rotation 0")
+            raise CurveError(f"protocol: the path starts at {tuple(path[0])}; start it at (0, 0)")
         if (path[:, 0] < 0.0).any():
             raise CurveError(f"protocol: depth {path[:, 0].min()} mm lies outside the limb; keep depths >= 0")
         if not (np.isfinite(self.friction) and self.friction >= 0.0):
@@ -304,9 +287,6 @@ Protocol = Indentation | HomogeneousTests
 """What is done to the limb or specimen."""
 
 
-# -------------------------------------------------------- parameters, designs
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
     """One number that a material needs.
@@ -329,7 +309,7 @@ class Parameter:
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
             raise SamplingError(
-                f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} {self.unit}"
+                f"parameter '{self.name}': lower {self.lower} must be < upper {self.upper} {self.unit}"
             )
         for bound in (self.lower, self.upper):
             self.check(bound)
@@ -375,8 +355,7 @@ class RegionMaterial:
     def theta(self, values: Mapping[str, float]) -> FloatArray:
         """Textbook parameters in the order of ``material.parameters``, shape (n_parameters,)."""
         numbers = [
-            self.fixed[p.name] if p.name in self.fixed else values[p.name]
-            for p in self.material.parameters
+            self.fixed[p.name] if p.name in self.fixed else values[p.name] for p in self.material.parameters
         ]
         return self.material.to_textbook(np.array(numbers), self.convention)
 
@@ -446,9 +425,6 @@ class Design:
         return int(self.values.shape[0])
 
 
-# ------------------------------------------------------- simulations, scoring
-
-
 class Status(StrEnum):
     """How a simulation ended."""
 
@@ -507,7 +483,8 @@ class Scenario:
 
     def __post_init__(self) -> None:
         weights = dict(self.weights)
-        if not weights or any(not np.isfinite(w) or w < 0.0 for w in weights.values()) or not any(weights.values()):
+        sound = all(np.isfinite(w) and w >= 0.0 for w in weights.values())
+        if not sound or not any(weights.values()):
             raise ScoringError(
                 f"scenario '{self.name}': weights {weights} must be >= 0, finite, and at least one > 0"
             )

@@ -40,5 +40,5 @@ class PluginError(PalpateError):
     """A plugin is broken, unknown, or clashes with another."""
 
 
-class NothingSelectable(PalpateError):
+class NothingSelectableError(PalpateError):
     """Every simulation failed, so no set can be chosen (exit code 1)."""

@@ -87,7 +87,7 @@ class Material(Component):
             JAX can differentiate it.
         """
 
-    def energy_from_F(self, F: Array, theta: Array) -> Array:  # noqa: N802, N803
+    def energy_from_F(self, F: Array, theta: Array) -> Array:  # noqa: N802
         """Energy [MPa] from the deformation gradient (3, 3), for anisotropic materials only.
 
         An anisotropic material overrides this and sets ``isotropic = False``.
@@ -198,7 +198,7 @@ class Solver(Component):
     def version(self) -> str:
         """Version of whatever computes the numbers; part of each simulation's key."""
 
-    def check(self, job: Job, limb: Limb | None) -> None:  # noqa: B027
+    def check(self, job: Job, limb: Limb | None) -> None:
         """Refuse, before the first step, what cannot be simulated.
 
         Raises

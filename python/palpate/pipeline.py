@@ -122,7 +122,7 @@ def run_study(study: Study, run_folder: Path, plugins: Plugins, progress: Progre
     ------
     PalpateError
         Something in the input is wrong; nothing has been written.
-    NothingSelectable
+    NothingSelectableError
         Every simulation failed.
     """
     checked = check(study, plugins)
@@ -203,7 +203,7 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
 
     Raises
     ------
-    NothingSelectable
+    NothingSelectableError
         Every simulation failed.
     """
     run = RunDirectory(run_folder)

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import polars as pl
 
 from palpate.domain import Design, Scenario, Status
-from palpate.errors import NothingSelectable, ScoringError
+from palpate.errors import NothingSelectableError, ScoringError
 
 
 def objectives(scores: pl.DataFrame, scenarios: Sequence[Scenario]) -> pl.DataFrame:
@@ -99,12 +99,12 @@ def select(scores: pl.DataFrame, scenarios: Sequence[Scenario], design: Design) 
 
     Raises
     ------
-    NothingSelectable
+    NothingSelectableError
         No set can be ranked anywhere.
     """
     candidates = objectives(scores, scenarios)
     if candidates.is_empty():
-        raise NothingSelectable(_why_nothing(scores))
+        raise NothingSelectableError(_why_nothing(scores))
     best = (
         candidates.with_row_index("_order")
         .sort("fopt", "set_id")

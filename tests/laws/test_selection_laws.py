@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.domain import Design, Parameter, Scenario
-from palpate.errors import NothingSelectable
+from palpate.errors import NothingSelectableError
 from palpate.generalisation import generalise
 from palpate.scoring import SCHEMA
 from palpate.selection import objectives, select
@@ -44,7 +44,7 @@ def design_of(table):
 def selected(table):
     try:
         return select(scores_of(table), SCENARIOS, design_of(table))
-    except NothingSelectable:
+    except NothingSelectableError:
         return None
 
 

@@ -10,7 +10,7 @@ from polars.testing import assert_frame_equal
 
 from palpate import pipeline
 from palpate.domain import Normaliser
-from palpate.errors import CurveError, NothingSelectable, PalpateError, ScoringError, StudyError
+from palpate.errors import CurveError, NothingSelectableError, PalpateError, ScoringError, StudyError
 from palpate.run_directory import RunDirectory, file_name
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
@@ -139,11 +139,11 @@ def test_bad_input_writes_nothing(make_study, plugins, tmp_path, changes, error)
 def test_when_everything_fails_the_reason_is_told_and_the_scores_stay(make_study, plugins, tmp_path):
     study = make_study(solver="Hopeless")
     with pytest.raises(
-        NothingSelectable, match=r"none of 24 simulations .*diverged: step too small; .*narrow"
+        NothingSelectableError, match=r"none of 24 simulations .*diverged: step too small; .*narrow"
     ):
         pipeline.run_study(study, tmp_path / "run", plugins)
     assert RunDirectory(tmp_path / "run").scores()["status"].unique().to_list() == ["diverged"]
-    with pytest.raises(NothingSelectable):
+    with pytest.raises(NothingSelectableError):
         pipeline.select(study, tmp_path / "run", plugins)
 
 

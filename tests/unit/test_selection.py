@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 
 from palpate.domain import Design, Parameter, Scenario, Status
-from palpate.errors import NothingSelectable, ScoringError
+from palpate.errors import NothingSelectableError, ScoringError
 from palpate.scoring import SCHEMA
 from palpate.selection import failures, objectives, select
 
@@ -92,7 +92,7 @@ def test_nothing_to_select_says_the_most_frequent_reason_and_what_to_try():
         pl.when(pl.col("set_id") == 0).then(pl.lit("crashed")).otherwise(pl.lit("timed_out")).alias("status"),
         pl.lit("stopped").alias("message"),
     )
-    with pytest.raises(NothingSelectable) as caught:
+    with pytest.raises(NothingSelectableError) as caught:
         select(lines, [BOTH], design(3))
     text = str(caught.value)
     assert "none of 3 simulations" in text

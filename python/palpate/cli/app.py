@@ -26,7 +26,7 @@ from palpate.cli.score import score
 from palpate.cli.select import select
 from palpate.cli.session import Session
 from palpate.cli.simulate import simulate
-from palpate.errors import NothingSelectable, PalpateError
+from palpate.errors import NothingSelectableError, PalpateError
 
 COMMANDS = (init, check, run, demo, plugins)
 STAGES = (experiment, limb, sample, simulate, score, select, report)
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for broken in add_commands(app, files):
                 typer.echo(f"plugin left out: {broken}", err=True)
         app(list(given), obj=session, prog_name="palpate")
-    except NothingSelectable as error:
+    except NothingSelectableError as error:
         return _fail(error, 1)
     except PalpateError as error:
         return _fail(error, 2)

@@ -116,9 +116,7 @@ def _outer(a: Jax, b: Jax) -> Jax:
     return a[..., :, :, None, None] * b[..., None, None, :, :]
 
 
-def _mean_dilatation_tangent(
-    k: _Kinematics, P: Jax, A: Jax, volumes: Jax
-) -> tuple[Jax, Jax, Jax, Jax]:
+def _mean_dilatation_tangent(k: _Kinematics, P: Jax, A: Jax, volumes: Jax) -> tuple[Jax, Jax, Jax, Jax]:
     """Tangent at fixed θ (e,q,3,3,3,3), stress, ∂²W/∂F∂θ (e,q,3,3) and Σ w ∂²W/∂θ² (e,1)."""
     Q, pressure, trace = _mean_dilatation_stress(k, P, volumes)
     s, H = k.s[..., None, None], k.H
@@ -225,9 +223,7 @@ class Body:
         self._forces = [partial(_force_kernel, materials[b.region], mean_dilatation) for b in self.blocks]
         self._tangents = [partial(_tangent_kernel, materials[b.region], mean_dilatation) for b in self.blocks]
 
-    def force(
-        self, displacements: FloatArray, thetas: Mapping[str, FloatArray]
-    ) -> tuple[FloatArray, float]:
+    def force(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
         """Internal nodal forces (n_nodes, 3) [N] and the least J of any quadrature point."""
         total, least = np.zeros((self._n_nodes, 3)), np.inf
         for block, kernel, (nodes, *arrays) in zip(self.blocks, self._forces, self._padded, strict=True):

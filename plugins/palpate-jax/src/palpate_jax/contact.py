@@ -47,7 +47,8 @@ class Skin:
 
     def positions(self, coordinates: FloatArray) -> FloatArray:
         """Quadrature points (f q, 3) of node coordinates (n_nodes, 3)."""
-        return np.einsum("qa,fai->fqi", self.values, coordinates[self.nodes]).reshape(-1, 3)
+        points: FloatArray = np.einsum("qa,fai->fqi", self.values, coordinates[self.nodes])
+        return points.reshape(-1, 3)
 
 
 def skins(mesh: Mesh) -> tuple[Skin, ...]:
@@ -130,9 +131,7 @@ def _traction(
 _tractions = jax.jit(jax.vmap(_traction, in_axes=(0, 0, 0, None, None)))
 _jacobians = jax.jit(jax.vmap(jax.jacfwd(_traction, has_aux=True), in_axes=(0, 0, 0, None, None)))
 _uncoupled_jacobians = jax.jit(
-    jax.vmap(
-        jax.jacfwd(partial(_traction, coupled=False), has_aux=True), in_axes=(0, 0, 0, None, None)
-    )
+    jax.vmap(jax.jacfwd(partial(_traction, coupled=False), has_aux=True), in_axes=(0, 0, 0, None, None))
 )
 
 
@@ -159,9 +158,7 @@ class Contact:
         coordinates = self._points + displacements
         return np.concatenate([s.positions(coordinates) for s in self.skins])
 
-    def _arguments(
-        self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law
-    ) -> tuple[Any, ...]:
+    def _arguments(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> tuple[Any, ...]:
         anchors = memory.anchors @ pose.rotation.T + pose.centre
         numbers = (law.radius_mm, law.penalty, law.friction)
         return self._positions(displacements), anchors, memory.anchored, pose.centre, numbers
@@ -194,9 +191,9 @@ class Contact:
         derivative = _jacobians if coupled else _uncoupled_jacobians
         jacobians, _ = derivative(*self._arguments(displacements, pose, memory, law))
         return [
-            -np.einsum(
-                "fq,qa,qb,fqij->faibj", s.areas, s.values, s.values, part, optimize=True
-            ).reshape(len(s.nodes), 3 * s.nodes.shape[1], -1)
+            -np.einsum("fq,qa,qb,fqij->faibj", s.areas, s.values, s.values, part, optimize=True).reshape(
+                len(s.nodes), 3 * s.nodes.shape[1], -1
+            )
             for s, part in zip(self.skins, self._split(np.asarray(jacobians)), strict=True)
         ]
 

@@ -129,8 +129,9 @@ class March:
         rate = (residual.free - behind.free) / PROBE
         if not rate.any():
             return state.displacements
-        step = self.linear.solve(tangent, -rate, 1e-2)
-        return self._model.moved(state.displacements, step)
+        step = self.linear.solve(tangent.matrix(True), tangent.preconditioner, -rate, 1e-2)
+        moved = self._model.moved(state.displacements, step)
+        return self._model.along_arcs(state.displacements, moved)
 
     def _step(self, state: _State, position: FloatArray) -> tuple[int, str]:
         load = self._load(state, position)

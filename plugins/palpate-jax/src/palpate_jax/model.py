@@ -10,7 +10,7 @@ from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.interfaces import Material
 from palpate_jax.body import Body
 from palpate_jax.contact import Contact, Law, Memory, Pose
-from palpate_jax.sparse import Pattern, Tangent
+from palpate_jax.sparse import Pattern
 
 
 def in_spot_frame(limb: Limb) -> Mesh:
@@ -67,6 +67,7 @@ class Model:
         mesh = in_spot_frame(limb)
         self.body = Body(mesh, materials, mean_dilatation)
         self.contact = Contact(mesh)
+        self._points = mesh.points_mm
         self.touched_region = _touched_region(mesh, self.body)
         unknowns = np.zeros((mesh.n_nodes, 3), dtype=np.int64)
         unknowns[mesh.node_sets["fixed"]] = -1
@@ -89,9 +90,31 @@ class Model:
         result.reshape(-1)[self._free] += step
         return result
 
-    def residual(
-        self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load
-    ) -> Residual:
+    def along_arcs(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Bend a straight move so that its circumferential part runs along arcs about the axis.
+
+        Points that turn with the sphere stay on it; the straight move would
+        lift them off by r α²/2, which the penalty turns into a large force.
+        """
+        place = self._points[:, :2] + start[:, :2]
+        step = end[:, :2] - start[:, :2]
+        square = np.maximum((place**2).sum(axis=1), 1e-12)
+        angle = (place[:, 0] * step[:, 1] - place[:, 1] * step[:, 0]) / square
+        angle = np.clip(angle, -1.0, 1.0)
+        cos, sin = np.cos(angle), np.sin(angle)
+        bend = np.stack(
+            [
+                place[:, 0] * (cos - 1.0) - place[:, 1] * (sin - angle),
+                place[:, 1] * (cos - 1.0) + place[:, 0] * (sin - angle),
+            ],
+            axis=1,
+        )
+        result = end.copy()
+        result[:, :2] += bend
+        result.reshape(-1)[~self._free] = end.reshape(-1)[~self._free]
+        return result
+
+    def residual(self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load) -> Residual:
         """Internal minus contact forces."""
         internal, least = self.body.force(displacements, thetas)
         return self._residual(internal, least, displacements, load)
@@ -106,18 +129,30 @@ class Model:
 
     def linearised(
         self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load
-    ) -> tuple[Residual, Tangent]:
-        """The residual and its exact derivative."""
+    ) -> tuple[Residual, "Tangent"]:
+        """The residual and its derivative."""
         internal, stiffnesses, least = self.body.tangent(displacements, thetas)
-
-        def with_contact(coupled: bool) -> sp.csr_array:
-            contact = self.contact.stiffness(
-                displacements, load.pose, load.memory, load.law, coupled=coupled
-            )
-            return self.pattern.fill([*stiffnesses, *contact])
-
-        tangent = Tangent(
-            matrix=with_contact(coupled=True),
-            symmetric=lambda: self.pattern.symmetric_part(with_contact(coupled=False)),
-        )
+        tangent = Tangent(self, stiffnesses, displacements, load)
         return self._residual(internal, least, displacements, load), tangent
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tangent:
+    """The derivative of a residual, put together when asked for."""
+
+    model: Model
+    stiffnesses: list[FloatArray]
+    displacements: FloatArray
+    load: Load
+
+    def matrix(self, coupled: bool) -> sp.csr_array:
+        """Tangent [N/mm]; coupled it is exact, otherwise see :meth:`Contact.stiffness`."""
+        load = self.load
+        contact = self.model.contact.stiffness(
+            self.displacements, load.pose, load.memory, load.law, coupled=coupled
+        )
+        return self.model.pattern.fill([*self.stiffnesses, *contact])
+
+    def preconditioner(self) -> FloatArray:
+        """Values of a symmetric matrix close to the tangent."""
+        return self.model.pattern.symmetric_part(self.matrix(coupled=False))

@@ -12,6 +12,9 @@ from palpate_jax.sparse import LinearSolver
 MOST_ITERATIONS = 16
 MOST_TRIALS = 6
 
+COUPLED_BELOW = 0.1
+"""Imbalance below which the exact, unsymmetric tangent is used; above it the symmetric one leads better."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Balance:
@@ -47,7 +50,12 @@ def equilibrium(
         if residual.relative <= tolerance:
             return Balance(displacements, iteration, "")
         try:
-            step = linear.solve(tangent, -residual.free, _forcing(residual.relative, tolerance))
+            step = linear.solve(
+                tangent.matrix(residual.relative < COUPLED_BELOW),
+                tangent.preconditioner,
+                -residual.free,
+                _forcing(residual.relative, tolerance),
+            )
         except np.linalg.LinAlgError as error:
             return Balance(displacements, iteration, str(error))
         moved = _line_search(model, thetas, load, displacements, step, residual)
@@ -85,26 +93,23 @@ def _line_search(
         residual = model.residual(moved, thetas, load)
         return moved, residual, float(residual.free @ step)
 
-    slope = float(before.free @ step)
-    length, low, low_slope = 1.0, 0.0, slope
-    best: tuple[FloatArray, Residual] | None = None
+    slope, reference = float(before.free @ step), float(np.linalg.norm(before.free))
+    length, low, low_slope, high = 1.0, 0.0, slope, 1.0
+    best, smallest = None, np.inf
     for _ in range(MOST_TRIALS):
         moved, residual, pull = at(length)
-        sound = np.isfinite(pull) and residual.least_jacobian > 0.0
-        if not sound:
-            length = 0.5 * (low + length)
+        if not np.isfinite(pull) or residual.least_jacobian <= 0.0:
+            high, length = length, 0.5 * (low + length)
             continue
-        size, reference = np.linalg.norm(residual.free), np.linalg.norm(before.free)
-        if best is None or size < np.linalg.norm(best[1].free):
-            best = moved, residual
-        if (length == 1.0 and size < 0.7 * reference) or abs(pull) < 0.3 * abs(slope):
+        size = float(np.linalg.norm(residual.free))
+        if size < smallest:
+            best, smallest = (moved, residual), size
+        full_step_pays = length == 1.0 and (size < 0.7 * reference or pull * slope > 0.0)
+        if full_step_pays or abs(pull) < 0.3 * abs(slope):
             return moved, residual
         if pull * slope > 0.0:
-            if length == 1.0:
-                return moved, residual
-            low, low_slope = length, pull
-            length = 0.5 * (length + high)
-            continue
-        high = length
-        length = low + (length - low) * np.clip(low_slope / (low_slope - pull), 0.1, 0.9)
+            low, low_slope, length = length, pull, 0.5 * (length + high)
+        else:
+            high = length
+            length = low + (high - low) * float(np.clip(low_slope / (low_slope - pull), 0.1, 0.9))
     return best

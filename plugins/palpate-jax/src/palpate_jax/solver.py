@@ -2,10 +2,10 @@
 
 import time
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from palpate.domain import (
     Curve,
@@ -33,12 +33,17 @@ TOUCH_TOLERANCE_MM = 0.3
 class JaxSettings(Settings):
     """How finely and how strictly to solve."""
 
-    depth_step_mm: float = Field(1.0, gt=0.0, description="largest step of depth between balanced states [mm]")
+    depth_step_mm: float = Field(
+        1.0, gt=0.0, description="largest step of depth between balanced states [mm]"
+    )
     rotation_step_deg: float = Field(
         4.5, gt=0.0, description="largest step of rotation between balanced states [degrees]"
     )
     tolerance: float = Field(
-        1e-5, gt=0.0, lt=1e-2, description="imbalance, relative to the forces, at which a state counts as balanced"
+        1e-5,
+        gt=0.0,
+        lt=1e-2,
+        description="imbalance, relative to the forces, at which a state counts as balanced",
     )
     penalty: float = Field(
         1000.0,
@@ -47,7 +52,8 @@ class JaxSettings(Settings):
         "1000 keeps the penetration below 1 % of a 10 mm press",
     )
     mean_dilatation: bool = Field(
-        True, description="volume change constant per element, which keeps nearly incompressible tissue from locking"
+        True,
+        description="one volume change per element, which keeps nearly incompressible tissue from locking",
     )
 
 
@@ -56,11 +62,11 @@ class JaxSolver(Solver):
 
     name = "jax"
     summary = "finite elements (tet10, hex8) under a rigid sphere, friction with memory; embedded"
-    Settings: ClassVar[type[Settings]] = JaxSettings
+    Settings = JaxSettings
 
-    def __init__(self, settings: Settings | None = None) -> None:
+    def __init__(self, settings: BaseModel | None = None) -> None:
         super().__init__(settings)
-        self._materials: dict[tuple[type[Material], Settings], Material] = {}
+        self._materials: dict[tuple[type[Material], BaseModel], Material] = {}
         self._last: tuple[Limb, dict[str, Material], Model] | None = None
 
     def version(self) -> str:
@@ -86,7 +92,9 @@ class JaxSolver(Solver):
         _check_touch(limb, protocol.indenter.radius_mm)
         for region in limb.mesh.regions:
             if region not in job.materials:
-                raise MeshError(f"spot '{job.spot}': region '{region}' has no material; give it one in the study")
+                raise MeshError(
+                    f"spot '{job.spot}': region '{region}' has no material; give it one in the study"
+                )
             check_reference_state(job.materials[region], job.thetas[region])
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
@@ -189,7 +197,10 @@ def _response(reached: list[Station]) -> Response:
         + [(s.depth_mm, s.rotation_deg, s.answer.force_N[2], s.answer.moment_Nmm[2]) for s in reached]
     )
     curves = {}
-    for channel, abscissa, ordinate in (("force", rows[:, 0], rows[:, 2]), ("torque", rows[:, 1], rows[:, 3])):
+    for channel, abscissa, ordinate in (
+        ("force", rows[:, 0], rows[:, 2]),
+        ("torque", rows[:, 1], rows[:, 3]),
+    ):
         if np.ptp(abscissa) > 0.0:
             span = moving_span(abscissa)
             curves[channel] = Curve(channel=channel, abscissa=abscissa[span], ordinate=ordinate[span])

@@ -6,7 +6,6 @@ for as long as that stays cheap.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,7 +17,7 @@ from palpate.domain import FloatArray, IntArray
 CYCLES = 3
 """Cycles of GMRES; those after the first take a few steps."""
 
-FEW_KRYLOV_STEPS = 15
+FEW_KRYLOV_STEPS = 8
 """A solve that needs more has outlived its preconditioner."""
 
 MOST_KRYLOV_STEPS = 60
@@ -59,14 +58,6 @@ class Pattern:
         return np.asarray(0.5 * (matrix.data + matrix.data[self._transposed]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tangent:
-    """An exact tangent, and how to get values of a symmetric matrix close to it."""
-
-    matrix: sp.csr_array
-    symmetric: Callable[[], FloatArray]
-
-
 class LinearSolver:
     """Solves K x = b by GMRES, preconditioned with the factors of a symmetric matrix close to K.
 
@@ -93,30 +84,45 @@ class LinearSolver:
         """Forget the factorisation."""
         self._preconditioner = None
 
-    def solve(self, tangent: Tangent, rhs: FloatArray, tolerance: float) -> FloatArray:
+    def solve(
+        self,
+        matrix: sp.csr_array,
+        preconditioner: Callable[[], FloatArray],
+        rhs: FloatArray,
+        tolerance: float,
+    ) -> FloatArray:
         """Solution to the relative residual ``tolerance``.
+
+        Parameters
+        ----------
+        matrix : (n, n) sparse array
+        preconditioner : callable
+            Makes the values of a symmetric matrix close to it, when new factors are due.
+        rhs : (n,) array
+        tolerance : float
 
         Raises
         ------
         numpy.linalg.LinAlgError
             The matrix is singular to working precision.
         """
-        matrix = tangent.matrix
         if self._preconditioner is not None:
             solution, converged = self._iterate(matrix, rhs, tolerance, FEW_KRYLOV_STEPS)
             if converged:
                 return solution
-        self._factorise(tangent)
+        self._factorise(preconditioner())
         solution, converged = self._iterate(matrix, rhs, tolerance, MOST_KRYLOV_STEPS)
         if not converged:
             raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
         return solution
 
-    def _factorise(self, tangent: Tangent) -> None:
+    def _factorise(self, values: FloatArray) -> None:
         self.n_factorisations += 1
         self._preconditioner = None
-        self._factor.factorise(tangent.symmetric())
-        self._preconditioner = LinearOperator(tangent.matrix.shape, matvec=self._factor.solve, dtype=np.float64)
+        self._factor.factorise(values)
+        self._preconditioner = LinearOperator(
+            (self._pattern.n_unknowns,) * 2, matvec=self._factor.solve, dtype=np.float64
+        )
 
     def _iterate(
         self, matrix: sp.csr_array, rhs: FloatArray, tolerance: float, most_steps: int

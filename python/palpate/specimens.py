@@ -1,0 +1,83 @@
+"""Small limbs made on the spot, for the tests and oracles of solvers."""
+
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+
+from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
+
+_HEX = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+
+_SIX_TETS = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
+"""Tetrahedra of a hexahedron around its diagonal 0–6; neighbouring cells match."""
+
+_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+
+
+def block(
+    kind: Literal["hex8", "tet10", "tet4"] = "hex8",
+    *,
+    width_mm: float = 36.0,
+    height_mm: float = 18.0,
+    n_across: int = 6,
+    n_down: int = 3,
+    grading: float = 1.0,
+    layers_mm: Mapping[str, float] | None = None,
+) -> Limb:
+    """A square block bonded to a rigid base, its spot in the middle of the upper face.
+
+    Parameters
+    ----------
+    kind : {"hex8", "tet10", "tet4"}
+    width_mm, height_mm : float
+        The block spans ±width/2 in x and y, and −height to 0 in z.
+    n_across, n_down : int
+        Cells along the width (even, so that a node lies at the spot) and the height.
+    grading : float
+        Above 1, nodes crowd towards the spot: coordinates follow |t|^grading.
+    layers_mm : mapping of region to thickness, from the top, optional
+        Cells whose middle lies deeper than all of them, or all cells without it,
+        belong to ``soft_tissue``.
+
+    Returns
+    -------
+    Limb
+        Spot ``block`` at the origin with normal +z; node sets ``fixed`` (base) and
+        ``contact`` (upper face).
+    """
+    across = np.linspace(-1.0, 1.0, n_across + 1)
+    x = 0.5 * width_mm * np.sign(across) * np.abs(across) ** grading
+    z = -height_mm * np.linspace(1.0, 0.0, n_down + 1) ** grading
+    points = np.stack(np.meshgrid(x, x, z, indexing="ij"), axis=-1).reshape(-1, 3)
+    hexes = _hexes(n_across, n_across, n_down)
+    cells = hexes if kind == "hex8" else hexes[:, _SIX_TETS].reshape(-1, 4)
+    if kind == "tet10":
+        points, cells = _with_midpoints(points, cells)
+    layers = dict(layers_mm or {})
+    corners = cells[:, : 8 if kind == "hex8" else 4]
+    depth = -points[corners].mean(axis=1)[:, 2]
+    mesh = Mesh(
+        points_mm=points,
+        cells={kind: cells},
+        cell_regions={kind: np.searchsorted(np.cumsum(list(layers.values())), depth)},
+        regions=(*layers, "soft_tissue"),
+        node_sets={
+            "fixed": np.flatnonzero(points[:, 2] == z[0]),
+            "contact": np.flatnonzero(points[:, 2] == 0.0),
+        },
+    )
+    return Limb(spot=Spot(name="block"), mesh=mesh)
+
+
+def _hexes(nx: int, ny: int, nz: int) -> IntArray:
+    cell = np.stack(np.meshgrid(*(np.arange(n) for n in (nx, ny, nz)), indexing="ij"), axis=-1).reshape(-1, 3)
+    corner = cell[:, None] + _HEX
+    return np.asarray((corner[..., 0] * (ny + 1) + corner[..., 1]) * (nz + 1) + corner[..., 2])
+
+
+def _with_midpoints(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray]:
+    edges = np.sort(np.stack([tets[:, list(edge)] for edge in _EDGES], axis=1), axis=2)
+    unique, inverse = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
+    middle = points[unique].mean(axis=1)
+    return np.vstack([points, middle]), np.hstack([tets, len(points) + inverse.reshape(-1, 6)])

@@ -1,0 +1,138 @@
+"""What any indentation must obey, whatever the numbers: on a block small enough to solve in a second."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.domain import Indentation, Job, Limb, Sphere, Spot, Status
+from palpate.specimens import block
+from palpate_jax.solver import JaxSettings, JaxSolver
+from palpate_materials.neo_hookean import NeoHookean
+from palpate_materials.yeoh import Yeoh
+
+YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.4])
+PATH = [(0.0, 0.0), (2.0, 0.0), (2.0, -15.0), (2.0, 15.0), (2.0, 0.0)]
+TIGHT = JaxSettings(depth_step_mm=0.5, rotation_step_deg=5.0, tolerance=1e-9)
+
+
+@pytest.fixture(scope="module")
+def limb():
+    return block("hex8", n_across=8, n_down=3, width_mm=24.0, height_mm=10.0, grading=1.4)
+
+
+@pytest.fixture(scope="module")
+def solver():
+    return JaxSolver(TIGHT)
+
+
+def make_job(theta=YEOH, path=PATH, friction=0.6, material=None):
+    return Job(
+        spot="block",
+        set_id=0,
+        materials={"soft_tissue": material or Yeoh()},
+        thetas={"soft_tissue": np.asarray(theta, dtype=float)},
+        protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=np.array(path), friction=friction),
+    )
+
+
+@pytest.fixture(scope="module")
+def reference(solver, limb):
+    simulation = solver.simulate(make_job(), limb)
+    assert simulation.status is Status.OK, simulation.message
+    return simulation
+
+
+def curve(simulation, channel):
+    return simulation.response[channel].ordinate
+
+
+def test_force_grows_and_torque_follows_the_twist(reference):
+    assert (np.diff(curve(reference, "force")) > 0.0).all()
+    torque = reference.response["torque"]
+    assert torque.ordinate[np.argmin(torque.abscissa)] == torque.ordinate.min() < 0.0
+    assert torque.ordinate[np.argmax(torque.abscissa)] == torque.ordinate.max() > 0.0
+    assert len(torque.branches) == 3
+
+
+def test_friction_leaves_a_loop_in_the_torque(reference):
+    torque = reference.response["torque"]
+    zeros = torque.ordinate[torque.abscissa == 0.0]
+    assert abs(zeros[0]) < 1e-3 * np.ptp(torque.ordinate)
+    assert zeros[1] > 0.02 * torque.ordinate.max()
+
+
+def test_without_friction_there_is_no_torque(solver, limb):
+    simulation = solver.simulate(make_job(friction=0.0), limb)
+    assert simulation.status is Status.OK
+    assert np.abs(curve(simulation, "torque")).max() < 1e-9 * curve(simulation, "force").max() * 7.5
+
+
+def test_moduli_scale_force_and_torque_exactly(solver, limb, reference):
+    scaled = solver.simulate(make_job(3.0 * YEOH), limb)
+    for channel in ("force", "torque"):
+        expected = 3.0 * curve(reference, channel)
+        np.testing.assert_allclose(curve(scaled, channel), expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_a_turned_limb_answers_the_same(solver, limb, reference):
+    c, s = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]) @ np.array(
+        [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+    )
+    shift = np.array([100.0, -20.0, 5.0])
+    mesh = replace(limb.mesh, points_mm=limb.mesh.points_mm @ turn.T + shift)
+    moved = Limb(spot=Spot(name="block", position_mm=shift, normal=turn[:, 2]), mesh=mesh)
+    simulation = solver.simulate(make_job(), moved)
+    for channel in ("force", "torque"):
+        expected = curve(reference, channel)
+        np.testing.assert_allclose(curve(simulation, channel), expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_a_hold_changes_nothing(solver, limb):
+    held = [*PATH[:3], PATH[2], PATH[2]]
+    simulation = solver.simulate(make_job(path=held), limb)
+    rows = simulation.diagnostics
+    for name in ("force_N", "moment_Nmm"):
+        values = np.array(rows[name])[-3:, 2]
+        np.testing.assert_allclose(values, values[0], rtol=1e-6)
+
+
+def test_half_the_steps_answer_the_same(limb, reference):
+    finer = JaxSolver(JaxSettings(depth_step_mm=0.25, rotation_step_deg=2.5, tolerance=1e-7))
+    simulation = finer.simulate(make_job(), limb)
+    for channel, bound in (("force", 0.01), ("torque", 0.02)):
+        coarse, fine = reference.response[channel], simulation.response[channel]
+        ends = [
+            fine.ordinate[np.flatnonzero(fine.abscissa == a)[-1]]
+            for a in coarse.abscissa[[-1, len(coarse.abscissa) // 2]]
+        ]
+        expected = [
+            coarse.ordinate[np.flatnonzero(coarse.abscissa == a)[-1]]
+            for a in coarse.abscissa[[-1, len(coarse.abscissa) // 2]]
+        ]
+        np.testing.assert_allclose(ends, expected, atol=bound * np.abs(coarse.ordinate).max())
+
+
+def test_hexahedra_and_tetrahedra_agree(solver):
+    job, size = make_job(path=PATH[:2]), {"width_mm": 24.0, "height_mm": 10.0, "grading": 1.4}
+    hexes = solver.simulate(job, block("hex8", n_across=12, n_down=5, **size))
+    tets = solver.simulate(job, block("tet10", n_across=6, n_down=2, **size))
+    assert curve(tets, "force")[-1] == pytest.approx(curve(hexes, "force")[-1], rel=0.03)
+
+
+def test_penetration_is_a_small_share_of_the_depth(reference):
+    assert 0.0 < max(reference.diagnostics["penetration_mm"]) < 0.02 * 2.0
+
+
+def test_an_unstable_material_diverges_with_its_partial_curve(solver, limb):
+    collapsing = [0.0141, -0.02, 1e-6, 0.4]
+    simulation = solver.simulate(make_job(collapsing, path=[(0.0, 0.0), (6.0, 0.0)]), limb)
+    assert simulation.status is Status.DIVERGED
+    assert "beyond depth" in simulation.message
+    assert 0.0 < simulation.response["force"].abscissa[-1] < 6.0
+
+
+def test_coupled_material_runs(solver, limb):
+    simulation = solver.simulate(make_job([0.08, 0.45], path=PATH[:3], material=NeoHookean()), limb)
+    assert simulation.status is Status.OK

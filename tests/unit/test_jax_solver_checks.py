@@ -1,0 +1,72 @@
+"""What the embedded solver refuses before the first step."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.domain import HomogeneousTests, Indentation, Job, Limb, Sphere, Spot
+from palpate.errors import MaterialError, MeshError, StudyError
+from palpate.specimens import block
+from palpate_jax.march import stations
+from palpate_jax.solver import JaxSolver
+from palpate_materials.yeoh import Yeoh
+
+PROTOCOL = Indentation(indenter=Sphere(radius_mm=7.5), path=np.array([(0.0, 0.0), (2.0, 0.0)]), friction=0.5)
+JOB = Job(
+    spot="block",
+    set_id=0,
+    materials={"soft_tissue": Yeoh()},
+    thetas={"soft_tissue": np.array([0.0141, -0.0011, 1.05e-4, 0.8])},
+    protocol=PROTOCOL,
+)
+
+
+def test_a_sound_job_passes():
+    JaxSolver().check(JOB, block())
+
+
+def test_linear_tetrahedra_are_refused_with_the_reason():
+    with pytest.raises(MeshError, match=r"tet4.*lock.*tet10"):
+        JaxSolver().check(JOB, block("tet4"))
+
+
+@pytest.mark.parametrize(("offset", "word"), [(2.0, "off"), (-2.0, "inside")])
+def test_a_spot_off_the_surface_is_refused(offset, word):
+    limb = block()
+    moved = Limb(spot=Spot(name="p9", position_mm=[0.0, 0.0, offset]), mesh=limb.mesh)
+    with pytest.raises(MeshError, match=rf"'p9'.*{word} the surface by .*mm"):
+        JaxSolver().check(JOB, moved)
+
+
+def test_a_region_without_material_is_refused_by_name():
+    with pytest.raises(MeshError, match="region 'skin' has no material"):
+        JaxSolver().check(JOB, block(layers_mm={"skin": 6.0}))
+
+
+def test_unstable_rest_is_refused_by_number():
+    soft = replace(JOB, thetas={"soft_tissue": np.array([-0.01, 0.0, 1e-4, 0.8])})
+    with pytest.raises(MaterialError, match=r"c1"):
+        JaxSolver().check(soft, block())
+
+
+def test_other_protocols_and_missing_meshes_are_refused():
+    tests = replace(JOB, protocol=HomogeneousTests(paths={"uniaxial": np.linspace(1.0, 2.0, 5)}))
+    with pytest.raises(StudyError, match="'homogeneous'"):
+        JaxSolver().check(tests, block())
+    with pytest.raises(StudyError, match="needs a mesh"):
+        JaxSolver().check(JOB, None)
+
+
+def test_stations_keep_waypoints_and_the_largest_step():
+    path = Indentation(
+        indenter=Sphere(radius_mm=7.5),
+        path=np.array([(0, 0), (10, 0), (10, -22.5), (10, 22.5)]),
+        friction=1.0,
+    )
+    points = stations(path, 3.0, 10.0)
+    for waypoint in path.path[1:]:
+        assert (points == waypoint).all(axis=1).any()
+    moves = np.abs(np.diff(np.vstack([[0.0, 0.0], points]), axis=0))
+    assert moves[:, 0].max() <= 3.0
+    assert moves[:, 1].max() <= 10.0
