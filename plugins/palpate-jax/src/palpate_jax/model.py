@@ -132,7 +132,7 @@ class Model:
     ) -> tuple[Residual, "Tangent"]:
         """The residual and its derivative."""
         internal, stiffnesses, least = self.body.tangent(displacements, thetas)
-        tangent = Tangent(self, stiffnesses, displacements, load)
+        tangent = Tangent(self, self.pattern.values(stiffnesses), displacements, load)
         return self._residual(internal, least, displacements, load), tangent
 
 
@@ -141,18 +141,21 @@ class Tangent:
     """The derivative of a residual, put together when asked for."""
 
     model: Model
-    stiffnesses: list[FloatArray]
+    body_values: FloatArray
     displacements: FloatArray
     load: Load
 
-    def matrix(self, coupled: bool) -> sp.csr_array:
-        """Tangent [N/mm]; coupled it is exact, otherwise see :meth:`Contact.stiffness`."""
-        load = self.load
-        contact = self.model.contact.stiffness(
+    def _values(self, coupled: bool) -> FloatArray:
+        model, load = self.model, self.load
+        contact = model.contact.stiffness(
             self.displacements, load.pose, load.memory, load.law, coupled=coupled
         )
-        return self.model.pattern.fill([*self.stiffnesses, *contact])
+        return self.body_values + model.pattern.values(contact, first_group=len(model.body.blocks))
+
+    def matrix(self, coupled: bool) -> sp.csr_array:
+        """Tangent [N/mm]; coupled it is exact, otherwise see :meth:`Contact.stiffness`."""
+        return self.model.pattern.matrix(self._values(coupled))
 
     def preconditioner(self) -> FloatArray:
         """Values of a symmetric matrix close to the tangent."""
-        return self.model.pattern.symmetric_part(self.matrix(coupled=False))
+        return self.model.pattern.symmetric_part(self._values(coupled=False))

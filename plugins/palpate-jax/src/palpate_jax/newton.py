@@ -68,8 +68,8 @@ def equilibrium(
 
 
 def _forcing(relative: float, tolerance: float) -> float:
-    """Accuracy of the linear solve: tight enough to stay quadratic, never tighter than useful."""
-    return float(np.clip(0.3 * min(relative, 0.1 * tolerance / max(relative, 1e-300) + relative), 1e-6, 1e-3))
+    """Accuracy of the linear solve: Newton stays quadratic, and the last solve ends within tolerance."""
+    return float(np.clip(0.3 * relative, 0.01 * tolerance / relative, 1e-3))
 
 
 def _line_search(

@@ -39,23 +39,29 @@ class Pattern:
         rows = np.concatenate([np.repeat(g, g.shape[1], axis=1).ravel() for g in groups])
         columns = np.concatenate([np.tile(g, (1, g.shape[1])).ravel() for g in groups])
         free = (rows >= 0) & (columns >= 0)
-        entries, places = np.unique(rows[free] * n_unknowns + columns[free], return_inverse=True)
-        self._places = np.full(len(rows), len(entries))  # held entries fall into one spare place
-        self._places[free] = places
+        entries, found = np.unique(rows[free] * n_unknowns + columns[free], return_inverse=True)
+        places = np.full(len(rows), len(entries))  # held entries fall into one spare place
+        places[free] = found
+        self._places = np.split(places, np.cumsum([g.size * g.shape[1] for g in groups])[:-1])
         self.indices = (entries % n_unknowns).astype(np.int32)
         counts = np.bincount(entries // n_unknowns, minlength=n_unknowns)
         self.indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
         self._transposed = np.argsort(entries % n_unknowns * n_unknowns + entries // n_unknowns)
 
-    def fill(self, stiffnesses: Sequence[FloatArray]) -> sp.csr_array:
-        """Matrix from element stiffnesses, one (e, m, m) array per group."""
-        values = np.concatenate([k.ravel() for k in stiffnesses])
-        data = np.bincount(self._places, values, minlength=len(self.indices) + 1)[:-1]
-        return sp.csr_array((data, self.indices, self.indptr), shape=(self.n_unknowns,) * 2)
+    def values(self, stiffnesses: Sequence[FloatArray], first_group: int = 0) -> FloatArray:
+        """Sum element stiffnesses (e, m, m) of consecutive groups into the order of ``indices``."""
+        places = np.concatenate(self._places[first_group : first_group + len(stiffnesses)])
+        entries = np.concatenate([k.ravel() for k in stiffnesses])
+        sums = np.bincount(places, entries, minlength=len(self.indices) + 1)
+        return np.asarray(sums[:-1], dtype=np.float64)
 
-    def symmetric_part(self, matrix: sp.csr_array) -> FloatArray:
-        """Values of (K + Kᵀ)/2 in the order of ``indices``."""
-        return np.asarray(0.5 * (matrix.data + matrix.data[self._transposed]))
+    def matrix(self, values: FloatArray) -> sp.csr_array:
+        """Matrix with these values."""
+        return sp.csr_array((values, self.indices, self.indptr), shape=(self.n_unknowns,) * 2)
+
+    def symmetric_part(self, values: FloatArray) -> FloatArray:
+        """Values of (K + Kᵀ)/2."""
+        return 0.5 * (values + values[self._transposed])
 
 
 class LinearSolver:
