@@ -4,6 +4,7 @@ Units are mm, N, MPa, N·mm and degrees. Arrays are copied in, checked once and
 made read-only, so a value that exists can be used.
 """
 
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -324,8 +325,15 @@ class Parameter:
         if not (np.isfinite(value) and self.physical_lower <= value <= self.physical_upper):
             raise MaterialError(
                 f"parameter '{self.name}' = {value} {self.unit} lies outside its physical range "
-                f"[{self.physical_lower}, {self.physical_upper}] {self.unit}"
+                f"{self._physical_range}; give a value inside it"
             )
+
+    @property
+    def _physical_range(self) -> str:
+        # The least positive number is how an open lower limit of zero is written.
+        if self.physical_lower == sys.float_info.min and self.physical_upper == np.inf:
+            return f"(> 0 {self.unit})"
+        return f"[{self.physical_lower}, {self.physical_upper}] {self.unit}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

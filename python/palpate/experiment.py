@@ -46,6 +46,8 @@ def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -
     for only, path in spot.measured.items():
         with answering_for(study.loader, f"reading {path}"):
             response = study.loader.load(path, only)
+            if not isinstance(response, Response):
+                raise TypeError(f"it returned a {type(response).__name__} and not a Response")
         for name, curve in response.curves.items():
             if name in curves:
                 raise CurveError(

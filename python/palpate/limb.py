@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from palpate.domain import CELL_NODES, BoolArray, FloatArray, IntArray, Limb, Mesh
+from palpate.domain import CELL_NODES, BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError, StudyError
 from palpate.plugins import answering_for
 from palpate.study import Study
@@ -34,8 +34,12 @@ def load_limbs(study: Study) -> dict[str, Limb]:
             )
         with answering_for(study.limb_source, f"reading {spot.mesh}"):
             limb = study.limb_source.load(spot.mesh, spot.spot)
+            if not isinstance(limb, Limb):
+                raise TypeError(f"it returned a {type(limb).__name__} and not a Limb")
         try:
             check_limb(limb, [region.region for region in study.space.regions])
+            if isinstance(study.protocol, Indentation):
+                check_depth(limb, study.protocol)
         except MeshError as error:
             raise MeshError(f"{spot.mesh}: {error}") from error
         limbs[name] = limb
@@ -63,6 +67,23 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
     _check_elements(mesh)
     _check_held(mesh)
     _check_spot(limb)
+
+
+def check_depth(limb: Limb, protocol: Indentation) -> None:
+    """Refuse an indentation that goes through the limb, as it does where a mesh is in another unit.
+
+    Raises
+    ------
+    MeshError
+        Naming the depth and how far the limb reaches below the spot.
+    """
+    reach = float(((limb.spot.position_mm - limb.mesh.points_mm) @ limb.spot.normal).max())
+    deepest = float(protocol.path[:, 0].max())
+    if deepest >= reach:
+        raise MeshError(
+            f"spot '{limb.spot.name}': the protocol presses {deepest:g} mm deep, and the limb reaches "
+            f"{reach:.3g} mm below the spot; check the unit of the mesh, or press less deep"
+        )
 
 
 def _refuse(problems: Iterable[str]) -> None:

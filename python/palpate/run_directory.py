@@ -31,6 +31,7 @@ import polars as pl
 from palpate.domain import Channel, Design, Indentation, Parameter, Response
 from palpate.errors import StudyError
 from palpate.interfaces import Component
+from palpate.plugins import answering_for
 from palpate.refinement import Refined
 from palpate.results import frame_of, plain, response_of, write_atomically, write_frame
 from palpate.study import Study
@@ -61,12 +62,27 @@ class RunDirectory:
     # ------------------------------------------------------------------ beginning
 
     def begin(self, study: Study, channels: Mapping[str, Channel]) -> None:
-        """Write ``manifest.json`` and the study as run."""
+        """Write ``manifest.json`` and the study as run.
+
+        Raises
+        ------
+        StudyError
+            The folder cannot be made.
+        """
+        text = json.dumps(manifest(study, channels), indent=2, ensure_ascii=False, allow_nan=False)
+        self._make_folder()
         source = study.folder / "study.toml"
         if source.is_file() and source.resolve() != (self.folder / "study.toml").resolve():
             write_atomically(self.folder / "study.toml", source.read_bytes())
-        text = json.dumps(manifest(study, channels), indent=2, ensure_ascii=False, allow_nan=False)
         write_atomically(self.folder / "manifest.json", text.encode() + b"\n")
+
+    def _make_folder(self) -> None:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StudyError(
+                f"{self.folder}: cannot be a run directory ({error.strerror}); name another folder"
+            ) from None
 
     def manifest(self) -> dict[str, Any]:
         """Content of ``manifest.json``."""
@@ -220,7 +236,9 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
 
 def versions(study: Study) -> dict[str, str]:
     """Versions of everything that took part."""
-    found = {"python": platform.python_version(), f"solver {study.solver.name}": study.solver.version()}
+    with answering_for(study.solver, "asking for its version"):
+        solver = study.solver.version()
+    found = {"python": platform.python_version(), f"solver {study.solver.name}": solver}
     plugins = {
         point.dist.name
         for point in importlib.metadata.entry_points(group="palpate")

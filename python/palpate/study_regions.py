@@ -142,17 +142,19 @@ def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict
     """Read the known answer, by ``region.parameter``, in the region's convention."""
     if tables.truth and tables.study and tables.study.data != "simulated":
         context.problems.add(("truth",), 'only simulated data have a known answer; set data = "simulated"')
-    units = {f"{r.region}.{p.name}": p.unit for r in space.regions for p in r.material.parameters}
     truth: dict[str, float] = {}
     if not space.regions or len(space.regions) < len(tables.region):
         return truth  # a region's own mistake is told already
+    known = {
+        f"{r.region}.{p.name}": p for r in space.regions for p in _in_convention(r.material, r.convention)
+    }
     for key, value in _leaves(("truth",), tables.truth):
         name = ".".join(str(part) for part in key[1:])
-        if name not in units:
-            context.problems.add(key, choice(name, units, "parameter"))
+        if name not in known:
+            context.problems.add(key, choice(name, known, "parameter"))
             continue
         with context.problems.at(*key):
-            truth[name] = convert(value, units[name])
+            truth[name] = _value(known[name], value)
     return truth
 
 

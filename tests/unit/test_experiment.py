@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Curve, Indentation, Scenario, Sphere
-from palpate.errors import CurveError
+from palpate.errors import CurveError, PluginError
 from palpate.experiment import check_covers, load_measured
 
 PROTOCOL = Indentation(
@@ -94,3 +94,14 @@ def test_a_twist_that_the_protocol_never_makes_is_refused(plugins):
 def test_other_abscissae_are_not_the_protocols_business(plugins):
     strain = replace(plugins.channels["force"], abscissa="strain")
     check_covers(force([0.0, 0.1]), strain, PROTOCOL, 0.95)
+
+
+def test_a_loader_that_returns_no_curves_is_named(make_study, plugins, tissue):
+    class Empty(tissue.Table):
+        def load(self, path, channel=None):
+            return None
+
+    with pytest.raises(
+        PluginError, match=r"reading .*p1\.csv: 'table' .* returned a NoneType and not a Response"
+    ):
+        load_measured(make_study(loader=Empty()), plugins.channels)

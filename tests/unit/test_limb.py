@@ -1,14 +1,16 @@
 """Limbs that cannot be simulated are refused, each with the element, node or region."""
 
+import contextlib
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from palpate.domain import Limb, Mesh, Spot
-from palpate.errors import MeshError, StudyError
+from palpate.domain import Indentation, Limb, Mesh, Sphere, Spot
+from palpate.errors import MeshError, PluginError, StudyError
 from palpate.interfaces import LimbSource, Solver
-from palpate.limb import check_limb, load_limbs
+from palpate.limb import check_depth, check_limb, load_limbs
 
 CUBE = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float
@@ -144,6 +146,26 @@ def test_a_normal_that_points_inwards_is_refused():
     refused(limb(spot=inwards), "points into the limb")
 
 
+@pytest.mark.parametrize(("depth_mm", "sound"), [(0.99, True), (1.0, False)])
+def test_a_sphere_that_goes_through_the_limb_is_refused(depth_mm, sound):
+    protocol = Indentation(indenter=Sphere(radius_mm=1.0), path=[(0, 0), (depth_mm, 0)], friction=0.0)
+    with contextlib.nullcontext() if sound else pytest.raises(MeshError, match="check the unit of the mesh"):
+        check_depth(limb(), protocol)
+
+
+def test_a_source_that_returns_no_limb_is_named(make_study, tissue, tmp_path):
+    class Empty(Source):
+        def load(self, path, spot):
+            return None
+
+    class Meshed(tissue.Analytic):
+        needs_limb = True
+
+    spots = tuple(replace(s, mesh=tmp_path / "x.vtu") for s in make_study().spots)
+    with pytest.raises(PluginError, match=r"reading .*x\.vtu: 'cube' .* returned a NoneType and not a Limb"):
+        load_limbs(make_study(solver=Meshed(), limb_source=Empty(), spots=spots))
+
+
 class Source(LimbSource):
     name = "cube"
     summary = "a cube"
@@ -153,14 +175,12 @@ class Source(LimbSource):
 
 
 def test_the_message_names_the_file(make_study, tissue, tmp_path):
-    from dataclasses import replace
-
     class Meshed(tissue.Analytic):
         needs_limb = True
 
-    def study(mesh):
+    def study(mesh, protocol=None):
         spots = tuple(replace(s, mesh=mesh and tmp_path / mesh, spot=TOP) for s in make_study().spots[:1])
-        return make_study(solver=Meshed(), limb_source=Source(), spots=spots)
+        return make_study(solver=Meshed(), limb_source=Source(), spots=spots, protocol=protocol)
 
     assert set(load_limbs(study("good.vtu"))) == {"p1"}
     with pytest.raises(MeshError, match=r"bad\.vtu: mesh: 1 hex8 elements"):
@@ -168,4 +188,8 @@ def test_the_message_names_the_file(make_study, tissue, tmp_path):
     with pytest.raises(StudyError, match="spot 'p1' has no mesh, which solver 'analytic' needs"):
         load_limbs(study(None))
     assert load_limbs(make_study()) == {}
+    with pytest.raises(
+        MeshError, match=r"good\.vtu: spot 'p1': the protocol presses 10 mm deep, .* 1 mm below"
+    ):
+        load_limbs(study("good.vtu", make_study().protocol))
     assert issubclass(Meshed, Solver)

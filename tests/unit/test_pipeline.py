@@ -10,7 +10,14 @@ from polars.testing import assert_frame_equal
 
 from palpate import pipeline
 from palpate.domain import Normaliser
-from palpate.errors import CurveError, NothingSelectableError, PalpateError, ScoringError, StudyError
+from palpate.errors import (
+    CurveError,
+    NothingSelectableError,
+    PalpateError,
+    PluginError,
+    ScoringError,
+    StudyError,
+)
 from palpate.run_directory import RunDirectory, file_name
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
@@ -133,6 +140,23 @@ def test_bad_input_writes_nothing(make_study, plugins, tmp_path, changes, error)
         changes = {"minimum_coverage": 1.0}
     with pytest.raises(error):
         pipeline.run_study(make_study(**changes), tmp_path / "run", plugins)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("folder", ["a_file", "a_file/run"])
+def test_a_folder_that_cannot_be_made_is_named(make_study, plugins, tmp_path, folder):
+    (tmp_path / "a_file").touch()
+    with pytest.raises(StudyError, match=rf"{folder}: cannot be a run directory \(.*\); name another"):
+        pipeline.run_study(make_study(), tmp_path / folder, plugins)
+
+
+def test_a_solver_without_a_version_is_named_and_nothing_written(make_study, plugins, tmp_path, tissue):
+    class Unversioned(tissue.Analytic):
+        def version(self):
+            raise OSError("no licence")
+
+    with pytest.raises(PluginError, match=r"asking for its version: 'analytic' .* OSError: no licence"):
+        pipeline.run_study(make_study(solver=Unversioned()), tmp_path / "run", plugins)
     assert not (tmp_path / "run").exists()
 
 

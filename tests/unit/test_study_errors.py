@@ -237,6 +237,13 @@ CASES = {
         "truth.rubber.q",
         "known: rubber.k, rubber.a",
     ),
+    "truth outside the physical range": (
+        '"2 MPa"',
+        '"-2 MPa"',
+        '"-2 MPa"',
+        "truth.rubber.k",
+        "physical range",
+    ),
     "truth without unit": ('"2 MPa"', "2", '"rubber.k" = 2', "truth.rubber.k", 'write "2 MPa"'),
 }
 

@@ -1,0 +1,25 @@
+"""Nouns refuse what has no meaning, and say so for people."""
+
+import sys
+
+import pytest
+
+from palpate.domain import Parameter
+from palpate.errors import MaterialError
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "says"),
+    [
+        (sys.float_info.min, float("inf"), r"physical range \(> 0 MPa\); give a value inside it"),
+        (0.5, 3.0, r"physical range \[0.5, 3.0\] MPa; give"),
+    ],
+)
+def test_a_physical_range_is_told_in_plain_numbers(lower, upper, says):
+    parameter = Parameter(
+        name="c1", unit="MPa", lower=1.0, upper=2.0, kind="modulus", description="",
+        physical_lower=lower, physical_upper=upper,
+    )  # fmt: skip
+    parameter.check(1.5)
+    with pytest.raises(MaterialError, match=says):
+        parameter.check(0.0)
