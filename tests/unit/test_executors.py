@@ -146,8 +146,12 @@ def test_closing_the_sweep_stops_the_workers(make_study, tmp_path, tissue):
         solver, hangs_then_works, {}, n_workers=2, time_limit_s=600.0, plugin_files=study.plugin_files
     )
     next(sweep)
-    while " 2 " not in log.read_text():  # a job that hangs has begun
+    for _ in range(1500):
+        if " 2 " in log.read_text():  # a job that hangs has begun
+            break
         time.sleep(0.02)
+    else:
+        pytest.fail("the job that hangs did not begin within 30 s")
     pids = {int(line.split()[-1]) for line in log.read_text().splitlines()}
     sweep.close()
     for pid in pids:
