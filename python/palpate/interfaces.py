@@ -26,7 +26,7 @@ from palpate.domain import (
     Simulation,
     Spot,
 )
-from palpate.errors import MaterialError
+from palpate.errors import CurveError, MaterialError
 
 Array = Any
 """An array of the array API: numpy in checks, JAX under differentiation."""
@@ -156,6 +156,24 @@ class ExperimentLoader(Component):
         CurveError
             Naming file, row and column.
         """
+
+    def save(self, path: Path, response: Response, channel: str | None = None) -> None:
+        """Write curves in the form that :meth:`load` reads; override it to let studies be synthesised.
+
+        Parameters
+        ----------
+        path : Path
+            In a folder that exists.
+        response : Response
+        channel : str, optional
+            As for :meth:`load`.
+
+        Raises
+        ------
+        CurveError
+            This form cannot hold these curves.
+        """
+        raise CurveError(f"{path}: loader '{self.name}' reads curves and cannot write them; use loader 'csv'")
 
 
 class LimbSource(Component):

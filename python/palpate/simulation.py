@@ -48,11 +48,12 @@ def job_for(study: Study, spot: str, set_id: int, row: FloatArray, measured: Map
         set_id=set_id,
         materials={region.region: region.material for region in study.space.regions},
         thetas=study.space.thetas(row),
-        protocol=study.protocol or _along(measured[spot]),
+        protocol=study.protocol or homogeneous_tests(measured[spot]),
     )
 
 
-def _along(measured: Response) -> HomogeneousTests:
+def homogeneous_tests(measured: Response) -> HomogeneousTests:
+    """Tests of one specimen along the measured abscissae."""
     return HomogeneousTests(paths={name: curve.abscissa for name, curve in measured.curves.items()})
 
 

@@ -78,7 +78,7 @@ class Study:
     plugin_files: tuple[Path, ...]
 
 
-def read_study(path: Path, plugins: Plugins) -> Study:
+def read_study(path: Path, plugins: Plugins, *, need_measured: bool = True) -> Study:
     """Read and check a study file.
 
     Parameters
@@ -87,6 +87,8 @@ def read_study(path: Path, plugins: Plugins) -> Study:
         A study.toml, or the folder that holds one.
     plugins : Plugins
         Where the names in the file are looked up.
+    need_measured : bool
+        Whether the files of measured curves must exist; False before an experiment.
 
     Raises
     ------
@@ -97,7 +99,8 @@ def read_study(path: Path, plugins: Plugins) -> Study:
         path = path / "study.toml"
     text, raw = _parse(path)
     problems = Problems(path, KeyLines(text))
-    return _build(Context(path.parent.resolve(), plugins, problems), read_tables(raw, problems))
+    context = Context(path.parent.resolve(), plugins, problems)
+    return _build(context, read_tables(raw, problems), need_measured)
 
 
 def _parse(path: Path) -> tuple[str, dict[str, Any]]:
@@ -114,9 +117,9 @@ def _parse(path: Path) -> tuple[str, dict[str, Any]]:
         raise StudyError(f"{path}: not valid TOML: {error}; mend the syntax there") from None
 
 
-def _build(context: Context, tables: Tables) -> Study:
+def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     header, sampling, solving, selection = tables.study, tables.sampling, tables.solver, tables.selection
-    spots = build_spots(context, tables.spot)
+    spots = build_spots(context, tables.spot, need_measured)
     parts = build_components(context, tables)
     protocol = build_protocol(context, tables.protocol) if tables.protocol else None
     space = build_space(context, tables.region)

@@ -118,7 +118,9 @@ class StudySpot:
     mesh: Path | None
 
 
-def build_spots(context: Context, tables: Sequence[SpotTable]) -> tuple[StudySpot, ...]:
+def build_spots(
+    context: Context, tables: Sequence[SpotTable], need_measured: bool = True
+) -> tuple[StudySpot, ...]:
     """Build the spots; names are unique, files exist, channels are known."""
     spots = []
     for index, table in enumerate(tables):
@@ -131,7 +133,9 @@ def build_spots(context: Context, tables: Sequence[SpotTable]) -> tuple[StudySpo
             with context.problems.at(*key, "measured", *([channel] if channel else [])):
                 _ = channel and context.plugins.channels[channel]
         measured = {
-            channel or None: _file(context, file, (*key, "measured", *([channel] if channel else [])))
+            channel or None: _file(
+                context, file, (*key, "measured", *([channel] if channel else [])), need_measured
+            )
             for channel, file in table.measured.items()
         }
         mesh = None if table.mesh is None else _file(context, table.mesh, (*key, "mesh"))
@@ -141,9 +145,9 @@ def build_spots(context: Context, tables: Sequence[SpotTable]) -> tuple[StudySpo
     return tuple(spots)
 
 
-def _file(context: Context, name: str, key: Key) -> Path:
+def _file(context: Context, name: str, key: Key, needed: bool = True) -> Path:
     path = context.folder / name
-    if not path.is_file():
+    if not path.is_file() and (needed or path.exists()):
         reason = "is a folder, not a file" if path.is_dir() else "no such file"
         context.problems.add(key, f"'{name}': {reason} (looked for {path}); paths are relative to study.toml")
     return path

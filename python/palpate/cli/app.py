@@ -26,9 +26,10 @@ from palpate.cli.score import score
 from palpate.cli.select import select
 from palpate.cli.session import Session
 from palpate.cli.simulate import simulate
+from palpate.cli.synthesise import synthesise
 from palpate.errors import NothingSelectableError, PalpateError
 
-COMMANDS = (init, check, run, demo, plugins)
+COMMANDS = (init, check, run, demo, plugins, synthesise)
 STAGES = (experiment, limb, sample, simulate, score, select, report)
 
 

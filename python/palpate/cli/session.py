@@ -71,11 +71,11 @@ class Session:
 
         return Console(stderr=True, highlight=False, soft_wrap=True)
 
-    def study(self, path: Path) -> "Study":
+    def study(self, path: Path, *, need_measured: bool = True) -> "Study":
         """Read and check a study file."""
         from palpate.study import read_study
 
-        return read_study(path, self.plugins)
+        return read_study(path, self.plugins, need_measured=need_measured)
 
     def note(self, text: str) -> None:
         """Tell people something (rich markup)."""

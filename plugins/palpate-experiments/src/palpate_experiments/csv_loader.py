@@ -125,6 +125,36 @@ class CsvLoader(ExperimentLoader):
         wanted = settings.channels if channel is None else {channel: self._columns_of(channel, table)}
         return Response(curves=_curves(table, wanted))
 
+    def save(self, path: Path, response: Response, channel: str | None = None) -> None:
+        """Write curves in the columns that the settings name.
+
+        Where one channel moves, the columns of the others rest at their last value, and
+        :meth:`load` passes over them there.
+
+        Parameters
+        ----------
+        path : Path
+        response : Response
+        channel : str, optional
+            The one channel that the file is to hold.
+
+        Raises
+        ------
+        CurveError
+            The settings name no columns for a channel, columns for one that the curves
+            lack, or one column for two of them.
+        """
+        settings: CsvSettings = self.settings
+        known: dict[str, ChannelColumns] = dict(settings.channels)
+        if channel is not None:
+            own = {channel: _columns("abscissa", "ordinate")}
+            known = {channel: (own | dict(HOMOGENEOUS) | known)[channel]}
+        header, rows = _rows(path, response, known)
+        delimiter = settings.delimiter or (";" if settings.decimal == "," else ",")
+        lines = [settings.comment or "preamble"] * settings.skip_lines + [delimiter.join(header)]
+        lines += [delimiter.join(repr(float(x)).replace(".", settings.decimal) for x in row) for row in rows]
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
     def _columns_of(self, channel: str, table: TextTable) -> ChannelColumns:
         known: dict[str, ChannelColumns] = {**HOMOGENEOUS, **self.settings.channels}
         if channel in known:
@@ -140,6 +170,40 @@ class CsvLoader(ExperimentLoader):
 
 def _curves(table: TextTable, wanted: Mapping[str, ChannelColumns]) -> dict[str, Curve]:
     return {name: _curve(table, name, columns) for name, columns in wanted.items()}
+
+
+def _rows(
+    path: Path, response: Response, columns: Mapping[str, ChannelColumns]
+) -> tuple[list[str], FloatArray]:
+    """Header and rows: one block for each channel, in which only its own columns move."""
+    if set(response) != set(columns):
+        raise CurveError(
+            f"{path}: the curves are {', '.join(response)}, and the loader's settings name columns for "
+            f"{', '.join(columns)}; name the same channels under channels, or give each its own file"
+        )
+    names = [columns[c].abscissa.name for c in response] + [columns[c].ordinate.name for c in response]
+    if len(set(names)) < len(names):
+        raise CurveError(f"{path}: two curves need one column ({', '.join(names)}); give each its own file")
+    pairs = {name: _written(curve, columns[name]) for name, curve in response.curves.items()}
+    now = np.concatenate([[pair[k, 0] for pair in pairs.values()] for k in (0, 1)])
+    blocks = []
+    for index, pair in enumerate(pairs.values()):
+        block = np.tile(now, (pair.shape[1], 1))
+        block[:, [index, index + len(pairs)]] = pair.T
+        blocks.append(block)
+        now = block[-1]
+    return names, np.concatenate(blocks)
+
+
+def _written(curve: Curve, columns: ChannelColumns) -> FloatArray:
+    """Abscissa and ordinate (2, n) in the file's units, without the rest at both ends."""
+    span = moving_span(curve.abscissa)
+    return np.stack(
+        [
+            (values[span] - column.offset) / column.scale
+            for values, column in ((curve.abscissa, columns.abscissa), (curve.ordinate, columns.ordinate))
+        ]
+    )
 
 
 def _curve(table: TextTable, channel: str, columns: ChannelColumns) -> Curve:
