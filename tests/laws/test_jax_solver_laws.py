@@ -89,6 +89,14 @@ def test_a_turned_limb_answers_the_same(solver, limb, reference):
         np.testing.assert_allclose(curve(simulation, channel), expected, atol=1e-6 * np.abs(expected).max())
 
 
+def test_a_guide_changes_the_effort_and_not_the_answer(solver, limb, reference):
+    guided = next(iter(solver.simulate_many([make_job()], limb)))
+    assert guided.diagnostics["n_iterations"] < reference.diagnostics["n_iterations"]
+    for channel in ("force", "torque"):
+        expected = curve(reference, channel)
+        np.testing.assert_allclose(curve(guided, channel), expected, atol=1e-6 * np.abs(expected).max())
+
+
 def test_a_hold_changes_nothing(solver, limb):
     held = [*PATH[:3], PATH[2], PATH[2]]
     simulation = solver.simulate(make_job(path=held), limb)

@@ -1,7 +1,8 @@
 """The sphere's path in steps: predict, balance, remember; cut a step that fails, grow after success."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -13,18 +14,21 @@ from palpate_jax.sparse import LinearSolver
 
 SMALLEST_CUT = 1.0 / 32.0
 
+GOOD_HINT = 0.3
+"""Imbalance below which a hint saves the linear answer."""
+
 PROBE = 1e-4
 """How far ahead of a balanced state, as a share of the step, the predictor is taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Station:
-    """The balanced state at one point of the path."""
+    """The balanced state at one point of the path; displacements (n_nodes, 3) in mm."""
 
     depth_mm: float
     rotation_deg: float
     answer: Answer
-    n_iterations: int
+    displacements: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +67,24 @@ class _State:
     memory: Memory
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Guide:
+    """Another parameter set's displacements at the stations of the same path, the first one at rest.
+
+    Prescribed motion makes the fields of all sets alike, so a neighbour's are a
+    better first guess than any linear answer. They never enter a result.
+    """
+
+    displacements: tuple[FloatArray, ...]
+
+    def hints(self, k: int, displacements: FloatArray) -> list[FloatArray]:
+        """Guesses for station ``k`` from the state at the station before it."""
+        if k + 1 >= len(self.displacements):
+            return []
+        before, there = self.displacements[k : k + 2]
+        return [displacements + there - before, there]
+
+
 class March:
     """Walks a model along a path.
 
@@ -73,13 +95,23 @@ class March:
     law : Law
     tolerance : float
         Imbalance relative to the forces at which a point counts as balanced.
+    guide : Guide, optional
+        Of the same model and path.
     """
 
-    def __init__(self, model: Model, thetas: Mapping[str, FloatArray], law: Law, tolerance: float) -> None:
+    def __init__(
+        self,
+        model: Model,
+        thetas: Mapping[str, FloatArray],
+        law: Law,
+        tolerance: float,
+        guide: Guide | None = None,
+    ) -> None:
         self._model = model
         self._thetas = thetas
         self._law = law
         self._tolerance = tolerance
+        self._guide = guide
         self.linear = LinearSolver(model.pattern)
         self.n_cuts = 0
         self.n_iterations = 0
@@ -87,23 +119,23 @@ class March:
     def along(self, points: FloatArray) -> Iterator[Station | Stop]:
         """Balance at each point (n, 2) in turn; a ``Stop`` ends the march."""
         state = _State(np.zeros(2), self._model.rest(), self._model.contact.no_memory())
-        for point in points:
-            iterations, reason = self._advance(state, point)
+        for k, point in enumerate(points):
+            hints = [] if self._guide is None else self._guide.hints(k, state.displacements)
+            reason = self._advance(state, point, hints)
             if reason:
                 yield Stop(float(state.position[0]), float(state.position[1]), reason)
                 return
-            yield self._station(state, iterations)
+            yield self._station(state)
 
-    def _advance(self, state: _State, target: FloatArray) -> tuple[int, str]:
-        """Reach the target in as few cuts as it takes."""
-        done, share, total = 0.0, 1.0, 0
+    def _advance(self, state: _State, target: FloatArray, hints: Sequence[FloatArray]) -> str:
+        """Reach the target in as few cuts as it takes; the reason when it cannot be reached."""
+        done, share = 0.0, 1.0
         origin = state.position
         while done < 1.0:
             share = min(share, 1.0 - done)
             last = done + share >= 1.0 - 1e-12
             position = target if last else origin + (done + share) * (target - origin)
-            iterations, reason = self._step(state, position)
-            total += iterations
+            reason = self._step(state, position, hints if share == 1.0 else ())
             if not reason:
                 done = 1.0 if last else done + share
                 share *= 2.0
@@ -112,8 +144,8 @@ class March:
             share *= 0.5
             self.linear.reset()
             if share < SMALLEST_CUT:
-                return total, reason
-        return total, ""
+                return reason
+        return ""
 
     def _load(self, state: _State, position: FloatArray) -> Load:
         return Load(pose(self._law.radius_mm, position), state.memory, self._law)
@@ -133,21 +165,39 @@ class March:
         moved = self._model.moved(state.displacements, step)
         return self._model.along_arcs(state.displacements, moved)
 
-    def _step(self, state: _State, position: FloatArray) -> tuple[int, str]:
+    def _start(
+        self, state: _State, load: Load, position: FloatArray, hints: Sequence[FloatArray]
+    ) -> FloatArray:
+        """The hint that is nearest to balance, unless the linear answer is nearer."""
+        guesses: list[tuple[float, FloatArray]] = []
+        for hint in hints:
+            residual = self._model.residual(hint, self._thetas, load)
+            if residual.least_jacobian > 0.0:
+                guesses.append((residual.relative, hint))
+        if guesses and min(guesses, key=itemgetter(0))[0] < GOOD_HINT:
+            return min(guesses, key=itemgetter(0))[1]
+        predicted = self._predicted(state, position)
+        if not guesses:
+            return predicted
+        guesses.append((self._model.residual(predicted, self._thetas, load).relative, predicted))
+        return min(guesses, key=itemgetter(0))[1]
+
+    def _step(self, state: _State, position: FloatArray, hints: Sequence[FloatArray]) -> str:
         load = self._load(state, position)
         try:
-            start = self._predicted(state, position)
+            start = self._start(state, load, position, hints)
         except np.linalg.LinAlgError as error:
-            return 0, str(error)
+            return str(error)
         balance = equilibrium(self._model, self._thetas, load, start, self.linear, self._tolerance)
         self.n_iterations += balance.n_iterations
-        if balance.reason:
-            return balance.n_iterations, balance.reason
-        state.memory = self._model.contact.remember(balance.displacements, load.pose, load.memory, load.law)
-        state.displacements, state.position = balance.displacements, position
-        return balance.n_iterations, ""
+        if not balance.reason:
+            state.memory = self._model.contact.remember(
+                balance.displacements, load.pose, load.memory, load.law
+            )
+            state.displacements, state.position = balance.displacements, position
+        return balance.reason
 
-    def _station(self, state: _State, iterations: int) -> Station:
+    def _station(self, state: _State) -> Station:
         at = pose(self._law.radius_mm, state.position)
         answer = self._model.contact.answer(state.displacements, at, state.memory, self._law)
-        return Station(float(state.position[0]), float(state.position[1]), answer, iterations)
+        return Station(float(state.position[0]), float(state.position[1]), answer, state.displacements)

@@ -1,7 +1,8 @@
 """The embedded finite element solver, as a plugin sees it."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,12 @@ from palpate.domain import (
     Status,
     moving_span,
 )
-from palpate.errors import MeshError, StudyError
+from palpate.errors import MaterialError, MeshError, StudyError
 from palpate.interfaces import Material, Settings, Solver
 from palpate.mechanics import check_reference_state, initial_moduli
 from palpate_jax import __version__
 from palpate_jax.contact import Law
-from palpate_jax.march import March, Station, Stop, stations
+from palpate_jax.march import Guide, March, Station, Stop, stations
 from palpate_jax.model import Model, in_spot_frame
 
 TOUCH_TOLERANCE_MM = 0.3
@@ -57,6 +58,16 @@ class JaxSettings(Settings):
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Prepared:
+    """A limb ready to be solved, with the guides found so far by protocol."""
+
+    limb: Limb
+    materials: Mapping[str, Material]
+    model: Model
+    guides: dict[tuple[object, ...], Guide] = field(default_factory=dict)
+
+
 class JaxSolver(Solver):
     """Quasi-static finite elements of a limb under a rigid sphere with friction that remembers."""
 
@@ -67,7 +78,7 @@ class JaxSolver(Solver):
     def __init__(self, settings: BaseModel | None = None) -> None:
         super().__init__(settings)
         self._materials: dict[tuple[type[Material], BaseModel], Material] = {}
-        self._last: tuple[Limb, dict[str, Material], Model] | None = None
+        self._last: _Prepared | None = None
 
     def version(self) -> str:
         """Version of this plugin."""
@@ -99,18 +110,22 @@ class JaxSolver(Solver):
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Walk the protocol's path; a path that cannot be finished is ``diverged`` and keeps its start."""
+        return self._simulate(job, _limb(limb, job), guided=False)
+
+    def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
+        """Walk the same path with every set, guided by the middle of the materials' ranges.
+
+        The guide depends on the limb, the protocol and the materials alone, so a
+        result does not depend on which jobs came before.
+        """
+        for job in jobs:
+            yield self._simulate(job, _limb(limb, job), guided=True)
+
+    def _simulate(self, job: Job, limb: Limb, *, guided: bool) -> Simulation:
         started = time.perf_counter()
-        protocol = _indentation(job)
-        model = self._model(_limb(limb, job), job.materials)
-        march = March(model, job.thetas, self._law(model, job, protocol), self.settings.tolerance)
-        points = stations(protocol, self.settings.depth_step_mm, self.settings.rotation_step_deg)
-        reached: list[Station] = []
-        stop: Stop | None = None
-        for state in march.along(points):
-            if isinstance(state, Stop):
-                stop = state
-            else:
-                reached.append(state)
+        prepared = self._prepared(limb, job.materials)
+        guide = self._guide(prepared, job) if guided else None
+        march, reached, stop = self._walk(prepared.model, job, job.thetas, guide)
         return Simulation(
             job=job,
             status=Status.OK if stop is None else Status.DIVERGED,
@@ -120,22 +135,50 @@ class JaxSolver(Solver):
             diagnostics=_diagnostics(reached, march),
         )
 
-    def _model(self, limb: Limb, materials: Mapping[str, Material]) -> Model:
+    def _walk(
+        self, model: Model, job: Job, thetas: Mapping[str, FloatArray], guide: Guide | None
+    ) -> tuple[March, list[Station], Stop | None]:
+        protocol = _indentation(job)
+        modulus, _ = initial_moduli(job.materials[model.touched_region], thetas[model.touched_region])
+        radius = protocol.indenter.radius_mm
+        law = Law(radius, self.settings.penalty * modulus / radius, protocol.friction)
+        march = March(model, thetas, law, self.settings.tolerance, guide)
+        points = stations(protocol, self.settings.depth_step_mm, self.settings.rotation_step_deg)
+        reached: list[Station] = []
+        for state in march.along(points):
+            if isinstance(state, Stop):
+                return march, reached, state
+            reached.append(state)
+        return march, reached, None
+
+    def _guide(self, prepared: _Prepared, job: Job) -> Guide:
+        """Displacements with the middle of the materials' own ranges, as far as they are found."""
+        protocol, guides = _indentation(job), prepared.guides
+        key = (protocol.indenter, protocol.friction, protocol.path.tobytes())
+        if key not in guides:
+            middle = {
+                region: np.array([0.5 * (p.lower + p.upper) for p in material.parameters])
+                for region, material in job.materials.items()
+            }
+            try:
+                _, reached, _ = self._walk(prepared.model, job, middle, None)
+            except MaterialError:  # no stable rest there: go without
+                reached = []
+            guides[key] = Guide((prepared.model.rest(), *(s.displacements for s in reached)))
+        return guides[key]
+
+    def _prepared(self, limb: Limb, materials: Mapping[str, Material]) -> _Prepared:
         """The model of this limb, kept for the next job on it."""
         own = {region: self._own(material) for region, material in materials.items()}
-        if self._last is None or not _same(self._last[0], limb) or self._last[1] != own:
-            self._last = (limb, own, Model(limb, own, self.settings.mean_dilatation))
-        return self._last[2]
+        last = self._last
+        if last is None or last.materials != own or not _same(last.limb, limb):
+            last = _Prepared(limb, own, Model(limb, own, self.settings.mean_dilatation))
+            self._last = last
+        return last
 
     def _own(self, material: Material) -> Material:
         """One instance for equal materials: compiled kernels are cached by identity."""
         return self._materials.setdefault((type(material), material.settings), material)
-
-    def _law(self, model: Model, job: Job, protocol: Indentation) -> Law:
-        region = model.touched_region
-        modulus, _ = initial_moduli(job.materials[region], job.thetas[region])
-        radius = protocol.indenter.radius_mm
-        return Law(radius, self.settings.penalty * modulus / radius, protocol.friction)
 
 
 def _same(one: Limb, other: Limb) -> bool:
