@@ -133,7 +133,7 @@ class _Search:
             )
         except _NoSlopeError as error:
             return str(error)
-        return str(found.message)
+        return "converged" if found.status > 0 else f"stopped after {MOST_STEPS} steps; the best set stands"
 
     def row(self, start: Mapping[str, Any], message: str) -> pl.DataFrame:
         """Make the row of :class:`Refined` for the best simulation seen."""

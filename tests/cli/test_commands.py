@@ -292,7 +292,7 @@ def test_demo_says_that_the_data_are_simulated(call: Call) -> None:
     assert "SIMULATED" in outcome.err
     assert "SIMULATED" in outcome.out
     assert "distance to truth" in outcome.out
-    assert "Figures: runs/toy/report/figures" in outcome.out
+    assert "Tables and figures: runs/toy/report/index.html" in outcome.out
     assert "init --study toy my-toy" in outcome.err
 
 

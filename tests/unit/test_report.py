@@ -11,7 +11,7 @@ from matplotlib.image import imread
 from palpate import pipeline
 from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario
 from palpate.refinement import Refined
-from palpate.report import Content, figures, make_tables, write_report
+from palpate.report import Content, figures, finding, make_tables, write_report
 from palpate.report.figures import COLOUR_LIMIT, generalised, nmse_distribution, parameter_space, responses
 from palpate.scoring import score
 from palpate.selection import select
@@ -69,6 +69,39 @@ def test_the_cross_table_shows_what_a_fit_to_one_channel_costs_in_the_other(cont
     for row in table.iter_rows(named=True):
         assert row["nmse_force"] >= 0.0
         assert row["r2_torque"] <= 1.0
+
+
+def test_a_partial_fit_is_held_against_the_channels_that_it_has_not_seen(content):
+    made = content(refine=True)
+    tables = make_tables(made)
+    table = tables["unfitted_channels"]
+    assert table.select("search", "spot", "scenario", "unfitted").rows() == [
+        (search, spot, *unseen)
+        for search in ("sweep", "refined")
+        for spot in ("p1", "p2")
+        for unseen in (("II", "force"), ("III", "torque"))
+    ]
+    of_torque, of_force = made.selection.row(1, named=True), made.selection.row(2, named=True)
+    first = table.row(0, named=True)
+    best = min(made.selection["nmse_force"][0], of_force["nmse_force"])
+    assert (first["nmse"], first["nmse_fitted"]) == (of_torque["nmse_force"], best)
+    assert first["times"] == first["nmse"] / best
+    worst = table[4:].sort("times").row(-1, named=True)
+    said = finding(tables)
+    assert f"at spot {worst['spot']}, scenario '{worst['scenario']}'" in said
+    assert f"NMSE {worst['nmse']:.3g} (R² {worst['r2']:.3f}), {worst['times']:.3g} times" in said
+
+
+def test_a_fit_to_all_channels_leaves_nothing_unseen(content, make_study):
+    tables = make_tables(content(scenarios=make_study().scenarios[:1]))
+    assert "unfitted_channels" not in tables
+    assert finding(tables) == ""
+
+
+def test_a_channel_that_no_scenario_fits_has_nothing_to_be_held_against(content, make_study):
+    tables = make_tables(content(scenarios=make_study().scenarios[1:2], generalise_by="II"))
+    assert tables["unfitted_channels"]["times"].to_list() == [None, None]
+    assert finding(tables) == ""
 
 
 def test_the_distance_to_the_truth_is_signed_and_relative(content):
@@ -157,10 +190,10 @@ def test_a_response_has_the_experiment_and_a_curve_per_scenario(content):
     assert len(styles) == 3
 
 
-def test_the_refined_curves_stand_beside_the_sweeps(content):
+def test_a_refined_curve_takes_the_place_of_the_sweeps(content):
     axes = responses(content(refine=True), "p1").axes
-    labels = [line.get_label() for line in axes[0].get_lines()]
-    assert sum("refined" in label for label in labels) == 3
+    labels = [line.get_label() for line in axes[0].get_lines()[1:]]
+    assert labels == [f"scenario {name}, refined" for name in ("I", "II", "III")]
 
 
 def test_the_distribution_is_cut_and_says_how_many_are_above(content):
@@ -231,7 +264,7 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(make_study, plu
         refined=Refined(table=chosen.clear(), responses={}),
         responses={(s.job.spot, s.job.set_id): s.response for s in swept},
     )  # fmt: skip
-    assert len(write_report(made, tmp_path / "report")) == 4 + 2 * 6 + 1
+    assert len(write_report(made, tmp_path / "report")) == 5 + 2 * 6 + 1
     assert len(responses(made, "p1").axes) == 3
     assert len(responses(made, "p2").axes) == 1
     assert make_tables(made)["table2_nmse"]["all"].to_list()[1] is None

@@ -11,13 +11,17 @@ if TYPE_CHECKING:
 
 def show_run(session: Session, study: "Study", result: "RunResult") -> None:
     """Print what a run found, for people."""
+    from palpate.report import finding
+
     session.say(f"{study.name}: {data_notice(study)}")
     for name, frame in result.report.tables.items():
         if frame.height:
             session.frame(name.replace("_", " "), frame)
-    figures = sorted({str(f.parent) for f in result.report.files if f.suffix in {".svg", ".png"}})
-    for folder in figures:
-        session.say(f"Figures: {folder}")
+    if sentence := finding(result.report.tables):
+        session.say(sentence)
+    for page in result.report.files:
+        if page.suffix == ".html":
+            session.say(f"Tables and figures: {page}")
 
 
 def run_as_json(study: "Study", result: "RunResult") -> dict[str, object]:

@@ -101,7 +101,7 @@ def _titled(figure: Figure, content: Content, title: str) -> None:
 
 
 def responses(content: Content, spot: str) -> Figure:
-    """Measured curves of a spot, and the simulated ones of the set that each scenario selected."""
+    """Measured curves of a spot, and the best simulated ones of each scenario."""
     measured = content.measured[spot].curves
     figure = Figure(figsize=(4.2 * len(measured), 3.6))
     axes = figure.subplots(1, len(measured), squeeze=False)[0]
@@ -109,25 +109,23 @@ def responses(content: Content, spot: str) -> Figure:
         _draw_measured(axis, content, curve)
         for i, scenario in enumerate(content.study.scenarios):
             colour, dash = _LINES[i % len(_LINES)]
-            for shown, line in _fits(content, spot, scenario.name).items():
-                if channel in line:
-                    thick = 2.6 if shown.endswith("refined") else 1.4
-                    _draw(axis, line[channel], colour, dash, shown, thick, 0.45 if thick > 2 else 1.0)
+            label, fit = _fit(content, spot, scenario.name)
+            if channel in fit:
+                _draw(axis, fit[channel], colour, dash, label)
     _legend_below(figure, axes[:1])
     _titled(figure, content, f"{content.study.name}, spot {spot}: least NMSE by scenario")
     return figure
 
 
-def _fits(content: Content, spot: str, scenario: str) -> dict[str, Mapping[str, Curve]]:
-    """Curves to show for a scenario at a spot: the sweep's, and the refined ones, by their label."""
+def _fit(content: Content, spot: str, scenario: str) -> tuple[str, Mapping[str, Curve]]:
+    """Label and curves of a scenario at a spot: the refined ones, else those of the selected set."""
+    if (refined := content.refined.responses.get((spot, scenario))) is not None:
+        return f"scenario {scenario}, refined", refined.curves
     rows = content.selection.filter((pl.col("spot") == spot) & (pl.col("scenario") == scenario))
-    found = {}
     for row in rows.iter_rows(named=True):
         if (response := content.responses.get((spot, row["set_id"]))) is not None:
-            found[f"scenario {scenario}, set {row['set_id']}"] = response.curves
-    if (refined := content.refined.responses.get((spot, scenario))) is not None:
-        found[f"scenario {scenario}, refined"] = refined.curves
-    return found
+            return f"scenario {scenario}, set {row['set_id']}", response.curves
+    return scenario, {}
 
 
 def _draw_measured(axis: Axes, content: Content, curve: Curve) -> None:
@@ -149,18 +147,8 @@ def _draw_measured(axis: Axes, content: Content, curve: Curve) -> None:
     axis.set_ylabel(channel.ordinate_label)
 
 
-def _draw(
-    axis: Axes, curve: Curve, colour: str, dash: Dash, label: str, width: float = 1.4, alpha: float = 1.0
-) -> None:
-    axis.plot(
-        curve.abscissa,
-        curve.ordinate,
-        color=colour,
-        linestyle=dash,
-        label=label,
-        linewidth=width,
-        alpha=alpha,
-    )
+def _draw(axis: Axes, curve: Curve, colour: str, dash: Dash, label: str) -> None:
+    axis.plot(curve.abscissa, curve.ordinate, color=colour, linestyle=dash, label=label)
 
 
 def _legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
@@ -238,8 +226,9 @@ def _draw_distribution(axis: Axes, place: int, fopt: FloatArray) -> None:
     axis.scatter(place + spread, shown, s=9, color=_MEASURED, alpha=0.5, linewidths=0, label=f"{hide}set")
     if fopt.size:
         least, middle = float(fopt.min()), float(np.median(fopt))
-        axis.hlines(min(middle, DISTRIBUTION_LIMIT), place - 0.32, place + 0.32, color="black", linewidth=1.6,
-                    label=f"{hide}median of all sets")  # fmt: skip
+        if middle <= DISTRIBUTION_LIMIT:
+            axis.hlines(middle, place - 0.32, place + 0.32, color="black", linewidth=1.6,
+                        label=f"{hide}median of all sets")  # fmt: skip
         if least <= DISTRIBUTION_LIMIT:
             axis.scatter([place], [least], marker="*", s=90, color=_LEAST, zorder=4, clip_on=False,
                          label=f"{hide}least")  # fmt: skip
@@ -327,6 +316,7 @@ def _draw_space(
     ):
         set_label(_label(parameter), fontsize=7)
     axis.tick_params(labelsize=6, pad=-1)
+    axis.locator_params(nbins=4)
     axis.set_box_aspect(None, zoom=0.78)
     axis.computed_zorder = False  # the least stays on top
     axis.zaxis.set_ticks_position("lower")

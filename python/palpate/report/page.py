@@ -8,11 +8,13 @@ import jinja2
 import polars as pl
 
 from palpate.report.content import Content
+from palpate.report.tables import finding
 from palpate.results import write_atomically
 
 _TITLES = {
     "table1_coefficients": "Table 1: coefficients by spot and scenario",
     "table2_nmse": "Table 2: NMSE by spot and scenario",
+    "unfitted_channels": "What a fit says about channels that it has not seen",
     "cross_channel": "Error in every channel, fitted or not",
     "generalised": "One set for all spots",
     "refined": "Local search from the selected sets",
@@ -33,6 +35,7 @@ def write_page(
     text = environment.get_template("index.html.jinja").render(
         study=content.study,
         notice=content.notice,
+        finding=finding(tables),
         n_sets=content.design.n_sets,
         n_spots=len(content.spots),
         solver=f"{content.study.solver.name} {content.study.solver.version()}",

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
@@ -14,13 +15,15 @@ from palpate.selection import failures
 def make_tables(content: Content) -> dict[str, pl.DataFrame]:
     """Every table that has a row, by name.
 
-    ``table1_coefficients`` and ``table2_nmse`` are the paper's; ``cross_channel``
-    shows what a fit to some channels costs in the others; ``generalised``,
-    ``refined``, ``distance_to_truth`` and ``failures`` come where there is one.
+    ``table1_coefficients`` and ``table2_nmse`` are the paper's; ``unfitted_channels``
+    shows what a fit to some channels costs in the others, ``cross_channel`` the errors
+    behind it; ``generalised``, ``refined``, ``distance_to_truth`` and ``failures`` come
+    where there is one.
     """
     tables = {
         "table1_coefficients": coefficients(content),
         "table2_nmse": nmse_by_scenario(content),
+        "unfitted_channels": unfitted_channels(content),
         "cross_channel": cross_channel(content),
         "generalised": generalised(content),
         "refined": content.refined.table,
@@ -88,6 +91,60 @@ def cross_channel(content: Content) -> pl.DataFrame:
 def weighted_channels(scenario: Scenario) -> str:
     """Channels that a scenario weights, joined with plus signs."""
     return " + ".join(channel for channel, weight in scenario.weights.items() if weight > 0.0)
+
+
+def unfitted_channels(content: Content) -> pl.DataFrame:
+    """What each fit to part of the channels says about those that it has not seen.
+
+    One row per search, spot, scenario and channel that the scenario leaves out: its NMSE
+    and R² there; ``nmse_fitted``, the least NMSE there of the scenarios that do fit the
+    channel, null where none does; and ``times``, how many times further off it is than that.
+    """
+    scenarios = {scenario.name: scenario for scenario in content.study.scenarios}
+    searches = {"sweep": content.selection, "refined": content.refined.table}
+    rows = [
+        _unfitted(search, table, row, channel, scenarios)
+        for search, table in searches.items()
+        for row in table.iter_rows(named=True)
+        for channel in (name.removeprefix("nmse_") for name in table.columns if name.startswith("nmse_"))
+        if not scenarios[row["scenario"]].weights.get(channel) and row[f"nmse_{channel}"] is not None
+    ]
+    return pl.DataFrame(rows, schema_overrides={"nmse_fitted": pl.Float64, "times": pl.Float64})
+
+
+def _unfitted(
+    search: str, table: pl.DataFrame, row: Mapping[str, Any], channel: str, scenarios: Mapping[str, Scenario]
+) -> dict[str, object]:
+    seeing = [name for name, scenario in scenarios.items() if scenario.weights.get(channel)]
+    beside = table.filter(pl.col("spot") == row["spot"], pl.col("scenario").is_in(seeing))
+    nmse, fitted = row[f"nmse_{channel}"], beside[f"nmse_{channel}"].min()
+    return {
+        "search": search,
+        "spot": row["spot"],
+        "scenario": row["scenario"],
+        "fitted_to": weighted_channels(scenarios[row["scenario"]]),
+        "unfitted": channel,
+        "nmse": nmse,
+        "r2": row[f"r2_{channel}"],
+        "nmse_fitted": fitted,
+        "times": None if fitted is None else nmse / fitted if fitted > 0.0 else float("inf"),
+    }
+
+
+def finding(tables: Mapping[str, pl.DataFrame]) -> str:
+    """Sentence on the partial fit that is worst where it has not looked; empty without one."""
+    table = tables.get("unfitted_channels", pl.DataFrame(schema={"times": pl.Float64}))
+    table = table.drop_nulls("times")
+    if table.is_empty():
+        return ""
+    last = table.filter(pl.col("search") == table["search"][-1])
+    worst = last.sort("times", descending=True, maintain_order=True).row(0, named=True)
+    r2 = "" if worst["r2"] is None else f" (R² {worst['r2']:.3f})"
+    return (
+        f"What a partial fit does not see: at spot {worst['spot']}, scenario '{worst['scenario']}' (fitted "
+        f"to {worst['fitted_to']}) misses {worst['unfitted']} with NMSE {worst['nmse']:.3g}{r2}, "
+        f"{worst['times']:.3g} times that of a fit to it ({worst['nmse_fitted']:.3g})."
+    )
 
 
 def generalised(content: Content) -> pl.DataFrame:
