@@ -72,7 +72,7 @@ def make_study(tmp_path: Path, tissue: ModuleType, space: ParameterSpace) -> Cal
         study = Study(
             name="sponge",
             description="a stand-in with a known answer",
-            folder=tmp_path,
+            file=tmp_path / "study.toml",
             data="simulated",
             spots=tuple(spots),
             loader=tissue.Table(),

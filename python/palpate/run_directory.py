@@ -71,9 +71,9 @@ class RunDirectory:
         """
         text = json.dumps(manifest(study, channels), indent=2, ensure_ascii=False, allow_nan=False)
         self._make_folder()
-        source = study.folder / "study.toml"
-        if source.is_file() and source.resolve() != (self.folder / "study.toml").resolve():
-            write_atomically(self.folder / "study.toml", source.read_bytes())
+        as_run = self.folder / "study.toml"
+        if study.file.is_file() and study.file.resolve() != as_run.resolve():
+            write_atomically(as_run, study.file.read_bytes())
         write_atomically(self.folder / "manifest.json", text.encode() + b"\n")
 
     def _make_folder(self) -> None:
@@ -253,7 +253,7 @@ def versions(study: Study) -> dict[str, str]:
 
 
 def _hashes(study: Study) -> dict[str, str]:
-    files = [study.folder / "study.toml", *study.plugin_files]
+    files = [study.file, *study.plugin_files]
     for spot in study.spots:
         files += [*spot.measured.values(), *([spot.mesh] if spot.mesh else [])]
     return {

@@ -33,8 +33,8 @@ class Study:
 
     Parameters
     ----------
-    folder : Path
-        Where study.toml lies; paths inside it are relative to it.
+    file : Path
+        The study file; paths inside it are relative to its folder.
     data : {"measured", "simulated"}
         Whether the experiment is real; shown wherever results are.
     protocol : Protocol or None
@@ -55,7 +55,7 @@ class Study:
 
     name: str
     description: str
-    folder: Path
+    file: Path
     data: Literal["measured", "simulated"]
     spots: tuple[StudySpot, ...]
     loader: ExperimentLoader
@@ -76,6 +76,11 @@ class Study:
     n_workers: int
     time_limit_s: float
     plugin_files: tuple[Path, ...]
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the study file."""
+        return self.file.parent
 
 
 def read_study(path: Path, plugins: Plugins, *, need_measured: bool = True) -> Study:
@@ -99,7 +104,7 @@ def read_study(path: Path, plugins: Plugins, *, need_measured: bool = True) -> S
         path = path / "study.toml"
     text, raw = _parse(path)
     problems = Problems(path, KeyLines(text))
-    context = Context(path.parent.resolve(), plugins, problems)
+    context = Context(path.resolve(), plugins, problems)
     return _build(context, read_tables(raw, problems), need_measured)
 
 
@@ -131,7 +136,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     return Study(
         name=settled(header).name,
         description=settled(header).description,
-        folder=context.folder,
+        file=context.file,
         data=settled(header).data,
         spots=spots,
         loader=settled(parts.loader),

@@ -30,9 +30,9 @@ FILTERS: Key = ("sampling", "filters")
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What every part is built with: where files lie, what plugins provide, where mistakes go."""
+    """What every part is built with: the study file, what plugins provide, where mistakes go."""
 
-    folder: Path
+    file: Path
     plugins: Plugins
     problems: Problems
 
@@ -146,7 +146,7 @@ def build_spots(
 
 
 def _file(context: Context, name: str, key: Key, needed: bool = True) -> Path:
-    path = context.folder / name
+    path = context.file.parent / name
     if not path.is_file() and (needed or path.exists()):
         reason = "is a folder, not a file" if path.is_dir() else "no such file"
         context.problems.add(key, f"'{name}': {reason} (looked for {path}); paths are relative to study.toml")

@@ -99,7 +99,7 @@ def synthesise(
 
 
 def _check(study: Study, noise: float) -> None:
-    where = study.folder / "study.toml"
+    where = study.file
     if study.data != "simulated":
         raise StudyError(
             f'{where}: says data = "{study.data}", and curves that are made up must not pass for it; '

@@ -184,8 +184,9 @@ def test_failures_are_rows_and_the_rest_is_ranked(make_study, plugins, tmp_path,
 
 
 def test_the_manifest_says_what_the_numbers_depended_on(make_study, plugins, tmp_path):
-    (tmp_path / "study.toml").write_text("# as run\n")
-    study = make_study(truth=TRUTH)
+    (tmp_path / "variant.toml").write_text("# as run\n")
+    (tmp_path / "study.toml").write_text("# another\n")
+    study = make_study(truth=TRUTH, file=tmp_path / "variant.toml")
     pipeline.run_study(study, tmp_path / "run", plugins)
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert (tmp_path / "run" / "study.toml").read_text() == "# as run\n"
@@ -197,7 +198,7 @@ def test_the_manifest_says_what_the_numbers_depended_on(make_study, plugins, tmp
     assert manifest["materials"][0]["convention"] == "textbook"
     assert manifest["versions"]["solver analytic"] == "1"
     assert {"python", "numpy", "polars"} <= set(manifest["versions"])
-    assert set(manifest["inputs"]) == {"study.toml", "analytic_tissue.py", "p1.csv", "p2.csv"}
+    assert set(manifest["inputs"]) == {"variant.toml", "analytic_tissue.py", "p1.csv", "p2.csv"}
     assert set(manifest["channels"]) == {"force", "torque"}
 
 
