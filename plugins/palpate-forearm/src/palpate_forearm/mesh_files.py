@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,6 +47,8 @@ def read_mesh_file(path: Path) -> MeshFile:
     """
     if not path.is_file():
         raise MeshError(f"{path}: no such file; check the path of the mesh")
+    import meshio  # here, so that whoever reads no mesh does not wait for it
+
     complaints = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
