@@ -310,7 +310,8 @@ class Parameter:
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
             raise SamplingError(
-                f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} {self.unit}"
+                f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} "
+                f"{self.unit}; swap them"
             )
         for bound in (self.lower, self.upper):
             self.check(bound)

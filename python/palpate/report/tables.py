@@ -117,7 +117,8 @@ def _unfitted(
 ) -> dict[str, object]:
     seeing = [name for name, scenario in scenarios.items() if scenario.weights.get(channel)]
     beside = table.filter(pl.col("spot") == row["spot"], pl.col("scenario").is_in(seeing))
-    nmse, fitted = row[f"nmse_{channel}"], beside[f"nmse_{channel}"].min()
+    nmse = float(row[f"nmse_{channel}"])
+    fitted = min(beside[f"nmse_{channel}"].drop_nulls().to_list(), default=None)
     return {
         "search": search,
         "spot": row["spot"],
