@@ -6,7 +6,7 @@ made read-only, so a value that exists can be used.
 
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from types import MappingProxyType
@@ -378,20 +378,7 @@ class ParameterSpace:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Searched parameters with their full names, in design column order."""
-        return tuple(
-            Parameter(
-                name=f"{r.region}.{p.name}",
-                unit=p.unit,
-                lower=p.lower,
-                upper=p.upper,
-                kind=p.kind,
-                description=p.description,
-                physical_lower=p.physical_lower,
-                physical_upper=p.physical_upper,
-            )
-            for r in self.regions
-            for p in r.searched
-        )
+        return tuple(replace(p, name=f"{r.region}.{p.name}") for r in self.regions for p in r.searched)
 
     def thetas(self, row: FloatArray) -> dict[str, FloatArray]:
         """Textbook parameters by region for one design row of shape (n_parameters,)."""

@@ -1,6 +1,7 @@
 """Materials of the regions: which parameters are searched, between what, and which are fixed."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -84,26 +85,7 @@ def _range(problems: Problems, key: Key, default: Parameter, table: ParameterTab
             "or write one quantity to fix the parameter",
         )
         return
-    yield _with_range(default, lower=ends["lower"], upper=ends["upper"])
-
-
-def _with_range(
-    parameter: Parameter,
-    lower: float,
-    upper: float,
-    physical: tuple[float, float] | None = None,
-) -> Parameter:
-    low, high = physical or (parameter.physical_lower, parameter.physical_upper)
-    return Parameter(
-        name=parameter.name,
-        unit=parameter.unit,
-        lower=lower,
-        upper=upper,
-        kind=parameter.kind,
-        description=parameter.description,
-        physical_lower=low,
-        physical_upper=high,
-    )
+    yield replace(default, lower=ends["lower"], upper=ends["upper"])
 
 
 def _in_convention(material: Material, convention: str) -> Iterator[Parameter]:
@@ -130,11 +112,12 @@ def _in_convention(material: Material, convention: str) -> Iterator[Parameter]:
         axis=0,
     )
     for index, parameter in enumerate(material.parameters):
-        yield _with_range(
+        yield replace(
             parameter,
             lower=float(ranges[0, index]),
             upper=float(ranges[1, index]),
-            physical=(float(limits[0, index]), float(limits[1, index])),
+            physical_lower=float(limits[0, index]),
+            physical_upper=float(limits[1, index]),
         )
 
 
