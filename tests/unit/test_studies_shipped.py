@@ -1,5 +1,7 @@
 """The ready studies are sound: they load, say what their data are, and hold what their text claims."""
 
+import hashlib
+import json
 import re
 from functools import cache
 from pathlib import Path
@@ -13,6 +15,7 @@ from palpate.plugins import Plugins
 from palpate.study import Study, read_study
 
 FOREARM = ("forearm-demo", "forearm")
+LAYERED = "forearm-layered"
 HOMOGENEOUS = ("treloar", "ecoflex")
 TRUTH = {"soft_tissue.c1": 0.0141, "soft_tissue.c2": -0.0011, "soft_tissue.c3": 1.05e-4}
 
@@ -31,7 +34,7 @@ def study(name: str) -> Study:
     return read_study(folder(name), plugins())
 
 
-@pytest.mark.parametrize("name", [*FOREARM, *HOMOGENEOUS])
+@pytest.mark.parametrize("name", [*FOREARM, LAYERED, *HOMOGENEOUS])
 def test_every_spot_is_measured_in_every_channel_that_counts(name: str) -> None:
     measured = load_measured(study(name), plugins().channels)
     weighted = {c for scenario in study(name).scenarios for c, w in scenario.weights.items() if w}
@@ -40,7 +43,7 @@ def test_every_spot_is_measured_in_every_channel_that_counts(name: str) -> None:
         assert set(response) == weighted
 
 
-@pytest.mark.parametrize("name", [*FOREARM, "forearm-layered", *HOMOGENEOUS])
+@pytest.mark.parametrize("name", [*FOREARM, LAYERED, *HOMOGENEOUS])
 def test_simulated_data_are_called_simulated(name: str) -> None:
     simulated = name.startswith("forearm")
     text = (folder(name) / "study.toml").read_text()
@@ -181,10 +184,7 @@ def test_the_full_study_has_the_papers_ranges() -> None:
 
 
 def test_the_layered_mesh_has_skin_over_soft_tissue() -> None:
-    source = plugins().limb_sources["meshio"]
-    settings = source.Settings(regions={"soft_tissue": 0, "skin": 1})
-    spot = study("forearm-demo").spots[1].spot
-    mesh = source(settings).load(folder("forearm-layered") / "meshes" / "p2.vtu", spot).mesh
+    mesh = load_limbs(study(LAYERED))["p2"].mesh
     skin = mesh.cells["tet10"][mesh.cell_regions["tet10"] == mesh.regions.index("skin")]
     core = mesh.cells["tet10"][mesh.cell_regions["tet10"] == mesh.regions.index("soft_tissue")]
     assert set(mesh.node_sets["contact"]) <= set(skin.ravel())
@@ -193,6 +193,37 @@ def test_the_layered_mesh_has_skin_over_soft_tissue() -> None:
     upper = beneath[beneath[:, 2] > -10.0]
     assert len(upper) > 10
     np.testing.assert_allclose(upper[:, 2], -2.5, atol=0.7)
+
+
+def test_the_layered_curves_are_of_the_truth_and_the_mesh_of_the_study() -> None:
+    """The note beside the curves against the study as it is now."""
+    layered = study(LAYERED)
+    note = json.loads((folder(LAYERED) / "measured" / "origin.json").read_text())
+    for region in layered.space.regions:
+        written = note["truth"][region.region]
+        assert (written["material"], written["convention"]) == (region.material.name, region.convention)
+        truth = {p.name: layered.truth[f"{region.region}.{p.name}"] for p in region.searched}
+        assert written["values"] == pytest.approx({**region.fixed, **truth})
+    assert note["solver"] == {"name": "jax", "settings": layered.solver.settings.model_dump(mode="json")}
+    assert note["protocol"]["path_depth_mm_rotation_deg"] == layered.protocol.path.tolist()
+    (spot,) = layered.spots
+    assert note["meshes"] == {"p2": hashlib.sha256(spot.mesh.read_bytes()).hexdigest()}
+    assert note["noise"] == 0.0
+
+
+def test_the_layered_study_searches_a_stiffness_of_each_material_around_the_truth() -> None:
+    layered = study(LAYERED)
+    assert [p.name for p in layered.space.parameters] == ["skin.E", "soft_tissue.c1"]
+    for parameter in layered.space.parameters:
+        place = (layered.truth[parameter.name] - parameter.lower) / (parameter.upper - parameter.lower)
+        assert 0.1 < place < 0.9
+        assert abs(place - 0.5) > 0.05
+
+
+def test_the_layered_study_says_that_it_is_an_inverse_crime() -> None:
+    text = " ".join((folder(LAYERED) / "README.md").read_text().split())
+    assert "same solver and the same mesh" in text
+    assert "inverse crime" in text
 
 
 # ------------------------------------------------------------- what texts claim
