@@ -361,6 +361,17 @@ class LoaderContract(ComponentContract):
                 loader.load(path, self.channel)
             assert path.name in str(caught.value)
 
+    def test_reads_back_what_it_writes(self, loader: ExperimentLoader, good_file: Path) -> None:
+        if type(loader).save is ExperimentLoader.save:
+            pytest.skip("writes no curves")
+        written, copy = loader.load(good_file, self.channel), good_file.with_stem("copy")
+        loader.save(copy, written, self.channel)
+        found = loader.load(copy, self.channel)
+        assert set(found) == set(written)
+        for name in written:
+            np.testing.assert_allclose(found[name].abscissa, written[name].abscissa, rtol=1e-12)
+            np.testing.assert_allclose(found[name].ordinate, written[name].ordinate, rtol=1e-12)
+
     def test_refuses_a_missing_file_by_name(self, loader: ExperimentLoader, good_file: Path) -> None:
         with pytest.raises(PalpateError) as caught:
             loader.load(good_file.with_name("no_such" + good_file.suffix), self.channel)
