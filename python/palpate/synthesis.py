@@ -144,7 +144,7 @@ def _inside(path: Path, folder: Path) -> Path:
 
 
 def _beside(files: Sequence[Path]) -> Path:
-    return Path(os.path.commonpath([path.absolute().parent for path in files])) / NOTE
+    return Path(os.path.commonpath([path.parent for path in files])) / NOTE
 
 
 # -------------------------------------------------------------------- simulation

@@ -25,7 +25,7 @@ def test_writes_what_the_truth_gives_and_tells_where(call: Call, planned: Path, 
     outcome = call("synthesise", planned, "--out", "made")
     assert outcome.code == 0
     for name in ("s1.csv", "s2.csv", "origin.json"):
-        assert f"made/{name}" in outcome.out
+        assert f"\nmade/{name}\n" in outcome.out
     x, y = np.loadtxt(tmp_path / "made" / "s2.csv", delimiter=",", skiprows=1).T
     assert np.array_equal(x, STRETCHES)
     assert y == pytest.approx(2.0 * (x - 1.0) * (1.0 + 0.5 * (x - 1.0)))
