@@ -46,17 +46,15 @@ def block(
         Spot ``block`` at the origin with normal +z; node sets ``fixed`` (base) and
         ``contact`` (upper face).
     """
-    across = np.linspace(-1.0, 1.0, n_across + 1)
-    x = 0.5 * width_mm * np.sign(across) * np.abs(across) ** grading
-    z = -height_mm * np.linspace(1.0, 0.0, n_down + 1) ** grading
+    x = 0.5 * width_mm * _crowded(np.linspace(-1.0, 1.0, n_across + 1), grading)
+    z = -height_mm * _crowded(np.linspace(1.0, 0.0, n_down + 1), grading)
     points = np.stack(np.meshgrid(x, x, z, indexing="ij"), axis=-1).reshape(-1, 3)
     hexes = _hexes(n_across, n_across, n_down)
     cells = hexes if kind == "hex8" else hexes[:, _SIX_TETS].reshape(-1, 4)
     if kind == "tet10":
         points, cells = _with_midpoints(points, cells)
-    layers = dict(layers_mm or {})
-    corners = cells[:, : 8 if kind == "hex8" else 4]
-    depth = -points[corners].mean(axis=1)[:, 2]
+    layers = layers_mm or {}
+    depth = -points[cells[:, : 8 if kind == "hex8" else 4], 2].mean(axis=1)
     mesh = Mesh(
         points_mm=points,
         cells={kind: cells},
@@ -64,10 +62,15 @@ def block(
         regions=(*layers, "soft_tissue"),
         node_sets={
             "fixed": np.flatnonzero(points[:, 2] == z[0]),
-            "contact": np.flatnonzero(points[:, 2] == 0.0),
+            "contact": np.flatnonzero(points[:, 2] == 0),
         },
     )
     return Limb(spot=Spot(name="block"), mesh=mesh)
+
+
+def _crowded(t: FloatArray, grading: float) -> FloatArray:
+    crowded: FloatArray = np.sign(t) * np.abs(t) ** grading
+    return crowded
 
 
 def _hexes(nx: int, ny: int, nz: int) -> IntArray:
