@@ -42,7 +42,7 @@ format: $(VENV)/installed ## rewrite the sources in the project's format
 	cargo fmt
 
 bench: $(VENV)/installed ## timings, each beside a peer of the same run
-	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only
+	$(BIN)/python tests/benchmarks/bench_scoring.py
 
 clean: ## remove what the build made
 	rm -rf $(VENV) target runs
