@@ -1,11 +1,15 @@
 """Small limbs made on the spot, for the tests and oracles of solvers."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
+
+NO_LAYERS: Mapping[str, float] = MappingProxyType({})
+"""One region throughout."""
 
 _HEX = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
 
@@ -23,7 +27,7 @@ def block(
     n_across: int = 6,
     n_down: int = 3,
     grading: float = 1.0,
-    layers_mm: Mapping[str, float] | None = None,
+    layers_mm: Mapping[str, float] = NO_LAYERS,
 ) -> Limb:
     """A square block bonded to a rigid base, its spot in the middle of the upper face.
 
@@ -53,13 +57,12 @@ def block(
     cells = hexes if kind == "hex8" else hexes[:, _SIX_TETS].reshape(-1, 4)
     if kind == "tet10":
         points, cells = _with_midpoints(points, cells)
-    layers = layers_mm or {}
     depth = -points[cells[:, : 8 if kind == "hex8" else 4], 2].mean(axis=1)
     mesh = Mesh(
         points_mm=points,
         cells={kind: cells},
-        cell_regions={kind: np.searchsorted(np.cumsum(list(layers.values())), depth)},
-        regions=(*layers, "soft_tissue"),
+        cell_regions={kind: np.searchsorted(np.cumsum(list(layers_mm.values())), depth)},
+        regions=(*layers_mm, "soft_tissue"),
         node_sets={
             "fixed": np.flatnonzero(points[:, 2] == z[0]),
             "contact": np.flatnonzero(points[:, 2] == 0),
