@@ -185,8 +185,8 @@ def generalised(content: Content) -> Figure:
                 _draw(axis, simulated[channel], colour, dash, f"set {row['set_id']}")
         axes[0, j].set_title(f"spot {spot}: Fopt {_fopt_at(content, spot):.3g}")
     _legend_below(figure, list(axes.flat))
-    spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.4f}"
-    title = f"{content.study.name}: one set for all spots, mean Fopt {row['fopt_mean']:.4f}{spread}"
+    spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
+    title = f"{content.study.name}: one set for all spots, mean Fopt {row['fopt_mean']:.4g}{spread}"
     _titled(figure, content, title)
     return figure
 
