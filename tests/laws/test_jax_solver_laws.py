@@ -13,7 +13,7 @@ from palpate_materials.yeoh import Yeoh
 
 YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.4])
 PATH = [(0.0, 0.0), (2.0, 0.0), (2.0, -15.0), (2.0, 15.0), (2.0, 0.0)]
-TIGHT = JaxSettings(depth_step_mm=0.5, rotation_step_deg=5.0, tolerance=1e-9)
+TIGHT = JaxSettings(depth_steps=4, rotation_step_deg=5.0, tolerance=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -107,19 +107,42 @@ def test_a_hold_changes_nothing(solver, limb):
 
 
 def test_half_the_steps_answer_the_same(limb, reference):
-    finer = JaxSolver(JaxSettings(depth_step_mm=0.25, rotation_step_deg=2.5, tolerance=1e-7))
+    finer = JaxSolver(JaxSettings(depth_steps=8, rotation_step_deg=2.5, tolerance=1e-7))
     simulation = finer.simulate(make_job(), limb)
     for channel, bound in (("force", 0.01), ("torque", 0.02)):
-        coarse, fine = reference.response[channel], simulation.response[channel]
-        ends = [
-            fine.ordinate[np.flatnonzero(fine.abscissa == a)[-1]]
-            for a in coarse.abscissa[[-1, len(coarse.abscissa) // 2]]
-        ]
-        expected = [
-            coarse.ordinate[np.flatnonzero(coarse.abscissa == a)[-1]]
-            for a in coarse.abscissa[[-1, len(coarse.abscissa) // 2]]
-        ]
-        np.testing.assert_allclose(ends, expected, atol=bound * np.abs(coarse.ordinate).max())
+        ends = [stop - 1 for _, stop in simulation.response[channel].branches]
+        expected = [stop - 1 for _, stop in reference.response[channel].branches]
+        np.testing.assert_allclose(
+            curve(simulation, channel)[ends],
+            curve(reference, channel)[expected],
+            atol=bound * np.abs(curve(reference, channel)).max(),
+        )
+
+
+def test_the_sphere_leaves_and_returns(solver, limb, reference):
+    path = [(0.0, 0.0), (2.0, 0.0), (2.0, -15.0), (0.0, -15.0), (2.0, -15.0)]
+    simulation = solver.simulate(make_job(path=path), limb)
+    assert simulation.status is Status.OK, simulation.message
+    force = np.array(simulation.diagnostics["force_N"])[:, 2]
+    depth = np.array(simulation.diagnostics["depth_mm"])
+    assert force[depth == 0.0] == pytest.approx(0.0, abs=1e-9)
+    assert force[-1] == pytest.approx(curve(reference, "force")[-1], rel=1e-6)
+    assert simulation.diagnostics["moment_Nmm"][-1][2] == pytest.approx(0.0, abs=1e-2)
+
+
+def test_a_moved_spot_is_another_limb(limb):
+    job = make_job(path=PATH[:2])
+    moved = Limb(spot=Spot(name="block", position_mm=np.array([4.0, 0.0, 0.0])), mesh=limb.mesh)
+    used = JaxSolver(TIGHT)
+    used.simulate(job, limb)
+    again, fresh = used.simulate(job, moved), JaxSolver(TIGHT).simulate(job, moved)
+    np.testing.assert_array_equal(curve(again, "force"), curve(fresh, "force"))
+
+
+def test_parameters_without_a_rest_are_a_status(solver, limb):
+    (simulation,) = solver.simulate_many([make_job([-0.01, 0.0, 1e-4, 0.4])], limb)
+    assert simulation.status is Status.DIVERGED
+    assert "c1" in simulation.message
 
 
 def test_hexahedra_and_tetrahedra_agree(solver):
@@ -134,7 +157,7 @@ def test_penetration_is_a_small_share_of_the_depth(reference):
 
 
 def test_an_unstable_material_diverges_with_its_partial_curve(solver, limb):
-    collapsing = [0.0141, -0.02, 1e-6, 0.4]
+    collapsing = [0.0141, -0.006, 1e-6, 0.4]
     simulation = solver.simulate(make_job(collapsing, path=[(0.0, 0.0), (6.0, 0.0)]), limb)
     assert simulation.status is Status.DIVERGED
     assert "beyond depth" in simulation.message

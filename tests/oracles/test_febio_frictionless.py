@@ -40,7 +40,7 @@ def test_force_is_febios_within_its_facets(limb):
             indenter=Sphere(radius_mm=7.5), path=np.array([(0, 0), (2, 0), (4, 0)]), friction=0.0
         ),
     )
-    simulation = JaxSolver(JaxSettings(depth_step_mm=1.0)).simulate(job, limb)
+    simulation = JaxSolver(JaxSettings(depth_steps=4)).simulate(job, limb)
     assert simulation.status is Status.OK, simulation.message
     curve = simulation.response["force"]
     depths = np.array([2.0, 4.0])

@@ -73,7 +73,7 @@ def layered_study(folder: Path) -> Study:
         n_sets=len(SETS),
         seed=1,
         filters=(),
-        solver=JaxSolver(JaxSettings(depth_step_mm=1.0, rotation_step_deg=4.0)),
+        solver=JaxSolver(JaxSettings(depth_steps=2, rotation_step_deg=4.0)),
         normaliser=Normaliser.MEAN_ABS,
         minimum_coverage=0.95,
         scenarios=(Scenario(name="I", weights={"force": 1.0, "torque": 1.0}),),

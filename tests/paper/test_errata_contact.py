@@ -22,7 +22,7 @@ def solved(limb: Limb, path: list[tuple[float, float]], **settings: float) -> Si
         thetas={"soft_tissue": NEARLY_INCOMPRESSIBLE},
         protocol=Indentation(indenter=Sphere(radius_mm=RADIUS_MM), path=np.array(path), friction=1.0),
     )
-    solver = JaxSolver(JaxSettings(depth_step_mm=1.0, rotation_step_deg=10.0, **settings))
+    solver = JaxSolver(JaxSettings(depth_steps=2, rotation_step_deg=10.0, **settings))
     simulation = solver.simulate(job, limb)
     assert simulation.status is Status.OK, simulation.message
     return simulation

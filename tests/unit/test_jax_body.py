@@ -60,6 +60,26 @@ def test_stiffness_is_the_derivative_of_the_forces_and_symmetric(kind, material,
     np.testing.assert_allclose(expected, slope, atol=1e-7 * np.abs(slope).max())
 
 
+def test_force_is_the_slope_of_the_energy_at_the_mean_dilatation():
+    mesh, material = block("hex8", **SMALL).mesh, Yeoh()
+    body = Body(mesh, {"soft_tissue": material}, True)
+    (part,) = body.blocks
+    rng = np.random.default_rng(5)
+    u, d = 0.1 * rng.standard_normal((2, mesh.n_nodes, 3))
+
+    def energy(displacements):
+        F = np.eye(3) + np.einsum("eai,eqaj->eqij", displacements[part.nodes], part.gradients)
+        J = np.linalg.det(F)
+        mean = (part.volumes * J).sum(axis=1, keepdims=True) / part.volumes.sum(axis=1, keepdims=True)
+        stretches = np.linalg.svd(np.cbrt(mean / J)[..., None, None] * F, compute_uv=False)
+        return (part.volumes * material.energy(stretches, YEOH)).sum()
+
+    h = 1e-5
+    slope = (energy(u + h * d) - energy(u - h * d)) / (2 * h)
+    forces, _ = body.force(u, {"soft_tissue": YEOH})
+    assert (forces * d).sum() == pytest.approx(slope, rel=1e-7)
+
+
 def test_rigid_motion_costs_no_force():
     mesh = block("tet10", **SMALL).mesh
     body = Body(mesh, {"soft_tissue": Yeoh()}, True)

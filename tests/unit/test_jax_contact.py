@@ -20,11 +20,26 @@ def test_faces_cover_the_upper_face(contact):
 def test_force_is_the_pressure_over_the_cap(contact):
     u = np.zeros_like(contact._points)
     answer = contact.answer(u, pose(7.5, np.array([0.3, 0.0])), contact.no_memory(), LAW)
-    gaps = np.linalg.norm(contact._positions(u) - [0.0, 0.0, 7.2], axis=1) - 7.5
-    assert answer.penetration_mm == pytest.approx(-gaps.min())
-    assert answer.penetration_mm <= 0.3
+    arms = contact._positions(u) - [0.0, 0.0, 7.2]
+    distance = np.linalg.norm(arms, axis=1)
+    pressure = LAW.penalty * np.maximum(7.5 - distance, 0.0)
+    assert answer.penetration_mm == pytest.approx(pressure.max() / LAW.penalty)
     np.testing.assert_allclose(answer.force_N[:2], 0.0, atol=1e-12)
-    assert 0.0 < answer.force_N[2] < 4.0 * 0.3 * np.pi * answer.contact_radius_mm**2 * 1.2
+    expected = (contact._areas * pressure * -arms[:, 2] / distance).sum()
+    assert answer.force_N[2] == pytest.approx(expected, rel=1e-12)
+
+
+def test_full_slip_turns_with_friction_times_pressure_times_radius(contact):
+    u = np.zeros_like(contact._points)
+    slippery = Law(LAW.radius_mm, LAW.penalty, 0.002)
+    memory = contact.remember(u, pose(7.5, np.array([0.3, 0.0])), contact.no_memory(), slippery)
+    answer = contact.answer(u, pose(7.5, np.array([0.3, 1.0])), memory, slippery)
+    positions = contact._positions(u)
+    pressure = LAW.penalty * np.maximum(7.5 - np.linalg.norm(positions - [0.0, 0.0, 7.2], axis=1), 0.0)
+    radius = np.linalg.norm(positions[:, :2], axis=1)
+    assert answer.sticking == 0.0
+    expected = 0.002 * (contact._areas * pressure * radius).sum()
+    assert answer.moment_Nmm[2] == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize("coupled", [True, False])

@@ -58,15 +58,17 @@ def test_other_protocols_and_missing_meshes_are_refused():
         JaxSolver().check(JOB, None)
 
 
-def test_stations_keep_waypoints_and_the_largest_step():
+@pytest.mark.parametrize("depth", [10.0, 2.7, 5.4, 0.7])
+def test_stations_keep_waypoints_to_the_last_bit_and_the_largest_step(depth):
     path = Indentation(
         indenter=Sphere(radius_mm=7.5),
-        path=np.array([(0, 0), (10, 0), (10, -22.5), (10, 22.5)]),
+        path=np.array([(0, 0), (depth, 0), (depth, -22.5), (depth, 22.5)]),
         friction=1.0,
     )
-    points = stations(path, 3.0, 10.0)
+    points = stations(path, 3, 7.0)
     for waypoint in path.path[1:]:
         assert (points == waypoint).all(axis=1).any()
     moves = np.abs(np.diff(np.vstack([[0.0, 0.0], points]), axis=0))
-    assert moves[:, 0].max() <= 3.0
-    assert moves[:, 1].max() <= 10.0
+    assert moves[:, 0].max() <= depth / 3 * (1 + 1e-12)
+    assert moves[:, 1].max() <= 7.0 * (1 + 1e-12)
+    assert (points[3:, 0] == depth).all()

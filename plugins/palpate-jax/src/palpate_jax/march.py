@@ -1,8 +1,8 @@
 """The sphere's path in steps: predict, balance, remember; cut a step that fails, grow after success."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from operator import itemgetter
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from palpate.domain import FloatArray, Indentation
 from palpate_jax.contact import Answer, Law, Memory, Pose
 from palpate_jax.model import Load, Model
 from palpate_jax.newton import equilibrium
-from palpate_jax.sparse import LinearSolver
 
 SMALLEST_CUT = 1.0 / 32.0
 
@@ -40,13 +39,16 @@ class Stop:
     reason: str
 
 
-def stations(protocol: Indentation, depth_step_mm: float, rotation_step_deg: float) -> FloatArray:
+def stations(protocol: Indentation, depth_steps: int, rotation_step_deg: float) -> FloatArray:
     """Points (n, 2) of depth and rotation to balance at, waypoints included, rest left out."""
+    depth_step_mm = max(float(protocol.path[:, 0].max()), 1e-9) / depth_steps
     points = []
     for start, end in zip(protocol.path[:-1], protocol.path[1:], strict=True):
         change = np.abs(end - start) / (depth_step_mm, rotation_step_deg)
         n = max(int(np.ceil(change.max() - 1e-9)), 1)
-        points.append(start + (end - start) * np.arange(1, n + 1)[:, None] / n)
+        between = start + (end - start) * np.arange(1, n + 1)[:, None] / n
+        between[-1] = end  # to the last bit: a waypoint beside itself would be a branch of its own
+        points.append(between)
     return np.concatenate(points)
 
 
@@ -60,11 +62,12 @@ def pose(radius_mm: float, position: FloatArray) -> Pose:
 
 @dataclass(slots=True, eq=False)
 class _State:
-    """The last balanced state."""
+    """The last balanced state; ``felt`` is the memory that it was balanced with."""
 
     position: FloatArray
     displacements: FloatArray
     memory: Memory
+    felt: Memory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,13 +115,15 @@ class March:
         self._law = law
         self._tolerance = tolerance
         self._guide = guide
-        self.linear = LinearSolver(model.pattern)
+        self.linear = model.linear
+        self.linear.restart()
         self.n_cuts = 0
         self.n_iterations = 0
 
     def along(self, points: FloatArray) -> Iterator[Station | Stop]:
         """Balance at each point (n, 2) in turn; a ``Stop`` ends the march."""
-        state = _State(np.zeros(2), self._model.rest(), self._model.contact.no_memory())
+        nothing = self._model.contact.no_memory()
+        state = _State(np.zeros(2), self._model.rest(), nothing, nothing)
         for k, point in enumerate(points):
             hints = [] if self._guide is None else self._guide.hints(k, state.displacements)
             reason = self._advance(state, point, hints)
@@ -169,35 +174,33 @@ class March:
         self, state: _State, load: Load, position: FloatArray, hints: Sequence[FloatArray]
     ) -> FloatArray:
         """The hint that is nearest to balance, unless the linear answer is nearer."""
-        guesses: list[tuple[float, FloatArray]] = []
-        for hint in hints:
-            residual = self._model.residual(hint, self._thetas, load)
-            if residual.least_jacobian > 0.0:
-                guesses.append((residual.relative, hint))
-        if guesses and min(guesses, key=itemgetter(0))[0] < GOOD_HINT:
-            return min(guesses, key=itemgetter(0))[1]
-        predicted = self._predicted(state, position)
-        if not guesses:
-            return predicted
-        guesses.append((self._model.residual(predicted, self._thetas, load).relative, predicted))
-        return min(guesses, key=itemgetter(0))[1]
+        best, least = state.displacements, np.inf
+        for guess in hints:
+            best, least = self._nearer(best, least, guess, load)
+        if least < GOOD_HINT:
+            return best
+        with suppress(np.linalg.LinAlgError):
+            best, least = self._nearer(best, least, self._predicted(state, position), load)
+        return best
+
+    def _nearer(
+        self, best: FloatArray, least: float, guess: FloatArray, load: Load
+    ) -> tuple[FloatArray, float]:
+        residual = self._model.residual(guess, self._thetas, load)
+        sound = residual.least_jacobian > 0.0 and residual.relative < least
+        return (guess, residual.relative) if sound else (best, least)
 
     def _step(self, state: _State, position: FloatArray, hints: Sequence[FloatArray]) -> str:
         load = self._load(state, position)
-        try:
-            start = self._start(state, load, position, hints)
-        except np.linalg.LinAlgError as error:
-            return str(error)
+        start = self._start(state, load, position, hints)
         balance = equilibrium(self._model, self._thetas, load, start, self.linear, self._tolerance)
         self.n_iterations += balance.n_iterations
         if not balance.reason:
-            state.memory = self._model.contact.remember(
-                balance.displacements, load.pose, load.memory, load.law
-            )
-            state.displacements, state.position = balance.displacements, position
+            state.displacements, state.position, state.felt = balance.displacements, position, state.memory
+            state.memory = self._model.contact.remember(state.displacements, load.pose, state.felt, load.law)
         return balance.reason
 
     def _station(self, state: _State) -> Station:
         at = pose(self._law.radius_mm, state.position)
-        answer = self._model.contact.answer(state.displacements, at, state.memory, self._law)
+        answer = self._model.contact.answer(state.displacements, at, state.felt, self._law)
         return Station(float(state.position[0]), float(state.position[1]), answer, state.displacements)

@@ -7,10 +7,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh
+from palpate.errors import MeshError
 from palpate.interfaces import Material
 from palpate_jax.body import Body
 from palpate_jax.contact import Contact, Law, Memory, Pose
-from palpate_jax.sparse import Pattern
+from palpate_jax.sparse import LinearSolver, Pattern
 
 
 def in_spot_frame(limb: Limb) -> Mesh:
@@ -27,7 +28,10 @@ def _touched_region(mesh: Mesh, body: Body) -> str:
     """Region of the surface at the spot, which sets the scale of the contact penalty."""
     surface = mesh.node_sets["contact"]
     nearest = surface[np.argmin(np.linalg.norm(mesh.points_mm[surface], axis=1))]
-    return next(b.region for b in body.blocks if (b.nodes == nearest).any())
+    for block in body.blocks:
+        if (block.nodes == nearest).any():
+            return block.region
+    raise MeshError(f"contact node {nearest}, the nearest to the spot, belongs to no element; remove it")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +80,7 @@ class Model:
         self._unknowns = unknowns
         groups = [b.nodes for b in self.body.blocks] + [s.nodes for s in self.contact.skins]
         self.pattern = Pattern([self._numbers(nodes) for nodes in groups], int(self._free.sum()))
+        self.linear = LinearSolver(self.pattern)
 
     def _numbers(self, nodes: IntArray) -> IntArray:
         return self._unknowns[nodes].reshape(len(nodes), -1)
@@ -124,7 +129,9 @@ class Model:
     ) -> Residual:
         external = self.contact.force(displacements, load.pose, load.memory, load.law)
         free = (internal - external).ravel()[self._free]
-        scale = max(float(np.linalg.norm(external)), float(np.linalg.norm(internal)), 1e-12)
+        # Out of contact there is no force to compare with: one that the penalty would hardly notice.
+        floor = 1e-6 * load.law.penalty * load.law.radius_mm**3
+        scale = max(float(np.linalg.norm(external)), float(np.linalg.norm(internal)), floor)
         return Residual(free, scale, least)
 
     def linearised(

@@ -60,7 +60,7 @@ def equilibrium(
             return Balance(displacements, iteration, str(error))
         moved = _line_search(model, thetas, load, displacements, step, residual)
         if moved is None:
-            return Balance(displacements, iteration, "no descent: contact cycles or the material is unstable")
+            return Balance(displacements, iteration, "an element inverts along every step")
         displacements, after = moved
         if after.relative <= tolerance:
             return Balance(displacements, iteration + 1, "")

@@ -27,15 +27,18 @@ from palpate_jax.contact import Law
 from palpate_jax.march import Guide, March, Station, Stop, stations
 from palpate_jax.model import Model, in_spot_frame
 
-TOUCH_TOLERANCE_MM = 0.3
+TOUCH_TOLERANCE_MM = 0.05
 """How far the surface may lie from the sphere at depth 0."""
 
 
 class JaxSettings(Settings):
     """How finely and how strictly to solve."""
 
-    depth_step_mm: float = Field(
-        1.0, gt=0.0, description="largest step of depth between balanced states [mm]"
+    depth_steps: int = Field(
+        10,
+        ge=2,
+        description="balanced states from the surface to the greatest depth; "
+        "a point has no friction in the step in which it first touches, so few steps lose force",
     )
     rotation_step_deg: float = Field(
         4.5, gt=0.0, description="largest step of rotation between balanced states [degrees]"
@@ -77,7 +80,7 @@ class JaxSolver(Solver):
 
     def __init__(self, settings: BaseModel | None = None) -> None:
         super().__init__(settings)
-        self._materials: dict[tuple[type[Material], BaseModel], Material] = {}
+        self._materials: dict[tuple[type[Material], str], Material] = {}
         self._last: _Prepared | None = None
 
     def version(self) -> str:
@@ -122,10 +125,14 @@ class JaxSolver(Solver):
             yield self._simulate(job, _limb(limb, job), guided=True)
 
     def _simulate(self, job: Job, limb: Limb, *, guided: bool) -> Simulation:
-        started = time.perf_counter()
         prepared = self._prepared(limb, job.materials)
-        guide = self._guide(prepared, job) if guided else None
-        march, reached, stop = self._walk(prepared.model, job, job.thetas, guide)
+        protocol = _indentation(job)
+        started = time.perf_counter()
+        try:
+            guide = self._guide(prepared, protocol) if guided else None
+            march, reached, stop = self._walk(prepared, protocol, job.thetas, guide)
+        except MaterialError as error:
+            return Simulation(job=job, status=Status.DIVERGED, response=None, message=str(error))
         return Simulation(
             job=job,
             status=Status.OK if stop is None else Status.DIVERGED,
@@ -136,14 +143,18 @@ class JaxSolver(Solver):
         )
 
     def _walk(
-        self, model: Model, job: Job, thetas: Mapping[str, FloatArray], guide: Guide | None
+        self,
+        prepared: _Prepared,
+        protocol: Indentation,
+        thetas: Mapping[str, FloatArray],
+        guide: Guide | None,
     ) -> tuple[March, list[Station], Stop | None]:
-        protocol = _indentation(job)
-        modulus, _ = initial_moduli(job.materials[model.touched_region], thetas[model.touched_region])
+        region = prepared.model.touched_region
+        modulus, _ = initial_moduli(prepared.materials[region], thetas[region])
         radius = protocol.indenter.radius_mm
         law = Law(radius, self.settings.penalty * modulus / radius, protocol.friction)
-        march = March(model, thetas, law, self.settings.tolerance, guide)
-        points = stations(protocol, self.settings.depth_step_mm, self.settings.rotation_step_deg)
+        march = March(prepared.model, thetas, law, self.settings.tolerance, guide)
+        points = stations(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
         reached: list[Station] = []
         for state in march.along(points):
             if isinstance(state, Stop):
@@ -151,21 +162,20 @@ class JaxSolver(Solver):
             reached.append(state)
         return march, reached, None
 
-    def _guide(self, prepared: _Prepared, job: Job) -> Guide:
+    def _guide(self, prepared: _Prepared, protocol: Indentation) -> Guide:
         """Displacements with the middle of the materials' own ranges, as far as they are found."""
-        protocol, guides = _indentation(job), prepared.guides
         key = (protocol.indenter, protocol.friction, protocol.path.tobytes())
-        if key not in guides:
+        if key not in prepared.guides:
             middle = {
                 region: np.array([0.5 * (p.lower + p.upper) for p in material.parameters])
-                for region, material in job.materials.items()
+                for region, material in prepared.materials.items()
             }
             try:
-                _, reached, _ = self._walk(prepared.model, job, middle, None)
+                _, reached, _ = self._walk(prepared, protocol, middle, None)
             except MaterialError:  # no stable rest there: go without
                 reached = []
-            guides[key] = Guide((prepared.model.rest(), *(s.displacements for s in reached)))
-        return guides[key]
+            prepared.guides[key] = Guide((prepared.model.rest(), *(s.displacements for s in reached)))
+        return prepared.guides[key]
 
     def _prepared(self, limb: Limb, materials: Mapping[str, Material]) -> _Prepared:
         """The model of this limb, kept for the next job on it."""
@@ -178,7 +188,8 @@ class JaxSolver(Solver):
 
     def _own(self, material: Material) -> Material:
         """One instance for equal materials: compiled kernels are cached by identity."""
-        return self._materials.setdefault((type(material), material.settings), material)
+        key = (type(material), material.settings.model_dump_json())
+        return self._materials.setdefault(key, material)
 
 
 def _same(one: Limb, other: Limb) -> bool:
@@ -188,6 +199,9 @@ def _same(one: Limb, other: Limb) -> bool:
     a, b = one.mesh, other.mesh
     return (
         one.spot.name == other.spot.name
+        and np.array_equal(one.spot.position_mm, other.spot.position_mm)
+        and np.array_equal(one.spot.normal, other.spot.normal)
+        and a.regions == b.regions
         and np.array_equal(a.points_mm, b.points_mm)
         and a.cells.keys() == b.cells.keys()
         and all(np.array_equal(a.cells[k], b.cells[k]) for k in a.cells)

@@ -87,8 +87,13 @@ class LinearSolver:
         self._preconditioner: LinearOperator | None = None
 
     def reset(self) -> None:
-        """Forget the factorisation."""
+        """Forget the factors."""
         self._preconditioner = None
+
+    def restart(self) -> None:
+        """Forget the factors and the count, before another simulation of the same pattern."""
+        self.reset()
+        self.n_factorisations = 0
 
     def solve(
         self,
@@ -110,8 +115,10 @@ class LinearSolver:
         Raises
         ------
         numpy.linalg.LinAlgError
-            The matrix is singular to working precision.
+            The matrix is singular to working precision, or a value is not finite.
         """
+        if not (np.isfinite(matrix.data).all() and np.isfinite(rhs).all()):
+            raise np.linalg.LinAlgError("the tangent is not finite")
         if self._preconditioner is not None:
             solution, converged = self._iterate(matrix, rhs, tolerance, FEW_KRYLOV_STEPS)
             if converged:
