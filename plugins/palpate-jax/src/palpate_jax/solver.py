@@ -235,17 +235,21 @@ def _check_elements(limb: Limb) -> None:
 
 
 def _check_touch(limb: Limb, radius_mm: float) -> None:
+    """Refuse a surface that overlaps the sphere at depth 0, or lies away from the spot."""
     mesh = in_spot_frame(limb)
     surface = mesh.points_mm[mesh.node_sets["contact"]]
     gaps = np.linalg.norm(surface - [0.0, 0.0, radius_mm], axis=1) - radius_mm
-    nearest = int(np.argmin(gaps))
-    if abs(gaps[nearest]) > TOUCH_TOLERANCE_MM:
-        where = "inside" if gaps[nearest] < 0.0 else "off"
-        raise MeshError(
-            f"spot '{limb.spot.name}': at depth 0 the sphere is {where} the surface by "
-            f"{abs(gaps[nearest]):.2f} mm near {np.round(surface[nearest], 2)} mm (spot frame); "
-            "move the spot onto the surface or correct its normal"
-        )
+    from_axis = np.linalg.norm(surface[:, :2], axis=1)
+    deepest, nearest = int(np.argmin(gaps)), int(np.argmin(from_axis + np.abs(surface[:, 2])))
+    # A limb may fall away from the spot, but less than the sphere does on its other side.
+    fall = surface[nearest, 2] + from_axis[nearest] ** 2 / (2.0 * radius_mm)
+    for where, node, distance in (("inside", deepest, -gaps[deepest]), ("off", nearest, -fall)):
+        if distance > TOUCH_TOLERANCE_MM:
+            raise MeshError(
+                f"spot '{limb.spot.name}': at depth 0 the sphere is {where} the surface by "
+                f"{distance:.2f} mm near {np.round(surface[node], 2)} mm (spot frame); "
+                "move the spot onto the surface or correct its normal"
+            )
 
 
 def _response(reached: list[Station]) -> Response:
