@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from palpate.cli.session import Session
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from palpate.pipeline import RunResult
     from palpate.study import Study
 
@@ -16,12 +18,27 @@ def show_run(session: Session, study: "Study", result: "RunResult") -> None:
     session.say(f"{study.name}: {data_notice(study)}")
     for name, frame in result.report.tables.items():
         if frame.height:
-            session.frame(name.replace("_", " "), frame)
+            session.frame(name.replace("_", " "), _side_by_side(name, frame))
     if sentence := finding(result.report.tables):
         session.say(sentence)
     for page in result.report.files:
         if page.suffix == ".html":
             session.say(f"Tables and figures: {page}")
+
+
+def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
+    """One row per spot and scenario, with a column per parameter, as the paper prints them."""
+    import polars as pl
+
+    if name == "table1_coefficients":
+        heads = pl.format("{}.{} [{}]", "region", "parameter", "unit")
+        index = ["spot", "scenario"]
+        return frame.with_columns(head=heads).pivot("head", index=index, values="value")
+    if name == "distance_to_truth":
+        heads = pl.format("{} [%]", "parameter")
+        index = ["search", "spot", "scenario"]
+        return frame.with_columns(head=heads).pivot("head", index=index, values="difference_percent")
+    return frame
 
 
 def run_as_json(study: "Study", result: "RunResult") -> dict[str, object]:

@@ -133,13 +133,15 @@ def _unfitted(
 
 
 def finding(tables: Mapping[str, pl.DataFrame]) -> str:
-    """Sentence on the partial fit that is worst where it has not looked; empty without one."""
+    """Sentence on the partial fit that is worst where it has not looked; empty where none is worse."""
     table = tables.get("unfitted_channels", pl.DataFrame(schema={"times": pl.Float64}))
     table = table.drop_nulls("times")
     if table.is_empty():
         return ""
     last = table.filter(pl.col("search") == table["search"][-1])
     worst = last.sort("times", descending=True, maintain_order=True).row(0, named=True)
+    if worst["times"] <= 1.0:
+        return ""
     r2 = "" if worst["r2"] is None else f" (R² {worst['r2']:.3f})"
     return (
         f"What a partial fit does not see: at spot {worst['spot']}, scenario '{worst['scenario']}' (fitted "
