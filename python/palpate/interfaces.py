@@ -212,6 +212,10 @@ class Solver(Component):
     needs_limb: ClassVar[bool] = True
     """False for a solver of homogeneous tests, which has no mesh."""
 
+    def ignored(self, material: Material) -> tuple[str, ...]:
+        """Names of the material's parameters that cannot change an answer; a study has to fix them."""
+        return ()
+
     @abstractmethod
     def version(self) -> str:
         """Version of whatever computes the numbers; part of each simulation's key."""

@@ -21,6 +21,7 @@ from palpate.domain import (
     Simulation,
     Status,
 )
+from palpate.errors import StudyError
 from palpate.executors import Outcome, run
 from palpate.interfaces import Component, Solver
 from palpate.plugins import answering_for
@@ -67,6 +68,7 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
     ------
     PalpateError
     """
+    _check_searched(study)
     asked: set[str] = set()
     for job in to_do:
         for region, theta in job.thetas.items():
@@ -75,6 +77,20 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
             with answering_for(study.solver, f"checking spot '{job.spot}'"):
                 study.solver.check(job, limbs.get(job.spot))
             asked.add(job.spot)
+
+
+def _check_searched(study: Study) -> None:
+    """Refuse to search what the solver cannot see: any value would fit as well as any other."""
+    for region in study.space.regions:
+        with answering_for(study.solver, f"naming what it ignores of '{region.material.name}'"):
+            ignored = study.solver.ignored(region.material)
+        for parameter in region.searched:
+            if parameter.name in ignored:
+                raise StudyError(
+                    f"{study.file.name}: region.{region.region}.parameters.{parameter.name} is searched, but "
+                    f"solver '{study.solver.name}' with these settings answers the same to every value; "
+                    f'fix it, e.g. {parameter.name} = "{parameter.lower:g} {parameter.unit}"'
+                )
 
 
 # ----------------------------------------------------------------------- keys

@@ -213,3 +213,15 @@ def test_check_refuses_two_regions_anisotropy_and_indentation():
     with pytest.raises(CurveError, match="cannot indent"):
         COMPRESSIBLE.check(pressed, None)
     assert COMPRESSIBLE.simulate(pressed, None).status is Status.DIVERGED
+
+
+@pytest.mark.parametrize(
+    ("material", "volumetric"), [(Yeoh(), "kappa"), (Ogden(), "kappa"), (MooneyRivlin(), "kappa")]
+)
+def test_an_incompressible_specimen_does_not_feel_the_bulk_modulus(material, volumetric):
+    assert HomogeneousSolver(HomogeneousSettings(incompressible=True)).ignored(material) == (volumetric,)
+    assert HomogeneousSolver().ignored(material) == ()
+
+
+def test_parameters_that_are_felt_are_not_ignored():
+    assert HomogeneousSolver(HomogeneousSettings(incompressible=True)).ignored(NeoHookean()) == ()

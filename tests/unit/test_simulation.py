@@ -8,7 +8,7 @@ import pytest
 
 from palpate import simulation
 from palpate.domain import HomogeneousTests, Indentation, Job, Limb, Mesh, Spot, Status
-from palpate.errors import MaterialError, MeshError
+from palpate.errors import MaterialError, MeshError, StudyError
 from palpate.experiment import load_measured
 from palpate.sampling import draw_design
 
@@ -224,3 +224,16 @@ def test_everything_that_decides_a_result_is_in_its_key(make_study, plugins, tis
     }
     assert len({key(), *changed.values()}) == len(changed) + 1
     assert key(replace(job, set_id=99)) == key()
+
+
+def test_a_search_for_what_the_solver_cannot_see_is_refused(make_study, tissue):
+    class Blind(tissue.Analytic):
+        def ignored(self, material):
+            return (material.parameters[0].name,)
+
+    study = make_study(solver=Blind())
+    simulation.check_jobs(make_study(), [], {})
+    with pytest.raises(
+        StudyError, match=r"study.toml: region.soft_tissue.parameters.\w+ is searched.*fix it"
+    ):
+        simulation.check_jobs(study, [], {})

@@ -56,6 +56,9 @@ SLOW = 0.5
 NEAR = 1e-4
 """Steps of ln y below this are never lengthened: the gradient may be rounding."""
 
+ISOCHORIC = (0.6, 1.4, 2.0)
+"""Stretches at which to see which parameters an incompressible specimen feels."""
+
 MAXIMUM_STEPS = 100
 STEP_TOLERANCE = 1e-11
 """A transverse stretch counts as found when its logarithm moves by less."""
@@ -222,6 +225,23 @@ class HomogeneousSolver(Solver):
     def __getstate__(self) -> dict[str, Any]:
         """Leave the compiled functions behind: they cannot travel to another process."""
         return {**self.__dict__, "_compiled": {}}
+
+    def ignored(self, material: Material) -> tuple[str, ...]:
+        """Parameters of the volumetric energy, when the specimen is incompressible."""
+        if not self.settings.incompressible or not material.isotropic:
+            return ()
+        ranges = np.array([(p.lower, p.upper) for p in material.parameters])
+        t = jnp.asarray(ISOCHORIC)
+        stretches = jnp.concatenate(
+            [jnp.stack(mode, axis=-1) for mode in ((t, t**-0.5, t**-0.5), (t, 1 / t, t**0))]
+        )
+        slopes = jax.jacfwd(lambda theta: material.energy(stretches, theta))(jnp.asarray(ranges.mean(axis=1)))
+        effects = np.abs(np.asarray(slopes)).max(axis=0) * np.ptp(ranges, axis=1)
+        return tuple(
+            p.name
+            for p, effect in zip(material.parameters, effects, strict=True)
+            if effect < 1e-12 * effects.max()
+        )
 
     def version(self) -> str:
         """Versions of palpate and of JAX."""
