@@ -201,4 +201,98 @@ pub enum SamplingError {
         /// Most values a design may have.
         limit: usize,
     },
+    /// The values do not make rows of d parameters.
+    #[error("points has {length} values: one or more rows of d = {d} parameters were expected")]
+    PointsShape {
+        /// Number of values.
+        length: usize,
+        /// Parameters asked for.
+        d: usize,
+    },
+    /// A value leaves the unit cube.
+    #[error("points[{row}, {column}] is {value}: a design in the unit cube keeps between 0 and 1")]
+    OutsideCube {
+        /// Row of the first offender.
+        row: usize,
+        /// Its column.
+        column: usize,
+        /// The value itself.
+        value: f64,
+    },
+    /// More rows are to stay than there are.
+    #[error("n_fixed is {n_fixed}, but points has only {n} rows: keep at most as many")]
+    FixedRows {
+        /// Rows to keep.
+        n_fixed: usize,
+        /// Rows of the design.
+        n: usize,
+    },
+    /// The name of a criterion is not known.
+    #[error("criterion {name:?} is unknown: choose cd, maximin or correlation")]
+    UnknownCriterion {
+        /// The name given.
+        name: String,
+    },
+    /// A target without the criterion that aims at it.
+    #[error("target is given, but criterion {name:?} has none: choose correlation")]
+    NoTarget {
+        /// The name given.
+        name: String,
+    },
+    /// The wanted correlations are not a matrix of the design's size.
+    #[error("target has {length} values: {d} rows of {d} correlations were expected")]
+    TargetShape {
+        /// Number of values.
+        length: usize,
+        /// Parameters of the design.
+        d: usize,
+    },
+    /// A wanted correlation cannot be one.
+    #[error(
+        "target[{row}, {column}] is {value}: correlations lie between -1 and 1, are symmetric and \
+         1 on the diagonal"
+    )]
+    Target {
+        /// Row of the first offender.
+        row: usize,
+        /// Its column.
+        column: usize,
+        /// The value itself.
+        value: f64,
+    },
+    /// An extension that adds nothing.
+    #[error("n_total is {n_total}, but points has {n} rows already: ask for more")]
+    NothingToAdd {
+        /// Sets asked for in all.
+        n_total: usize,
+        /// Sets there are.
+        n: usize,
+    },
+    /// Two sets fall into one of the finer strata.
+    #[error(
+        "points[{first}, {column}] and points[{row}, {column}] share one of n_total = {n_total} \
+         strata, so no Latin hypercube of n_total sets holds both; extend a Latin hypercube, to a \
+         multiple of its number of sets"
+    )]
+    SharedStratum {
+        /// The parameter.
+        column: usize,
+        /// Row that came first.
+        first: usize,
+        /// Row that fell into the same stratum.
+        row: usize,
+        /// Sets asked for in all.
+        n_total: usize,
+    },
+    /// The range of a parameter has no logarithm.
+    #[error(
+        "the range {lower} to {upper} has no logarithmic scale: both ends must be finite, of one \
+         sign and not 0"
+    )]
+    NoLogarithm {
+        /// One end.
+        lower: f64,
+        /// The other.
+        upper: f64,
+    },
 }

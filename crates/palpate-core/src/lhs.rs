@@ -56,16 +56,23 @@ pub fn latin_hypercube(n: usize, d: usize, seed: u64, centred: bool) -> Result<V
 /// The numbers 0 … n−1 in random order, every order equally likely.
 fn shuffled(n: u32, rng: &mut Rng) -> Vec<u32> {
     let mut order: Vec<u32> = (0..n).collect();
-    for last in (1..n).rev() {
-        let chosen = rng.below(last + 1);
-        order.swap(last as usize, chosen as usize);
-    }
+    shuffle(&mut order, rng);
     order
+}
+
+/// Puts `order`, of at most 2^28 numbers, into random order (Fisher–Yates).
+pub(crate) fn shuffle(order: &mut [u32], rng: &mut Rng) {
+    let mut bound = u32::try_from(order.len()).unwrap_or(u32::MAX);
+    while bound > 1 {
+        let chosen = rng.below(bound);
+        bound -= 1;
+        order.swap(bound as usize, chosen as usize);
+    }
 }
 
 /// The point at share `place` of a stratum. Rounding may carry a place near the upper end into the
 /// next stratum, so it is held below that.
-fn inside(stratum: u32, place: f64, n: usize) -> f64 {
+pub(crate) fn inside(stratum: u32, place: f64, n: usize) -> f64 {
     let stratum = f64::from(stratum);
     let end = (stratum + 1.0) / real(n);
     ((stratum + place) / real(n)).min(end.next_down())

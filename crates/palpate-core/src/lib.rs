@@ -5,16 +5,28 @@
 //! | [`curve`] | a measured or simulated curve as a path: monotone branches, interpolation along them |
 //! | [`nmse`] | normalised mean squared error between a simulated and a measured curve |
 //! | [`lhs`] | Latin hypercube designs, the same bits on every platform |
+//! | [`nested`] | Latin hypercubes that grow and keep their sets |
+//! | [`criteria`] | how well a design fills the cube: discrepancy, distance, correlation |
+//! | [`optimise`] | designs made better by one of these criteria |
+//! | [`owen`] | scrambling of Sobol' points |
+//! | [`scale`] | logarithmic ranges |
 //! | [`error`] | what can be wrong with the input, and where |
 //!
 //! Nothing here knows units: abscissae and ordinates may be mm and N, degrees and N·mm, or any
 //! other pair, as long as the simulated and the measured curve share them.
 
+pub mod criteria;
 pub mod curve;
+mod design;
 pub mod error;
 pub mod lhs;
+pub mod nested;
 pub mod nmse;
+pub mod optimise;
+pub mod owen;
 mod rng;
+pub mod scale;
+mod swap;
 
 pub use error::{CurveError, Error, SamplingError, ScoringError};
 

@@ -14,6 +14,11 @@ impl Rng {
         Self(std::array::from_fn(|_| split_mix(&mut state)))
     }
 
+    /// A generator for another use of the same seed: `salt` tells the uses apart.
+    pub(crate) fn salted(seed: u64, salt: u64) -> Self {
+        Self::new(seed ^ mixed(salt))
+    }
+
     fn next(&mut self) -> u64 {
         let s = &mut self.0;
         let out = s[0].wrapping_add(s[3]).rotate_left(23).wrapping_add(s[0]);
@@ -52,6 +57,11 @@ fn split_mix(state: &mut u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
+}
+
+/// A word whose bits all depend on all bits of `word`.
+pub(crate) fn mixed(mut word: u64) -> u64 {
+    split_mix(&mut word)
 }
 
 /// High and low half of a word.
