@@ -1,4 +1,4 @@
-"""Numerical kernels of palpate, compiled from ``crates/palpate-core`` and ``crates/palpate-sparse``.
+"""Numerical kernels of palpate, compiled from the Rust in ``crates``.
 
 Arrays are float64, of any memory layout; another dtype or number of dimensions is a ``TypeError``
 that names the argument. Nothing here knows units: an abscissa may be in mm or degrees, an
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "Deformation",
+    "ElementBlock",
     "SparseFactor",
     "__version__",
     "branches",
@@ -224,6 +226,119 @@ def latin_hypercube(n: int, d: int, seed: int, *, centred: bool = False) -> _Flo
     palpate.errors.SamplingError
         n, d or seed is out of range.
     """
+
+@final
+class ElementBlock:
+    """Finite elements of one kind with their reference geometry, for any isotropic energy.
+
+    Everything of an element but its material: deformation, principal directions, mean dilatation,
+    the stiffness and its way into a sparse matrix. The material is asked, at
+    `Deformation.stretches`, for the derivatives of its energy in the principal stretches.
+
+    Parameters
+    ----------
+    nodes
+        Nodes of each element (e, n).
+    gradients
+        Shape function gradients in the reference configuration (e, q, n, 3) [1/mm].
+    volumes
+        Quadrature weight times reference Jacobian (e, q) [mm³]; 0 for a point that only pads.
+    mean_dilatation
+        The energy is Σ_q w Ψ(F̄) with F̄ = (θ/J)^(1/3) F and θ the element's mean of J; otherwise
+        F̄ = F.
+    places
+        Where each entry of an element's stiffness goes in the values of a sparse matrix
+        (e, 3n, 3n).
+
+    Raises
+    ------
+    ValueError
+        The arrays do not fit one another, an index is negative, a gradient is not finite, or an
+        element has no volume.
+
+    Examples
+    --------
+    >>> block = ElementBlock(nodes, gradients, volumes, places=places)
+    >>> deformation = block.deform(displacements)
+    >>> psi_i, psi_ij = principal_derivatives(material, deformation.stretches, theta)
+    >>> deformation.add_force(psi_i, forces)
+    >>> deformation.add_stiffness(psi_i, psi_ij, values)
+    """
+
+    def __new__(
+        cls,
+        nodes: NDArray[np.int64],
+        gradients: _Floats,
+        volumes: _Floats,
+        *,
+        mean_dilatation: bool = True,
+        places: NDArray[np.int64] | None = None,
+    ) -> ElementBlock: ...
+    def deform(self, displacements: _Floats) -> Deformation:
+        """Deform the elements.
+
+        Parameters
+        ----------
+        displacements
+            Of every node of the mesh (n_nodes, 3) [mm].
+
+        Raises
+        ------
+        ValueError
+            The block has a node beyond them.
+        """
+
+@final
+class Deformation:
+    """Where the material of an `ElementBlock` is stretched to, and in which directions."""
+
+    @property
+    def stretches(self) -> _Floats:
+        """Principal stretches of F̄ (e, q, 3) in no particular order; NaN where J is not positive."""
+
+    @property
+    def least_jacobian(self) -> float:
+        """Least J of any quadrature point; NaN if a displacement is not a number."""
+
+    def add_force(self, psi_i: _Floats, total: _Floats) -> None:
+        """Add nodal forces to those of other blocks.
+
+        They are linear in ``psi_i``: its derivative in a parameter gives theirs.
+
+        Parameters
+        ----------
+        psi_i
+            ∂Ψ/∂λ_i at the stretches (e, q, 3) [MPa].
+        total
+            Nodal forces (n_nodes, 3) [N], changed in place.
+
+        Raises
+        ------
+        ValueError
+            An array does not fit the block.
+        TypeError
+            ``total`` is not contiguous.
+        """
+
+    def add_stiffness(self, psi_i: _Floats, psi_ij: _Floats, values: _Floats) -> None:
+        """Add element stiffnesses, the exact derivative of the forces, to the values of a sparse matrix.
+
+        Parameters
+        ----------
+        psi_i
+            ∂Ψ/∂λ_i at the stretches (e, q, 3) [MPa].
+        psi_ij
+            ∂²Ψ/∂λ_i∂λ_j (e, q, 3, 3) [MPa], symmetric: the upper triangle is read.
+        values
+            Values of the sparse matrix [N/mm], changed in place at the block's places.
+
+        Raises
+        ------
+        ValueError
+            An array does not fit the block, or the block has no places.
+        TypeError
+            ``values`` is not contiguous.
+        """
 
 @final
 class SparseFactor:

@@ -2,7 +2,9 @@
 
 use std::borrow::Cow;
 
-use numpy::{Element, PyReadonlyArray, ndarray::Dimension};
+use numpy::{Element, PyReadonlyArray, PyReadwriteArray, ndarray::Dimension};
+use pyo3::PyResult;
+use pyo3::exceptions::PyTypeError;
 
 /// The values in C order: borrowed where they lie that way, copied where they do not.
 pub(crate) fn values<'a, T, D>(array: &'a PyReadonlyArray<'_, T, D>) -> Cow<'a, [T]>
@@ -15,4 +17,20 @@ where
         Ok(slice) if view.is_standard_layout() => Cow::Borrowed(slice),
         _ => Cow::Owned(view.iter().copied().collect()),
     }
+}
+
+/// The values in C order, to be changed in place.
+pub(crate) fn writable<'a, T, D>(
+    name: &str,
+    array: &'a mut PyReadwriteArray<'_, T, D>,
+) -> PyResult<&'a mut [T]>
+where
+    T: Element,
+    D: Dimension,
+{
+    if !array.as_array().is_standard_layout() {
+        let message = format!("{name} is changed in place: it must be contiguous, in C order");
+        return Err(PyTypeError::new_err(message));
+    }
+    Ok(array.as_slice_mut()?)
 }

@@ -11,12 +11,19 @@ import_exception!(palpate.errors, ScoringError);
 /// An error of a kernel on its way to Python.
 pub(crate) enum Raised {
     Core(palpate_core::Error),
+    Elements(palpate_elements::Error),
     Sparse(palpate_sparse::Error),
 }
 
 impl From<palpate_core::Error> for Raised {
     fn from(error: palpate_core::Error) -> Self {
         Self::Core(error)
+    }
+}
+
+impl From<palpate_elements::Error> for Raised {
+    fn from(error: palpate_elements::Error) -> Self {
+        Self::Elements(error)
     }
 }
 
@@ -37,6 +44,7 @@ impl From<Raised> for PyErr {
                     palpate_core::Error::Sampling(_) => SamplingError::new_err(message),
                 }
             }
+            Raised::Elements(error) => PyValueError::new_err(error.to_string()),
             Raised::Sparse(error @ palpate_sparse::Error::Input(_)) => {
                 PyValueError::new_err(error.to_string())
             }

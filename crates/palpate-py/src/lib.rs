@@ -1,10 +1,11 @@
 //! The Python module `palpate._core`: borrows arrays, releases the GIL, maps errors.
 //!
-//! Each file here wraps the file of the same name in `palpate-core` or `palpate-sparse`.
+//! Each file here wraps the file of the same name in a crate without Python.
 #![expect(clippy::needless_pass_by_value, reason = "PyO3 hands borrowed arrays over by value")]
 
 mod array;
 mod curve;
+mod elements;
 mod error;
 mod lhs;
 mod nmse;
@@ -17,6 +18,8 @@ mod _core {
 
     #[pymodule_export]
     use crate::curve::{branches, interpolate};
+    #[pymodule_export]
+    use crate::elements::{Deformation, ElementBlock};
     #[pymodule_export]
     use crate::lhs::latin_hypercube;
     #[pymodule_export]
