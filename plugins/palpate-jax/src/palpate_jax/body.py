@@ -1,4 +1,4 @@
-"""The limb in equilibrium: internal forces and their tangent, element by element.
+"""The limb in equilibrium: internal forces and their tangent, block by block.
 
 Each block holds the elements of one kind and region. Its energy is
 E = Σ_q w_q Ψ(F̄_q) with F̄ = (θ/J)^(1/3) F, where θ is the element's mean of J
@@ -6,31 +6,18 @@ E = Σ_q w_q Ψ(F̄_q) with F̄ = (θ/J)^(1/3) F, where θ is the element's mean
 Taylor & Pister 1985). Force and tangent are its exact first and second
 derivatives, so Newton converges quadratically. With ``mean_dilatation`` off,
 F̄ = F: the plain displacement element.
-
-Legend: H = F^−T, s = (θ/J)^(1/3), P̄ and Ā first Piola–Kirchhoff stress and
-tangent at F̄; index letters i k space, J L reference, a b nodes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, TypeVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.domain import FloatArray, IntArray, Mesh
 from palpate.interfaces import Material
-from palpate.mechanics import stress, stress_and_tangent
+from palpate_jax.autodiff import AutodiffKernel
+from palpate_jax.compiled import CompiledKernel, serves
 from palpate_jax.elements import ELEMENTS
-
-Jax = Any
-T = TypeVar("T", bound=np.generic)
-
-PADDING = 512
-"""Blocks are padded to a multiple of this many elements."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,142 +56,11 @@ def blocks(mesh: Mesh) -> tuple[Block, ...]:
     return tuple(found)
 
 
-def _deformation(displacements: Jax, gradients: Jax) -> Jax:
-    """F = I + Σ_a u_a ⊗ ∇N_a, shape (e, q, 3, 3)."""
-    return jnp.eye(3) + jnp.einsum("eai,eqaJ->eqiJ", displacements, gradients)
-
-
-def _cofactor_inverse(F: Jax) -> tuple[Jax, Jax]:
-    """J and H = F^−T by cofactors, which stay finite and cheap in a batch."""
-    r0, r1, r2 = F[..., 0, :], F[..., 1, :], F[..., 2, :]
-    cofactor = jnp.stack([jnp.cross(r1, r2), jnp.cross(r2, r0), jnp.cross(r0, r1)], axis=-2)
-    J = jnp.sum(r0 * cofactor[..., 0, :], axis=-1)
-    return J, cofactor / J[..., None, None]
-
-
-def _dot(a: Jax, b: Jax) -> Jax:
-    return jnp.sum(a * b, axis=(-2, -1))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Kinematics:
-    F: Jax
-    J: Jax
-    H: Jax
-    theta: Jax  # (e, 1): element mean of J
-    s: Jax  # (e, q)
-    volume: Jax  # (e, 1)
-
-
-def _kinematics(displacements: Jax, gradients: Jax, volumes: Jax) -> _Kinematics:
-    F = _deformation(displacements, gradients)
-    J, H = _cofactor_inverse(F)
-    volume = volumes.sum(axis=1, keepdims=True)
-    theta = (volumes * J).sum(axis=1, keepdims=True) / volume
-    return _Kinematics(F, J, H, theta, jnp.cbrt(theta / J), volume)
-
-
-def _mean_dilatation_stress(k: _Kinematics, P: Jax, volumes: Jax) -> tuple[Jax, Jax, Jax]:
-    """Stress conjugate to F with θ free, pressure-like π per element, and P̄:F."""
-    trace = _dot(P, k.F)
-    Q = P - (trace / 3.0)[..., None, None] * k.H
-    pressure = (volumes * trace * k.s / (3.0 * k.theta)).sum(axis=1, keepdims=True) / k.volume
-    return Q, pressure, trace
-
-
-def _outer(a: Jax, b: Jax) -> Jax:
-    return a[..., :, :, None, None] * b[..., None, None, :, :]
-
-
-def _mean_dilatation_tangent(k: _Kinematics, P: Jax, A: Jax, volumes: Jax) -> tuple[Jax, Jax, Jax, Jax]:
-    """Tangent at fixed θ (e,q,3,3,3,3), stress, ∂²W/∂F∂θ (e,q,3,3) and Σ w ∂²W/∂θ² (e,1)."""
-    Q, pressure, trace = _mean_dilatation_stress(k, P, volumes)
-    s, H = k.s[..., None, None], k.H
-    M = jnp.einsum("eqiJkL,eqkL->eqiJ", A, k.F)
-    m = _dot(M, k.F)
-    four = (..., None, None, None, None)
-    swap = jnp.einsum("eqiL,eqkJ->eqiJkL", H, H)
-    HH = _outer(H, H)
-    half = s * s * M + s * P  # symmetric part pairs with H
-    coefficient = k.s * k.s * m / 9.0 + k.s * trace / 9.0 + pressure * k.J
-    tangent = (
-        (k.s * k.s)[four] * A
-        - (_outer(half, H) + _outer(H, half)) / 3.0
-        + coefficient[four] * HH
-        + (k.s * trace / 3.0 - pressure * k.J)[four] * swap
-    )
-    mixed = (s / (3.0 * k.theta[..., None, None])) * (Q + s * M - s * (m / 3.0)[..., None, None] * H)
-    curvature = (volumes * k.s / (9.0 * k.theta**2) * (m * k.s - 2.0 * trace)).sum(axis=1, keepdims=True)
-    total = s * Q + (pressure * k.J)[..., None, None] * H
-    return tangent, total, mixed, curvature
-
-
-def _block_force(
-    material: Material, mean: bool, displacements: Jax, gradients: Jax, volumes: Jax, parameters: Jax
-) -> tuple[Jax, Jax]:
-    """Nodal forces (e, n, 3) [N] and the least J of the block."""
-    k = _kinematics(displacements, gradients, volumes)
-    if mean:
-        P = stress(material, k.s[..., None, None] * k.F, parameters)
-        Q, pressure, _ = _mean_dilatation_stress(k, P, volumes)
-        P = k.s[..., None, None] * Q + (pressure * k.J)[..., None, None] * k.H
-    else:
-        P = stress(material, k.F, parameters)
-    force = jnp.einsum("eq,eqiJ,eqaJ->eai", volumes, P, gradients)
-    return force, k.J.min()
-
-
-def _block_tangent(
-    material: Material, mean: bool, displacements: Jax, gradients: Jax, volumes: Jax, parameters: Jax
-) -> tuple[Jax, Jax, Jax]:
-    """Nodal forces (e, n, 3), stiffness (e, 3n, 3n) [N/mm] and the least J of the block."""
-    k = _kinematics(displacements, gradients, volumes)
-    n = gradients.shape[2]
-    if not mean:
-        P, A = stress_and_tangent(material, k.F, parameters)
-        return _contract(gradients, volumes, P), _stiffness(gradients, volumes, A), k.J.min()
-    P, A = stress_and_tangent(material, k.s[..., None, None] * k.F, parameters)
-    tangent, total, mixed, curvature = _mean_dilatation_tangent(k, P, A, volumes)
-    stiffness = _stiffness(gradients, volumes, tangent)
-    b = _contract(gradients, volumes, mixed).reshape(-1, 3 * n)
-    g = _contract(gradients, volumes, k.J[..., None, None] * k.H).reshape(-1, 3 * n) / k.volume
-    stiffness = (
-        stiffness
-        + b[:, :, None] * g[:, None, :]
-        + g[:, :, None] * b[:, None, :]
-        + curvature[..., None] * g[:, :, None] * g[:, None, :]
-    )
-    return _contract(gradients, volumes, total), stiffness, k.J.min()
-
-
-def _contract(gradients: Jax, volumes: Jax, P: Jax) -> Jax:
-    """Σ_q w P ∇N_a, shape (e, n, 3)."""
-    return jnp.einsum("eqiJ,eqaJ->eai", volumes[..., None, None] * P, gradients)
-
-
-def _stiffness(gradients: Jax, volumes: Jax, A: Jax) -> Jax:
-    """Σ_q w ∇N_a A ∇N_b, shape (e, 3n, 3n)."""
-    n = gradients.shape[2]
-    half = jnp.einsum("eqaJ,eqiJkL->eqaikL", gradients, volumes[..., None, None, None, None] * A)
-    return jnp.einsum("eqaikL,eqbL->eaibk", half, gradients).reshape(-1, 3 * n, 3 * n)
-
-
-_force_kernel = jax.jit(_block_force, static_argnums=(0, 1))
-_tangent_kernel = jax.jit(_block_tangent, static_argnums=(0, 1))
-
-
-def _padded(array: NDArray[T]) -> NDArray[T]:
-    """Repeat the last element up to a multiple of the padding, so that block sizes recur."""
-    missing = -len(array) % PADDING
-    return np.concatenate([array, np.repeat(array[-1:], missing, axis=0)])
-
-
 class Body:
     """Internal forces of a mesh whose regions have given materials.
 
-    Kernels are compiled once per material and padded block size, and parameters
-    are arguments, so every set of a sweep, and every spot of about the same
-    size, shares the compilation.
+    Isotropic materials run in compiled kernels where the computation is on the
+    processor; others, and a computation on a GPU, in JAX alone.
 
     Parameters
     ----------
@@ -215,37 +71,54 @@ class Body:
 
     def __init__(self, mesh: Mesh, materials: Mapping[str, Material], mean_dilatation: bool) -> None:
         self.blocks = blocks(mesh)
-        self._n_nodes = mesh.n_nodes
-        self._padded = [
-            (_padded(b.nodes), jnp.asarray(_padded(b.gradients)), jnp.asarray(_padded(b.volumes)))
-            for b in self.blocks
-        ]
-        self._forces = [partial(_force_kernel, materials[b.region], mean_dilatation) for b in self.blocks]
-        self._tangents = [partial(_tangent_kernel, materials[b.region], mean_dilatation) for b in self.blocks]
+        self._shape = (mesh.n_nodes, 3)
+        self._n_entries: int | None = None
+        self._kernels: list[CompiledKernel | AutodiffKernel] = []
+        for block in self.blocks:
+            material = materials[block.region]
+            kernel = CompiledKernel if serves(material) else AutodiffKernel
+            self._kernels.append(
+                kernel(material, block.nodes, block.gradients, block.volumes, mean_dilatation)
+            )
+
+    def bind(self, places: Sequence[IntArray], n_entries: int) -> None:
+        """Say where stiffness entries go, before the first tangent.
+
+        Parameters
+        ----------
+        places : sequence of (e, 3n, 3n) integer arrays
+            By block, the place of each entry in the values of a sparse matrix; ``n_entries`` where
+            it has none.
+        n_entries : int
+        """
+        for kernel, own in zip(self._kernels, places, strict=True):
+            kernel.bind(own)
+        self._n_entries = n_entries
 
     def force(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
         """Internal nodal forces (n_nodes, 3) [N] and the least J of any quadrature point."""
-        total, least = np.zeros((self._n_nodes, 3)), np.inf
-        for block, kernel, (nodes, *arrays) in zip(self.blocks, self._forces, self._padded, strict=True):
-            forces, smallest = kernel(displacements[nodes], *arrays, thetas[block.region])
-            total += _scatter(block.nodes, np.asarray(forces)[: len(block.nodes)], self._n_nodes)
-            least = min(least, float(smallest))
-        return total, least
+        total = np.zeros(self._shape)
+        least = [
+            kernel.add_force(displacements, thetas[block.region], total)
+            for block, kernel in zip(self.blocks, self._kernels, strict=True)
+        ]
+        return total, float(np.min(least))
 
     def tangent(
         self, displacements: FloatArray, thetas: Mapping[str, FloatArray]
-    ) -> tuple[FloatArray, list[FloatArray], float]:
-        """Internal forces, element stiffnesses (e, 3n, 3n) [N/mm] by block, and the least J."""
-        total, least, stiffnesses = np.zeros((self._n_nodes, 3)), np.inf, []
-        for block, kernel, (nodes, *arrays) in zip(self.blocks, self._tangents, self._padded, strict=True):
-            forces, stiffness, smallest = kernel(displacements[nodes], *arrays, thetas[block.region])
-            total += _scatter(block.nodes, np.asarray(forces)[: len(block.nodes)], self._n_nodes)
-            stiffnesses.append(np.asarray(stiffness)[: len(block.nodes)])
-            least = min(least, float(smallest))
-        return total, stiffnesses, least
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """Internal forces, the values (n_entries,) of their derivative [N/mm], and the least J.
 
-
-def _scatter(nodes: IntArray, forces: FloatArray, n_nodes: int) -> FloatArray:
-    flat = nodes.ravel()
-    columns = forces.reshape(-1, 3)
-    return np.stack([np.bincount(flat, columns[:, k], minlength=n_nodes) for k in range(3)], axis=1)
+        Raises
+        ------
+        RuntimeError
+            :meth:`bind` was not called.
+        """
+        if self._n_entries is None:
+            raise RuntimeError("the body does not know where stiffness entries go; call `bind` first")
+        total, values = np.zeros(self._shape), np.zeros(self._n_entries + 1)
+        least = [
+            kernel.add_tangent(displacements, thetas[block.region], total, values)
+            for block, kernel in zip(self.blocks, self._kernels, strict=True)
+        ]
+        return total, values[:-1], float(np.min(least))

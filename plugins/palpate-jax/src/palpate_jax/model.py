@@ -80,6 +80,8 @@ class Model:
         self._unknowns = unknowns
         groups = [b.nodes for b in self.body.blocks] + [s.nodes for s in self.contact.skins]
         self.pattern = Pattern([self._numbers(nodes) for nodes in groups], int(self._free.sum()))
+        places = [self.pattern.places(k) for k in range(len(self.body.blocks))]
+        self.body.bind(places, len(self.pattern.indices))
         self.linear = LinearSolver(self.pattern)
 
     def _numbers(self, nodes: IntArray) -> IntArray:
@@ -138,8 +140,8 @@ class Model:
         self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load
     ) -> tuple[Residual, "Tangent"]:
         """The residual and its derivative."""
-        internal, stiffnesses, least = self.body.tangent(displacements, thetas)
-        tangent = Tangent(self, self.pattern.values(stiffnesses), displacements, load)
+        internal, values, least = self.body.tangent(displacements, thetas)
+        tangent = Tangent(self, values, displacements, load)
         return self._residual(internal, least, displacements, load), tangent
 
 

@@ -43,10 +43,16 @@ class Pattern:
         places = np.full(len(rows), len(entries))  # held entries fall into one spare place
         places[free] = found
         self._places = np.split(places, np.cumsum([g.size * g.shape[1] for g in groups])[:-1])
+        self._sizes = [g.shape[1] for g in groups]
         self.indices = (entries % n_unknowns).astype(np.int32)
         counts = np.bincount(entries // n_unknowns, minlength=n_unknowns)
         self.indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
         self._transposed = np.argsort(entries % n_unknowns * n_unknowns + entries // n_unknowns)
+
+    def places(self, group: int) -> IntArray:
+        """Place (e, m, m) of each entry of a group in ``indices``, their number for a held one."""
+        m = self._sizes[group]
+        return self._places[group].reshape(-1, m, m)
 
     def values(self, stiffnesses: Sequence[FloatArray], first_group: int = 0) -> FloatArray:
         """Sum element stiffnesses (e, m, m) of consecutive groups into the order of ``indices``."""

@@ -1,0 +1,215 @@
+"""Element forces and tangents in JAX alone, for any material and any device.
+
+Legend: H = F^−T, s = (θ/J)^(1/3) with θ the element's mean of J, P̄ and Ā first
+Piola–Kirchhoff stress and tangent at F̄ = s F; index letters i k space, J L
+reference, a b nodes.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.domain import FloatArray, IntArray
+from palpate.interfaces import Material
+from palpate.mechanics import stress, stress_and_tangent
+
+Jax = Any
+T = TypeVar("T", bound=np.generic)
+
+PADDING = 512
+"""Blocks are padded to a multiple of this many elements."""
+
+
+def _deformation(displacements: Jax, gradients: Jax) -> Jax:
+    """F = I + Σ_a u_a ⊗ ∇N_a, shape (e, q, 3, 3)."""
+    return jnp.eye(3) + jnp.einsum("eai,eqaJ->eqiJ", displacements, gradients)
+
+
+def _cofactor_inverse(F: Jax) -> tuple[Jax, Jax]:
+    """J and H = F^−T by cofactors, which stay finite and cheap in a batch."""
+    r0, r1, r2 = F[..., 0, :], F[..., 1, :], F[..., 2, :]
+    cofactor = jnp.stack([jnp.cross(r1, r2), jnp.cross(r2, r0), jnp.cross(r0, r1)], axis=-2)
+    J = jnp.sum(r0 * cofactor[..., 0, :], axis=-1)
+    return J, cofactor / J[..., None, None]
+
+
+def _dot(a: Jax, b: Jax) -> Jax:
+    return jnp.sum(a * b, axis=(-2, -1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Kinematics:
+    F: Jax
+    J: Jax
+    H: Jax
+    theta: Jax  # (e, 1): element mean of J
+    s: Jax  # (e, q)
+    volume: Jax  # (e, 1)
+
+
+def _kinematics(displacements: Jax, gradients: Jax, volumes: Jax) -> _Kinematics:
+    F = _deformation(displacements, gradients)
+    J, H = _cofactor_inverse(F)
+    volume = volumes.sum(axis=1, keepdims=True)
+    theta = (volumes * J).sum(axis=1, keepdims=True) / volume
+    return _Kinematics(F, J, H, theta, jnp.cbrt(theta / J), volume)
+
+
+def _mean_dilatation_stress(k: _Kinematics, P: Jax, volumes: Jax) -> tuple[Jax, Jax, Jax]:
+    """Stress conjugate to F with θ free, pressure-like π per element, and P̄:F."""
+    trace = _dot(P, k.F)
+    Q = P - (trace / 3.0)[..., None, None] * k.H
+    pressure = (volumes * trace * k.s / (3.0 * k.theta)).sum(axis=1, keepdims=True) / k.volume
+    return Q, pressure, trace
+
+
+def _outer(a: Jax, b: Jax) -> Jax:
+    return a[..., :, :, None, None] * b[..., None, None, :, :]
+
+
+def _mean_dilatation_tangent(k: _Kinematics, P: Jax, A: Jax, volumes: Jax) -> tuple[Jax, Jax, Jax, Jax]:
+    """Tangent at fixed θ (e,q,3,3,3,3), stress, ∂²W/∂F∂θ (e,q,3,3) and Σ w ∂²W/∂θ² (e,1)."""
+    Q, pressure, trace = _mean_dilatation_stress(k, P, volumes)
+    s, H = k.s[..., None, None], k.H
+    M = jnp.einsum("eqiJkL,eqkL->eqiJ", A, k.F)
+    m = _dot(M, k.F)
+    four = (..., None, None, None, None)
+    swap = jnp.einsum("eqiL,eqkJ->eqiJkL", H, H)
+    HH = _outer(H, H)
+    half = s * s * M + s * P  # symmetric part pairs with H
+    coefficient = k.s * k.s * m / 9.0 + k.s * trace / 9.0 + pressure * k.J
+    tangent = (
+        (k.s * k.s)[four] * A
+        - (_outer(half, H) + _outer(H, half)) / 3.0
+        + coefficient[four] * HH
+        + (k.s * trace / 3.0 - pressure * k.J)[four] * swap
+    )
+    mixed = (s / (3.0 * k.theta[..., None, None])) * (Q + s * M - s * (m / 3.0)[..., None, None] * H)
+    curvature = (volumes * k.s / (9.0 * k.theta**2) * (m * k.s - 2.0 * trace)).sum(axis=1, keepdims=True)
+    total = s * Q + (pressure * k.J)[..., None, None] * H
+    return tangent, total, mixed, curvature
+
+
+def _block_force(
+    material: Material, mean: bool, displacements: Jax, gradients: Jax, volumes: Jax, parameters: Jax
+) -> tuple[Jax, Jax]:
+    """Nodal forces (e, n, 3) [N] and the least J of the block."""
+    k = _kinematics(displacements, gradients, volumes)
+    if mean:
+        P = stress(material, k.s[..., None, None] * k.F, parameters)
+        Q, pressure, _ = _mean_dilatation_stress(k, P, volumes)
+        P = k.s[..., None, None] * Q + (pressure * k.J)[..., None, None] * k.H
+    else:
+        P = stress(material, k.F, parameters)
+    force = jnp.einsum("eq,eqiJ,eqaJ->eai", volumes, P, gradients)
+    return force, k.J.min()
+
+
+def _block_tangent(
+    material: Material, mean: bool, displacements: Jax, gradients: Jax, volumes: Jax, parameters: Jax
+) -> tuple[Jax, Jax, Jax]:
+    """Nodal forces (e, n, 3), stiffness (e, 3n, 3n) [N/mm] and the least J of the block."""
+    k = _kinematics(displacements, gradients, volumes)
+    n = gradients.shape[2]
+    if not mean:
+        P, A = stress_and_tangent(material, k.F, parameters)
+        return _contract(gradients, volumes, P), _stiffness(gradients, volumes, A), k.J.min()
+    P, A = stress_and_tangent(material, k.s[..., None, None] * k.F, parameters)
+    tangent, total, mixed, curvature = _mean_dilatation_tangent(k, P, A, volumes)
+    stiffness = _stiffness(gradients, volumes, tangent)
+    b = _contract(gradients, volumes, mixed).reshape(-1, 3 * n)
+    g = _contract(gradients, volumes, k.J[..., None, None] * k.H).reshape(-1, 3 * n) / k.volume
+    stiffness = (
+        stiffness
+        + b[:, :, None] * g[:, None, :]
+        + g[:, :, None] * b[:, None, :]
+        + curvature[..., None] * g[:, :, None] * g[:, None, :]
+    )
+    return _contract(gradients, volumes, total), stiffness, k.J.min()
+
+
+def _contract(gradients: Jax, volumes: Jax, P: Jax) -> Jax:
+    """Σ_q w P ∇N_a, shape (e, n, 3)."""
+    return jnp.einsum("eqiJ,eqaJ->eai", volumes[..., None, None] * P, gradients)
+
+
+def _stiffness(gradients: Jax, volumes: Jax, A: Jax) -> Jax:
+    """Σ_q w ∇N_a A ∇N_b, shape (e, 3n, 3n)."""
+    n = gradients.shape[2]
+    half = jnp.einsum("eqaJ,eqiJkL->eqaikL", gradients, volumes[..., None, None, None, None] * A)
+    return jnp.einsum("eqaikL,eqbL->eaibk", half, gradients).reshape(-1, 3 * n, 3 * n)
+
+
+_force_kernel = jax.jit(_block_force, static_argnums=(0, 1))
+_tangent_kernel = jax.jit(_block_tangent, static_argnums=(0, 1))
+
+
+def _padded(array: NDArray[T]) -> NDArray[T]:
+    """Repeat the last element up to a multiple of the padding, so that block sizes recur."""
+    missing = -len(array) % PADDING
+    return np.concatenate([array, np.repeat(array[-1:], missing, axis=0)])
+
+
+class AutodiffKernel:
+    """Forces and stiffness of a block, differentiated and compiled by JAX.
+
+    Kernels are compiled once per material and padded block size, and parameters
+    are arguments, so every set of a sweep, and every spot of about the same
+    size, shares the compilation.
+
+    Parameters
+    ----------
+    material : Material
+    nodes : (e, n) array
+    gradients : (e, q, n, 3) array
+        [1/mm]
+    volumes : (e, q) array
+        [mm³]
+    mean_dilatation : bool
+    """
+
+    def __init__(
+        self,
+        material: Material,
+        nodes: IntArray,
+        gradients: FloatArray,
+        volumes: FloatArray,
+        mean_dilatation: bool,
+    ) -> None:
+        self._nodes = nodes
+        self._padded_nodes = _padded(nodes)
+        self._geometry = jnp.asarray(_padded(gradients)), jnp.asarray(_padded(volumes))
+        self._force = partial(_force_kernel, material, mean_dilatation)
+        self._tangent = partial(_tangent_kernel, material, mean_dilatation)
+        self._places: IntArray = np.empty(0, dtype=np.int64)
+
+    def bind(self, places: IntArray) -> None:
+        """Take the places (e, 3n, 3n) of stiffness entries in the values of a sparse matrix."""
+        self._places = places.ravel()
+
+    def add_force(self, displacements: FloatArray, theta: FloatArray, total: FloatArray) -> float:
+        """Add nodal forces to ``total`` (n_nodes, 3) [N]; the least J."""
+        forces, least = self._force(displacements[self._padded_nodes], *self._geometry, theta)
+        self._scatter(forces, total)
+        return float(least)
+
+    def add_tangent(
+        self, displacements: FloatArray, theta: FloatArray, total: FloatArray, values: FloatArray
+    ) -> float:
+        """Add nodal forces, and stiffness to ``values`` [N/mm] at the places; the least J."""
+        results = self._tangent(displacements[self._padded_nodes], *self._geometry, theta)
+        forces, stiffness, least = results
+        self._scatter(forces, total)
+        own = np.asarray(stiffness)[: len(self._nodes)]
+        values += np.bincount(self._places, own.ravel(), minlength=len(values))
+        return float(least)
+
+    def _scatter(self, forces: Jax, total: FloatArray) -> None:
+        flat, columns = self._nodes.ravel(), np.asarray(forces)[: len(self._nodes)].reshape(-1, 3)
+        for k in range(3):
+            total[:, k] += np.bincount(flat, columns[:, k], minlength=len(total))

@@ -1,0 +1,108 @@
+"""Element forces and tangents of isotropic materials, compiled but for the energy.
+
+An isotropic energy is a function of three principal stretches, so its first and
+second derivatives at the quadrature points are all that a material contributes.
+JAX differentiates that small function; :class:`palpate._core.ElementBlock` does
+the rest.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from palpate._core import Deformation, ElementBlock
+from palpate.domain import FloatArray, IntArray
+from palpate.interfaces import Array, Material
+from palpate.mechanics import principal_derivatives
+
+POINTS = 4096
+"""Quadrature points differentiated at a time: one size, so that every mesh shares the compilation."""
+
+
+def serves(material: Material) -> bool:
+    """Whether the compiled kernels serve a material where JAX computes."""
+    return material.isotropic and jax.default_backend() == "cpu"
+
+
+@partial(jax.jit, static_argnums=0)
+def _first(material: Material, stretches: Array, theta: Array) -> tuple[Array]:
+    return (jax.grad(lambda s: jnp.sum(material.energy(s, theta)))(stretches),)
+
+
+@partial(jax.jit, static_argnums=0)
+def _both(material: Material, stretches: Array, theta: Array) -> tuple[Array, Array]:
+    return principal_derivatives(material, stretches, theta)
+
+
+def _at_points(
+    derivatives: Callable[[Array], tuple[Array, ...]], stretches: FloatArray
+) -> tuple[FloatArray, ...]:
+    """Evaluate at stretches (e, q, 3), some points at a time."""
+    n_points = stretches.shape[0] * stretches.shape[1]
+    padded = np.ones((-(-n_points // POINTS), POINTS, 3))
+    padded.reshape(-1, 3)[:n_points] = stretches.reshape(-1, 3)
+    # All are dispatched before the first is waited for.
+    chunks = [derivatives(chunk) for chunk in padded]
+    arrays = (np.concatenate([np.asarray(a) for a in parts]) for parts in zip(*chunks, strict=True))
+    return tuple(a[:n_points].reshape(*stretches.shape[:2], *a.shape[1:]) for a in arrays)
+
+
+class CompiledKernel:
+    """Forces and stiffness of a block.
+
+    Parameters
+    ----------
+    material : Material
+        Isotropic.
+    nodes : (e, n) array
+    gradients : (e, q, n, 3) array
+        [1/mm]
+    volumes : (e, q) array
+        [mm³]
+    mean_dilatation : bool
+    """
+
+    def __init__(
+        self,
+        material: Material,
+        nodes: IntArray,
+        gradients: FloatArray,
+        volumes: FloatArray,
+        mean_dilatation: bool,
+    ) -> None:
+        self._material = material
+        self._make = partial(ElementBlock, nodes, gradients, volumes, mean_dilatation=mean_dilatation)
+        self._block = self._make()
+
+    def bind(self, places: IntArray) -> None:
+        """Take the places (e, 3n, 3n) of stiffness entries in the values of a sparse matrix."""
+        self._block = self._make(places=places)
+
+    def add_force(self, displacements: FloatArray, theta: FloatArray, total: FloatArray) -> float:
+        """Add nodal forces to ``total`` (n_nodes, 3) [N]; the least J."""
+        deformation, (psi_i,) = self._differentiated(_first, displacements, theta)
+        deformation.add_force(psi_i, total)
+        return deformation.least_jacobian
+
+    def add_tangent(
+        self, displacements: FloatArray, theta: FloatArray, total: FloatArray, values: FloatArray
+    ) -> float:
+        """Add nodal forces, and stiffness to ``values`` [N/mm] at the places; the least J."""
+        deformation, (psi_i, psi_ij) = self._differentiated(_both, displacements, theta)
+        deformation.add_force(psi_i, total)
+        deformation.add_stiffness(psi_i, psi_ij, values)
+        return deformation.least_jacobian
+
+    def _differentiated(
+        self,
+        derivatives: Callable[[Material, Array, Array], tuple[Array, ...]],
+        displacements: FloatArray,
+        theta: FloatArray,
+    ) -> tuple[Deformation, tuple[FloatArray, ...]]:
+        deformation = self._block.deform(displacements)
+        at_theta = partial(derivatives, self._material)
+        theta = np.asarray(theta, dtype=np.float64)
+        return deformation, _at_points(lambda s: at_theta(s, theta), deformation.stretches)
