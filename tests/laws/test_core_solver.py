@@ -24,10 +24,16 @@ def systems(draw: st.DrawFn, *, symmetric: bool) -> tuple[sp.csc_array, np.ndarr
     return matrix, rng.normal(size=(n, draw(st.integers(1, 3))))
 
 
-def factor_of(matrix: sp.csc_array, kind: str, layout: str, index: type) -> _core.SparseFactor:
+def factor_of(
+    matrix: sp.csc_array, kind: str, layout: str, index: type, precision: str = "double"
+) -> _core.SparseFactor:
     compressed = matrix.asformat(layout)
     factor = _core.SparseFactor(
-        compressed.indptr.astype(index), compressed.indices.astype(index), kind=kind, layout=layout
+        compressed.indptr.astype(index),
+        compressed.indices.astype(index),
+        kind=kind,
+        layout=layout,
+        precision=precision,
     )
     factor.factorise(compressed.data)
     return factor
@@ -64,6 +70,31 @@ def test_ldlt_solves_indefinite_matrices(system, data):
     np.testing.assert_allclose(matrix @ found, rhs, atol=1e-9)
 
 
+@given(systems(symmetric=True), st.sampled_from(["lu", "ldlt", "llt"]), st.floats(-4, 4))
+def test_a_single_factor_is_near_the_solution_and_refinement_reaches_it(system, kind, spread):
+    matrix, rhs = system
+    # Units a hundred million apart in one matrix, as a stiff penalty and a soft tissue have.
+    units = sp.diags_array(np.logspace(-spread, spread, matrix.shape[0]))
+    matrix = sp.csc_array(units @ matrix @ units)
+    factor = factor_of(matrix, kind, "csc", np.int32, "single")
+    assert factor.precision == "single"
+    expected = spsolve(matrix, rhs[:, 0])
+    scaled = np.abs(units @ expected).max()
+    once = units @ (factor.precondition(rhs[:, 0]) - expected)
+    assert np.abs(once).max() <= 1e-4 * scaled
+    assert np.abs(units @ (factor.solve(rhs[:, 0]) - expected)).max() <= 1e-8 * scaled
+
+
+@given(systems(symmetric=True), st.sampled_from(["double", "single"]), st.floats(-30, 30))
+def test_preconditioning_is_linear_in_size(system, precision, exponent):
+    matrix, rhs = system
+    factor = factor_of(matrix, "ldlt", "csc", np.int32, precision)
+    size = 2.0 ** round(exponent)
+    once = factor.precondition(rhs[:, 0])
+    np.testing.assert_allclose(factor.precondition(size * rhs[:, 0]), size * once, rtol=1e-12, atol=0)
+    assert not factor.precondition(np.zeros(factor.n)).any()
+
+
 def laplacian(n: int) -> sp.csc_array:
     """A chain of springs, not held."""
     matrix = sp.diags_array([2 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]).tolil()
@@ -71,20 +102,23 @@ def laplacian(n: int) -> sp.csc_array:
     return matrix.tocsc()
 
 
+@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("kind", ["lu", "ldlt", "llt"])
-def test_a_singular_matrix_is_an_error_and_leaves_no_factor(kind):
+def test_a_singular_matrix_is_an_error_and_leaves_no_factor(kind, precision):
     loose = laplacian(30)
-    factor = _core.SparseFactor(loose.indptr, loose.indices, kind=kind)
+    factor = _core.SparseFactor(loose.indptr, loose.indices, kind=kind, precision=precision)
     with pytest.raises(np.linalg.LinAlgError, match=r"singular|not positive definite"):
         factor.factorise(loose.data)
     assert factor.probe_error is None
     with pytest.raises(ValueError, match="call factorise first"):
         factor.solve(np.ones(30))
+    with pytest.raises(ValueError, match="call factorise first"):
+        factor.precondition(np.ones(30))
     held = loose.copy()
     held[0, 0] += 1.0
     factor.factorise(held.data)
-    assert factor.probe_error < 1e-12
-    np.testing.assert_allclose(held @ factor.solve(np.ones(30)), 1.0, rtol=1e-10)
+    assert factor.probe_error < (1e-12 if precision == "double" else 1e-3)
+    np.testing.assert_allclose(held @ factor.solve(np.ones(30)), 1.0, rtol=1e-9)
 
 
 def test_bad_arguments_are_named():
@@ -111,3 +145,7 @@ def test_bad_arguments_are_named():
         factor.solve(np.ones(4))
     with pytest.raises(ValueError, match="rhs has 6 values"):
         factor.solve(np.ones((2, 3)))
+    with pytest.raises(ValueError, match="rhs has 4 values where 3"):
+        factor.precondition(np.ones(4))
+    with pytest.raises(ValueError, match='precision "half" is unknown: choose double or single'):
+        _core.SparseFactor(matrix.indptr, matrix.indices, precision="half")  # type: ignore[arg-type]

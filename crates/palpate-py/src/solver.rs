@@ -33,17 +33,20 @@ pub(crate) struct SparseFactor(core::SparseFactor);
 #[pymethods]
 impl SparseFactor {
     #[new]
-    #[pyo3(signature = (indptr, indices, *, kind = "lu", layout = "csc"))]
+    #[pyo3(signature = (indptr, indices, *, kind = "lu", layout = "csc", precision = "double"))]
     fn new(
         py: Python<'_>,
         indptr: Indices<'_>,
         indices: Indices<'_>,
         kind: &str,
         layout: &str,
+        precision: &str,
     ) -> Result<Self, Raised> {
         let (indptr, indices) = (indptr.widened(), indices.widened());
-        let (kind, layout) = (kind.parse()?, layout.parse()?);
-        Ok(Self(py.detach(|| core::SparseFactor::new(&indptr, &indices, layout, kind))?))
+        let (kind, layout, precision) = (kind.parse()?, layout.parse()?, precision.parse()?);
+        let factor =
+            py.detach(|| core::SparseFactor::new(&indptr, &indices, layout, kind, precision))?;
+        Ok(Self(factor))
     }
 
     fn factorise(&mut self, py: Python<'_>, data: PyReadonlyArray1<'_, f64>) -> Result<(), Raised> {
@@ -63,6 +66,15 @@ impl SparseFactor {
         PyArray1::from_vec(py, x).reshape(IxDyn(&shape))
     }
 
+    fn precondition<'py>(
+        &self,
+        py: Python<'py>,
+        rhs: PyReadonlyArray1<'py, f64>,
+    ) -> Result<Bound<'py, PyArray1<f64>>, Raised> {
+        let rhs = values(&rhs);
+        Ok(PyArray1::from_vec(py, py.detach(|| self.0.precondition(&rhs))?))
+    }
+
     #[getter]
     fn n(&self) -> usize {
         self.0.n()
@@ -76,6 +88,11 @@ impl SparseFactor {
     #[getter]
     fn kind(&self) -> &'static str {
         self.0.kind().name()
+    }
+
+    #[getter]
+    fn precision(&self) -> &'static str {
+        self.0.precision().name()
     }
 
     #[getter]

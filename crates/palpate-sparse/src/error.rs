@@ -132,6 +132,16 @@ pub enum NumericalError {
         /// Relative error of a known solution; NaN if there was none at all.
         probe_error: f64,
     },
+    /// The matrix is singular, or too near it for single precision.
+    #[error(
+        "the matrix is singular or too ill-conditioned for a factor in single precision: a known \
+         solution came back with a relative error of {probe_error:e}; choose precision \"double\" \
+         to tell"
+    )]
+    SingularInSingle {
+        /// Relative error of a known solution; NaN if there was none at all.
+        probe_error: f64,
+    },
     /// `llt` met a pivot that is not positive.
     #[error("the matrix is not positive definite: choose kind \"ldlt\" or \"lu\"")]
     NotPositiveDefinite,

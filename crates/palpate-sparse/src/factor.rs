@@ -1,4 +1,4 @@
-//! faer's factorisations behind one enum.
+//! faer's factorisations behind one enum, in double or single precision.
 
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::{LltError as NonPositivePivot, LltRegularization};
@@ -9,6 +9,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::linalg::lu::{self, LuRef, LuSymbolicParams, NumericLu, SymbolicLu};
 use faer::sparse::linalg::{LuError, SupernodalThreshold};
 use faer::sparse::{FaerError, SparseColMatRef};
+use faer::traits::RealField;
 use faer::{Conj, MatMut, Par, Side, Spec};
 
 use crate::error::{Error, InputError, NumericalError};
@@ -22,24 +23,24 @@ const PAR: Par = Par::Seq;
 const BLOCKED: SupernodalThreshold = SupernodalThreshold::FORCE_SUPERNODAL;
 
 /// A factorisation: ordering and structure from the pattern, numbers from the last values.
-pub(crate) enum Factor {
+pub(crate) enum Factor<T> {
     /// P A Q = L U with partial pivoting; columns ordered by COLAMD.
-    Lu { symbolic: SymbolicLu<u32>, numeric: NumericLu<u32, f64> },
+    Lu { symbolic: SymbolicLu<u32>, numeric: NumericLu<u32, T> },
     /// P A Pᵀ = L B Lᵀ with Bunch–Kaufman pivoting inside a supernode; ordered by AMD.
-    Ldlt { symbolic: SymbolicCholesky<u32>, numeric: Box<BlockDiagonal> },
+    Ldlt { symbolic: SymbolicCholesky<u32>, numeric: Box<BlockDiagonal<T>> },
     /// P A Pᵀ = L Lᵀ; ordered by AMD.
-    Llt { symbolic: SymbolicCholesky<u32>, values: Vec<f64> },
+    Llt { symbolic: SymbolicCholesky<u32>, values: Vec<T> },
 }
 
 /// Numbers of L B Lᵀ: B has blocks of one or two rows.
-pub(crate) struct BlockDiagonal {
-    values: Vec<f64>,
-    subdiagonal: Vec<f64>,
+pub(crate) struct BlockDiagonal<T> {
+    values: Vec<T>,
+    subdiagonal: Vec<T>,
     forward: Vec<u32>,
     inverse: Vec<u32>,
 }
 
-impl Factor {
+impl<T: RealField + Copy + Default> Factor<T> {
     /// Orders and analyses a pattern; the numbers are still to come.
     pub(crate) fn analyse(pattern: &Pattern, kind: Kind) -> Result<Self, Error> {
         let n = pattern.n();
@@ -57,25 +58,25 @@ impl Factor {
         let (columns, order) = (pattern.columns(), SymmetricOrdering::Amd);
         let symbolic = cholesky::factorize_symbolic_cholesky(columns, Side::Lower, order, params)
             .map_err(failed)?;
-        let values = vec![0.0; symbolic.len_val()];
+        let values = vec![T::default(); symbolic.len_val()];
         Ok(if kind == Kind::Llt {
             Self::Llt { symbolic, values }
         } else {
-            let (subdiagonal, forward, inverse) = (vec![0.0; n], vec![0; n], vec![0; n]);
+            let (subdiagonal, forward, inverse) = (vec![T::default(); n], vec![0; n], vec![0; n]);
             let numeric = Box::new(BlockDiagonal { values, subdiagonal, forward, inverse });
             Self::Ldlt { symbolic, numeric }
         })
     }
 
     /// Computes the numbers. A singular matrix may pass and give infinities or NaN in a solution.
-    pub(crate) fn factorise(&mut self, pattern: &Pattern, values: &[f64]) -> Result<(), Error> {
+    pub(crate) fn factorise(&mut self, pattern: &Pattern, values: &[T]) -> Result<(), Error> {
         let matrix = SparseColMatRef::new(pattern.columns(), values);
         let side = Side::Lower;
         match self {
             Self::Lu { symbolic, numeric } => {
                 let params = Spec::default();
                 let mut memory =
-                    memory(symbolic.factorize_numeric_lu_scratch::<f64>(PAR, params), pattern)?;
+                    memory(symbolic.factorize_numeric_lu_scratch::<T>(PAR, params), pattern)?;
                 let stack = MemStack::new(&mut memory);
                 symbolic
                     .factorize_numeric_lu(numeric, matrix, PAR, stack, params)
@@ -83,7 +84,7 @@ impl Factor {
             }
             Self::Ldlt { symbolic, numeric } => {
                 let params = Spec::default();
-                let need = symbolic.factorize_numeric_intranode_lblt_scratch::<f64>(PAR, params);
+                let need = symbolic.factorize_numeric_intranode_lblt_scratch::<T>(PAR, params);
                 let mut memory = memory(need, pattern)?;
                 let stack = MemStack::new(&mut memory);
                 let BlockDiagonal { values, subdiagonal, forward, inverse } = &mut **numeric;
@@ -101,7 +102,7 @@ impl Factor {
             }
             Self::Llt { symbolic, values } => {
                 let params = Spec::default();
-                let need = symbolic.factorize_numeric_llt_scratch::<f64>(PAR, params);
+                let need = symbolic.factorize_numeric_llt_scratch::<T>(PAR, params);
                 let mut memory = memory(need, pattern)?;
                 let stack = MemStack::new(&mut memory);
                 let shift = LltRegularization::default();
@@ -114,13 +115,13 @@ impl Factor {
     }
 
     /// Replaces every column of `rhs` (n, k), row after row, by its solution.
-    pub(crate) fn solve(&self, pattern: &Pattern, rhs: &mut [f64]) -> Result<(), Error> {
+    pub(crate) fn solve(&self, pattern: &Pattern, rhs: &mut [T]) -> Result<(), Error> {
         let n = pattern.n();
         let k = rhs.len() / n;
         let need = match self {
-            Self::Lu { symbolic, .. } => symbolic.solve_in_place_scratch::<f64>(k, PAR),
+            Self::Lu { symbolic, .. } => symbolic.solve_in_place_scratch::<T>(k, PAR),
             Self::Ldlt { symbolic, .. } | Self::Llt { symbolic, .. } => {
-                symbolic.solve_in_place_scratch::<f64>(k, PAR)
+                symbolic.solve_in_place_scratch::<T>(k, PAR)
             }
         };
         let mut memory = memory(need, pattern)?;

@@ -9,14 +9,17 @@
 //! |---|---|
 //! | [`pattern`] | where the entries are; values gathered into it; A x |
 //! | `factor` | faer's LU, L B Lᵀ and L Lᵀ behind one enum |
+//! | `precision` | a factor in double precision, or in single precision of a scaled matrix |
 //! | [`solver`] | [`SparseFactor`]: analyse, factorise, probe, solve, refine |
 //! | [`error`] | what can be wrong with the input, and with the matrix |
 
 pub mod error;
 mod factor;
 pub mod pattern;
+mod precision;
 pub mod solver;
 
 pub use error::{Error, InputError, NumericalError};
 pub use pattern::Layout;
+pub use precision::Precision;
 pub use solver::{Kind, SparseFactor};

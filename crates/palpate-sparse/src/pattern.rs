@@ -6,6 +6,7 @@ use std::str::FromStr;
 use faer::sparse::{SymbolicSparseColMat, SymbolicSparseColMatRef};
 
 use crate::error::{Error, InputError};
+use crate::precision::{narrowed, power_of_two};
 
 /// Largest difference between an entry and its counterpart, as a share of the largest entry, that
 /// counts as the round-off of an assembly.
@@ -152,12 +153,40 @@ impl Pattern {
         }
     }
 
-    /// Largest sum of magnitudes over a row: the maximum norm of the matrix.
-    pub(crate) fn norm(&self, values: &[f64]) -> f64 {
+    /// Factors s by which sᵢ aᵢⱼ sⱼ has a diagonal near 1: powers of two. A row without a diagonal
+    /// is scaled by its largest entry.
+    pub(crate) fn scales(&self, values: &[f64]) -> Vec<f64> {
+        let mut diagonal = vec![0.0; self.n()];
+        let mut largest = vec![0.0_f64; self.n()];
+        for j in 0..self.n() {
+            for k in self.column(j) {
+                let (i, size) = (self.columns.row_idx()[k] as usize, values[k].abs());
+                largest[i] = largest[i].max(size);
+                largest[j] = largest[j].max(size);
+                if i == j {
+                    diagonal[j] = size;
+                }
+            }
+        }
+        let weak = f64::from(f32::EPSILON);
+        let sizes = diagonal.into_iter().zip(largest);
+        sizes.map(|(d, most)| 1.0 / power_of_two(d.max(weak * most).sqrt())).collect()
+    }
+
+    /// The values sᵢ aᵢⱼ sⱼ in single precision.
+    pub(crate) fn scaled(&self, values: &[f64], scales: &[f64]) -> Vec<f32> {
+        let rows = self.columns.row_idx();
+        let entries = (0..self.n()).flat_map(|j| self.column(j).map(move |k| (j, k)));
+        entries.map(|(j, k)| narrowed(values[k] * scales[j] * scales[rows[k] as usize])).collect()
+    }
+
+    /// Largest sum of magnitudes over a row of sᵢ aᵢⱼ sⱼ: its maximum norm.
+    pub(crate) fn norm(&self, values: &[f64], scale: impl Fn(usize) -> f64) -> f64 {
+        let scales: Vec<f64> = (0..self.n()).map(scale).collect();
         let magnitudes: Vec<f64> = values.iter().map(|v| v.abs()).collect();
         let mut sums = vec![0.0; self.n()];
-        self.multiply(&magnitudes, &vec![1.0; self.n()], &mut sums);
-        sums.into_iter().fold(0.0, f64::max)
+        self.multiply(&magnitudes, &scales, &mut sums);
+        sums.iter().zip(&scales).fold(0.0, |most, (sum, scale)| most.max(sum * scale))
     }
 
     fn column(&self, j: usize) -> Range<usize> {
@@ -176,13 +205,23 @@ pub(crate) fn finite(
     values: &[f64],
     expected: usize,
 ) -> Result<(), InputError> {
-    if values.len() != expected {
-        return Err(InputError::Length { array, length: values.len(), expected });
-    }
+    as_many(array, values, expected)?;
     match values.iter().position(|v| !v.is_finite()) {
         Some(index) => Err(InputError::NotFinite { array, index, value: values[index] }),
         None => Ok(()),
     }
+}
+
+/// Checks that there are as many `values` as `expected`.
+pub(crate) fn as_many(
+    array: &'static str,
+    values: &[f64],
+    expected: usize,
+) -> Result<(), InputError> {
+    if values.len() == expected {
+        return Ok(());
+    }
+    Err(InputError::Length { array, length: values.len(), expected })
 }
 
 fn same_place(a: Entry, b: Entry) -> bool {

@@ -4,16 +4,10 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::error::{Error, InputError, NumericalError};
-use crate::factor::Factor;
 use crate::pattern::{self, Layout, Pattern};
+use crate::precision::{Numbers, Precision};
 
-/// Largest relative error with which a known solution may come back from a fresh factor.
-///
-/// It is about the condition number times 2⁻⁵³, so this admits condition numbers up to about 10¹¹;
-/// a body that is not held is at 10¹⁶.
-pub const LARGEST_PROBE_ERROR: f64 = 1e-5;
-
-/// A solution with a larger backward error is refined once.
+/// A solution with a larger backward error is refined.
 pub const GOOD_BACKWARD_ERROR: f64 = 1e-13;
 
 /// A refined solution with a larger backward error is an error.
@@ -62,9 +56,11 @@ impl FromStr for Kind {
 ///
 /// # Examples
 /// ```
-/// use palpate_sparse::{Kind, Layout, SparseFactor};
+/// use palpate_sparse::{Kind, Layout, Precision, SparseFactor};
 /// // [[4, 1], [1, 3]] by columns.
-/// let mut factor = SparseFactor::new(&[0, 2, 4], &[0, 1, 0, 1], Layout::Csc, Kind::Ldlt)?;
+/// let (indptr, indices) = ([0, 2, 4], [0, 1, 0, 1]);
+/// let mut factor =
+///     SparseFactor::new(&indptr, &indices, Layout::Csc, Kind::Ldlt, Precision::Double)?;
 /// factor.factorise(&[4.0, 1.0, 1.0, 3.0])?;
 /// let x = factor.solve(&[1.0, 2.0], 1)?;
 /// assert!((x[0] - 1.0 / 11.0).abs() < 1e-15 && (x[1] - 7.0 / 11.0).abs() < 1e-15);
@@ -73,7 +69,7 @@ impl FromStr for Kind {
 pub struct SparseFactor {
     kind: Kind,
     pattern: Pattern,
-    factor: Factor,
+    numbers: Numbers,
     /// Values of the last factorisation that succeeded.
     current: Option<Current>,
 }
@@ -104,10 +100,11 @@ impl SparseFactor {
         indices: &[I],
         layout: Layout,
         kind: Kind,
+        precision: Precision,
     ) -> Result<Self, Error> {
         let pattern = Pattern::new(indptr, indices, layout, kind != Kind::Lu)?;
-        let factor = Factor::analyse(&pattern, kind)?;
-        Ok(Self { kind, pattern, factor, current: None })
+        let numbers = Numbers::analyse(&pattern, kind, precision)?;
+        Ok(Self { kind, pattern, numbers, current: None })
     }
 
     /// Rows of the matrix.
@@ -128,8 +125,14 @@ impl SparseFactor {
         self.kind
     }
 
+    /// Numbers that the factor is kept in.
+    #[must_use]
+    pub fn precision(&self) -> Precision {
+        self.numbers.precision()
+    }
+
     /// Relative error with which a known solution came back from the current factor: about its
-    /// condition number times 2⁻⁵³. `None` without a factor.
+    /// condition number times the rounding unit of its precision. `None` without a factor.
     #[must_use]
     pub fn probe_error(&self) -> Option<f64> {
         self.current.as_ref().map(|current| current.probe_error)
@@ -145,15 +148,19 @@ impl SparseFactor {
     pub fn factorise(&mut self, data: &[f64]) -> Result<(), Error> {
         self.current = None;
         let values = self.pattern.gather(data)?;
-        self.factor.factorise(&self.pattern, &values)?;
+        self.numbers.factorise(&self.pattern, &values)?;
         let probe_error = self.probe(&values)?;
-        if probe_error <= LARGEST_PROBE_ERROR {
-            let norm = self.pattern.norm(&values);
+        if probe_error <= self.precision().largest_probe_error() {
+            let norm = self.pattern.norm(&values, |unknown| self.numbers.scale(unknown));
             self.current = Some(Current { values, norm, probe_error });
             return Ok(());
         }
         // NaN ends here too.
-        Err(NumericalError::Singular { probe_error }.into())
+        Err(match self.precision() {
+            Precision::Double => NumericalError::Singular { probe_error },
+            Precision::Single => NumericalError::SingularInSingle { probe_error },
+        }
+        .into())
     }
 
     /// Solves A X = B for every column of `rhs` (n, `n_columns`), row after row.
@@ -165,18 +172,35 @@ impl SparseFactor {
         let current = self.current.as_ref().ok_or(InputError::NotFactorised)?;
         pattern::finite("rhs", rhs, self.n().saturating_mul(n_columns))?;
         let mut solution = rhs.to_vec();
-        self.factor.solve(&self.pattern, &mut solution)?;
+        self.numbers.solve(&self.pattern, &mut solution)?;
         let (mut residual, mut backward_error) = self.residual(current, rhs, &solution);
-        if backward_error > GOOD_BACKWARD_ERROR {
-            self.factor.solve(&self.pattern, &mut residual)?;
+        for _ in 0..self.precision().most_refinements() {
+            if backward_error <= GOOD_BACKWARD_ERROR {
+                break;
+            }
+            self.numbers.solve(&self.pattern, &mut residual)?;
             solution.iter_mut().zip(&residual).for_each(|(x, correction)| *x += correction);
-            backward_error = self.residual(current, rhs, &solution).1;
+            (residual, backward_error) = self.residual(current, rhs, &solution);
         }
         if backward_error <= LARGEST_BACKWARD_ERROR {
             return Ok(solution);
         }
         // NaN ends here too.
         Err(NumericalError::Inaccurate { backward_error }.into())
+    }
+
+    /// Applies the last factor once to one right-hand side (n,): neither checked nor refined.
+    ///
+    /// # Errors
+    /// [`InputError`] if there is no factor, or `rhs` is of another length.
+    pub fn precondition(&self, rhs: &[f64]) -> Result<Vec<f64>, Error> {
+        if self.current.is_none() {
+            return Err(InputError::NotFactorised.into());
+        }
+        pattern::as_many("rhs", rhs, self.n())?;
+        let mut solution = rhs.to_vec();
+        self.numbers.solve(&self.pattern, &mut solution)?;
+        Ok(solution)
     }
 
     /// Relative error with which a known solution comes back.
@@ -186,19 +210,19 @@ impl SparseFactor {
         let golden = 0.618_033_988_749_894_9_f64;
         let mut share = 0.0_f64;
         let known: Vec<f64> = (0..self.n())
-            .map(|_| {
+            .map(|i| {
                 share = (share + golden).fract();
-                0.5 + share
+                (0.5 + share) * self.numbers.scale(i)
             })
             .collect();
         let mut found = vec![0.0; self.n()];
         self.pattern.multiply(values, &known, &mut found);
-        self.factor.solve(&self.pattern, &mut found)?;
+        self.numbers.solve(&self.pattern, &mut found)?;
         let errors = found.iter().zip(&known).map(|(f, k)| (f - k).abs());
-        Ok(errors.fold(0.0, largest))
+        Ok(errors.enumerate().map(|(i, e)| e / self.numbers.scale(i)).fold(0.0, largest))
     }
 
-    /// B − A X, and its largest size over the columns relative to ‖A‖ ‖x‖ + ‖b‖.
+    /// B − A X, and its largest size over the columns relative to ‖A‖ ‖x‖ + ‖b‖, all scaled.
     fn residual(&self, current: &Current, rhs: &[f64], solution: &[f64]) -> (Vec<f64>, f64) {
         let n = self.n();
         let k = rhs.len() / n;
@@ -210,11 +234,13 @@ impl SparseFactor {
             self.pattern.multiply(&current.values, &x, &mut product);
             let (mut left, mut b) = (0.0, 0.0);
             for (i, p) in product.into_iter().enumerate() {
-                b = largest(b, rhs[i * k + column].abs());
+                let scale = self.numbers.scale(i);
+                b = largest(b, scale * rhs[i * k + column].abs());
                 residual[i * k + column] -= p;
-                left = largest(left, residual[i * k + column].abs());
+                left = largest(left, scale * residual[i * k + column].abs());
             }
-            let scale = current.norm * x.iter().map(|v| v.abs()).fold(0.0, largest) + b;
+            let sizes = x.iter().enumerate().map(|(i, v)| v.abs() / self.numbers.scale(i));
+            let scale = current.norm * sizes.fold(0.0, largest) + b;
             worst = largest(worst, if left == 0.0 { 0.0 } else { left / scale });
         }
         (residual, worst)

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use palpate_sparse::pattern::Pattern;
-use palpate_sparse::{Error, Kind, Layout, NumericalError, SparseFactor};
+use palpate_sparse::{Error, Kind, Layout, NumericalError, Precision, SparseFactor};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -66,7 +66,7 @@ fn well_posed(symmetric: bool) -> impl Strategy<Value = Dense> {
 
 fn factorised(a: &Dense, layout: Layout, kind: Kind, lower: bool) -> Result<SparseFactor, Error> {
     let (indptr, indices, data) = a.compressed(layout, lower);
-    let mut factor = SparseFactor::new(&indptr, &indices, layout, kind)?;
+    let mut factor = SparseFactor::new(&indptr, &indices, layout, kind, Precision::Double)?;
     factor.factorise(&data)?;
     Ok(factor)
 }
@@ -115,7 +115,7 @@ proptest! {
     #[test]
     fn a_factor_follows_its_newest_values(a in well_posed(false), scale in 0.1..10.0_f64) {
         let (indptr, indices, data) = a.compressed(Layout::Csc, false);
-        let mut factor = SparseFactor::new(&indptr, &indices, Layout::Csc, Kind::Lu).unwrap();
+        let mut factor = SparseFactor::new(&indptr, &indices, Layout::Csc, Kind::Lu, Precision::Double).unwrap();
         factor.factorise(&data).unwrap();
         let scaled: Vec<f64> = data.iter().map(|v| v * scale).collect();
         factor.factorise(&scaled).unwrap();
@@ -209,8 +209,9 @@ fn says<T>(result: Result<T, Error>, parts: &[&str]) {
 
 #[test]
 fn bad_patterns_are_named() {
-    let lu =
-        |indptr: &[i64], indices: &[i64]| SparseFactor::new(indptr, indices, Layout::Csc, Kind::Lu);
+    let lu = |indptr: &[i64], indices: &[i64]| {
+        SparseFactor::new(indptr, indices, Layout::Csc, Kind::Lu, Precision::Double)
+    };
     says(lu(&[], &[]), &["indptr has 0 values"]);
     says(lu(&[0], &[]), &["at least 1"]);
     says(lu(&[1, 1], &[0]), &["indptr[0] is 1"]);
@@ -221,9 +222,16 @@ fn bad_patterns_are_named() {
     says(lu(&[0, 1, 2], &[0, 2]), &["indices[1] is 2"]);
     says(lu(&[0, 1, 2], &[0, -1]), &["indices[1] is -1"]);
     says(lu(&[0, 2, 3], &[1, 1, 0]), &["(1, 0) is listed twice"]);
-    let ldlt = SparseFactor::new(&[0, 1, 3], &[0, 0, 1], Layout::Csc, Kind::Ldlt);
+    let ldlt =
+        SparseFactor::new(&[0, 1, 3], &[0, 0, 1], Layout::Csc, Kind::Ldlt, Precision::Double);
     says(ldlt, &["(0, 1) has no counterpart (1, 0)", "\"lu\""]);
-    let ldlt = SparseFactor::new(&[0, 3, 5, 6], &[0, 1, 2, 0, 1, 2], Layout::Csc, Kind::Ldlt);
+    let ldlt = SparseFactor::new(
+        &[0, 3, 5, 6],
+        &[0, 1, 2, 0, 1, 2],
+        Layout::Csc,
+        Kind::Ldlt,
+        Precision::Double,
+    );
     says(ldlt, &["(2, 0) has no counterpart (0, 2)"]);
     says("qr".parse::<Kind>(), &["kind \"qr\" is unknown", "lu, ldlt or llt"]);
     says("coo".parse::<Layout>(), &["layout \"coo\" is unknown", "csc or csr"]);
@@ -231,7 +239,9 @@ fn bad_patterns_are_named() {
 
 #[test]
 fn bad_values_are_named_and_leave_no_factor() {
-    let mut factor = SparseFactor::new(&[0, 2, 4], &[0, 1, 0, 1], Layout::Csc, Kind::Ldlt).unwrap();
+    let mut factor =
+        SparseFactor::new(&[0, 2, 4], &[0, 1, 0, 1], Layout::Csc, Kind::Ldlt, Precision::Double)
+            .unwrap();
     says(factor.solve(&[1.0, 1.0], 1), &["call factorise first"]);
     factor.factorise(&[2.0, 1.0, 1.0, 2.0]).unwrap();
     assert!(factor.probe_error().unwrap() < 1e-14);
