@@ -1,10 +1,10 @@
 """Erratum 6, on the embedded solver: a soft contact lets the sphere sink in, and linear tetrahedra lock."""
 
+from typing import Any
+
 import numpy as np
-import pytest
 
 from palpate.domain import Indentation, Job, Limb, Simulation, Sphere, Status
-from palpate.errors import MeshError
 from palpate.specimens import block
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.yeoh import Yeoh
@@ -14,7 +14,7 @@ NEARLY_INCOMPRESSIBLE = np.array([0.0141, -0.0011, 1.05e-4, 40 * 2 * 0.0141])
 PRESS = [(0.0, 0.0), (DEPTH_MM, 0.0)]
 
 
-def solved(limb: Limb, path: list[tuple[float, float]], **settings: float) -> Simulation:
+def solved(limb: Limb, path: list[tuple[float, float]], **settings: Any) -> Simulation:
     job = Job(
         spot="block",
         set_id=0,
@@ -42,11 +42,16 @@ def test_erratum_6a_a_contact_as_soft_as_the_tissue_lets_the_sphere_sink_in() ->
         assert capped < 0.5 * true, channel
 
 
-def test_erratum_6b_linear_tetrahedra_lock_and_are_refused() -> None:
-    """At κ/μ = 40 they overstate the force by half and more; the solver does not take them."""
-    size = {"n_across": 4, "n_down": 2, "width_mm": 24.0, "height_mm": HEIGHT_MM, "grading": 1.4}
-    linear, quadratic = (solved(block(kind, **size), PRESS) for kind in ("tet4", "tet10"))
-    ratio = linear.response["force"].ordinate[-1] / quadratic.response["force"].ordinate[-1]
-    assert ratio > 1.5
-    with pytest.raises(MeshError, match=r"tet4.*lock.*overstate force by half and more.*tet10"):
-        JaxSolver().check(linear.job, block("tet4", **size))
+def test_erratum_6b_linear_tetrahedra_lock_unless_patches_share_their_volume() -> None:
+    """At κ/μ = 40 plain ones triple the force on this coarse mesh; as the solver takes them they do not.
+
+    What is left is what straight tetrahedra lose anyway: 27 % here at κ/μ = 1, 6 % with 14 cells across.
+    """
+    size = {"n_across": 6, "n_down": 3, "width_mm": 24.0, "height_mm": HEIGHT_MM, "grading": 1.4}
+    hexes, tets = block("hex8", **size), block("tet4", **size)
+    right, patched, plain = (
+        solved(limb, PRESS, mean_dilatation=mean).response["force"].ordinate[-1]
+        for limb, mean in ((hexes, True), (tets, True), (tets, False))
+    )
+    assert plain > 2.5 * right
+    assert patched < 1.3 * right

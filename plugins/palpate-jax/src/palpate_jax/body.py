@@ -17,7 +17,8 @@ from palpate.domain import FloatArray, IntArray, Mesh
 from palpate.interfaces import Material
 from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.compiled import CompiledKernel, serves
-from palpate_jax.elements import ELEMENTS
+from palpate_jax.elements import ELEMENTS, PLAIN_ELEMENTS
+from palpate_jax.patches import tetrahedron_patches
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +29,7 @@ class Block:
     ----------
     region : str
     nodes : (n_elements, n) array
+        An element of tet4 may be a patch; a node may then occur twice, the second time without gradient.
     gradients : (n_elements, q, n, 3) array
         Shape function gradients in the reference configuration [1/mm].
     volumes : (n_elements, q) array
@@ -40,11 +42,16 @@ class Block:
     volumes: FloatArray
 
 
-def blocks(mesh: Mesh) -> tuple[Block, ...]:
-    """Split a mesh into blocks of one element kind and one region each."""
+def blocks(mesh: Mesh, mean_dilatation: bool = True) -> tuple[Block, ...]:
+    """Split a mesh into blocks of one element kind and one region each.
+
+    With mean dilatation an element of a block of tet4 is a patch of tetrahedra
+    with a point for each (:mod:`palpate_jax.patches`); without it tet10 has the
+    rule of the plain displacement element.
+    """
     found = []
     for kind, cells in mesh.cells.items():
-        element = ELEMENTS[kind]
+        element = ELEMENTS[kind] if mean_dilatation else PLAIN_ELEMENTS[kind]
         for index, region in enumerate(mesh.regions):
             nodes = cells[mesh.cell_regions[kind] == index]
             if len(nodes) == 0:
@@ -52,8 +59,41 @@ def blocks(mesh: Mesh) -> tuple[Block, ...]:
             jacobians = np.einsum("eai,qaj->eqij", mesh.points_mm[nodes], element.slopes)
             gradients = np.einsum("qaj,eqji->eqai", element.slopes, np.linalg.inv(jacobians))
             volumes = np.linalg.det(jacobians) * element.weights
-            found.append(Block(region, nodes, gradients, volumes))
+            block = Block(region, nodes, gradients, volumes)
+            if mean_dilatation and kind == "tet4":
+                block = _by_patch(block, tetrahedron_patches(mesh.points_mm, nodes))
+            found.append(block)
     return tuple(found)
+
+
+def _by_patch(block: Block, labels: IntArray) -> Block:
+    """Make an element of each patch of one-point elements.
+
+    Patches are filled up to a common size with points of no volume and no
+    gradient, and with nodes of their own that have no gradient either.
+    """
+    slots = _places(labels)
+    owners, inverse = np.unique(labels[:, None] * (block.nodes.max() + 1) + block.nodes, return_inverse=True)
+    patches, numbers = np.divmod(owners, block.nodes.max() + 1)
+    places = _places(patches)
+    first = np.searchsorted(patches, np.arange(labels.max() + 1))
+    nodes = np.repeat(numbers[first, None], places.max() + 1, axis=1)
+    nodes[patches, places] = numbers
+    volumes = np.zeros((len(nodes), slots.max() + 1))
+    volumes[labels, slots] = block.volumes[:, 0]
+    gradients = np.zeros((*volumes.shape, nodes.shape[1], 3))
+    local = places[inverse.reshape(block.nodes.shape)]
+    gradients[labels[:, None], slots[:, None], local] = block.gradients[:, 0]
+    return Block(block.region, nodes, gradients, volumes)
+
+
+def _places(labels: IntArray) -> IntArray:
+    """Running number of each entry among those of the same label."""
+    order = np.argsort(labels, kind="stable")
+    starts = np.concatenate([[0], np.cumsum(np.bincount(labels))[:-1]])
+    places = np.empty_like(labels)
+    places[order] = np.arange(len(labels)) - starts[labels[order]]
+    return places
 
 
 class Body:
@@ -70,7 +110,7 @@ class Body:
     """
 
     def __init__(self, mesh: Mesh, materials: Mapping[str, Material], mean_dilatation: bool) -> None:
-        self.blocks = blocks(mesh)
+        self.blocks = blocks(mesh, mean_dilatation)
         self._shape = (mesh.n_nodes, 3)
         self._n_entries: int | None = None
         self._kernels: list[CompiledKernel | AutodiffKernel] = []

@@ -75,6 +75,15 @@ def _tet_points() -> tuple[FloatArray, FloatArray]:
     return points, np.full(4, 1.0 / 24.0)
 
 
+def _tet_points_plain() -> tuple[FloatArray, FloatArray]:
+    """Eight points, exact to degree 3 (Jinyun 1984), as FEBio integrates a plain tet10."""
+    points, weights = [], []
+    for a, weight in ((0.328054696711427, 0.138527966511862), (0.106952273932930, 0.111472033488138)):
+        points += [[a, a, a]] + [[1.0 - 3.0 * a if i == k else a for i in range(3)] for k in range(3)]
+        weights += [weight / 6.0] * 4
+    return np.array(points), np.array(weights)
+
+
 def _triangle_points() -> tuple[FloatArray, FloatArray]:
     """Six points, exact to degree 4, all weights positive (Dunavant 1985)."""
     points, weights = [], []
@@ -116,8 +125,8 @@ def _face(
     return Face(values, slopes, rule[1])
 
 
-def _tet10() -> Element:
-    points, weights = _tet_points()
+def _tet10(rule: tuple[FloatArray, FloatArray]) -> Element:
+    points, weights = rule
     return Element(
         slopes=_quadratic_simplex(points, _TET_EDGES)[1],
         weights=weights,
@@ -149,5 +158,10 @@ def _hex8() -> Element:
     )
 
 
-ELEMENTS: Mapping[str, Element] = MappingProxyType({"tet4": _tet4(), "tet10": _tet10(), "hex8": _hex8()})
+ELEMENTS: Mapping[str, Element] = MappingProxyType(
+    {"tet4": _tet4(), "tet10": _tet10(_tet_points()), "hex8": _hex8()}
+)
 """Element kinds of a mesh, by the names of :data:`palpate.domain.CELL_NODES`."""
+
+PLAIN_ELEMENTS: Mapping[str, Element] = MappingProxyType({**ELEMENTS, "tet10": _tet10(_tet_points_plain())})
+"""The same without mean dilatation, where tet10 needs more points."""
