@@ -1,4 +1,4 @@
-"""Small limbs made on the spot, for the tests and oracles of solvers."""
+"""Square blocks on a rigid base."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -56,7 +56,7 @@ def block(
     hexes = _hexes(n_across, n_across, n_down)
     cells = hexes if kind == "hex8" else hexes[:, _SIX_TETS].reshape(-1, 4)
     if kind == "tet10":
-        points, cells = _with_midpoints(points, cells)
+        points, cells, _ = with_midpoints(points, cells)
     depth = -points[cells[:, : 8 if kind == "hex8" else 4], 2].mean(axis=1)
     mesh = Mesh(
         points_mm=points,
@@ -82,8 +82,9 @@ def _hexes(nx: int, ny: int, nz: int) -> IntArray:
     return np.asarray((corner[..., 0] * (ny + 1) + corner[..., 1]) * (nz + 1) + corner[..., 2])
 
 
-def _with_midpoints(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray]:
+def with_midpoints(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """Points (n + m, 3), quadratic tetrahedra (k, 10) and the ends (m, 2) of the edges that gained a node."""
     edges = np.sort(np.stack([tets[:, list(edge)] for edge in _EDGES], axis=1), axis=2)
-    unique, inverse = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
-    middle = points[unique].mean(axis=1)
-    return np.vstack([points, middle]), np.hstack([tets, len(points) + inverse.reshape(-1, 6)])
+    ends, inverse = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
+    middle = points[ends].mean(axis=1)
+    return np.vstack([points, middle]), np.hstack([tets, len(points) + inverse.reshape(-1, 6)]), ends
