@@ -16,10 +16,17 @@ __all__ = [
     "SparseFactor",
     "__version__",
     "branches",
+    "centred_discrepancy",
+    "extend_latin_hypercube",
+    "geometric",
     "interpolate",
+    "largest_correlation",
     "latin_hypercube",
+    "least_distance",
     "nmse",
     "nmse_batch",
+    "optimise_design",
+    "owen_scramble",
     "score",
 ]
 
@@ -225,6 +232,203 @@ def latin_hypercube(n: int, d: int, seed: int, *, centred: bool = False) -> _Flo
     ------
     palpate.errors.SamplingError
         n, d or seed is out of range.
+    """
+
+def extend_latin_hypercube(points: _Floats, n_total: int, seed: int, *, centred: bool = False) -> _Floats:
+    """Extend a Latin hypercube; the sets there are stay as they are, bit for bit.
+
+    In every column each of the n_total strata holds one value in the end: the new sets take the
+    strata that ``points`` leaves empty, in random order. A seed gives the same bits everywhere.
+
+    Parameters
+    ----------
+    points
+        Latin hypercube (n, d) in the unit cube.
+    n_total
+        Sets in all: any multiple of n, or a number of strata of which no two sets share one.
+    seed
+        0 to 2^64 - 1; the one of ``points`` will do.
+    centred
+        Put each new value at the centre of its stratum instead of a random place.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        Design (n_total, d) that begins with ``points``.
+
+    Raises
+    ------
+    palpate.errors.SamplingError
+        Values outside of the unit cube, ``n_total`` not above n, or two values of a column in one
+        of the finer strata.
+
+    Examples
+    --------
+    >>> four = latin_hypercube(4, 2, seed=1)
+    >>> eight = extend_latin_hypercube(four, 8, seed=1)
+    >>> bool((eight[:4] == four).all())
+    True
+    """
+
+def optimise_design(
+    points: _Floats,
+    criterion: Literal["cd", "maximin", "correlation"],
+    seed: int,
+    *,
+    n_swaps: int | None = None,
+    n_fixed: int | None = None,
+    target: _Floats | None = None,
+) -> _Floats:
+    """Reorder the values within each column of a design for the better.
+
+    Each column keeps its values, so a Latin hypercube stays one. The search exchanges two values
+    of a column where that helps, or harms less than a falling threshold; the two come from ever
+    closer strata. The criterion never gets worse, and a seed gives the same bits everywhere.
+
+    Parameters
+    ----------
+    points
+        Design (n, d) in the unit cube.
+    criterion
+        ``cd``: least `centred_discrepancy`; ``maximin``: largest `least_distance`;
+        ``correlation``: correlations closest to ``target`` in the sum of squares.
+    seed
+        0 to 2^64 - 1; the one of ``points`` will do.
+    n_swaps
+        Exchanges tried, each O(n d), or O(d) for ``correlation``. If left out, 20 n d, but
+        never more than 4e9 / (n d).
+    n_fixed
+        Rows at the top that stay as they are, for the new sets of an extended design; 0 if
+        left out.
+    target
+        Wanted correlations (d, d), with ``correlation`` only; none if left out.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        Design (n, d).
+
+    Raises
+    ------
+    palpate.errors.SamplingError
+        Values outside of the unit cube, an unknown criterion, ``n_fixed`` above n, or a
+        ``target`` that is not a matrix of correlations.
+
+    Examples
+    --------
+    >>> drawn = latin_hypercube(50, 3, seed=1, centred=True)
+    >>> better = optimise_design(drawn, "cd", seed=1)
+    >>> centred_discrepancy(better) < 0.4 * centred_discrepancy(drawn)
+    True
+    """
+
+def centred_discrepancy(points: _Floats) -> float:
+    """Return CD², the squared centred L2 discrepancy (Hickernell 1998) of a design, in O(n² d).
+
+    Parameters
+    ----------
+    points
+        Design (n, d) in the unit cube.
+
+    Returns
+    -------
+    float
+        0 at best; less is more uniform.
+
+    Raises
+    ------
+    palpate.errors.SamplingError
+        Empty, or values outside of the unit cube.
+    """
+
+def least_distance(points: _Floats) -> float:
+    """Return the Euclidean distance of the two closest sets of a design (n, d), in O(n² d).
+
+    Parameters
+    ----------
+    points
+        Design (n, d) in the unit cube.
+
+    Returns
+    -------
+    float
+        Infinite for a single set.
+
+    Raises
+    ------
+    palpate.errors.SamplingError
+        Empty, or values outside of the unit cube.
+    """
+
+def largest_correlation(points: _Floats) -> float:
+    """Return the largest absolute correlation of two different parameters of a design.
+
+    Parameters
+    ----------
+    points
+        Design (n, d) in the unit cube.
+
+    Returns
+    -------
+    float
+        0 to 1; 0 for a single parameter, and a parameter that does not vary counts as
+        uncorrelated.
+
+    Raises
+    ------
+    palpate.errors.SamplingError
+        Empty, or values outside of the unit cube.
+    """
+
+def owen_scramble(points: _Floats, seed: int) -> _Floats:
+    """Scramble the points of a digital net in base 2, such as Sobol's, as Owen (1995) does.
+
+    Each of 32 binary digits of a value is flipped or not, as decided once for the column, the
+    digit and all digits before it. The net stays a net, each point becomes uniform in the cube,
+    and a longer net of the same seed begins with the shorter one's points.
+
+    Parameters
+    ----------
+    points
+        Net (n, d) in the unit cube.
+    seed
+        0 to 2^64 - 1.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        Net (n, d), strictly between 0 and 1.
+
+    Raises
+    ------
+    palpate.errors.SamplingError
+        Empty, or values outside of the unit cube.
+    """
+
+def geometric(shares: _Floats, lower: float, upper: float) -> _Floats:
+    """Return lower · (upper / lower)^share for each share of a range; the same bits everywhere.
+
+    Parameters
+    ----------
+    shares
+        Between 0 and 1, (n,).
+    lower, upper
+        Ends of one sign, not 0.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        Values (n,) between the ends; exactly an end at 0 and 1.
+
+    Raises
+    ------
+    palpate.errors.SamplingError
+        A range without a logarithm, or a share outside of 0 to 1.
+
+    Examples
+    --------
+    >>> geometric(np.array([0.0, 0.5, 1.0]), 1.0, 100.0)
+    array([  1.,  10., 100.])
     """
 
 @final

@@ -24,7 +24,7 @@ pub(crate) fn latin_hypercube<'py>(
 }
 
 /// A count or seed; Python's integers have neither sign nor size to rely on.
-fn whole<'py, T>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<T>
+pub(crate) fn whole<'py, T>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<T>
 where
     T: FromPyObjectOwned<'py, Error = PyErr>,
 {

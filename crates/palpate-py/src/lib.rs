@@ -4,11 +4,16 @@
 #![expect(clippy::needless_pass_by_value, reason = "PyO3 hands borrowed arrays over by value")]
 
 mod array;
+mod criteria;
 mod curve;
 mod elements;
 mod error;
 mod lhs;
+mod nested;
 mod nmse;
+mod optimise;
+mod owen;
+mod scale;
 mod solver;
 
 /// Numerical kernels of palpate.
@@ -17,13 +22,23 @@ mod _core {
     use pyo3::prelude::*;
 
     #[pymodule_export]
+    use crate::criteria::{centred_discrepancy, largest_correlation, least_distance};
+    #[pymodule_export]
     use crate::curve::{branches, interpolate};
     #[pymodule_export]
     use crate::elements::{Deformation, ElementBlock};
     #[pymodule_export]
     use crate::lhs::latin_hypercube;
     #[pymodule_export]
+    use crate::nested::extend_latin_hypercube;
+    #[pymodule_export]
     use crate::nmse::{nmse, nmse_batch, score};
+    #[pymodule_export]
+    use crate::optimise::optimise_design;
+    #[pymodule_export]
+    use crate::owen::owen_scramble;
+    #[pymodule_export]
+    use crate::scale::geometric;
     #[pymodule_export]
     use crate::solver::SparseFactor;
 
