@@ -295,7 +295,8 @@ class Parameter:
     ``lower`` and ``upper`` are the region of interest that a sweep covers by
     default; ``physical_lower`` and ``physical_upper`` are limits outside of
     which the number has no meaning. ``kind`` is ``modulus`` when it scales with
-    stiffness and ``shape`` when it is dimensionless.
+    stiffness and ``shape`` when it is dimensionless. ``scale`` says what a sweep
+    spreads evenly: the value or its logarithm.
     """
 
     name: str
@@ -306,6 +307,7 @@ class Parameter:
     description: str
     physical_lower: float = -np.inf
     physical_upper: float = np.inf
+    scale: Literal["linear", "log"] = "linear"
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
@@ -313,6 +315,8 @@ class Parameter:
                 f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} "
                 f"{self.unit}; swap them"
             )
+        if self.scale == "log" and self.lower <= 0.0 <= self.upper:
+            raise SamplingError(f"'{self.name}': no log scale spans {self.lower} to {self.upper}; keep 0 out")
         for bound in (self.lower, self.upper):
             self.check(bound)
 

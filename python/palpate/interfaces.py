@@ -197,6 +197,28 @@ class Sampler(Component):
     def draw(self, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
         """Points (n_sets, n_parameters) in (0, 1); the same seed gives the same bits."""
 
+    def extend(self, points: FloatArray, n_total: int, seed: int) -> FloatArray:
+        """Go on with a draw, for a study that wants more sets after the filters.
+
+        Override it where the new points should know of the old ones; by itself it adds an
+        independent draw.
+
+        Parameters
+        ----------
+        points : (n, n_parameters) array
+            What ``draw``, or this method, returned for the same ``seed``.
+        n_total : int
+            A multiple of n, at least 2 n.
+        seed : int
+
+        Returns
+        -------
+        (n_total, n_parameters) array
+            Begins with ``points``, bit for bit.
+        """
+        n_points, n_parameters = points.shape
+        return np.vstack([points, self.draw(n_total - n_points, n_parameters, seed + n_points)])
+
 
 class SetFilter(Component):
     """Keeps the parameter sets that make sense, such as the stable ones."""

@@ -102,9 +102,15 @@ def check(study: Study, plugins: Plugins) -> Checked:
     measured = load_measured(study, plugins.channels)
     scoring.check_scorable(measured, study.normaliser)
     limbs = load_limbs(study)
-    design = draw_design(study.space, study.sampler, study.n_sets, study.seed, study.filters)
+    design = _draw(study)
     simulation.check_jobs(study, simulation.jobs(study, design, measured), limbs)
     return Checked(measured=measured, limbs=limbs, design=design)
+
+
+def _draw(study: Study) -> Design:
+    return draw_design(
+        study.space, study.sampler, study.n_sets, study.seed, study.filters, refill=study.refill
+    )
 
 
 def run_study(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> RunResult:
@@ -164,7 +170,7 @@ def measure(
 def sample(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Design:
     """Draw the parameter sets into ``design.parquet``."""
     progress.begin("sample", 1)
-    design = draw_design(study.space, study.sampler, study.n_sets, study.seed, study.filters)
+    design = _draw(study)
     run = RunDirectory(run_folder)
     run.begin(study, plugins.channels)
     run.write_design(design)

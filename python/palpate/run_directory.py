@@ -222,6 +222,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         ],
         "sampler": _component(study.sampler),
         "n_sets": study.n_sets,
+        "refill": study.refill,
         "seed": study.seed,
         "filters": [_component(keep) for keep in study.filters],
         "normaliser": study.normaliser.value,

@@ -1,10 +1,16 @@
-"""One design for all spots: points of the unit cube, put into the ranges and filtered."""
+"""One design for all spots: points of the unit cube, put into the ranges and filtered.
+
+With ``refill`` the draw goes on until as many sets pass the filters as are wanted: the points
+are extended to twice as many, again and again, so that the sets already kept stay the same,
+and the first sets that pass are the design.
+"""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.domain import BoolArray, Design, FloatArray, ParameterSpace
+from palpate import _core
+from palpate.domain import BoolArray, Design, FloatArray, Parameter, ParameterSpace
 from palpate.errors import SamplingError
 from palpate.interfaces import Sampler, SetFilter
 from palpate.plugins import answering_for
@@ -16,28 +22,38 @@ def draw_design(
     n_sets: int,
     seed: int,
     filters: Sequence[SetFilter] = (),
+    *,
+    refill: int = 0,
 ) -> Design:
-    """Draw ``n_sets`` parameter sets and keep those that every filter accepts.
+    """Draw parameter sets and keep those that every filter accepts.
 
     Parameters
     ----------
     space : ParameterSpace
     sampler : Sampler
     n_sets : int
-        Sets to draw; filters leave fewer.
+        Sets to draw, of which filters leave fewer; with ``refill`` the sets to keep.
     seed : int
     filters : sequence of SetFilter
         Applied in order, each to what the ones before it kept.
+    refill : int
+        Draw on until ``n_sets`` sets are kept, at most to this many times ``n_sets``,
+        rounded down to a power of 2; 0 draws once. ``n_drawn`` of the design then
+        counts the sets up to the last one kept.
 
     Raises
     ------
     SamplingError
-        Nothing is searched, the sampler leaves the unit cube, or no set is kept.
+        Nothing is searched, the sampler leaves the unit cube or changes points when it
+        extends them, no set is kept, or too few of those that ``refill`` allows.
     """
     parameters = space.parameters
     if not parameters:
         raise SamplingError("design: every parameter is fixed; give at least one a range to search")
-    values = _in_ranges(space, _unit_points(sampler, n_sets, len(parameters), seed))
+    points = _unit_points(sampler, n_sets, len(parameters), seed)
+    if refill:
+        return _refilled(space, sampler, points, seed, filters, refill)
+    values = _in_ranges(space, points)
     for keep in filters:
         accepted = _accepted(keep, space, values)
         if not accepted.any():
@@ -49,26 +65,91 @@ def draw_design(
     return Design(parameters=parameters, values=values, seed=seed, n_drawn=n_sets)
 
 
+def _refilled(
+    space: ParameterSpace,
+    sampler: Sampler,
+    points: FloatArray,
+    seed: int,
+    filters: Sequence[SetFilter],
+    refill: int,
+) -> Design:
+    """Double the points until as many as at first pass the filters."""
+    n_sets = len(points)
+    accepted = _accepted_by_all(filters, space, _in_ranges(space, points))
+    while accepted.sum() < n_sets:
+        if 2 * len(points) > refill * n_sets:
+            raise _too_few(space, filters, int(accepted.sum()), len(points), n_sets)
+        n_known = len(points)
+        points = _extended(sampler, points, 2 * n_known, seed)
+        new = _accepted_by_all(filters, space, _in_ranges(space, points[n_known:]))
+        accepted = np.concatenate([accepted, new])
+    kept = np.flatnonzero(accepted)[:n_sets]
+    values = _in_ranges(space, points[kept])
+    return Design(parameters=space.parameters, values=values, seed=seed, n_drawn=int(kept[-1]) + 1)
+
+
+def _too_few(
+    space: ParameterSpace, filters: Sequence[SetFilter], n_kept: int, n_drawn: int, n_sets: int
+) -> SamplingError:
+    return SamplingError(
+        f"design: only {n_kept} of {n_drawn} sets ({100.0 * n_kept / n_drawn:.2g} %) pass "
+        f"{', '.join(repr(keep.name) for keep in filters)}, and {n_sets} are wanted; narrow or move the "
+        f"ranges of {', '.join(p.name for p in space.parameters)}, ask for fewer sets, or set "
+        f"sampling.refill to {2 * n_drawn // n_sets} or more"
+    )
+
+
 def _unit_points(sampler: Sampler, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
     if n_sets < 1:
         raise SamplingError(f"design: {n_sets} sets asked for; ask for at least 1")
     with answering_for(sampler, "drawing the design"):
         points = np.asarray(sampler.draw(n_sets, n_parameters, seed), dtype=np.float64)
-    if points.shape != (n_sets, n_parameters) or not ((points >= 0.0) & (points <= 1.0)).all():
+    return _in_cube(sampler, points, (n_sets, n_parameters))
+
+
+def _extended(sampler: Sampler, points: FloatArray, n_total: int, seed: int) -> FloatArray:
+    with answering_for(sampler, "extending the design"):
+        extended = np.asarray(sampler.extend(points, n_total, seed), dtype=np.float64)
+    extended = _in_cube(sampler, extended, (n_total, points.shape[1]))
+    if not np.array_equal(extended[: len(points)], points):
+        raise SamplingError(
+            f"design: sampler '{sampler.name}' changed points that it was to extend; its extend must "
+            f"return the {len(points)} points it was given, and new ones after them"
+        )
+    return extended
+
+
+def _in_cube(sampler: Sampler, points: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    if points.shape != shape or not ((points >= 0.0) & (points <= 1.0)).all():
         raise SamplingError(
             f"design: sampler '{sampler.name}' returned points of shape {points.shape} in "
             f"[{points.min(initial=np.inf)}, {points.max(initial=-np.inf)}]; it must return "
-            f"({n_sets}, {n_parameters}) numbers in the unit cube"
+            f"{shape} numbers in the unit cube"
         )
     return points
 
 
 def _in_ranges(space: ParameterSpace, points: FloatArray) -> FloatArray:
-    lower = np.array([p.lower for p in space.parameters])
-    upper = np.array([p.upper for p in space.parameters])
+    columns = [_in_range(p, points[:, column]) for column, p in enumerate(space.parameters)]
+    return np.stack(columns, axis=1)
+
+
+def _in_range(parameter: Parameter, shares: FloatArray) -> FloatArray:
+    lower, upper = parameter.lower, parameter.upper
+    if parameter.scale == "log":
+        return _core.geometric(shares, lower, upper)
     # Rounding may carry lower + (upper - lower) past upper.
-    values: FloatArray = np.clip(lower + points * (upper - lower), lower, upper)
+    values: FloatArray = np.clip(lower + shares * (upper - lower), lower, upper)
     return values
+
+
+def _accepted_by_all(filters: Sequence[SetFilter], space: ParameterSpace, values: FloatArray) -> BoolArray:
+    accepted = np.ones(len(values), dtype=bool)
+    for keep in filters:
+        still = np.flatnonzero(accepted)
+        if still.size:
+            accepted[still] = _accepted(keep, space, values[still])
+    return accepted
 
 
 def _accepted(keep: SetFilter, space: ParameterSpace, values: FloatArray) -> BoolArray:

@@ -64,6 +64,7 @@ class Study:
     space: ParameterSpace
     sampler: Sampler
     n_sets: int
+    refill: int = 0
     seed: int
     filters: tuple[SetFilter, ...]
     solver: Solver
@@ -145,6 +146,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         space=space,
         sampler=settled(parts.sampler),
         n_sets=settled(sampling).n_sets,
+        refill=settled(sampling).refill,
         seed=settled(sampling).seed,
         filters=parts.filters,
         solver=settled(parts.solver),

@@ -94,6 +94,9 @@ class SearchedRange(Table):
 
     lower: str | float = Field(description="Lower end, with its unit.")
     upper: str | float = Field(description="Upper end, with its unit.")
+    scale: Literal["linear", "log"] = Field(
+        default="linear", description="Whether sets are spread evenly over the values or their logarithms."
+    )
 
 
 class FixedValue(Table):
@@ -111,6 +114,7 @@ class ParameterTable(Table):
     value: Any = None
     lower: Any = None
     upper: Any = None
+    scale: Literal["linear", "log"] = "linear"
 
 
 def _fixed_or_searched(given: object) -> object:
@@ -155,7 +159,13 @@ class SamplingTable(Table):
     """How parameter sets are drawn."""
 
     sampler: str = Field(default="lhs", description="Name of a sampler.")
-    n_sets: int = Field(ge=2, description="Sets to draw, before the filters.")
+    n_sets: int = Field(ge=2, description="Sets to draw, before the filters; with refill, after them.")
+    refill: int = Field(
+        default=0,
+        ge=0,
+        description="Draw on, at most to this many times n_sets, until n_sets sets pass the filters; "
+        "0: draw once and keep what passes.",
+    )
     seed: int = Field(default=1, ge=0, description="Seed of the draw.")
     settings: dict[str, Any] = Field(default={}, description="Settings of the sampler.")
     filters: dict[str, dict[str, Any]] = Field(

@@ -85,7 +85,8 @@ def _range(problems: Problems, key: Key, default: Parameter, table: ParameterTab
             "or write one quantity to fix the parameter",
         )
         return
-    yield replace(default, lower=ends["lower"], upper=ends["upper"])
+    with problems.at(*key, "scale"):
+        yield replace(default, lower=ends["lower"], upper=ends["upper"], scale=table.scale)
 
 
 def _in_convention(material: Material, convention: str) -> Iterator[Parameter]:

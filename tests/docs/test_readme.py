@@ -50,11 +50,21 @@ def test_the_plugin_of_the_readme_works(tmp_path: Path) -> None:
     assert kappa == pytest.approx(1.0, rel=1e-9)
 
 
-def test_the_toml_of_the_readme_is_read(tmp_path: Path) -> None:
+def test_the_toml_of_the_readme_is_read() -> None:
     import tomllib
 
-    from palpate.study_model import RegionTable
+    from palpate.study_model import RegionTable, SamplingTable
 
-    (text,) = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)
-    for region in tomllib.loads(text)["region"].values():
+    regions, sampling = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL))
+    for region in regions["region"].values():
         assert set(RegionTable.model_validate(region).parameters) == {"c1", "kappa"}
+    table = SamplingTable.model_validate(sampling["sampling"])
+    sampler = Plugins.load(entry_points=False).samplers[table.sampler]
+    assert sampler.Settings.model_validate(table.settings).criterion == "maximin"
+
+
+def test_the_readme_lists_the_samplers() -> None:
+    listed = re.findall(r"\| sampler \| draws \|\n\|---\|---\|\n((?:\| `.*\n)+)", README)[0]
+    assert re.findall(r"^\| `([\w-]+)`", listed, re.MULTILINE) == list(
+        Plugins.load(entry_points=False).samplers
+    )

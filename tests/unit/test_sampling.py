@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.builtins import LatinHypercube
+from palpate import _core
+from palpate.builtins import LatinHypercube, OptimisedLatinHypercube, Sobol
 from palpate.domain import ParameterSpace
 from palpate.errors import SamplingError
 from palpate.interfaces import Sampler, SetFilter
@@ -105,3 +106,104 @@ def test_nothing_to_search_is_an_error(space):
 def test_at_least_one_set(space):
     with pytest.raises(SamplingError, match="0 sets"):
         draw_design(space, LatinHypercube(), 0, seed=1)
+
+
+class Seldom(SetFilter):
+    name = "seldom"
+    summary = "keeps one in ten"
+
+    def accept(self, space, values):
+        p = space.parameters[0]
+        return values[:, 0] > p.upper - 0.1 * (p.upper - p.lower)
+
+
+class Forgetful(LatinHypercube):
+    name = "forgetful"
+
+    def extend(self, points, n_total, seed):
+        return self.draw(n_total, points.shape[1], seed + 1)
+
+
+SAMPLERS = [
+    LatinHypercube(),
+    OptimisedLatinHypercube(OptimisedLatinHypercube.Settings(n_swaps=500)),
+    OptimisedLatinHypercube(OptimisedLatinHypercube.Settings(n_swaps=500, centred=False)),
+    Sobol(),
+    Corners(),
+]
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS, ids=lambda s: s.name)
+def test_refilling_keeps_the_sets_there_are_and_adds_what_lacks(space, sampler):
+    filters = [Stiff(), Stiff()] if sampler.name == "corners" else [Seldom(), Stiff()]
+    design = draw_design(space, sampler, 24, seed=5, filters=filters, refill=64)
+    once = draw_design(space, sampler, 24, seed=5)
+    kept_at_once = once.values[filters[0].accept(space, once.values)]
+    assert np.array_equal(design.values[: len(kept_at_once)], kept_at_once)
+    assert design.n_sets == 24
+    assert 24 < design.n_drawn <= 64 * 24
+    assert filters[0].accept(space, design.values).all()
+    again = draw_design(space, sampler, 24, seed=5, filters=filters, refill=64)
+    assert np.array_equal(again.values, design.values)
+    assert again.n_drawn == design.n_drawn
+
+
+def test_refilling_without_need_changes_nothing(space):
+    plain, refilled = (draw_design(space, LatinHypercube(), 20, 1, refill=r) for r in (0, 8))
+    assert np.array_equal(plain.values, refilled.values)
+    assert refilled.n_drawn == 20
+
+
+def test_a_share_too_small_to_refill_is_told(space):
+    told = r"only \d+ of 80 sets \(.* %\) pass 'seldom', and 20 are wanted; .*sampling.refill to 8 or more"
+    with pytest.raises(SamplingError, match=told):
+        draw_design(space, LatinHypercube(), 20, seed=1, filters=[Seldom()], refill=7)
+    with pytest.raises(SamplingError, match=r"only 0 of 40 sets \(0 %\) pass 'nothing'"):
+        draw_design(space, LatinHypercube(), 20, seed=1, filters=[Nothing(), Stiff()], refill=2)
+
+
+def test_a_sampler_must_keep_what_it_extends(space):
+    with pytest.raises(SamplingError, match="'forgetful' changed points"):
+        draw_design(space, Forgetful(), 20, seed=1, filters=[Seldom()], refill=64)
+
+
+def test_an_optimised_hypercube_is_more_even_than_a_plain_one(space):
+    plain = LatinHypercube().draw(60, 3, 1)
+    settings = OptimisedLatinHypercube.Settings
+    by_cd, by_distance, by_correlation = (
+        OptimisedLatinHypercube(settings(criterion=c)).draw(60, 3, 1)
+        for c in ("cd", "maximin", "correlation")
+    )
+    assert _core.centred_discrepancy(by_cd) < 0.4 * _core.centred_discrepancy(plain)
+    assert _core.least_distance(by_distance) > 3 * _core.least_distance(plain)
+    assert _core.largest_correlation(by_correlation) < 1e-3
+    design = draw_design(space, OptimisedLatinHypercube(), 60, seed=1)
+    p = space.parameters[0]
+    slices = np.floor((design.values[:, 0] - p.lower) / (p.upper - p.lower) * 60)
+    assert sorted(slices) == list(range(60))
+
+
+@pytest.mark.parametrize("n_sets", [1, 2, 100, 128])
+def test_a_sobol_draw_begins_every_longer_one(n_sets):
+    points = Sobol().draw(n_sets, 3, 9)
+    assert points.shape == (n_sets, 3)
+    assert np.array_equal(Sobol().draw(2 * n_sets, 3, 9)[:n_sets], points)
+    assert not np.array_equal(Sobol().draw(n_sets, 3, 10), points)
+
+
+def test_a_log_scale_spreads_the_logarithm(space):
+    region = space.regions[0]
+    first = region.searched[0]
+    low, high = replace(first, lower=1.0, upper=100.0, scale="log"), region.searched[1:]
+    design = draw_design(
+        ParameterSpace(regions=(replace(region, searched=(low, *high)),)), LatinHypercube(), 50, seed=1
+    )
+    decades = np.log10(design.values[:, 0])
+    assert sorted(np.floor(decades / 2 * 50)) == list(range(50))
+    corners = draw_design(ParameterSpace(regions=(replace(region, searched=(low, *high)),)), Corners(), 2, 0)
+    assert corners.values[:, 0].tolist() == [1.0, 100.0]
+
+
+def test_a_log_scale_keeps_off_zero(space):
+    with pytest.raises(SamplingError, match=r"no log scale spans -1\.0 to 2\.0; keep 0 out"):
+        replace(space.parameters[0], lower=-1.0, upper=2.0, physical_lower=-5.0, scale="log")

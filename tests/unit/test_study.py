@@ -194,3 +194,18 @@ def test_the_schema_is_json_and_refuses_what_reading_refuses() -> None:
         {"protocol": {"depth": 10}},
     ):
         assert not jsonschema.Draft202012Validator(schema).is_valid({**study, **edit})
+
+
+def test_sampling_may_refill_and_spread_the_logarithm(read: Edit) -> None:
+    study = read(
+        (
+            "n_sets = 20",
+            'n_sets = 20\nrefill = 16\nsampler = "optimised-lhs"\nsettings = { criterion = "maximin" }',
+        ),
+        ('upper = "3 MPa" }', 'upper = "3 MPa", scale = "log" }'),
+    )
+    assert study.refill == 16
+    assert study.sampler.settings.criterion == "maximin"
+    assert study.space.parameters[0].scale == "log"
+    assert read().refill == 0
+    assert read().space.parameters[0].scale == "linear"
