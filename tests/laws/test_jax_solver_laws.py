@@ -109,7 +109,7 @@ def test_a_hold_changes_nothing(solver, limb):
 def test_half_the_steps_answer_the_same(limb, reference):
     finer = JaxSolver(JaxSettings(depth_steps=8, rotation_step_deg=2.5, tolerance=1e-7))
     simulation = finer.simulate(make_job(), limb)
-    for channel, bound in (("force", 0.01), ("torque", 0.02)):
+    for channel, bound in (("force", 0.002), ("torque", 0.01)):
         ends = [stop - 1 for _, stop in simulation.response[channel].branches]
         expected = [stop - 1 for _, stop in reference.response[channel].branches]
         np.testing.assert_allclose(
@@ -153,7 +153,7 @@ def test_hexahedra_and_tetrahedra_agree(solver):
 
 
 def test_penetration_is_a_small_share_of_the_depth(reference):
-    assert 0.0 < max(reference.diagnostics["penetration_mm"]) < 0.02 * 2.0
+    assert 0.0 < max(reference.diagnostics["penetration_mm"]) < 0.01 * 2.0
 
 
 def test_an_unstable_material_diverges_with_its_partial_curve(solver, limb):
@@ -167,3 +167,18 @@ def test_an_unstable_material_diverges_with_its_partial_curve(solver, limb):
 def test_coupled_material_runs(solver, limb):
     simulation = solver.simulate(make_job([0.08, 0.45], path=PATH[:3], material=NeoHookean()), limb)
     assert simulation.status is Status.OK
+
+
+def test_bonded_nodes_go_where_the_indenter_goes(solver, limb):
+    """Glued on, the tissue answers a twist elastically: no loop, and the same both ways."""
+    x = limb.mesh.points_mm
+    disc = np.flatnonzero((x[:, 2] == 0.0) & (np.hypot(x[:, 0], x[:, 1]) < 4.0))
+    glued = replace(limb, mesh=replace(limb.mesh, node_sets={**limb.mesh.node_sets, "bonded": disc}))
+    simulation = solver.simulate(make_job(), glued)
+    assert simulation.status is Status.OK, simulation.message
+    rotation = np.array(simulation.diagnostics["rotation_deg"])
+    moment = np.array(simulation.diagnostics["moment_Nmm"])[:, 2]
+    ends = moment[np.abs(rotation) == 15.0]
+    assert ends[0] == pytest.approx(-ends[1], rel=1e-6)
+    assert ends[0] < 0.0
+    np.testing.assert_allclose(moment[rotation == 0.0], 0.0, atol=1e-7 * ends[1])

@@ -4,8 +4,10 @@ import pytest
 from palpate.specimens import block
 from palpate_jax.contact import Contact, Law, Memory
 from palpate_jax.march import pose
+from palpate_jax.shapes import RoundedPunch, SphereShape
 
-LAW = Law(radius_mm=7.5, penalty=4.0, friction=0.5)
+LAW = Law(SphereShape(7.5), penalty=4.0, friction=0.5)
+PRESSED = np.array([0.3, 0.0])
 
 
 @pytest.fixture
@@ -13,85 +15,113 @@ def contact():
     return Contact(block("tet10", n_across=4, n_down=1, width_mm=8.0, height_mm=2.0).mesh)
 
 
+@pytest.fixture
+def at_rest(contact):
+    return np.zeros_like(contact._rest)
+
+
+def gap(contact, displacements, depth_mm):
+    """Distance of every point to the sphere of LAW [mm], written out."""
+    arms = contact.positions(displacements) - [0.0, 0.0, 7.5 - depth_mm]
+    return np.linalg.norm(arms, axis=1) - 7.5
+
+
+def untouched(contact):
+    return contact.no_memory(pose(np.zeros(2)))
+
+
+def touched(contact, displacements):
+    """Memory of a press straight down."""
+    return contact.remember(displacements, pose(PRESSED), untouched(contact), LAW)
+
+
 def test_faces_cover_the_upper_face(contact):
     assert sum(s.areas.sum() for s in contact.skins) == pytest.approx(64.0, rel=1e-12)
 
 
-def test_force_is_the_pressure_over_the_cap(contact):
-    u = np.zeros_like(contact._points)
-    answer = contact.answer(u, pose(7.5, np.array([0.3, 0.0])), contact.no_memory(), LAW)
-    arms = contact._positions(u) - [0.0, 0.0, 7.2]
-    distance = np.linalg.norm(arms, axis=1)
-    pressure = LAW.penalty * np.maximum(7.5 - distance, 0.0)
+def test_force_is_the_pressure_over_the_cap(contact, at_rest):
+    slippery = Law(LAW.shape, LAW.penalty, friction=0.0)
+    answer = contact.answer(at_rest, pose(PRESSED), untouched(contact), slippery)
+    arms = contact.positions(at_rest) - [0.0, 0.0, 7.2]
+    pressure = LAW.penalty * np.maximum(-gap(contact, at_rest, 0.3), 0.0)
     assert answer.penetration_mm == pytest.approx(pressure.max() / LAW.penalty)
     np.testing.assert_allclose(answer.force_N[:2], 0.0, atol=1e-12)
-    expected = (contact._areas * pressure * -arms[:, 2] / distance).sum()
+    expected = (contact._areas * pressure * -arms[:, 2] / np.linalg.norm(arms, axis=1)).sum()
     assert answer.force_N[2] == pytest.approx(expected, rel=1e-12)
 
 
-def test_full_slip_turns_with_friction_times_pressure_times_radius(contact):
-    u = np.zeros_like(contact._points)
-    slippery = Law(LAW.radius_mm, LAW.penalty, 0.002)
-    memory = contact.remember(u, pose(7.5, np.array([0.3, 0.0])), contact.no_memory(), slippery)
-    answer = contact.answer(u, pose(7.5, np.array([0.3, 1.0])), memory, slippery)
-    positions = contact._positions(u)
-    pressure = LAW.penalty * np.maximum(7.5 - np.linalg.norm(positions - [0.0, 0.0, 7.2], axis=1), 0.0)
-    radius = np.linalg.norm(positions[:, :2], axis=1)
+def test_full_slip_turns_with_friction_times_pressure_times_radius(contact, at_rest):
+    slippery = Law(LAW.shape, LAW.penalty, 0.002)
+    memory = untouched(contact)
+    for rotation in (0.0, 2.0, 4.0):
+        at = pose(np.array([0.3, rotation]))
+        answer = contact.answer(at_rest, at, memory, slippery)
+        memory = contact.remember(at_rest, at, memory, slippery)
+    pressure = LAW.penalty * np.maximum(-gap(contact, at_rest, 0.3), 0.0)
+    radius = np.linalg.norm(contact.positions(at_rest)[:, :2], axis=1)
     assert answer.sticking == 0.0
     expected = 0.002 * (contact._areas * pressure * radius).sum()
     assert answer.moment_Nmm[2] == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.parametrize("shape", [SphereShape(7.5), RoundedPunch(3.0, 1.5)])
+@pytest.mark.parametrize("anchored", [True, False])
 @pytest.mark.parametrize("coupled", [True, False])
-def test_stiffness_is_the_derivative_of_the_force(contact, coupled):
+def test_stiffness_is_the_derivative_of_the_force(contact, shape, anchored, coupled):
     rng = np.random.default_rng(0)
-    u, d = 0.02 * rng.standard_normal((2, *contact._points.shape))
-    here = pose(7.5, np.array([0.3, 4.0]))
+    u, d = 0.02 * rng.standard_normal((2, *contact._rest.shape))
+    here = pose(np.array([0.3, 4.0]))
+    # Coupled, some points slide; otherwise everything sticks, and there is nothing to leave out.
+    law = Law(shape, LAW.penalty, 0.5 if coupled else 1e6)
+    shift = [0.05, 0.0, 0.0] if anchored else [0.05, 0.02, -0.6]
     memory = Memory(
-        contact._positions(u) @ here.rotation + [0.05, 0.0, -7.2], np.ones(len(contact._areas), bool)
+        here.into(contact.positions(u)) + shift, np.full(len(contact._areas), anchored, dtype=bool)
     )
     h = 1e-7
-
-    def slope(law):
-        return -(
-            contact.force(u + h * d, here, memory, law) - contact.force(u - h * d, here, memory, law)
-        ) / (2 * h)
-
-    law = LAW if coupled else Law(LAW.radius_mm, LAW.penalty, 1e6)  # everything sticks: nothing to leave out
+    slope = -(contact.force(u + h * d, here, memory, law) - contact.force(u - h * d, here, memory, law)) / (
+        2 * h
+    )
     product = np.zeros_like(u)
-    for skin, k in zip(contact.skins, contact.stiffness(u, here, memory, law, coupled=coupled), strict=True):
-        local = np.einsum("fij,fj->fi", k, d[skin.nodes].reshape(len(skin.nodes), -1))
-        np.add.at(product, skin.nodes, local.reshape(*skin.nodes.shape, 3))
-    np.testing.assert_allclose(product, slope(law), atol=2e-6 * np.abs(product).max())
+    stiffness = contact.stiffness(u, here, memory, law, coupled=coupled)
+    for skin, (faces, k) in zip(contact.skins, stiffness, strict=True):
+        nodes = skin.nodes[faces]
+        local = np.einsum("fij,fj->fi", k, d[nodes].reshape(len(nodes), -1))
+        np.add.at(product, nodes, local.reshape(*nodes.shape, 3))
+    assert np.abs(slope).max() > 0.01
+    np.testing.assert_allclose(product, slope, atol=2e-6 * np.abs(product).max())
 
 
-def test_first_touch_has_no_traction_and_sticks_afterwards(contact):
-    u = np.zeros_like(contact._points)
-    before = pose(7.5, np.array([0.3, 0.0]))
-    memory = contact.remember(u, before, contact.no_memory(), LAW)
+def test_a_point_is_anchored_where_its_way_met_the_surface(contact, at_rest):
+    """A straight way through the surface, in one step or in two, pulls the same."""
+    sticky = Law(LAW.shape, LAW.penalty, 1e6)
+    aside = np.full_like(at_rest, (0.2, 0.0, 0.0))
+    once = contact.answer(aside, pose(PRESSED), untouched(contact), sticky)
+    memory = contact.remember(0.5 * aside, pose(0.5 * PRESSED), untouched(contact), sticky)
+    twice = contact.answer(aside, pose(PRESSED), memory, sticky)
+    assert once.force_N[0] > 0.1 * once.force_N[2]
+    assert twice.force_N[0] == pytest.approx(once.force_N[0], rel=0.02)
+
+
+def test_a_press_straight_down_anchors_what_it_touches(contact, at_rest):
+    memory = touched(contact, at_rest)
     assert memory.anchored.any()
     assert not memory.anchored.all()
-    turned = pose(7.5, np.array([0.3, 0.01]))
-    answer = contact.answer(u, turned, memory, LAW)
-    assert answer.sticking > 0.85  # the rim presses too lightly to hold
-    assert answer.moment_Nmm[2] > 0.0
-    assert contact.answer(u, turned, contact.no_memory(), LAW).moment_Nmm[2] == pytest.approx(0.0, abs=1e-12)
+    turned = pose(np.array([0.3, 0.01]))
+    assert contact.answer(at_rest, turned, memory, LAW).moment_Nmm[2] > 0.0
 
 
-def test_slip_moves_the_anchor_to_the_cone_and_a_reversal_sticks(contact):
-    u = np.zeros_like(contact._points)
-    at = [pose(7.5, np.array([0.3, a])) for a in (0.0, 20.0, 19.99)]
-    memory = contact.remember(u, at[0], contact.no_memory(), LAW)
-    sliding = contact.answer(u, at[1], memory, LAW)
-    moved = contact.remember(u, at[1], memory, LAW)
+def test_slip_moves_the_anchor_to_the_cone_and_a_reversal_sticks(contact, at_rest):
+    turned, back = (pose(np.array([0.3, a])) for a in (20.0, 19.99))
+    memory = touched(contact, at_rest)
+    sliding = contact.answer(at_rest, turned, memory, LAW)
+    moved = contact.remember(at_rest, turned, memory, LAW)
     assert sliding.sticking < 0.2
-    after = contact.answer(u, at[1], moved, LAW)
+    after = contact.answer(at_rest, turned, moved, LAW)
     assert after.moment_Nmm[2] == pytest.approx(sliding.moment_Nmm[2], rel=1e-9)
-    assert contact.answer(u, at[2], moved, LAW).sticking > sliding.sticking + 0.5
+    assert contact.answer(at_rest, back, moved, LAW).sticking > sliding.sticking + 0.5
 
 
-def test_leaving_contact_forgets_the_anchor(contact):
-    u = np.zeros_like(contact._points)
-    pressed = contact.remember(u, pose(7.5, np.array([0.3, 0.0])), contact.no_memory(), LAW)
-    lifted = contact.remember(u, pose(7.5, np.array([-1.0, 0.0])), pressed, LAW)
+def test_leaving_contact_forgets_the_anchor(contact, at_rest):
+    lifted = contact.remember(at_rest, pose(np.array([-1.0, 0.0])), touched(contact, at_rest), LAW)
     assert not lifted.anchored.any()
+    np.testing.assert_allclose(lifted.anchors, contact.positions(at_rest) - [0.0, 0.0, 1.0])

@@ -1,31 +1,30 @@
-"""Contact of the skin with a rigid sphere: penalty, and Coulomb friction that remembers.
+"""Contact of the skin with a rigid indenter: penalty, and Coulomb friction that remembers.
 
-At every quadrature point of the contact faces, with gap g = |x − c| − R and
-normal n = (x − c)/|x − c|:
+At every quadrature point of the contact faces, with signed distance d to the
+indenter and normal n = ∇d:
 
-* normal pressure p = ε ⟨−g⟩ per reference area;
+* normal pressure p = ε ⟨−d⟩ per reference area;
 * tangential traction t = ε s, where s is the tangential distance from the
   point's anchor, returned to the Coulomb cone |t| ≤ μ p (return mapping).
 
-The anchor lives in the sphere's frame, so it turns with the sphere; it is kept
-from step to step until slip moves it. That memory is what makes the torque of a
-twist independent of the number of steps. A point has no anchor, and so no
-tangential traction, in the step in which it first touches.
+The anchor lives in the indenter's frame, so it turns with the indenter; it is
+kept from step to step until slip moves it. That memory is what makes the torque
+of a twist independent of the number of steps. A point that touches for the first
+time is anchored where its way through the step met the surface.
+
+All positions, anchors and derivatives of this module are in the indenter's frame;
+what a :class:`Contact` returns is in the limb's.
 """
 
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from functools import cached_property
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from palpate.domain import BoolArray, FloatArray, IntArray, Mesh
 from palpate.errors import MeshError
 from palpate_jax.elements import ELEMENTS
-
-Jax = Any
+from palpate_jax.shapes import Shape
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,18 +46,22 @@ class Skin:
 
     def positions(self, coordinates: FloatArray) -> FloatArray:
         """Quadrature points (f q, 3) of node coordinates (n_nodes, 3)."""
-        points: FloatArray = np.einsum("qa,fai->fqi", self.values, coordinates[self.nodes])
+        points: FloatArray = self.values @ coordinates[self.nodes]
         return points.reshape(-1, 3)
 
 
 def skins(mesh: Mesh) -> tuple[Skin, ...]:
     """Boundary faces whose nodes all belong to the node set ``contact``.
 
+    None where nodes are ``bonded``: an indenter that is glued on touches nothing else.
+
     Raises
     ------
     MeshError
         There is none.
     """
+    if np.size(mesh.node_sets.get("bonded", ())):
+        return ()
     touchable = np.zeros(mesh.n_nodes, dtype=bool)
     touchable[mesh.node_sets["contact"]] = True
     found = []
@@ -83,15 +86,28 @@ def skins(mesh: Mesh) -> tuple[Skin, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """Where the sphere is: centre (3,) [mm] and rotation matrix (3, 3)."""
+    """Where the indenter is: its lowest point (3,) [mm] and its rotation matrix (3, 3)."""
 
-    centre: FloatArray
+    tip: FloatArray
     rotation: FloatArray
+
+    def into(self, points: FloatArray) -> FloatArray:
+        """Points (n, 3) of the limb's frame, in the indenter's."""
+        inside: FloatArray = (points - self.tip) @ self.rotation
+        return inside
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
-    """Anchor of every quadrature point in the sphere's frame (n, 3), and which points have one (n,)."""
+    """What every quadrature point remembers.
+
+    Parameters
+    ----------
+    anchors : (n, 3) array
+        In the indenter's frame: the anchor of a point that touched, the last position of one that did not.
+    anchored : (n,) array
+        Which points touched.
+    """
 
     anchors: FloatArray
     anchored: BoolArray
@@ -99,44 +115,135 @@ class Memory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Law:
-    """Sphere radius [mm], penalty [N/mm³] and Coulomb coefficient."""
+    """Indenter's shape, penalty ε [N/mm³] and Coulomb coefficient.
 
-    radius_mm: float
+    Forces below ``least_force_N`` count as none: what a limb out of contact is compared with.
+    """
+
+    shape: Shape
     penalty: float
     friction: float
+    least_force_N: float = 0.0
 
 
-def _traction(
-    x: Jax, anchor: Jax, anchored: Jax, centre: Jax, law: Jax, coupled: bool = True
-) -> tuple[Jax, Jax]:
-    """Traction on the tissue per reference area at one point (3,), and its tangential part.
+def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[:, :, None] * b[:, None, :])
 
-    Uncoupled, the derivative takes the Coulomb limit as given: it leaves out how
-    sliding friction follows the pressure, which is what makes it unsymmetric.
+
+def _times(factor: FloatArray, array: FloatArray) -> FloatArray:
+    return np.asarray(factor.reshape(-1, *[1] * (array.ndim - 1)) * array)
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Tractions at points that may touch, all arrays in the indenter's frame.
+
+    Parameters
+    ----------
+    positions, anchors : (k, 3) array
+    anchored : (k,) array
+    law : Law
     """
-    radius, penalty, friction = law
-    arm = x - centre
-    distance = jnp.sqrt(arm @ arm)
-    normal = arm / distance
-    pressure = penalty * jnp.maximum(radius - distance, 0.0)
-    offset = x - anchor
-    trial = penalty * (offset - normal * (normal @ offset))
-    size = jnp.sqrt(jnp.maximum(trial @ trial, 1e-300))
-    limit = friction * (pressure if coupled else jax.lax.stop_gradient(pressure))
-    tangential = jnp.where(size <= limit, trial, trial * (limit / size))
-    tangential = jnp.where(anchored & (pressure > 0.0), tangential, 0.0)
-    return pressure * normal - tangential, tangential
+
+    positions: FloatArray
+    anchors: FloatArray
+    anchored: BoolArray
+    law: Law
+
+    @cached_property
+    def depth(self) -> FloatArray:
+        """Penetration ⟨−d⟩ (k,) [mm]."""
+        return np.maximum(-self.law.shape.distance(self.positions), 0.0)
+
+    @cached_property
+    def pressure(self) -> FloatArray:
+        """Normal pressure p (k,) [MPa] per reference area."""
+        return self.law.penalty * self.depth
+
+    @cached_property
+    def _normals(self) -> tuple[FloatArray, FloatArray]:
+        return self.law.shape.normals(self.positions)
+
+    @cached_property
+    def _held_share(self) -> tuple[FloatArray, FloatArray]:
+        """Share φ of the way from the anchor that counts as slip, and ∂φ/∂depth.
+
+        All of it for a point that has touched before; otherwise the part after
+        the surface was met: the way is straight, so φ = depth / (depth + gap before).
+        """
+        before = np.maximum(self.law.shape.distance(self.anchors), 1e-12)
+        way = before + self.depth
+        share = np.where(self.anchored, 1.0, self.depth / way)
+        return share, np.where(self.anchored, 0.0, before / way**2)
+
+    @cached_property
+    def _trial(self) -> FloatArray:
+        """ε (I − n nᵀ) s (k, 3): the traction of a point that sticks."""
+        n, _ = self._normals
+        slip = _times(self._held_share[0], self.positions - self.anchors)
+        tangential = slip - _times((n * slip).sum(axis=1), n)
+        return self.law.penalty * tangential
+
+    @cached_property
+    def _size(self) -> FloatArray:
+        return np.sqrt((self._trial**2).sum(axis=1))
+
+    @cached_property
+    def sliding(self) -> BoolArray:
+        """Which points have reached the Coulomb limit (k,)."""
+        return np.asarray(self._size > self.law.friction * self.pressure)
+
+    @cached_property
+    def friction(self) -> FloatArray:
+        """Tangential traction t (k, 3) of the tissue on the indenter [MPa]."""
+        limit = self.law.friction * self.pressure
+        return _times(np.where(self.sliding, limit / np.maximum(self._size, 1e-300), 1.0), self._trial)
+
+    @cached_property
+    def traction(self) -> FloatArray:
+        """Traction p n − t (k, 3) of the indenter on the tissue [MPa]."""
+        return _times(self.pressure, self._normals[0]) - self.friction
+
+    def jacobian(self, *, coupled: bool) -> FloatArray:
+        """∂traction/∂positions (k, 3, 3).
+
+        Uncoupled it takes the Coulomb limit as given: it leaves out how sliding
+        friction follows the pressure, which is what makes it unsymmetric.
+        """
+        (n, curvature), (share, share_slope) = self._normals, self._held_share
+        way = self.positions - self.anchors
+        slip = _times(share, way)
+        d_slip = _times(share, np.eye(3)[None]) - _outer(_times(share_slope, way), n)
+        along = (n * slip).sum(axis=1)
+        bent = (curvature @ slip[:, :, None])[:, :, 0]
+        d_trial = (
+            d_slip - _outer(n, (n[:, None, :] @ d_slip)[:, 0]) - _times(along, curvature) - _outer(n, bent)
+        )
+        d_trial *= self.law.penalty
+        d_pressure = -self.law.penalty * n
+        sliding, limit = self.sliding, self.law.friction * self.pressure
+        size = np.maximum(self._size, 1e-300)
+        direction = self._trial / size[:, None]
+        turning = d_trial - _outer(direction, (direction[:, None, :] @ d_trial)[:, 0])
+        d_sliding = _times(limit / size, turning)
+        if coupled:
+            d_sliding += self.law.friction * _outer(direction, d_pressure)
+        d_friction = np.where(sliding[:, None, None], d_sliding, d_trial)
+        derivative = _outer(n, d_pressure) + _times(self.pressure, curvature) - d_friction
+        return np.where((self.depth > 0.0)[:, None, None], derivative, 0.0)
 
 
-_tractions = jax.jit(jax.vmap(_traction, in_axes=(0, 0, 0, None, None)))
-_jacobians = jax.jit(jax.vmap(jax.jacfwd(_traction, has_aux=True), in_axes=(0, 0, 0, None, None)))
-_uncoupled_jacobians = jax.jit(
-    jax.vmap(jax.jacfwd(partial(_traction, coupled=False), has_aux=True), in_axes=(0, 0, 0, None, None))
-)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Touched:
+    """Faces of each skin with a point inside the indenter (f',), and these faces' points."""
+
+    faces: list[IntArray]
+    where: IntArray
+    points: Points
 
 
 class Contact:
-    """The contact faces of a mesh against a sphere.
+    """The contact faces of a mesh against a rigid indenter.
 
     Parameters
     ----------
@@ -146,98 +253,113 @@ class Contact:
 
     def __init__(self, mesh: Mesh) -> None:
         self.skins = skins(mesh)
-        self._points = mesh.points_mm
-        self._areas = np.concatenate([s.areas.ravel() for s in self.skins])
-
-    def no_memory(self) -> Memory:
-        """Nothing has touched yet."""
-        n = len(self._areas)
-        return Memory(np.zeros((n, 3)), np.zeros(n, dtype=bool))
-
-    def _positions(self, displacements: FloatArray) -> FloatArray:
-        coordinates = self._points + displacements
-        return np.concatenate([s.positions(coordinates) for s in self.skins])
-
-    def _arguments(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> tuple[Any, ...]:
-        anchors = memory.anchors @ pose.rotation.T + pose.centre
-        numbers = (law.radius_mm, law.penalty, law.friction)
-        return self._positions(displacements), anchors, memory.anchored, pose.centre, numbers
-
-    def force(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> FloatArray:
-        """Nodal forces of the sphere on the tissue (n_nodes, 3) [N]."""
-        tractions, _ = _tractions(*self._arguments(displacements, pose, memory, law))
-        return self._to_nodes(np.asarray(tractions))
-
-    def _split(self, per_point: FloatArray) -> list[FloatArray]:
-        ends = np.cumsum([s.areas.size for s in self.skins])[:-1]
-        return [
-            part.reshape(*s.areas.shape, *per_point.shape[1:])
-            for s, part in zip(self.skins, np.split(per_point, ends), strict=True)
+        self._rest = mesh.points_mm
+        self._areas = np.concatenate([np.empty(0), *(s.areas.ravel() for s in self.skins)])
+        ends = np.cumsum([0, *(s.areas.size for s in self.skins)])
+        self._numbers = [
+            np.arange(start, stop).reshape(s.areas.shape)
+            for s, start, stop in zip(self.skins, ends[:-1], ends[1:], strict=True)
         ]
 
-    def _to_nodes(self, tractions: FloatArray) -> FloatArray:
-        total = np.zeros_like(self._points)
-        for skin, part in zip(self.skins, self._split(tractions), strict=True):
-            np.add.at(total, skin.nodes, np.einsum("fq,qa,fqi->fai", skin.areas, skin.values, part))
+    def no_memory(self, pose: Pose) -> Memory:
+        """Nothing has touched yet, the limb is at rest."""
+        positions = pose.into(self.positions(np.zeros_like(self._rest)))
+        return Memory(positions, np.zeros(len(positions), dtype=bool))
+
+    def positions(self, displacements: FloatArray) -> FloatArray:
+        """Quadrature points (n, 3) in the limb's frame."""
+        coordinates = self._rest + displacements
+        return np.concatenate([np.empty((0, 3)), *(s.positions(coordinates) for s in self.skins)])
+
+    def _touched(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> _Touched:
+        positions = pose.into(self.positions(displacements))
+        inside = law.shape.distance(positions) < 0.0
+        faces = [np.flatnonzero(inside[numbers].any(axis=1)) for numbers in self._numbers]
+        found = [n[f].ravel() for n, f in zip(self._numbers, faces, strict=True)]
+        where = np.concatenate([np.empty(0, dtype=np.int64), *found])
+        points = Points(positions[where], memory.anchors[where], memory.anchored[where], law)
+        return _Touched(faces, where, points)
+
+    def _by_skin(self, touched: _Touched, per_point: FloatArray) -> list[tuple[Skin, IntArray, FloatArray]]:
+        """Skins with their touched faces and an array of these faces' points, as (f', q, ...)."""
+        ends = np.cumsum([f.size * s.areas.shape[1] for s, f in zip(self.skins, touched.faces, strict=True)])
+        parts = np.split(per_point, ends[:-1]) if self.skins else []
+        return [
+            (skin, faces, part.reshape(-1, skin.areas.shape[1], *per_point.shape[1:]))
+            for skin, faces, part in zip(self.skins, touched.faces, parts, strict=True)
+        ]
+
+    def force(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> FloatArray:
+        """Nodal forces of the indenter on the tissue (n_nodes, 3) [N]."""
+        touched = self._touched(displacements, pose, memory, law)
+        total = np.zeros_like(self._rest)
+        tractions = touched.points.traction @ pose.rotation.T
+        for skin, faces, part in self._by_skin(touched, tractions):
+            weighted = skin.areas[faces][:, :, None] * part
+            np.add.at(total, skin.nodes[faces], skin.values.T @ weighted)
         return total
 
     def stiffness(
         self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law, *, coupled: bool = True
-    ) -> list[FloatArray]:
-        """−∂force/∂displacements by skin, (f, 3n, 3n) [N/mm]; unsymmetric where points slide.
+    ) -> list[tuple[IntArray, FloatArray]]:
+        """−∂force/∂displacements by skin: faces (f',) and (f', 3n, 3n) [N/mm].
 
-        Uncoupled it is close to symmetric and makes a good preconditioner.
+        It is unsymmetric where points slide. Uncoupled it is close to symmetric and
+        makes a good preconditioner.
         """
-        derivative = _jacobians if coupled else _uncoupled_jacobians
-        jacobians, _ = derivative(*self._arguments(displacements, pose, memory, law))
+        touched = self._touched(displacements, pose, memory, law)
+        jacobians = pose.rotation @ touched.points.jacobian(coupled=coupled) @ pose.rotation.T
         return [
-            -np.einsum("fq,qa,qb,fqij->faibj", s.areas, s.values, s.values, part, optimize=True).reshape(
-                len(s.nodes), 3 * s.nodes.shape[1], -1
-            )
-            for s, part in zip(self.skins, self._split(np.asarray(jacobians)), strict=True)
+            (faces, _face_stiffness(skin, faces, part))
+            for skin, faces, part in self._by_skin(touched, jacobians)
         ]
 
     def remember(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> Memory:
-        """Anchors after an equilibrium: kept where the point sticks, moved by slip, new at first touch."""
-        arguments = self._arguments(displacements, pose, memory, law)
-        positions = arguments[0]
-        _, tangential = _tractions(*arguments)
-        distance = np.linalg.norm(positions - pose.centre, axis=1)
-        touching = distance < law.radius_mm
-        world = positions - np.asarray(tangential) / law.penalty
-        return Memory(np.where(touching[:, None], (world - pose.centre) @ pose.rotation, 0.0), touching)
+        """Memory after an equilibrium: anchors are kept where points stick and moved by slip."""
+        anchors = pose.into(self.positions(displacements))
+        touched = self._touched(displacements, pose, memory, law)
+        points, anchored = touched.points, np.zeros(len(anchors), dtype=bool)
+        anchored[touched.where] = points.depth > 0.0
+        held = points.positions - points.friction / law.penalty
+        anchors[touched.where] = np.where(anchored[touched.where, None], held, points.positions)
+        return Memory(anchors, anchored)
 
     def answer(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> "Answer":
-        """What the sphere feels, and how the contact stands."""
-        arguments = self._arguments(displacements, pose, memory, law)
-        tractions, tangential = (np.asarray(a) for a in _tractions(*arguments))
-        arms = arguments[0]
-        loads = self._areas[:, None] * tractions
-        penetration = law.radius_mm - np.linalg.norm(arms - pose.centre, axis=1)
-        touching = penetration > 0.0
-        pressure = law.penalty * penetration
-        sliding = np.linalg.norm(tangential, axis=1) >= (1.0 - 1e-9) * law.friction * pressure
-        radius = np.linalg.norm(arms[:, :2], axis=1)
-        n_touching = max(int(touching.sum()), 1)
+        """What the indenter feels, and how the contact stands."""
+        touched = self._touched(displacements, pose, memory, law)
+        points, arms = touched.points, self.positions(displacements)[touched.where]
+        loads = self._areas[touched.where, None] * (points.traction @ pose.rotation.T)
+        touching = points.depth > 0.0
+        radius = np.hypot(arms[:, 0], arms[:, 1])
         return Answer(
             force_N=-loads.sum(axis=0),
             moment_Nmm=np.cross(arms, loads).sum(axis=0),
             contact_radius_mm=float(radius[touching].max(initial=0.0)),
-            penetration_mm=float(penetration.max(initial=0.0)),
-            sticking=float((touching & memory.anchored & ~sliding).sum() / n_touching),
+            penetration_mm=float(points.depth.max(initial=0.0)),
+            sticking=float((touching & ~points.sliding).sum() / max(touching.sum(), 1)),
         )
+
+
+def _face_stiffness(skin: Skin, faces: IntArray, jacobians: FloatArray) -> FloatArray:
+    """−Σ_q area N_a J N_b, shape (f', 3n, 3n), of Jacobians (f', q, 3, 3)."""
+    n = skin.nodes.shape[1]
+    weighted = (skin.areas[faces][:, :, None, None] * jacobians).reshape(*jacobians.shape[:2], 9)
+    pairs = (skin.values[:, :, None] * skin.values[:, None, :]).reshape(len(skin.values), n * n)
+    blocks = (pairs.T @ weighted).reshape(-1, n, n, 3, 3)
+    stiffness: FloatArray = -blocks.transpose(0, 1, 3, 2, 4).reshape(-1, 3 * n, 3 * n)
+    return stiffness
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What the sphere feels.
+    """What the indenter feels.
 
     Parameters
     ----------
     force_N : (3,) array
-        Force of the tissue on the sphere; z is positive in compression.
+        Force of the tissue on the indenter; z is positive in compression.
     moment_Nmm : (3,) array
-        Moment that the sphere applies to the tissue about the spot.
+        Moment that the indenter applies to the tissue about the spot.
     contact_radius_mm, penetration_mm : float
         Farthest touching point from the axis; deepest overlap.
     sticking : float

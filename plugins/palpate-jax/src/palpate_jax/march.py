@@ -52,12 +52,12 @@ def stations(protocol: Indentation, depth_steps: int, rotation_step_deg: float) 
     return np.concatenate(points)
 
 
-def pose(radius_mm: float, position: FloatArray) -> Pose:
-    """The sphere at (depth_mm, rotation_deg), its lowest point at depth below the spot."""
+def pose(position: FloatArray) -> Pose:
+    """The indenter at (depth_mm, rotation_deg), its lowest point at depth below the spot."""
     angle = np.deg2rad(position[1])
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return Pose(np.array([0.0, 0.0, radius_mm - position[0]]), turn)
+    return Pose(np.array([0.0, 0.0, -position[0]]), turn)
 
 
 @dataclass(slots=True, eq=False)
@@ -122,7 +122,7 @@ class March:
 
     def along(self, points: FloatArray) -> Iterator[Station | Stop]:
         """Balance at each point (n, 2) in turn; a ``Stop`` ends the march."""
-        nothing = self._model.contact.no_memory()
+        nothing = self._model.contact.no_memory(pose(np.zeros(2)))
         state = _State(np.zeros(2), self._model.rest(), nothing, nothing)
         for k, point in enumerate(points):
             hints = [] if self._guide is None else self._guide.hints(k, state.displacements)
@@ -153,7 +153,7 @@ class March:
         return ""
 
     def _load(self, state: _State, position: FloatArray) -> Load:
-        return Load(pose(self._law.radius_mm, position), state.memory, self._law)
+        return Load(pose(position), state.memory, self._law)
 
     def _predicted(self, state: _State, position: FloatArray) -> FloatArray:
         """First guess: the linear answer to the sphere's motion, taken just ahead of the last state.
@@ -162,7 +162,8 @@ class March:
         """
         ahead = self._load(state, state.position + PROBE * (position - state.position))
         behind = self._model.residual(state.displacements, self._thetas, self._load(state, state.position))
-        residual, tangent = self._model.linearised(state.displacements, self._thetas, ahead)
+        carried = self._model.carried(state.displacements, ahead.pose)
+        residual, tangent = self._model.linearised(carried, self._thetas, ahead)
         rate = (residual.free - behind.free) / PROBE
         if not rate.any():
             return state.displacements
@@ -178,15 +179,15 @@ class March:
         for guess in hints:
             best, least = self._nearer(best, least, guess, load)
         if least < GOOD_HINT:
-            return best
+            return self._model.carried(best, load.pose)
         with suppress(np.linalg.LinAlgError):
             best, least = self._nearer(best, least, self._predicted(state, position), load)
-        return best
+        return self._model.carried(best, load.pose)
 
     def _nearer(
         self, best: FloatArray, least: float, guess: FloatArray, load: Load
     ) -> tuple[FloatArray, float]:
-        residual = self._model.residual(guess, self._thetas, load)
+        residual = self._model.residual(self._model.carried(guess, load.pose), self._thetas, load)
         sound = residual.least_jacobian > 0.0 and residual.relative < least
         return (guess, residual.relative) if sound else (best, least)
 
@@ -201,6 +202,6 @@ class March:
         return balance.reason
 
     def _station(self, state: _State) -> Station:
-        at = pose(self._law.radius_mm, state.position)
-        answer = self._model.contact.answer(state.displacements, at, state.felt, self._law)
+        load = Load(pose(state.position), state.felt, self._law)
+        answer = self._model.answer(state.displacements, self._thetas, load)
         return Station(float(state.position[0]), float(state.position[1]), answer, state.displacements)

@@ -1,6 +1,6 @@
 """One limb ready to be solved: body, contact and the sparse pattern they share."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
 from palpate.interfaces import Material
 from palpate_jax.body import Body
-from palpate_jax.contact import Contact, Law, Memory, Pose
+from palpate_jax.contact import Answer, Contact, Law, Memory, Pose
 from palpate_jax.sparse import LinearSolver, Pattern
 
 
@@ -60,21 +60,28 @@ class Residual:
 class Model:
     """A limb, its materials by region, and the unknowns that are free to move.
 
+    Nodes of the set ``fixed`` never move; nodes of the set ``bonded``, if the mesh
+    has one, are glued to the indenter and move with it.
+
     Parameters
     ----------
     limb : Limb
     materials : mapping of region to Material
-    mean_dilatation : bool
+    mean_dilatation : bool, or the regions that have it
     """
 
-    def __init__(self, limb: Limb, materials: Mapping[str, Material], mean_dilatation: bool) -> None:
+    def __init__(
+        self, limb: Limb, materials: Mapping[str, Material], mean_dilatation: bool | Collection[str]
+    ) -> None:
         mesh = in_spot_frame(limb)
         self.body = Body(mesh, materials, mean_dilatation)
         self.contact = Contact(mesh)
         self._points = mesh.points_mm
         self.touched_region = _touched_region(mesh, self.body)
         unknowns = np.zeros((mesh.n_nodes, 3), dtype=np.int64)
+        self._bonded = np.asarray(mesh.node_sets.get("bonded", ()), dtype=np.int64)
         unknowns[mesh.node_sets["fixed"]] = -1
+        unknowns[self._bonded] = -1
         self._free = unknowns.ravel() >= 0
         unknowns.reshape(-1)[self._free] = np.arange(self._free.sum())
         self._unknowns = unknowns
@@ -96,6 +103,26 @@ class Model:
         result = displacements.copy()
         result.reshape(-1)[self._free] += step
         return result
+
+    def carried(self, displacements: FloatArray, pose: Pose) -> FloatArray:
+        """Displacements with the bonded nodes where the indenter takes them."""
+        result = displacements.copy()
+        rest = self._points[self._bonded]
+        result[self._bonded] = rest @ pose.rotation.T + pose.tip - rest
+        return result
+
+    def answer(self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load) -> Answer:
+        """What the indenter feels at a balanced state: the contact's tractions and the bonded nodes' pull."""
+        answer = self.contact.answer(displacements, load.pose, load.memory, load.law)
+        if not self._bonded.size:
+            return answer
+        internal, _ = self.body.force(displacements, thetas)
+        pulls, arms = internal[self._bonded], (self._points + displacements)[self._bonded]
+        return replace(
+            answer,
+            force_N=answer.force_N - pulls.sum(axis=0),
+            moment_Nmm=answer.moment_Nmm + np.cross(arms, pulls).sum(axis=0),
+        )
 
     def along_arcs(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Bend a straight move so that its circumferential part runs along arcs about the axis.
@@ -131,9 +158,8 @@ class Model:
     ) -> Residual:
         external = self.contact.force(displacements, load.pose, load.memory, load.law)
         free = (internal - external).ravel()[self._free]
-        # Out of contact there is no force to compare with: one that the penalty would hardly notice.
-        floor = 1e-6 * load.law.penalty * load.law.radius_mm**3
-        scale = max(float(np.linalg.norm(external)), float(np.linalg.norm(internal)), floor)
+        sizes = (float(np.linalg.norm(external)), float(np.linalg.norm(internal)))
+        scale = max(*sizes, load.law.least_force_N)
         return Residual(free, scale, least)
 
     def linearised(
@@ -159,7 +185,10 @@ class Tangent:
         contact = model.contact.stiffness(
             self.displacements, load.pose, load.memory, load.law, coupled=coupled
         )
-        return self.body_values + model.pattern.values(contact, first_group=len(model.body.blocks))
+        values = self.body_values.copy()
+        for group, (faces, stiffness) in enumerate(contact, start=len(model.body.blocks)):
+            model.pattern.add(values, group, faces, stiffness)
+        return values
 
     def matrix(self, coupled: bool) -> sp.csr_array:
         """Tangent [N/mm]; coupled it is exact, otherwise see :meth:`Contact.stiffness`."""

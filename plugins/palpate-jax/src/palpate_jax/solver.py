@@ -26,6 +26,7 @@ from palpate_jax import __version__
 from palpate_jax.contact import Law
 from palpate_jax.march import Guide, March, Station, Stop, stations
 from palpate_jax.model import Model, in_spot_frame
+from palpate_jax.shapes import shape_of
 
 TOUCH_TOLERANCE_MM = 0.05
 """How far the surface may lie from the sphere at depth 0."""
@@ -50,16 +51,16 @@ class JaxSettings(Settings):
         description="imbalance, relative to the forces, at which a state counts as balanced",
     )
     penalty: float = Field(
-        1000.0,
+        1500.0,
         gt=0.0,
-        description="contact penalty in units of the initial shear modulus over the sphere's radius; "
-        "1000 keeps the penetration below 1 % of a 10 mm press",
+        description="contact penalty in units of the initial shear modulus over the root of radius times "
+        "depth; 1500 keeps the penetration below 0.5 % of the depth",
     )
-    mean_dilatation: bool = Field(
+    mean_dilatation: bool | tuple[str, ...] = Field(
         True,
         description="one volume change per element, or per patch of about eight tet4, which keeps nearly "
-        "incompressible tissue from locking; false is for comparison with other programs, and tet4 then "
-        "overstates force by half and more",
+        "incompressible tissue from locking: in all regions, in none, or in those named; without it, "
+        "which is for comparison with other programs, tet4 overstates force by half and more",
     )
 
 
@@ -95,7 +96,8 @@ class JaxSolver(Solver):
         Raises
         ------
         StudyError
-            No limb, or another protocol than an indentation.
+            No limb, another protocol than an indentation, or a setting that names
+            a region which the mesh does not have.
         MeshError
             A region without material, or a surface that does not touch the sphere
             at depth 0.
@@ -111,6 +113,7 @@ class JaxSolver(Solver):
                     f"spot '{job.spot}': region '{region}' has no material; give it one in the study"
                 )
             check_reference_state(job.materials[region], job.thetas[region])
+        _check_names(self.settings.mean_dilatation, limb)
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Walk the protocol's path; a path that cannot be finished is ``diverged`` and keeps its start."""
@@ -152,8 +155,7 @@ class JaxSolver(Solver):
     ) -> tuple[March, list[Station], Stop | None]:
         region = prepared.model.touched_region
         modulus, _ = initial_moduli(prepared.materials[region], thetas[region])
-        radius = protocol.indenter.radius_mm
-        law = Law(radius, self.settings.penalty * modulus / radius, protocol.friction)
+        law = self._law(protocol, modulus)
         march = March(prepared.model, thetas, law, self.settings.tolerance, guide)
         points = stations(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
         reached: list[Station] = []
@@ -162,6 +164,13 @@ class JaxSolver(Solver):
                 return march, reached, state
             reached.append(state)
         return march, reached, None
+
+    def _law(self, protocol: Indentation, modulus_MPa: float) -> Law:
+        """Contact whose penetration is about the same share of the depth, however deep the press is."""
+        radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
+        dent = np.sqrt(radius * depth) if depth > 0.0 else radius
+        penalty = self.settings.penalty * modulus_MPa / dent
+        return Law(shape_of(protocol.indenter), penalty, protocol.friction, 1e-3 * modulus_MPa * radius**2)
 
     def _guide(self, prepared: _Prepared, protocol: Indentation) -> Guide:
         """Displacements with the middle of the materials' own ranges, as far as they are found."""
@@ -225,6 +234,15 @@ def _limb(limb: Limb | None, job: Job) -> Limb:
     if limb is None:
         raise StudyError(f"spot '{job.spot}': solver 'jax' needs a mesh; give the spot one in the study")
     return limb
+
+
+def _check_names(mean_dilatation: bool | tuple[str, ...], limb: Limb) -> None:
+    for region in () if isinstance(mean_dilatation, bool) else mean_dilatation:
+        if region not in limb.mesh.regions:
+            raise StudyError(
+                f"spot '{limb.spot.name}': setting mean_dilatation names region '{region}', and the mesh has "
+                f"{', '.join(limb.mesh.regions)}; correct the name"
+            )
 
 
 def _check_touch(limb: Limb, radius_mm: float) -> None:

@@ -61,6 +61,13 @@ class Pattern:
         sums = np.bincount(places, entries, minlength=len(self.indices) + 1)
         return np.asarray(sums[:-1], dtype=np.float64)
 
+    def add(self, values: FloatArray, group: int, elements: IntArray, stiffnesses: FloatArray) -> None:
+        """Add stiffnesses (e', m, m) of some elements of a group to values in the order of ``indices``."""
+        if len(elements):
+            places = self._places[group].reshape(-1, stiffnesses[0].size)[elements].ravel()
+            free = places < len(values)
+            np.add.at(values, places[free], stiffnesses.ravel()[free])
+
     def matrix(self, values: FloatArray) -> sp.csr_array:
         """Matrix with these values."""
         return sp.csr_array((values, self.indices, self.indptr), shape=(self.n_unknowns,) * 2)
@@ -89,7 +96,9 @@ class LinearSolver:
     def __init__(self, pattern: Pattern) -> None:
         self.n_factorisations = 0
         self._pattern = pattern
-        self._factor = SparseFactor(pattern.indptr, pattern.indices, kind="ldlt", layout="csr")
+        self._factor = SparseFactor(
+            pattern.indptr, pattern.indices, kind="ldlt", layout="csr", precision="single"
+        )
         self._preconditioner: LinearOperator | None = None
 
     def reset(self) -> None:
@@ -140,7 +149,7 @@ class LinearSolver:
         self._preconditioner = None
         self._factor.factorise(values)
         self._preconditioner = LinearOperator(
-            (self._pattern.n_unknowns,) * 2, matvec=self._factor.solve, dtype=np.float64
+            (self._pattern.n_unknowns,) * 2, matvec=self._factor.precondition, dtype=np.float64
         )
 
     def _iterate(
