@@ -13,14 +13,58 @@
 
 use std::fmt;
 use std::ops::Range;
+use std::str::FromStr;
 
 use crate::error::{CurveError, Error};
+use crate::knots::{BLOCK, Legs, Pieces};
 
 /// Share of the measured abscissa's span by which a point may overshoot a simulated branch.
 ///
 /// It absorbs the round-off of two programs that compute the same path; nothing beyond it is ever
 /// extrapolated.
 pub const ROUND_OFF: f64 = 1e-9;
+
+/// Largest magnitude of a value of a curve: differences of any two can be taken below it.
+pub const LARGEST: f64 = f64::MAX / 8.0;
+
+/// How a simulated curve runs between its points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum Interpolant {
+    /// Straight from point to point.
+    #[default]
+    Linear,
+    /// Piecewise cubic without overshoot: monotone wherever the points are.
+    ///
+    /// Slopes are the weighted harmonic means of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5,
+    /// 300, 1984), with three-point slopes at both ends of a branch.
+    Pchip,
+}
+
+impl Interpolant {
+    /// Every interpolant, in the order of the documentation.
+    pub const ALL: [Self; 2] = [Self::Linear, Self::Pchip];
+
+    /// The name in Python.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Pchip => "pchip",
+        }
+    }
+}
+
+impl FromStr for Interpolant {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        Self::ALL
+            .into_iter()
+            .find(|i| i.name() == name)
+            .ok_or_else(|| CurveError::UnknownInterpolant { name: name.to_owned() }.into())
+    }
+}
 
 /// Which way a branch runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,7 +77,8 @@ pub enum Direction {
 
 impl Direction {
     /// `x` measured along the direction of travel: it grows along either kind of branch.
-    fn along(self, x: f64) -> f64 {
+    #[inline]
+    pub(crate) fn along(self, x: f64) -> f64 {
         match self {
             Self::Rising => x,
             Self::Falling => -x,
@@ -70,12 +115,12 @@ pub struct Branch {
 
 impl Branch {
     /// Points of the branch, both ends included.
-    fn points(self) -> Range<usize> {
+    pub(crate) fn points(self) -> Range<usize> {
         self.start..self.stop
     }
 
     /// Points that only this branch answers for: a turning point belongs to the earlier branch.
-    fn own_points(self) -> Range<usize> {
+    pub(crate) fn own_points(self) -> Range<usize> {
         self.start + usize::from(self.start > 0)..self.stop
     }
 }
@@ -119,7 +164,7 @@ pub fn branches(abscissa: &[f64], tolerance: f64) -> Result<Vec<Branch>, Error> 
     cut(Named { name: "abscissa", values: abscissa }, tolerance)
 }
 
-/// Interpolates a simulated path linearly onto measured abscissae, branch by branch.
+/// Interpolates a simulated path onto measured abscissae, branch by branch.
 ///
 /// Both paths are cut with [`branches`] and `tolerance`. The k-th simulated branch answers for the
 /// k-th measured branch; a turning point is answered by the earlier of its two branches. A measured
@@ -128,7 +173,7 @@ pub fn branches(abscissa: &[f64], tolerance: f64) -> Result<Vec<Branch>, Error> 
 /// A simulated path that ended early leaves the rest of the measured path uncovered.
 ///
 /// Where the simulated path holds still, the value with which it moves on counts. Simulated points
-/// inside a reversal below the tolerance are passed over.
+/// inside a reversal below the tolerance are passed over. Every branch is interpolated on its own.
 ///
 /// # Errors
 /// [`CurveError`] if either path cannot be cut, lengths differ, the directions of two corresponding
@@ -136,9 +181,10 @@ pub fn branches(abscissa: &[f64], tolerance: f64) -> Result<Vec<Branch>, Error> 
 ///
 /// # Examples
 /// ```
-/// use palpate_core::curve::interpolate;
+/// use palpate_core::curve::{Interpolant, interpolate};
 /// // A loop: at 1.0 the way out and the way back differ. The simulation stops half way back.
-/// let out = interpolate(&[0.0, 2.0, 1.0], &[0.0, 4.0, 1.0], &[1.0, 2.0, 1.0, 0.0], 0.0)?;
+/// let (sim_x, sim_y) = ([0.0, 2.0, 1.0], [0.0, 4.0, 1.0]);
+/// let out = interpolate(&sim_x, &sim_y, &[1.0, 2.0, 1.0, 0.0], 0.0, Interpolant::Linear)?;
 /// assert_eq!(out.values[..3], [2.0, 4.0, 1.0]);
 /// assert_eq!(out.covered, [true, true, true, false]);
 /// # Ok::<(), palpate_core::Error>(())
@@ -148,95 +194,28 @@ pub fn interpolate(
     sim_y: &[f64],
     at_x: &[f64],
     tolerance: f64,
+    interpolant: Interpolant,
 ) -> Result<Interpolated, Error> {
-    interpolate_at(sim_x, sim_y, Named { name: "at_x", values: at_x }, tolerance)
-}
-
-/// [`interpolate`] for a measured abscissa that goes by another name.
-pub(crate) fn interpolate_at(
-    sim_x: &[f64],
-    sim_y: &[f64],
-    at: Named<'_>,
-    tolerance: f64,
-) -> Result<Interpolated, Error> {
-    let sim = Named { name: "sim_x", values: sim_x };
-    same_length(Named { name: "sim_y", values: sim_y }, sim)?;
-    finite("sim_y", sim_y)?;
-    let simulated = cut(sim, tolerance)?;
-    let measured = cut(at, tolerance)?;
-    correspond(sim.name, &simulated, at.name, &measured)?;
-
-    let slack = tolerance + ROUND_OFF * span(at.values);
-    let mut values = vec![f64::NAN; at.values.len()];
-    for (sim_branch, branch) in simulated.iter().zip(&measured) {
-        let knots = Knots::new(sim_x, sim_y, *sim_branch);
-        let mut segment = 0;
-        for i in branch.own_points() {
-            let s = branch.direction.along(at.values[i]);
-            if let Some(value) = knots.value(s, slack, &mut segment) {
-                values[i] = value;
-            }
-        }
-    }
+    usable_path(sim_x, sim_y)?;
+    let measured = Legs::new(Named { name: "at_x", values: at_x }, tolerance)?;
+    let (mut knots, mut pieces) = (Vec::new(), Pieces::default());
+    measured.knots_of(sim_x, &mut knots)?;
+    let mut values = vec![f64::NAN; measured.n_points() + BLOCK];
+    measured.interpolate(&knots, sim_y, interpolant, &mut pieces, &mut values);
+    values.truncate(measured.n_points());
     let covered = values.iter().map(|v| !v.is_nan()).collect();
     Ok(Interpolated { values, covered })
 }
 
-/// Support points of one simulated branch, strictly ascending along the direction of travel.
-struct Knots {
-    s: Vec<f64>,
-    y: Vec<f64>,
-}
-
-impl Knots {
-    /// Keeps the points that advance. Of equal abscissae the last counts, so that the value at a
-    /// plateau is the one with which the path moves on, on both sides of a turning point.
-    fn new(x: &[f64], y: &[f64], branch: Branch) -> Self {
-        let mut knots = Self { s: Vec::new(), y: Vec::new() };
-        for i in branch.points() {
-            let s = branch.direction.along(x[i]);
-            match knots.s.last() {
-                Some(&last) if s < last => {}
-                Some(&last) if s <= last => {
-                    knots.y.pop();
-                    knots.y.push(y[i]);
-                }
-                _ => {
-                    knots.s.push(s);
-                    knots.y.push(y[i]);
-                }
-            }
-        }
-        knots
-    }
-
-    /// Value at `s`, or `None` further than `slack` from the branch.
-    ///
-    /// `segment` is where the previous point was found; measured points come in travel order, so
-    /// the next one is never far from there.
-    fn value(&self, s: f64, slack: f64, segment: &mut usize) -> Option<f64> {
-        let last = self.s.len() - 1;
-        if s < self.s[0] - slack || s > self.s[last] + slack {
-            return None;
-        }
-        if s >= self.s[last] {
-            return Some(self.y[last]);
-        }
-        let s = s.max(self.s[0]);
-        while self.s[*segment + 1] <= s {
-            *segment += 1;
-        }
-        while self.s[*segment] > s {
-            *segment -= 1;
-        }
-        let (k, next) = (*segment, *segment + 1);
-        let share = (s - self.s[k]) / (self.s[next] - self.s[k]);
-        Some(self.y[k] + share * (self.y[next] - self.y[k]))
-    }
+/// Checks everything about a simulated path but its abscissae.
+pub(crate) fn usable_path(sim_x: &[f64], sim_y: &[f64]) -> Result<(), CurveError> {
+    let x = Named { name: "sim_x", values: sim_x };
+    same_length(Named { name: "sim_y", values: sim_y }, x)?;
+    finite("sim_y", sim_y)
 }
 
 /// Checks a path and cuts it.
-fn cut(path: Named<'_>, tolerance: f64) -> Result<Vec<Branch>, Error> {
+pub(crate) fn cut(path: Named<'_>, tolerance: f64) -> Result<Vec<Branch>, Error> {
     if !(tolerance.is_finite() && tolerance >= 0.0) {
         return Err(CurveError::Tolerance { value: tolerance }.into());
     }
@@ -289,7 +268,7 @@ fn runs(x: &[f64], tolerance: f64, mut direction: Direction, first_move: usize) 
 }
 
 /// Checks that every simulated branch has a measured one that runs the same way.
-fn correspond(
+pub(crate) fn correspond(
     array: &'static str,
     simulated: &[Branch],
     measured_array: &'static str,
@@ -314,17 +293,32 @@ fn correspond(
     Ok(())
 }
 
-fn span(x: &[f64]) -> f64 {
+pub(crate) fn span(x: &[f64]) -> f64 {
     let most = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let least = x.iter().copied().fold(f64::INFINITY, f64::min);
     most - least
 }
 
 pub(crate) fn finite(array: &'static str, values: &[f64]) -> Result<(), CurveError> {
+    if usable(values) {
+        return Ok(());
+    }
     match values.iter().position(|v| !v.is_finite()) {
         Some(index) => Err(CurveError::NotFinite { array, index, value: values[index] }),
-        None => Ok(()),
+        None => Err(too_large(array, values)),
     }
+}
+
+/// Whether every value is neither NaN nor too large.
+#[inline]
+pub(crate) fn usable(values: &[f64]) -> bool {
+    // Counted, not searched for, so that several values are looked at at once.
+    values.iter().filter(|v| v.abs() <= LARGEST).count() == values.len()
+}
+
+fn too_large(array: &'static str, values: &[f64]) -> CurveError {
+    let index = values.iter().position(|v| v.abs() > LARGEST).unwrap_or_default();
+    CurveError::TooLarge { array, index, value: values[index] }
 }
 
 pub(crate) fn same_length(a: Named<'_>, b: Named<'_>) -> Result<(), CurveError> {

@@ -30,6 +30,22 @@ pub enum CurveError {
         /// The value itself.
         value: f64,
     },
+    /// A value is so large that differences overflow.
+    #[error("{array}[{index}] is {value}: a value must stay below 2.2e307; check its unit")]
+    TooLarge {
+        /// Argument that holds the value.
+        array: &'static str,
+        /// Position of the first offender.
+        index: usize,
+        /// The value itself.
+        value: f64,
+    },
+    /// The name of an interpolant is not known.
+    #[error("interpolant {name:?} is unknown: choose linear or pchip")]
+    UnknownInterpolant {
+        /// The name given.
+        name: String,
+    },
     /// A simulated value in a batch is infinite (NaN marks an uncovered point there).
     #[error(
         "{array}[{row}, {index}] is {value}: a simulated value must be finite, or NaN where the \
@@ -44,6 +60,38 @@ pub enum CurveError {
         index: usize,
         /// The value itself.
         value: f64,
+    },
+    /// A row of a batch on a shared path goes on after a NaN.
+    #[error(
+        "sim[{row}, {index}] is NaN but later values are not: on a shared path NaN may only mark \
+         the end that a simulation did not get to"
+    )]
+    GapInBatch {
+        /// Row of the batch.
+        row: usize,
+        /// Position of the first NaN within the row.
+        index: usize,
+    },
+    /// One of many simulated paths cannot be used.
+    #[error("simulated path {path}: {source}")]
+    InPath {
+        /// Number of the path, from 0.
+        path: usize,
+        /// What is wrong with it; positions count from its start.
+        source: Box<CurveError>,
+    },
+    /// The places where simulated paths start are not such.
+    #[error(
+        "starts[{index}] is {value}: starts must begin with 0, never fall, and end with the number \
+         of simulated points, {n_points}"
+    )]
+    Starts {
+        /// Position of the first offender.
+        index: usize,
+        /// The value itself.
+        value: usize,
+        /// Simulated points of all paths together.
+        n_points: usize,
     },
     /// An array has no values.
     #[error("{array} is empty: a curve needs at least one value")]
@@ -168,6 +216,20 @@ pub enum ScoringError {
     /// Every weight is zero.
     #[error("every weight is zero: give at least one measured point a positive weight")]
     ZeroWeights,
+    /// The name of a form is not known.
+    #[error("form {name:?} is unknown: choose moments or direct")]
+    UnknownForm {
+        /// The name given.
+        name: String,
+    },
+    /// The range of a scale is empty or not a range.
+    #[error("scales from {lower} to {upper} are no range: lower must not exceed upper, nor be NaN")]
+    ScaleRange {
+        /// Least scale.
+        lower: f64,
+        /// Greatest scale.
+        upper: f64,
+    },
     /// There is not one weight for every measured point.
     #[error("weights has {length} values but the measured curve has {n_points} points")]
     WeightsLength {

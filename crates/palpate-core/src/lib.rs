@@ -4,6 +4,10 @@
 //! |---|---|
 //! | [`curve`] | a measured or simulated curve as a path: monotone branches, interpolation along them |
 //! | [`nmse`] | normalised mean squared error between a simulated and a measured curve |
+//! | [`measured`] | a measured curve made ready for many simulated ones |
+//! | [`shared`] | many simulated curves on one path, in O(n) per curve |
+//! | [`gradient`] | how their NMSE depends on each simulated value |
+//! | [`ray`] | the multiple of a simulated curve that scores best |
 //! | [`lhs`] | Latin hypercube designs, the same bits on every platform |
 //! | [`nested`] | Latin hypercubes that grow and keep their sets |
 //! | [`criteria`] | how well a design fills the cube: discrepancy, distance, correlation |
@@ -15,20 +19,30 @@
 //! Nothing here knows units: abscissae and ordinates may be mm and N, degrees and N·mm, or any
 //! other pair, as long as the simulated and the measured curve share them.
 
+mod batch;
 pub mod criteria;
 pub mod curve;
 mod design;
 pub mod error;
+pub mod gradient;
+mod knots;
 pub mod lhs;
+pub mod measured;
+mod moments;
 pub mod nested;
 pub mod nmse;
 pub mod optimise;
 pub mod owen;
+mod pchip;
+pub mod ray;
 mod rng;
 pub mod scale;
+pub mod shared;
 mod swap;
 
 pub use error::{CurveError, Error, SamplingError, ScoringError};
+pub use measured::Measured;
+pub use shared::SharedPath;
 
 /// A count as a real number.
 #[expect(clippy::cast_precision_loss, reason = "exact up to 2^53, more than memory can hold")]

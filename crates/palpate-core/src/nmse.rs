@@ -12,12 +12,15 @@
 //!
 //! The normaliser always comes from the whole measured curve, without weights, so that a
 //! simulation that ended early is measured with the same yardstick as the others.
+#![expect(clippy::inline_always, reason = "only what is inlined gets a kernel's instructions")]
 
 use std::fmt;
 use std::str::FromStr;
 
-use crate::curve::{self, Named};
+use crate::batch;
+use crate::curve::{self, Interpolant, Named};
 use crate::error::{CurveError, Error, ScoringError};
+use crate::measured::Measured;
 use crate::real;
 
 /// What the error is divided by: a named choice, recorded with every score.
@@ -116,7 +119,9 @@ impl Normaliser {
             Self::Unit => 1.0,
         };
         let least = if self == Self::Mean { LEAST_MEAN * rms } else { 0.0 };
-        if share < least || share <= LEAST_SHARE {
+        // The inverse of a subnormal number may overflow.
+        let too_small = share * largest < f64::MIN_POSITIVE;
+        if share < least || share <= LEAST_SHARE || too_small {
             let (value, rms) = (share * largest, rms * largest);
             return Err(ScoringError::Degenerate { normaliser: self, value, rms }.into());
         }
@@ -177,15 +182,24 @@ pub fn nmse(
     weights: Option<&[f64]>,
 ) -> Result<f64, Error> {
     curve::same_length(Named { name: "sim", values: sim }, Named { name: "exp", values: exp })?;
-    let target = Target::new(exp, normaliser, weights)?;
     curve::finite("sim", sim)?;
-    Ok(target.score(sim).nmse)
+    Ok(Target::new(exp, normaliser, weights)?.score(sim).nmse)
+}
+
+/// NMSE and coverage of many simulated curves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scores {
+    /// NMSE of each curve over its covered points; NaN where there are none.
+    pub nmse: Vec<f64>,
+    /// Share of each curve's weight that is covered, 0 to 1.
+    pub coverage: Vec<f64>,
 }
 
 /// NMSE of many simulated curves against one measured curve.
 ///
 /// `sim` holds `n_sets` rows of `exp.len()` values, row after row. A NaN in it marks a point that
-/// the simulation did not reach: it does not count, and lowers the coverage of its row.
+/// the simulation did not reach: it does not count, and lowers the coverage of its row. `threads`
+/// (0: as many as there are cores) changes no bit of the result.
 ///
 /// # Errors
 /// [`CurveError`] if `sim` is not `n_sets` rows or holds an infinite value, or `exp` is empty or
@@ -195,9 +209,9 @@ pub fn nmse(
 /// ```
 /// use palpate_core::nmse::{Normaliser, nmse_batch};
 /// let sims = [1.0, 3.0, f64::NAN, 3.0];
-/// let scores = nmse_batch(&sims, 2, &[1.0, 3.0], Normaliser::MeanAbs, None)?;
-/// assert_eq!((scores[0].nmse, scores[0].coverage), (0.0, 1.0));
-/// assert_eq!((scores[1].nmse, scores[1].coverage), (0.0, 0.5));
+/// let scores = nmse_batch(&sims, 2, &[1.0, 3.0], Normaliser::MeanAbs, None, 1)?;
+/// assert_eq!(scores.nmse, [0.0, 0.0]);
+/// assert_eq!(scores.coverage, [1.0, 0.5]);
 /// # Ok::<(), palpate_core::Error>(())
 /// ```
 pub fn nmse_batch(
@@ -206,35 +220,59 @@ pub fn nmse_batch(
     exp: &[f64],
     normaliser: Normaliser,
     weights: Option<&[f64]>,
-) -> Result<Vec<Score>, Error> {
+    threads: usize,
+) -> Result<Scores, Error> {
     let target = Target::new(exp, normaliser, weights)?;
-    let (length, n_points) = (sim.len(), exp.len());
-    if n_sets.checked_mul(n_points) != Some(length) {
-        return Err(CurveError::BatchShape { length, n_sets, n_points }.into());
-    }
-    if let Some(i) = sim.iter().position(|v| v.is_infinite()) {
-        let (row, index, value) = (i / n_points, i % n_points, sim[i]);
-        return Err(CurveError::InfiniteInBatch { array: "sim", row, index, value }.into());
-    }
-    Ok(sim.chunks_exact(n_points).map(|row| target.score(row)).collect())
+    let n_points = exp.len();
+    batch::check_shape(sim, n_sets, n_points)?;
+    let [nmse, coverage] = batch::rows([1, 1], n_sets, threads, |set, [nmse, coverage], _| {
+        let row = &sim[set * n_points..][..n_points];
+        if let Some(index) = row.iter().position(|v| v.abs() > curve::LARGEST) {
+            return Err(batch::unusable(set, index, row[index]).into());
+        }
+        let score = target.score(row);
+        (nmse[0], coverage[0]) = (score.nmse, score.coverage);
+        Ok(())
+    })?;
+    Ok(Scores { nmse, coverage })
+}
+
+/// How curves are compared.
+///
+/// # Examples
+/// ```
+/// use palpate_core::nmse::{Comparison, Normaliser};
+/// let by_rms = Comparison { normaliser: Normaliser::Rms, ..Comparison::default() };
+/// assert_eq!(by_rms.tolerance, 0.0);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Comparison<'a> {
+    /// What the error is divided by.
+    pub normaliser: Normaliser,
+    /// A weight for each measured point; equal ones without.
+    pub weights: Option<&'a [f64]>,
+    /// Movement of the abscissa that counts as noise, as in [`curve::branches`].
+    pub tolerance: f64,
+    /// How simulated curves run between their points.
+    pub interpolant: Interpolant,
 }
 
 /// NMSE of a simulated path against a measured one, each with its own points.
 ///
 /// The simulated path is interpolated onto the measured points with
-/// [`curve::interpolate`]; points that it does not reach lower the coverage.
+/// [`curve::interpolate`]; points that it does not reach lower the coverage. For many simulated
+/// paths make the measured one ready once, with [`Measured`].
 ///
 /// # Errors
 /// [`CurveError`] as for [`curve::interpolate`] and [`ScoringError`] as for [`nmse`].
 ///
 /// # Examples
 /// ```
-/// use palpate_core::nmse::{Normaliser, score};
+/// use palpate_core::nmse::{Comparison, Normaliser, score};
 /// let measured = ([0.0, 1.0, 2.0, 1.0], [0.0, 1.0, 4.0, 0.5]);
 /// let simulated = ([0.0, 2.0], [0.0, 4.0]);
-/// let out = score(
-///     (&simulated.0, &simulated.1), (&measured.0, &measured.1), Normaliser::Range, 0.0, None,
-/// )?;
+/// let by_range = Comparison { normaliser: Normaliser::Range, ..Comparison::default() };
+/// let out = score((&simulated.0, &simulated.1), (&measured.0, &measured.1), &by_range)?;
 /// assert_eq!(out.coverage, 0.75);
 /// assert!((out.nmse - 1.0 / 3.0 / 16.0).abs() < 1e-15);
 /// # Ok::<(), palpate_core::Error>(())
@@ -242,48 +280,94 @@ pub fn nmse_batch(
 pub fn score(
     sim: (&[f64], &[f64]),
     exp: (&[f64], &[f64]),
-    normaliser: Normaliser,
-    tolerance: f64,
-    weights: Option<&[f64]>,
+    comparison: &Comparison<'_>,
 ) -> Result<Score, Error> {
-    let at = Named { name: "exp_x", values: exp.0 };
-    curve::same_length(Named { name: "exp_y", values: exp.1 }, at)?;
-    curve::finite("exp_y", exp.1)?;
-    let reached = curve::interpolate_at(sim.0, sim.1, at, tolerance)?;
-    let target = Target::new(exp.1, normaliser, weights)?;
-    Ok(target.score(&reached.values))
+    Measured::new(exp.0, exp.1, comparison)?.score(sim.0, sim.1)
 }
 
 /// A measured curve with everything that does not depend on the simulation.
-struct Target<'a> {
-    exp: &'a [f64],
-    normaliser: f64,
+#[derive(Debug, Clone)]
+pub(crate) struct Target {
+    pub(crate) exp: Vec<f64>,
+    /// √weight/normaliser of each point: the squares of scaled errors are summed.
+    pub(crate) factors: Vec<f64>,
     /// Largest is 1; `None` means that all are.
     weights: Option<Vec<f64>>,
+    /// Sum of the weights.
+    pub(crate) total: f64,
 }
 
-impl<'a> Target<'a> {
-    fn new(exp: &'a [f64], normaliser: Normaliser, weights: Option<&[f64]>) -> Result<Self, Error> {
-        let normaliser = normaliser.value(exp)?;
+impl Target {
+    pub(crate) fn new(
+        exp: &[f64],
+        normaliser: Normaliser,
+        weights: Option<&[f64]>,
+    ) -> Result<Self, Error> {
+        let per_unit = 1.0 / normaliser.value(exp)?;
         let weights = weights.map(|w| scaled_weights(w, exp.len())).transpose()?;
-        Ok(Self { exp, normaliser, weights })
+        let (factors, total) = match &weights {
+            None => (vec![per_unit; exp.len()], real(exp.len())),
+            Some(w) => (w.iter().map(|w| w.sqrt() * per_unit).collect(), w.iter().sum()),
+        };
+        Ok(Self { exp: exp.to_vec(), factors, weights, total })
     }
 
     /// Scores one curve whose NaNs are points not reached.
-    fn score(&self, sim: &[f64]) -> Score {
-        let (mut sum, mut covered, mut total) = (0.0, 0.0, 0.0);
-        for (i, (s, e)) in sim.iter().zip(self.exp).enumerate() {
-            let weight = self.weights.as_ref().map_or(1.0, |w| w[i]);
-            total += weight;
-            if !s.is_nan() {
-                let relative = (s - e) / self.normaliser;
-                sum += weight * relative * relative;
-                covered += weight;
-            }
+    #[inline(always)]
+    pub(crate) fn score(&self, sim: &[f64]) -> Score {
+        let sum = sum_of_squares(sim, &self.exp, &self.factors);
+        if sum.is_nan() {
+            return self.score_covered(sim);
         }
-        // 0/0 is the NaN that a row without any covered point is to have.
-        Score { nmse: sum / covered, coverage: covered / total }
+        Score { nmse: sum / self.total, coverage: 1.0 }
     }
+
+    #[cold]
+    fn score_covered(&self, sim: &[f64]) -> Score {
+        let known = |(s, e): (&f64, &f64)| if s.is_nan() { *e } else { *s };
+        let filled: Vec<f64> = sim.iter().zip(&self.exp).map(known).collect();
+        let sum = sum_of_squares(&filled, &self.exp, &self.factors);
+        let covered = self.covered(sim.iter().map(|s| !s.is_nan()));
+        // 0/0 is the NaN that a row without any covered point is to have.
+        Score { nmse: sum / covered, coverage: covered / self.total }
+    }
+
+    /// Weight of the points that are covered.
+    pub(crate) fn covered(&self, covered: impl Iterator<Item = bool>) -> f64 {
+        match &self.weights {
+            None => real(covered.filter(|c| *c).count()),
+            Some(weights) => weights.iter().zip(covered).filter(|(_, c)| *c).map(|(w, _)| w).sum(),
+        }
+    }
+}
+
+/// Partial sums that are kept side by side, point i in the one of i modulo their number.
+pub(crate) const PARTS: usize = 8;
+
+/// Σ (factor (sim − exp))², in the order that every form of the score keeps to.
+#[inline(always)]
+fn sum_of_squares(sim: &[f64], exp: &[f64], factors: &[f64]) -> f64 {
+    let mut parts = [0.0; PARTS];
+    let (sims, sim_rest) = sim.as_chunks::<PARTS>();
+    let (exps, exp_rest) = exp.as_chunks::<PARTS>();
+    let (scales, scale_rest) = factors.as_chunks::<PARTS>();
+    for ((sim, exp), scale) in sims.iter().zip(exps).zip(scales) {
+        for j in 0..PARTS {
+            let error = (sim[j] - exp[j]) * scale[j];
+            parts[j] += error * error;
+        }
+    }
+    for (j, ((sim, exp), scale)) in sim_rest.iter().zip(exp_rest).zip(scale_rest).enumerate() {
+        let error = (sim - exp) * scale;
+        parts[j] += error * error;
+    }
+    sum_of_parts(parts)
+}
+
+/// The sum of the partial sums.
+#[inline(always)]
+pub(crate) fn sum_of_parts(p: [f64; PARTS]) -> f64 {
+    ((p[0] + p[4]) + (p[2] + p[6])) + ((p[1] + p[5]) + (p[3] + p[7]))
 }
 
 /// Weights over their maximum, so that equal weights of any size are exactly no weights.

@@ -3,9 +3,9 @@
 #![allow(clippy::float_cmp, reason = "where a test says equal it means every bit")]
 
 use palpate_core::Error;
-use palpate_core::curve::{branches, interpolate};
+use palpate_core::curve::{Interpolant::Linear as LINEAR, branches, interpolate};
 use palpate_core::lhs::{LARGEST_DESIGN, latin_hypercube};
-use palpate_core::nmse::{Normaliser, nmse, nmse_batch, score};
+use palpate_core::nmse::{Comparison, Normaliser, nmse, nmse_batch, score};
 
 /// A twist 0 → −22.5° → +22.5° → 0 with hysteresis, whose mean is 0.09 of its rms.
 fn twist() -> (Vec<f64>, Vec<f64>) {
@@ -23,6 +23,10 @@ fn twist() -> (Vec<f64>, Vec<f64>) {
         .collect();
     let torque = angle.iter().map(|a| 28.0 * (4.0 * a).to_radians().sin() + 1.7).collect();
     (angle, torque)
+}
+
+fn by(normaliser: Normaliser) -> Comparison<'static> {
+    Comparison { normaliser, ..Comparison::default() }
 }
 
 fn says<T: std::fmt::Debug>(result: Result<T, Error>, parts: &[&str]) {
@@ -72,13 +76,15 @@ fn a_plateau_belongs_to_the_run_before_or_to_the_first_run() {
 
 #[test]
 fn the_way_back_is_not_confused_with_the_way_out() {
-    let out = interpolate(&[0.0, 2.0, 0.0], &[0.0, 2.0, 4.0], &[0.5, 2.0, 0.5], 0.0).unwrap();
+    let out =
+        interpolate(&[0.0, 2.0, 0.0], &[0.0, 2.0, 4.0], &[0.5, 2.0, 0.5], 0.0, LINEAR).unwrap();
     assert_eq!(out.values, [0.5, 2.0, 3.5]);
 }
 
 #[test]
 fn an_early_turn_leaves_the_measured_tip_uncovered() {
-    let out = interpolate(&[0.0, 1.0, 0.0], &[0.0, 1.0, 5.0], &[0.0, 2.0, 1.0, 0.0], 0.0).unwrap();
+    let out = interpolate(&[0.0, 1.0, 0.0], &[0.0, 1.0, 5.0], &[0.0, 2.0, 1.0, 0.0], 0.0, LINEAR)
+        .unwrap();
     assert_eq!(out.covered, [true, false, true, true]);
     // 1.0 is passed on the way back: the value at the turn, not beyond it.
     assert_eq!(out.values[2..], [1.0, 5.0]);
@@ -87,7 +93,8 @@ fn an_early_turn_leaves_the_measured_tip_uncovered() {
 #[test]
 fn a_turning_point_is_answered_by_the_earlier_branch() {
     // The simulation turns at 3 with 3, and is at 2 with 5 on its way back.
-    let out = interpolate(&[0.0, 3.0, 0.0], &[0.0, 3.0, 9.0], &[0.0, 2.0, 0.0], 0.0).unwrap();
+    let out =
+        interpolate(&[0.0, 3.0, 0.0], &[0.0, 3.0, 9.0], &[0.0, 2.0, 0.0], 0.0, LINEAR).unwrap();
     assert_eq!(out.values, [0.0, 2.0, 9.0]);
 }
 
@@ -100,34 +107,35 @@ fn a_reversal_of_exactly_the_tolerance_does_not_cut() {
 
 #[test]
 fn a_late_start_is_not_extrapolated() {
-    let out = interpolate(&[1.0, 2.0], &[3.0, 4.0], &[0.0, 1.0, 2.0], 0.0).unwrap();
+    let out = interpolate(&[1.0, 2.0], &[3.0, 4.0], &[0.0, 1.0, 2.0], 0.0, LINEAR).unwrap();
     assert_eq!(out.covered, [false, true, true]);
 }
 
 #[test]
 fn round_off_and_tolerance_reach_past_the_end_and_no_further() {
     let at = |end: f64, tolerance| {
-        interpolate(&[0.0, 10.0], &[0.0, 7.0], &[0.0, end], tolerance).unwrap()
+        interpolate(&[0.0, 10.0], &[0.0, 7.0], &[0.0, end], tolerance, LINEAR).unwrap()
     };
     assert_eq!(at(10.0 + 5e-9, 0.0).values[1], 7.0);
     assert!(!at(10.0 + 5e-8, 0.0).covered[1]);
     assert_eq!(at(10.04, 0.05).values[1], 7.0);
     assert!(!at(10.06, 0.05).covered[1]);
-    let early = interpolate(&[0.0, 10.0], &[3.0, 7.0], &[-0.04, 10.0], 0.05).unwrap();
+    let early = interpolate(&[0.0, 10.0], &[3.0, 7.0], &[-0.04, 10.0], 0.05, LINEAR).unwrap();
     assert_eq!(early.values, [3.0, 7.0]);
 }
 
 #[test]
 fn a_still_point_counts_with_the_value_it_moves_on_with() {
     let out =
-        interpolate(&[0.0, 1.0, 1.0, 2.0], &[0.0, 1.0, 9.0, 10.0], &[0.0, 1.0, 1.5], 0.0).unwrap();
+        interpolate(&[0.0, 1.0, 1.0, 2.0], &[0.0, 1.0, 9.0, 10.0], &[0.0, 1.0, 1.5], 0.0, LINEAR)
+            .unwrap();
     assert_eq!(out.values, [0.0, 9.0, 9.5]);
 }
 
 #[test]
 fn points_inside_tolerated_noise_are_passed_over() {
     let (x, y) = ([0.0, 1.0, 0.9, 2.0], [0.0, 1.0, 77.0, 2.0]);
-    let out = interpolate(&x, &y, &[0.0, 0.95, 1.5], 0.2).unwrap();
+    let out = interpolate(&x, &y, &[0.0, 0.95, 1.5], 0.2, LINEAR).unwrap();
     assert_eq!(out.values, [0.0, 0.95, 1.5]);
 }
 
@@ -176,10 +184,10 @@ fn the_unit_normaliser_gives_the_mean_squared_error() {
 #[test]
 fn coverage_is_a_share_of_the_weight() {
     let sim = [1.0, f64::NAN, f64::NAN, f64::NAN];
-    let scores = nmse_batch(&sim, 2, &[1.0, 2.0], Normaliser::Rms, Some(&[3.0, 1.0])).unwrap();
-    assert_eq!(scores[0].coverage, 0.75);
-    assert_eq!(scores[1].coverage, 0.0);
-    assert!(scores[1].nmse.is_nan());
+    let scores = nmse_batch(&sim, 2, &[1.0, 2.0], Normaliser::Rms, Some(&[3.0, 1.0]), 1).unwrap();
+    assert_eq!(scores.coverage[0], 0.75);
+    assert_eq!(scores.coverage[1], 0.0);
+    assert!(scores.nmse[1].is_nan());
 }
 
 #[test]
@@ -191,15 +199,15 @@ fn curve_errors_name_the_array_the_index_and_the_value() {
     says(branches(&[1.0, 1.0], 0.0), &["abscissa never moves"]);
     says(branches(&[0.0, 0.1], 0.2), &["never moves", "span 0.1", "tolerance 0.2"]);
     says(branches(&line, -1.0), &["tolerance is -1"]);
-    says(interpolate(&line, &line[1..], &line, 0.0), &["sim_y has 2", "sim_x has 3"]);
-    says(interpolate(&line, &[0.0, f64::INFINITY, 0.0], &line, 0.0), &["sim_y[1] is inf"]);
-    says(interpolate(&line, &line, &[1.0], 0.0), &["at_x has one point"]);
+    says(interpolate(&line, &line[1..], &line, 0.0, LINEAR), &["sim_y has 2", "sim_x has 3"]);
+    says(interpolate(&line, &[0.0, f64::INFINITY, 0.0], &line, 0.0, LINEAR), &["sim_y[1] is inf"]);
+    says(interpolate(&line, &line, &[1.0], 0.0, LINEAR), &["at_x has one point"]);
     says(
-        interpolate(&line, &line, &[2.0, 1.0], 0.0),
+        interpolate(&line, &line, &[2.0, 1.0], 0.0, LINEAR),
         &["branch 0", "sim_x is rising", "at_x is falling"],
     );
     says(
-        interpolate(&[0.0, 1.0, 0.0], &line, &line, 0.0),
+        interpolate(&[0.0, 1.0, 0.0], &line, &line, 0.0, LINEAR),
         &["sim_x has 2 branches", "at_x has only 1"],
     );
 }
@@ -216,10 +224,13 @@ fn scoring_errors_name_what_is_wrong() {
     says(nmse(&pair, &pair, rms, Some(&[1.0, -2.0])), &["weights[1] is -2"]);
     says(nmse(&pair, &pair, rms, Some(&[1.0, f64::NAN])), &["weights[1] is NaN"]);
     says(nmse(&pair, &pair, rms, Some(&[0.0, 0.0])), &["every weight is zero"]);
-    says(nmse_batch(&pair, 3, &pair, rms, None), &["sim has 2", "3 sets of 2"]);
-    says(nmse_batch(&[1.0, 1.0, 1.0, f64::INFINITY], 2, &pair, rms, None), &["sim[1, 1] is inf"]);
-    says(score((&pair, &pair), (&pair, &[1.0]), rms, 0.0, None), &["exp_y has 1", "exp_x has 2"]);
-    says(score((&pair, &pair), (&[0.0, f64::NAN], &pair), rms, 0.0, None), &["exp_x[1] is NaN"]);
+    says(nmse_batch(&pair, 3, &pair, rms, None, 1), &["sim has 2", "3 sets of 2"]);
+    says(
+        nmse_batch(&[1.0, 1.0, 1.0, f64::INFINITY], 2, &pair, rms, None, 1),
+        &["sim[1, 1] is inf"],
+    );
+    says(score((&pair, &pair), (&pair, &[1.0]), &by(rms)), &["exp_y has 1", "exp_x has 2"]);
+    says(score((&pair, &pair), (&[0.0, f64::NAN], &pair), &by(rms)), &["exp_x[1] is NaN"]);
     says("median".parse::<Normaliser>(), &["\"median\" is unknown"]);
 }
 

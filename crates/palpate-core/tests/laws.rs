@@ -2,9 +2,9 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![allow(clippy::float_cmp, reason = "where a test says equal it means every bit")]
 
-use palpate_core::curve::{Direction, branches, interpolate};
+use palpate_core::curve::{Direction, Interpolant::Linear as LINEAR, branches, interpolate};
 use palpate_core::lhs::latin_hypercube;
-use palpate_core::nmse::{Normaliser, nmse, nmse_batch, score};
+use palpate_core::nmse::{Comparison, Normaliser, nmse, nmse_batch, score};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -64,6 +64,10 @@ fn normaliser() -> impl Strategy<Value = Normaliser> {
     proptest::sample::select(Normaliser::ALL.to_vec())
 }
 
+fn by(normaliser: Normaliser) -> Comparison<'static> {
+    Comparison { normaliser, ..Comparison::default() }
+}
+
 fn close(a: f64, b: f64, tolerance: f64) -> bool {
     (a - b).abs() <= tolerance * (1.0 + a.abs().max(b.abs()))
 }
@@ -110,7 +114,7 @@ proptest! {
 
     #[test]
     fn a_curve_interpolated_onto_itself_is_itself((x, y) in curve()) {
-        let out = interpolate(&x, &y, &x, 0.0).unwrap();
+        let out = interpolate(&x, &y, &x, 0.0, LINEAR).unwrap();
         prop_assert_eq!(out.values, y);
         prop_assert!(out.covered.iter().all(|c| *c));
     }
@@ -118,9 +122,9 @@ proptest! {
     #[test]
     fn plateaus_stay_finite(x in stepped(), at in stepped()) {
         let y: Vec<f64> = x.iter().map(|v| v * v).collect();
-        let own = interpolate(&x, &y, &x, 0.0).unwrap();
+        let own = interpolate(&x, &y, &x, 0.0, LINEAR).unwrap();
         prop_assert_eq!(&own.values, &y);
-        if let Ok(out) = interpolate(&x, &y, &at, 0.0) {
+        if let Ok(out) = interpolate(&x, &y, &at, 0.0, LINEAR) {
             for (v, c) in out.values.iter().zip(&out.covered) {
                 prop_assert_eq!(v.is_finite(), *c);
             }
@@ -145,7 +149,7 @@ proptest! {
         let (sim_x, at_x) = (walk(&turns, &dense), walk(&turns, &at));
         let sim_y = line(&sim_x, dense.len() + 1);
         let expected = line(&at_x, at.len() + 1);
-        let out = interpolate(&sim_x, &sim_y, &at_x, 0.0).unwrap();
+        let out = interpolate(&sim_x, &sim_y, &at_x, 0.0, LINEAR).unwrap();
         for (v, e) in out.values.iter().zip(expected) {
             prop_assert!(close(*v, e, 1e-10), "{} {}", v, e);
         }
@@ -157,14 +161,14 @@ proptest! {
     ) {
         let (x, at_x) = (walk(&turns, &dense), walk(&turns, &at));
         let y = latin_hypercube(x.len(), 1, seed, false).unwrap();
-        let forward = interpolate(&x, &y, &at_x, 0.0).unwrap();
+        let forward = interpolate(&x, &y, &at_x, 0.0, LINEAR).unwrap();
         let back = |v: &[f64]| v.iter().rev().copied().collect::<Vec<_>>();
-        let backward = interpolate(&back(&x), &back(&y), &back(&at_x), 0.0).unwrap();
+        let backward = interpolate(&back(&x), &back(&y), &back(&at_x), 0.0, LINEAR).unwrap();
         for (f, b) in forward.values.iter().zip(back(&backward.values)) {
             prop_assert!(close(*f, b, 1e-9), "{} {}", f, b);
         }
         let minus = |v: &[f64]| v.iter().map(|v| -v).collect::<Vec<_>>();
-        prop_assert_eq!(forward, interpolate(&minus(&x), &y, &minus(&at_x), 0.0).unwrap());
+        prop_assert_eq!(forward, interpolate(&minus(&x), &y, &minus(&at_x), 0.0, LINEAR).unwrap());
     }
 
     #[test]
@@ -172,7 +176,7 @@ proptest! {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
         let reached = (share * x.len() as f64) as usize;
         prop_assume!(reached >= 2);
-        let out = interpolate(&x[..reached], &y[..reached], &x, 0.0).unwrap();
+        let out = interpolate(&x[..reached], &y[..reached], &x, 0.0, LINEAR).unwrap();
         prop_assert_eq!(&out.values[..reached], &y[..reached]);
         prop_assert!(out.values[reached..].iter().all(|v| v.is_nan()));
         prop_assert!(out.covered.iter().enumerate().all(|(i, c)| *c == (i < reached)));
@@ -235,11 +239,10 @@ proptest! {
         let n = exp.len();
         let mut sims = latin_hypercube(n_sets.max(1), n, seed, false).unwrap();
         sims.truncate(n_sets * n);
-        let batch = nmse_batch(&sims, n_sets, &exp, Normaliser::Rms, Some(&exp)).unwrap();
-        prop_assert_eq!(batch.len(), n_sets);
-        for (row, scored) in sims.chunks_exact(n).zip(batch) {
-            prop_assert_eq!(scored.nmse, nmse(row, &exp, Normaliser::Rms, Some(&exp)).unwrap());
-            prop_assert_eq!(scored.coverage, 1.0);
+        let batch = nmse_batch(&sims, n_sets, &exp, Normaliser::Rms, Some(&exp), 1).unwrap();
+        prop_assert_eq!(batch.nmse.len(), n_sets);
+        for (row, scored) in sims.chunks_exact(n).zip(batch.nmse) {
+            prop_assert_eq!(scored, nmse(row, &exp, Normaliser::Rms, Some(&exp)).unwrap());
         }
     }
 
@@ -255,28 +258,28 @@ proptest! {
                 covered += 1.0;
             }
         }
-        let scored = nmse_batch(&sim, 1, &exp, Normaliser::MeanAbs, None).unwrap()[0];
+        let scored = nmse_batch(&sim, 1, &exp, Normaliser::MeanAbs, None, 1).unwrap();
         #[expect(clippy::cast_precision_loss)]
         let share = covered / exp.len() as f64;
-        prop_assert!(close(scored.coverage, share, 1e-15));
+        prop_assert!(close(scored.coverage[0], share, 1e-15));
         if covered == 0.0 {
-            prop_assert!(scored.nmse.is_nan());
+            prop_assert!(scored.nmse[0].is_nan());
         } else {
-            prop_assert!(close(scored.nmse, sum / covered / normaliser.powi(2), 1e-12));
+            prop_assert!(close(scored.nmse[0], sum / covered / normaliser.powi(2), 1e-12));
         }
     }
 
     #[test]
     fn a_score_is_interpolation_then_nmse((x, y) in curve(), (at, dy) in (shares(), 0.1..9.0_f64)) {
         let own: Vec<f64> = y.iter().map(|v| v + dy).collect();
-        let same = score((&x, &own), (&x, &y), Normaliser::Rms, 0.0, None).unwrap();
+        let same = score((&x, &own), (&x, &y), &by(Normaliser::Rms)).unwrap();
         prop_assert_eq!(same.nmse, nmse(&own, &y, Normaliser::Rms, None).unwrap());
         let cuts = branches(&x, 0.0).unwrap();
         let mut turns: Vec<f64> = cuts.iter().map(|c| x[c.start]).collect();
         turns.push(x[x.len() - 1]);
         let exp_x = walk(&turns, &at);
-        let exp_y = interpolate(&x, &y, &exp_x, 0.0).unwrap().values;
-        let exact = score((&x, &y), (&exp_x, &exp_y), Normaliser::Rms, 0.0, None).unwrap();
+        let exp_y = interpolate(&x, &y, &exp_x, 0.0, LINEAR).unwrap().values;
+        let exact = score((&x, &y), (&exp_x, &exp_y), &by(Normaliser::Rms)).unwrap();
         prop_assert_eq!((exact.nmse, exact.coverage), (0.0, 1.0));
     }
 

@@ -25,15 +25,17 @@ type Reached<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
 
 /// Interpolate a simulated path onto measured abscissae, branch by branch.
 #[pyfunction]
-#[pyo3(signature = (sim_x, sim_y, at_x, tolerance = 0.0))]
+#[pyo3(signature = (sim_x, sim_y, at_x, tolerance = 0.0, interpolant = "linear"))]
 pub(crate) fn interpolate<'py>(
     py: Python<'py>,
     sim_x: PyReadonlyArray1<'py, f64>,
     sim_y: PyReadonlyArray1<'py, f64>,
     at_x: PyReadonlyArray1<'py, f64>,
     tolerance: f64,
+    interpolant: &str,
 ) -> Result<Reached<'py>, Raised> {
     let (sim_x, sim_y, at_x) = (values(&sim_x), values(&sim_y), values(&at_x));
-    let out = py.detach(|| core::interpolate(&sim_x, &sim_y, &at_x, tolerance))?;
+    let how = interpolant.parse()?;
+    let out = py.detach(|| core::interpolate(&sim_x, &sim_y, &at_x, tolerance, how))?;
     Ok((PyArray1::from_vec(py, out.values), PyArray1::from_vec(py, out.covered)))
 }

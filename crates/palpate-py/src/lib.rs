@@ -9,15 +9,17 @@ mod curve;
 mod elements;
 mod error;
 mod lhs;
+mod measured;
 mod nested;
 mod nmse;
 mod optimise;
 mod owen;
 mod scale;
+mod shared;
 mod solver;
 
 /// Numerical kernels of palpate.
-#[pyo3::pymodule]
+#[pyo3::pymodule(gil_used = false)]
 mod _core {
     use pyo3::prelude::*;
 
@@ -30,15 +32,19 @@ mod _core {
     #[pymodule_export]
     use crate::lhs::latin_hypercube;
     #[pymodule_export]
+    use crate::measured::Measured;
+    #[pymodule_export]
     use crate::nested::extend_latin_hypercube;
     #[pymodule_export]
-    use crate::nmse::{nmse, nmse_batch, score};
+    use crate::nmse::{nmse, nmse_batch, normaliser, score};
     #[pymodule_export]
     use crate::optimise::optimise_design;
     #[pymodule_export]
     use crate::owen::owen_scramble;
     #[pymodule_export]
     use crate::scale::geometric;
+    #[pymodule_export]
+    use crate::shared::SharedPath;
     #[pymodule_export]
     use crate::solver::SparseFactor;
 

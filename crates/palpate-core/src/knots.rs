@@ -1,0 +1,442 @@
+//! The walk of measured points along the support points of a simulated path.
+//!
+//! Both run the same way along corresponding branches, so one pass over each is enough. The run of
+//! measured points between two knots is found without regard to the runs before it, and taken in
+//! blocks of fixed size whose surplus the next run overwrites: so the processor can work on several
+//! runs at a time, and the compiler turns a block into vector instructions.
+#![expect(clippy::inline_always, reason = "only what is inlined gets a kernel's instructions")]
+
+use crate::curve::{self, Branch, Interpolant, Named, ROUND_OFF};
+use crate::error::Error;
+use crate::{pchip, real};
+
+/// Measured points that are interpolated at once.
+pub(crate) const BLOCK: usize = 8;
+
+/// Ordinates and slopes at the knots of one branch.
+#[derive(Default)]
+pub(crate) struct Pieces {
+    y: Vec<f64>,
+    slopes: pchip::Slopes,
+    /// Measured points before each knot but the first.
+    stops: Vec<usize>,
+}
+
+/// A measured path cut into branches, ready to be walked.
+#[derive(Debug, Clone)]
+pub(crate) struct Legs {
+    name: &'static str,
+    branches: Vec<Branch>,
+    walks: Vec<Leg>,
+    n_points: usize,
+    tolerance: f64,
+    /// How far a point may overshoot a simulated branch.
+    slack: f64,
+}
+
+/// The points that one measured branch answers for.
+#[derive(Debug, Clone)]
+struct Leg {
+    start: usize,
+    /// Along the direction of travel, then [`BLOCK`] infinities.
+    s: Vec<f64>,
+    /// Present where no point lies behind the one before it.
+    index: Option<Index>,
+}
+
+impl Legs {
+    pub(crate) fn new(path: Named<'_>, tolerance: f64) -> Result<Self, Error> {
+        let branches = curve::cut(path, tolerance)?;
+        let walks = branches.iter().map(|&branch| Leg::new(path.values, branch)).collect();
+        Ok(Self {
+            name: path.name,
+            branches,
+            walks,
+            n_points: path.values.len(),
+            tolerance,
+            slack: tolerance + ROUND_OFF * curve::span(path.values),
+        })
+    }
+
+    pub(crate) fn n_points(&self) -> usize {
+        self.n_points
+    }
+
+    /// Ordinates at the measured points of a path with these `knots` and ordinates `y`, NaN where
+    /// it does not get to.
+    ///
+    /// `values` has room for [`BLOCK`] more values than there are points.
+    #[inline(always)]
+    pub(crate) fn interpolate(
+        &self,
+        knots: &[Knots],
+        y: &[f64],
+        interpolant: Interpolant,
+        pieces: &mut Pieces,
+        values: &mut [f64],
+    ) {
+        for (k, leg) in self.walks.iter().enumerate() {
+            match knots.get(k) {
+                Some(knots) => leg.interpolate(knots, y, self.slack, interpolant, pieces, values),
+                None => leg.uncovered(values),
+            }
+        }
+    }
+
+    /// The knots of a simulated path, branch by branch, into `knots`.
+    pub(crate) fn knots_of(&self, sim_x: &[f64], knots: &mut Vec<Knots>) -> Result<(), Error> {
+        let branches = self.answering(sim_x)?;
+        knots.resize_with(branches.len(), Knots::default);
+        for (knots, branch) in knots.iter_mut().zip(branches) {
+            knots.collect(sim_x, branch);
+        }
+        Ok(())
+    }
+
+    /// The branches of a simulated path, each of which runs like the measured one of its number.
+    fn answering(&self, sim_x: &[f64]) -> Result<Vec<Branch>, Error> {
+        let path = Named { name: "sim_x", values: sim_x };
+        let branches = curve::cut(path, self.tolerance)?;
+        curve::correspond(path.name, &branches, self.name, &self.branches)?;
+        Ok(branches)
+    }
+
+    /// Where on a simulated path each measured point lies; `None` where it does not get to.
+    pub(crate) fn places(&self, sim_x: &[f64]) -> Result<Places, Error> {
+        let mut found = Places { legs: Vec::new(), points: vec![None; self.n_points] };
+        self.knots_of(sim_x, &mut found.legs)?;
+        for (k, (knots, leg)) in found.legs.iter().zip(&self.walks).enumerate() {
+            let mut segment = 0;
+            for (point, &s) in found.points[leg.start..].iter_mut().zip(leg.own()) {
+                let place = knots.place(s, self.slack, &mut segment);
+                *point = place.map(|(knot, share)| Place { leg: k, knot, share });
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// Every measured point's place on a simulated path.
+#[derive(Debug, Clone)]
+pub(crate) struct Places {
+    /// The knots of each simulated branch.
+    pub(crate) legs: Vec<Knots>,
+    pub(crate) points: Vec<Option<Place>>,
+}
+
+/// A place between two knots of a branch.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Place {
+    pub(crate) leg: usize,
+    /// The knot before it.
+    pub(crate) knot: usize,
+    /// Way to the next knot, 0 to 1; 0 at the last one.
+    pub(crate) share: f64,
+}
+
+impl Leg {
+    fn new(x: &[f64], branch: Branch) -> Self {
+        let own = branch.own_points();
+        let along = |&x: &f64| branch.direction.along(x);
+        let mut s: Vec<f64> = x[own.clone()].iter().map(along).collect();
+        let index = s.is_sorted().then(|| Index::new(&s));
+        s.extend([f64::INFINITY; BLOCK]);
+        Self { start: own.start, s, index }
+    }
+
+    fn own(&self) -> &[f64] {
+        &self.s[..self.s.len() - BLOCK]
+    }
+
+    fn uncovered(&self, values: &mut [f64]) {
+        values[self.start..][..self.own().len()].fill(f64::NAN);
+    }
+
+    #[inline(always)]
+    fn interpolate(
+        &self,
+        knots: &Knots,
+        y: &[f64],
+        slack: f64,
+        interpolant: Interpolant,
+        Pieces { y: own, slopes, stops }: &mut Pieces,
+        values: &mut [f64],
+    ) {
+        own.clear();
+        own.extend(knots.at.iter().map(|&i| y[i]));
+        let (s, y) = (&*knots.s, &**own);
+        let knotted = Knotted { s, y, slack };
+        match interpolant {
+            Interpolant::Linear => self.walk(knotted, |k| Line::new(s, y, k), stops, values),
+            Interpolant::Pchip => {
+                let slopes = slopes.at_knots(s, y);
+                self.walk(knotted, |k| Cubic::new(s, y, slopes, k), stops, values);
+            }
+        }
+    }
+
+    /// Walks along the knots; `piece` gives the interpolant behind one of them.
+    #[inline(always)]
+    fn walk<P: Piece>(
+        &self,
+        knots: Knotted<'_>,
+        piece: impl Fn(usize) -> P,
+        stops: &mut Vec<usize>,
+        values: &mut [f64],
+    ) {
+        let values = &mut values[self.start..];
+        match &self.index {
+            Some(index) => walk_runs(&self.s, index, knots, piece, stops, values),
+            None => walk_points(self.own(), knots, piece, values),
+        }
+    }
+}
+
+/// Knots with their ordinates, and how far beyond them the end values hold.
+#[derive(Clone, Copy)]
+struct Knotted<'a> {
+    s: &'a [f64],
+    y: &'a [f64],
+    slack: f64,
+}
+
+/// Ascending numbers in buckets of equal width, to find a place among them.
+#[derive(Debug, Clone)]
+struct Index {
+    first: f64,
+    buckets_per_unit: f64,
+    /// Numbers before each bucket; all are before the last one, which is empty.
+    before: Vec<usize>,
+}
+
+impl Index {
+    fn new(s: &[f64]) -> Self {
+        let (first, span) = match s {
+            [first, .., last] => (*first, last - first),
+            _ => (0.0, 0.0),
+        };
+        let per_unit = real(s.len()) / span;
+        let buckets_per_unit = if per_unit.is_finite() { per_unit } else { 0.0 };
+        let mut index = Self { first, buckets_per_unit, before: vec![0; s.len() + 2] };
+        let mut next = 0;
+        for (i, &s) in s.iter().enumerate() {
+            let bucket = index.bucket(s);
+            while next <= bucket {
+                index.before[next] = i;
+                next += 1;
+            }
+        }
+        index.before[next..].fill(s.len());
+        index
+    }
+
+    /// The bucket of `s`: it never falls as `s` grows.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "both saturate")]
+    #[inline(always)]
+    fn bucket(&self, s: f64) -> usize {
+        let last = self.before.len() - 1;
+        (((s - self.first) * self.buckets_per_unit) as usize).min(last)
+    }
+
+    /// How many of the numbers, which end in infinities, are less than `limit`.
+    #[inline(always)]
+    fn n_below(&self, s: &[f64], limit: f64) -> usize {
+        let bucket = self.bucket(limit);
+        let begin = self.before[bucket];
+        // Most often there is one number in a bucket; counting two takes no branch.
+        let i = begin + usize::from(s[begin] < limit) + usize::from(s[begin + 1] < limit);
+        if s[i] < limit { self.n_below_in_bucket(s, limit, bucket) } else { i }
+    }
+
+    #[cold]
+    fn n_below_in_bucket(&self, s: &[f64], limit: f64, bucket: usize) -> usize {
+        let begin = self.before[bucket];
+        let end = self.before.get(bucket + 1).copied().unwrap_or(s.len() - BLOCK);
+        begin + s[begin..end].partition_point(|s| *s < limit)
+    }
+}
+
+/// [`Leg::walk`] where no point lies behind the one before it; `at` ends in [`BLOCK`] infinities.
+#[inline(always)]
+fn walk_runs<P: Piece>(
+    at: &[f64],
+    index: &Index,
+    Knotted { s, y, slack }: Knotted<'_>,
+    piece: impl Fn(usize) -> P,
+    stops: &mut Vec<usize>,
+    values: &mut [f64],
+) {
+    let (first, last) = (s[0], s.len() - 1);
+    let n_points = at.len() - BLOCK;
+    let early = index.n_below(at, first - slack);
+    let mut start = index.n_below(at, first);
+    values[..early].fill(f64::NAN);
+    values[early..start].fill(y[0]);
+    stops.clear();
+    stops.extend(s[1..].iter().map(|&end| index.n_below(at, end)));
+    for (k, &stop) in stops.iter().enumerate() {
+        if start < stop {
+            let (piece, begin) = (piece(k), s[k]);
+            let (mut at, mut values) = (&at[start..], &mut values[start..]);
+            let mut left = stop - start;
+            while let (Some((block, rest)), Some((out, values_rest))) =
+                (at.split_first_chunk::<BLOCK>(), values.split_first_chunk_mut::<BLOCK>())
+            {
+                *out = block.map(|at| piece.at(at - begin));
+                if left <= BLOCK {
+                    break;
+                }
+                left -= BLOCK;
+                (at, values) = (rest, values_rest);
+            }
+        }
+        start = stop;
+    }
+    for (value, &at) in values[start..n_points].iter_mut().zip(&at[start..n_points]) {
+        *value = if at <= s[last] + slack { y[last] } else { f64::NAN };
+    }
+}
+
+/// [`Leg::walk`] where noise below the tolerance makes points fall back.
+fn walk_points<P: Piece>(
+    at: &[f64],
+    Knotted { s, y, slack }: Knotted<'_>,
+    piece: impl Fn(usize) -> P,
+    values: &mut [f64],
+) {
+    let mut segment = 0;
+    for (value, &at) in values.iter_mut().zip(at) {
+        *value = match find(s, at, slack, &mut segment) {
+            None => f64::NAN,
+            Some(k) if k + 1 == s.len() => y[k],
+            Some(k) => piece(k).at(at.max(s[0]) - s[k]),
+        };
+    }
+}
+
+/// The interpolant between two knots.
+trait Piece {
+    /// Value at a distance behind the first of them.
+    fn at(&self, offset: f64) -> f64;
+}
+
+/// A straight piece.
+struct Line {
+    y: f64,
+    rise: f64,
+    per_width: f64,
+}
+
+impl Line {
+    #[inline(always)]
+    fn new(s: &[f64], y: &[f64], k: usize) -> Self {
+        Self { y: y[k], rise: y[k + 1] - y[k], per_width: 1.0 / (s[k + 1] - s[k]) }
+    }
+}
+
+impl Piece for Line {
+    #[inline(always)]
+    fn at(&self, offset: f64) -> f64 {
+        self.y + (offset * self.per_width) * self.rise
+    }
+}
+
+/// A cubic piece in powers of the share of the way.
+struct Cubic {
+    powers: [f64; 4],
+    per_width: f64,
+}
+
+impl Cubic {
+    #[inline(always)]
+    fn new(s: &[f64], y: &[f64], slopes: &[f64], k: usize) -> Self {
+        let width = s[k + 1] - s[k];
+        let powers = pchip::coefficients(width, (y[k], y[k + 1]), (slopes[k], slopes[k + 1]));
+        Self { powers, per_width: 1.0 / width }
+    }
+}
+
+impl Piece for Cubic {
+    #[inline(always)]
+    fn at(&self, offset: f64) -> f64 {
+        let [c0, c1, c2, c3] = self.powers;
+        let share = offset * self.per_width;
+        c0 + share * (c1 + share * (c2 + share * c3))
+    }
+}
+
+/// Support points of one simulated branch, strictly ascending along the direction of travel.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Knots {
+    pub(crate) s: Vec<f64>,
+    /// Which points of the path they are.
+    pub(crate) at: Vec<usize>,
+}
+
+impl Knots {
+    /// Keeps the points that advance. Of equal abscissae the last counts, so that the value at a
+    /// plateau is the one with which the path moves on, on both sides of a turning point.
+    fn collect(&mut self, x: &[f64], branch: Branch) {
+        let points = branch.points();
+        self.clear();
+        self.s.extend(x[points.clone()].iter().map(|&x| branch.direction.along(x)));
+        // Counted, not searched for, so that several points are looked at at once.
+        let n_still = self.s.windows(2).filter(|pair| pair[1] - pair[0] < LEAST_STEP).count();
+        if n_still == 0 {
+            self.at.extend(points);
+            return;
+        }
+        self.clear();
+        for i in points {
+            let s = branch.direction.along(x[i]);
+            match (self.s.last(), self.at.last_mut()) {
+                (Some(&last), _) if s < last => {}
+                (Some(&last), Some(at)) if s - last < LEAST_STEP => *at = i,
+                _ => {
+                    self.s.push(s);
+                    self.at.push(i);
+                }
+            }
+        }
+    }
+
+    fn clear(&mut self) {
+        self.s.clear();
+        self.at.clear();
+    }
+
+    /// The knot before `s` and the way from there to the next.
+    fn place(&self, s: f64, slack: f64, segment: &mut usize) -> Option<(usize, f64)> {
+        let k = find(&self.s, s, slack, segment)?;
+        let share = match self.s.get(k + 1) {
+            Some(next) => (s.max(self.s[0]) - self.s[k]) * (1.0 / (next - self.s[k])),
+            None => 0.0,
+        };
+        Some((k, share))
+    }
+}
+
+/// Least distance of two knots; its inverse is finite. Points closer than that are one.
+const LEAST_STEP: f64 = f64::MIN_POSITIVE;
+
+/// The knot before `s` (the first within `slack` before it, the last within `slack` behind it).
+///
+/// `segment` is where the previous point was found; measured points come in travel order, so the
+/// next one is never far from there.
+fn find(knots: &[f64], s: f64, slack: f64, segment: &mut usize) -> Option<usize> {
+    let last = knots.len() - 1;
+    if s < knots[0] - slack || s > knots[last] + slack {
+        return None;
+    }
+    if s >= knots[last] {
+        return Some(last);
+    }
+    let s = s.max(knots[0]);
+    while knots[*segment + 1] <= s {
+        *segment += 1;
+    }
+    while knots[*segment] > s {
+        *segment -= 1;
+    }
+    Some(*segment)
+}
