@@ -92,16 +92,43 @@ def score(
 def _score_channel(
     simulations: Sequence[Simulation], measured: Curve, normaliser: Normaliser, minimum_coverage: float
 ) -> list[dict[str, object]]:
-    compared = [compare(s, measured) for s in simulations]
-    if not compared:
-        return []
-    values = np.stack([c.values for c in compared])
-    nmse, coverage = _core.nmse_batch(values, measured.ordinate, normaliser.value)
-    r2 = _r2(values, measured.ordinate)
+    variance = _variance(measured.ordinate, normaliser)
+    scored = _scored(simulations, measured, normaliser)
     return [
-        _row(s, measured.channel, c, minimum_coverage, tuple(map(float, numbers)))
-        for s, c, *numbers in zip(simulations, compared, nmse, r2, coverage, strict=True)
+        _row(s, measured.channel, score, minimum_coverage, 1.0 - score.nmse / variance)
+        for s, score in zip(simulations, scored, strict=True)
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Scored:
+    """NMSE and coverage of one simulation, NaN and 0 where there is no curve."""
+
+    status: Status
+    message: str
+    nmse: float = np.nan
+    coverage: float = 0.0
+
+
+def _scored(simulations: Sequence[Simulation], measured: Curve, normaliser: Normaliser) -> list[_Scored]:
+    """Score all sets together that were simulated at the same abscissae, as those of a sweep are."""
+    curves = [_curve(s, measured.channel) for s in simulations]
+    scored = [_Scored(status, message) for _, status, message in curves]
+    ordinates: dict[bytes, dict[int, FloatArray]] = {}
+    for i, (curve, _, _) in enumerate(curves):
+        if curve is not None:
+            ordinates.setdefault(curve.abscissa.tobytes(), {})[i] = curve.ordinate
+    ready = _core.Measured(measured.abscissa, measured.ordinate, normaliser.value)
+    for abscissa, by_set in ordinates.items():
+        try:
+            path = ready.along(np.frombuffer(abscissa))
+        except CurveError as error:
+            for i in by_set:
+                scored[i] = _Scored(*_unreadable(simulations[i], str(error)))
+            continue
+        for i, *numbers in zip(by_set, *path.score(np.stack(list(by_set.values()))), strict=True):
+            scored[i] = _Scored(scored[i].status, scored[i].message, *map(float, numbers))
+    return scored
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,43 +143,53 @@ class Compared:
 def compare(simulation: Simulation, measured: Curve) -> Compared:
     """Bring a simulated curve onto the measured abscissae, branch by branch."""
     nothing = np.full(measured.abscissa.shape, np.nan)
-    if simulation.response is None:
-        return Compared(nothing, simulation.status, simulation.message)
-    curve = simulation.response.curves.get(measured.channel)
+    curve, status, message = _curve(simulation, measured.channel)
     if curve is None:
-        status = Status.UNREADABLE if simulation.status is Status.OK else simulation.status
-        message = simulation.message or f"the solver gave no curve '{measured.channel}'"
         return Compared(nothing, status, message)
     try:
         values, _ = _core.interpolate(curve.abscissa, curve.ordinate, measured.abscissa, 0.0)
     except CurveError as error:
-        status = Status.UNREADABLE if simulation.status is Status.OK else simulation.status
-        return Compared(nothing, status, simulation.message or str(error))
-    return Compared(values, simulation.status, simulation.message)
+        return Compared(nothing, *_unreadable(simulation, str(error)))
+    return Compared(values, status, message)
 
 
-def _r2(values: FloatArray, ordinate: FloatArray) -> FloatArray:
-    """1 − Σ(sim − exp)²/Σ(exp − mean)²; NaN for a flat measured curve, which has no variance."""
+def _curve(simulation: Simulation, channel: str) -> tuple[Curve | None, Status, str]:
+    """Find the curve of a channel, or why there is none."""
+    if simulation.response is None:
+        return None, simulation.status, simulation.message
+    curve = simulation.response.curves.get(channel)
+    if curve is None:
+        return None, *_unreadable(simulation, f"the solver gave no curve '{channel}'")
+    return curve, simulation.status, simulation.message
+
+
+def _unreadable(simulation: Simulation, message: str) -> tuple[Status, str]:
+    """Say why a curve cannot be used, unless the simulation failed and said so itself."""
+    status = Status.UNREADABLE if simulation.status is Status.OK else simulation.status
+    return status, simulation.message or message
+
+
+def _variance(ordinate: FloatArray, normaliser: Normaliser) -> float:
+    """Σ(exp − mean)²/N over normaliser², which is NMSE/(1 − R²); NaN for a flat measured curve."""
     try:
-        of_std, _ = _core.nmse_batch(values, ordinate, Normaliser.STD.value)
+        deviation = _core.normaliser(ordinate, Normaliser.STD.value)
     except ScoringError:
-        return np.full(len(values), np.nan)
-    return 1.0 - of_std
+        return np.nan
+    return (deviation / _core.normaliser(ordinate, normaliser.value)) ** 2
 
 
 def _row(
     simulation: Simulation,
     channel: str,
-    compared: Compared,
+    scored: _Scored,
     minimum_coverage: float,
-    numbers: tuple[float, ...],
+    r2: float,
 ) -> dict[str, object]:
-    nmse, r2, coverage = numbers
-    message = compared.message
+    nmse, coverage, message = scored.nmse, scored.coverage, scored.message
     # A share of counted points is exact only up to rounding.
-    if compared.status is Status.OK and coverage < minimum_coverage - 1e-12:
+    if scored.status is Status.OK and coverage < minimum_coverage - 1e-12:
         message = f"covers {coverage:.3f} of the measured '{channel}', less than {minimum_coverage:g}"
-    ranked = compared.status is Status.OK and coverage >= minimum_coverage - 1e-12 and np.isfinite(nmse)
+    ranked = scored.status is Status.OK and coverage >= minimum_coverage - 1e-12 and np.isfinite(nmse)
     return {
         "spot": simulation.job.spot,
         "set_id": simulation.job.set_id,
@@ -160,7 +197,7 @@ def _row(
         "nmse": nmse if ranked else None,
         "r2": r2 if ranked and np.isfinite(r2) else None,
         "coverage": coverage,
-        "status": compared.status.value,
+        "status": scored.status.value,
         "seconds": simulation.seconds,
         "message": message,
     }
