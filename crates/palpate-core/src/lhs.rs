@@ -42,23 +42,29 @@ pub fn latin_hypercube(n: usize, d: usize, seed: u64, centred: bool) -> Result<V
 
     let mut rng = Rng::new(seed);
     let mut design = vec![0.0; n_values];
-    for column in 0..d {
-        let strata = shuffled(n_strata, &mut rng);
-        for (row, &stratum) in strata.iter().enumerate() {
-            let drawn = rng.unit();
-            let place = if centred { 0.5 } else { drawn };
-            design[row * d + column] = inside(stratum, place, n);
+    let mut group = vec![0.0; n * d.min(GROUP)];
+    let mut strata: Vec<u32> = (0..n_strata).collect();
+    for first in (0..d).step_by(GROUP) {
+        let width = GROUP.min(d - first);
+        for column in group.chunks_exact_mut(n).take(width) {
+            strata.iter_mut().zip(0..).for_each(|(stratum, k)| *stratum = k);
+            shuffle(&mut strata, &mut rng);
+            for (value, &stratum) in column.iter_mut().zip(&strata) {
+                let drawn = rng.unit();
+                *value = inside(stratum, if centred { 0.5 } else { drawn }, n);
+            }
+        }
+        for (row, sets) in design.chunks_exact_mut(d).enumerate() {
+            for (k, value) in sets[first..first + width].iter_mut().enumerate() {
+                *value = group[k * n + row];
+            }
         }
     }
     Ok(design)
 }
 
-/// The numbers 0 … n−1 in random order, every order equally likely.
-fn shuffled(n: u32, rng: &mut Rng) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..n).collect();
-    shuffle(&mut order, rng);
-    order
-}
+/// Columns drawn before they are put into rows: as many values as fill a line of cache.
+const GROUP: usize = 8;
 
 /// Puts `order`, of at most 2^28 numbers, into random order (Fisher–Yates).
 pub(crate) fn shuffle(order: &mut [u32], rng: &mut Rng) {
@@ -74,9 +80,12 @@ pub(crate) fn shuffle(order: &mut [u32], rng: &mut Rng) {
 /// next stratum, so it is held below that.
 pub(crate) fn inside(stratum: u32, place: f64, n: usize) -> f64 {
     let stratum = f64::from(stratum);
-    let end = (stratum + 1.0) / real(n);
-    ((stratum + place) / real(n)).min(end.next_down())
+    let value = (stratum + place) / real(n);
+    if place < SAFE { value } else { value.min(((stratum + 1.0) / real(n)).next_down()) }
 }
+
+/// Up to this place no rounding reaches the next stratum, of 2^28 at most.
+const SAFE: f64 = 0.999;
 
 #[cfg(test)]
 mod tests {

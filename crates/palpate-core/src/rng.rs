@@ -34,10 +34,10 @@ impl Rng {
 
     /// A whole number below `bound`, each equally likely (Lemire's multiplication with rejection).
     pub(crate) fn below(&mut self, bound: u32) -> u32 {
-        let unfair = bound.wrapping_neg() % bound;
         loop {
             let [high, low] = halves(u64::from(halves(self.next())[0]) * u64::from(bound));
-            if low >= unfair {
+            // Fewer than `bound` words are unfair, so the slow remainder is seldom needed.
+            if low >= bound || low >= bound.wrapping_neg() % bound {
                 return high;
             }
         }
