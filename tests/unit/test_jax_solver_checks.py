@@ -9,7 +9,7 @@ from palpate.domain import HomogeneousTests, Indentation, Job, Limb, Sphere, Spo
 from palpate.errors import MaterialError, MeshError, StudyError
 from palpate.specimens import block
 from palpate_jax.march import stations
-from palpate_jax.solver import JaxSolver
+from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.yeoh import Yeoh
 
 PROTOCOL = Indentation(indenter=Sphere(radius_mm=7.5), path=np.array([(0.0, 0.0), (2.0, 0.0)]), friction=0.5)
@@ -68,3 +68,11 @@ def test_stations_keep_waypoints_to_the_last_bit_and_the_largest_step(depth):
     assert moves[:, 0].max() <= depth / 3 * (1 + 1e-12)
     assert moves[:, 1].max() <= 7.0 * (1 + 1e-12)
     assert (points[3:, 0] == depth).all()
+
+
+def test_a_setting_that_names_an_unknown_region_is_refused():
+    solver = JaxSolver(JaxSettings(mean_dilatation=("muscle",)))
+    with pytest.raises(
+        StudyError, match="mean_dilatation names region 'muscle', and the mesh has soft_tissue"
+    ):
+        solver.check(JOB, block())

@@ -8,7 +8,7 @@ derivatives, so Newton converges quadratically. With ``mean_dilatation`` off,
 F̄ = F: the plain displacement element.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,33 +34,38 @@ class Block:
         Shape function gradients in the reference configuration [1/mm].
     volumes : (n_elements, q) array
         Quadrature weight times reference Jacobian [mm³].
+    mean_dilatation : bool
+        Otherwise plain displacement elements.
     """
 
     region: str
     nodes: IntArray
     gradients: FloatArray
     volumes: FloatArray
+    mean_dilatation: bool = True
 
 
-def blocks(mesh: Mesh, mean_dilatation: bool = True) -> tuple[Block, ...]:
+def blocks(mesh: Mesh, mean_dilatation: bool | Collection[str] = True) -> tuple[Block, ...]:
     """Split a mesh into blocks of one element kind and one region each.
 
-    With mean dilatation an element of a block of tet4 is a patch of tetrahedra
+    ``mean_dilatation`` may name the regions that have it; the others are plain.
+    With it an element of a block of tet4 is a patch of tetrahedra
     with a point for each (:mod:`palpate_jax.patches`); without it tet10 has the
     rule of the plain displacement element.
     """
     found = []
     for kind, cells in mesh.cells.items():
-        element = ELEMENTS[kind] if mean_dilatation else PLAIN_ELEMENTS[kind]
         for index, region in enumerate(mesh.regions):
+            mean = mean_dilatation if isinstance(mean_dilatation, bool) else region in mean_dilatation
+            element = ELEMENTS[kind] if mean else PLAIN_ELEMENTS[kind]
             nodes = cells[mesh.cell_regions[kind] == index]
             if len(nodes) == 0:
                 continue
             jacobians = np.einsum("eai,qaj->eqij", mesh.points_mm[nodes], element.slopes)
             gradients = np.einsum("qaj,eqji->eqai", element.slopes, np.linalg.inv(jacobians))
             volumes = np.linalg.det(jacobians) * element.weights
-            block = Block(region, nodes, gradients, volumes)
-            if mean_dilatation and kind == "tet4":
+            block = Block(region, nodes, gradients, volumes, mean)
+            if mean and kind == "tet4":
                 block = _by_patch(block, tetrahedron_patches(mesh.points_mm, nodes))
             found.append(block)
     return tuple(found)
@@ -84,7 +89,7 @@ def _by_patch(block: Block, labels: IntArray) -> Block:
     gradients = np.zeros((*volumes.shape, nodes.shape[1], 3))
     local = places[inverse.reshape(block.nodes.shape)]
     gradients[labels[:, None], slots[:, None], local] = block.gradients[:, 0]
-    return Block(block.region, nodes, gradients, volumes)
+    return Block(block.region, nodes, gradients, volumes, block.mean_dilatation)
 
 
 def _places(labels: IntArray) -> IntArray:
@@ -106,10 +111,12 @@ class Body:
     ----------
     mesh : Mesh
     materials : mapping of region to Material
-    mean_dilatation : bool
+    mean_dilatation : bool, or the regions that have it
     """
 
-    def __init__(self, mesh: Mesh, materials: Mapping[str, Material], mean_dilatation: bool) -> None:
+    def __init__(
+        self, mesh: Mesh, materials: Mapping[str, Material], mean_dilatation: bool | Collection[str]
+    ) -> None:
         self.blocks = blocks(mesh, mean_dilatation)
         self._shape = (mesh.n_nodes, 3)
         self._n_entries: int | None = None
@@ -118,7 +125,7 @@ class Body:
             material = materials[block.region]
             kernel = CompiledKernel if serves(material) else AutodiffKernel
             self._kernels.append(
-                kernel(material, block.nodes, block.gradients, block.volumes, mean_dilatation)
+                kernel(material, block.nodes, block.gradients, block.volumes, block.mean_dilatation)
             )
 
     def bind(self, places: Sequence[IntArray], n_entries: int) -> None:
