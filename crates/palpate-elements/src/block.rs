@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use pulp::Arch;
 
-use crate::deformation::Deformation;
+use crate::deformation::{Deform, Deformation};
 use crate::error::Error;
 use crate::lanes::{Lanes, Triple, WIDTH, ZERO};
 
@@ -132,7 +132,7 @@ impl ElementBlock {
     /// [`Error`] if the displacements are not three for every node in use.
     pub fn deform(self: Arc<Self>, displacements: &[f64]) -> Result<Deformation, Error> {
         self.check_nodes("displacements", displacements)?;
-        Ok(Arch::new().dispatch(|| Deformation::new(self, displacements)))
+        Ok(Arch::new().dispatch(Deform { block: self, displacements }))
     }
 
     pub(crate) fn check_nodes(&self, array: &'static str, values: &[f64]) -> Result<(), Error> {

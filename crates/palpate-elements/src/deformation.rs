@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 
 use crate::block::{ElementBlock, Shape, gathered, length};
 use crate::dilatation::Dilatation;
@@ -36,9 +36,40 @@ pub struct Deformation {
     least_jacobian: f64,
 }
 
+/// Makes a [`Deformation`].
+pub(crate) struct Deform<'a> {
+    pub(crate) block: Arc<ElementBlock>,
+    pub(crate) displacements: &'a [f64],
+}
+
+impl NullaryFnOnce for Deform<'_> {
+    type Output = Deformation;
+
+    #[inline(always)]
+    fn call(self) -> Deformation {
+        Deformation::new(self.block, self.displacements)
+    }
+}
+
+/// Adds the forces of every element to those of the nodes.
+struct Scatter<'a> {
+    deformed: &'a Deformation,
+    psi_i: &'a [f64],
+    total: &'a mut [f64],
+}
+
+impl NullaryFnOnce for Scatter<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.deformed.scatter_force(self.psi_i, self.total);
+    }
+}
+
 impl Deformation {
     #[inline(always)]
-    pub(crate) fn new(block: Arc<ElementBlock>, displacements: &[f64]) -> Self {
+    fn new(block: Arc<ElementBlock>, displacements: &[f64]) -> Self {
         let shape = block.shape;
         let mut points = Vec::with_capacity(shape.groups() * shape.points);
         let mut least = Lanes::all(f64::INFINITY);
@@ -51,7 +82,7 @@ impl Deformation {
             for point in 0..shape.points {
                 let columns = gradient_columns(&own, block.gradients_at(group, point));
                 let (frame, jacobian) = Frame::new(&columns);
-                least = least.choose(jacobian, |least, j| least <= j, least, jacobian);
+                least = least.at_most(jacobian, least, jacobian);
                 points.push(Point { frame, jacobian, scale: ONE });
             }
             if block.mean_dilatation {
@@ -106,7 +137,7 @@ impl Deformation {
     pub fn add_force(&self, psi_i: &[f64], total: &mut [f64]) -> Result<(), Error> {
         self.check_first(psi_i)?;
         self.block.check_nodes("total", total)?;
-        Arch::new().dispatch(|| self.scatter_force(psi_i, total));
+        Arch::new().dispatch(Scatter { deformed: self, psi_i, total });
         Ok(())
     }
 
@@ -127,7 +158,7 @@ impl Deformation {
         let shape = self.block.shape;
         length("psi_ij", psi_ij, shape.elements * shape.points * 9)?;
         self.block.check_entries("values", values)?;
-        Arch::new().dispatch(|| stiffness::scatter(self, psi_i, psi_ij, values));
+        Arch::new().dispatch(stiffness::Scatter { deformed: self, psi_i, psi_ij, values });
         Ok(())
     }
 

@@ -13,7 +13,7 @@
 //! | `curvature` | Σ_q w ∂²Ψ/∂θ² |
 
 use crate::deformation::Point;
-use crate::lanes::{Lanes, ONE, Square, Triple, ZERO, dot, product};
+use crate::lanes::{Lanes, Square, Triple, ZERO, dot, inverse, product};
 use crate::principal::{PAIRS, Tangent};
 
 /// What the points of a group share.
@@ -41,8 +41,7 @@ impl Dilatation {
         let (mean, _) = mean_jacobian(points, volumes);
         for point in points {
             let ratio = mean / point.jacobian;
-            point.scale =
-                ratio.choose(ZERO, |r, zero| r > zero, ratio.map(f64::cbrt), Lanes::all(f64::NAN));
+            point.scale = ratio.at_most(ZERO, Lanes::all(f64::NAN), ratio.cbrt());
         }
     }
 
@@ -80,40 +79,34 @@ impl Dilatation {
     ) -> Coupled {
         let (stretches, s) = (&point.frame.stretches, point.scale);
         let third = Lanes::all(1.0 / 3.0);
-        let inverse = stretches.map(|stretch| ONE / stretch);
+        let inverse = inverse(stretches);
         let (trace, along) = (dot(psi_i, stretches), product(psi_ij, stretches));
         let m = dot(&along, stretches);
         let volumetric = self.pressure * point.jacobian;
         let square = s * s;
-        let half = [0, 1, 2].map(|a| (square * along[a] + s * psi_i[a]) * third);
         let both = (square * m + s * trace) * Lanes::all(1.0 / 9.0) + volumetric;
         let swap = s * trace * third - volumetric;
-        let mut direct = [0, 1, 2].map(|a| {
-            [0, 1, 2].map(|b| {
-                let inner = half[a] * inverse[b] + half[b] * inverse[a];
-                square * psi_ij[a][b] - inner + both * inverse[a] * inverse[b]
-            })
-        });
+        let (mut half, mut mixed) = ([ZERO; 3], [ZERO; 3]);
         for a in 0..3 {
-            direct[a][a] += swap * inverse[a] * inverse[a];
-        }
-        let mixed = [0, 1, 2].map(|a| {
+            half[a] = (square * along[a] + s * psi_i[a]) * third;
             let deviator = psi_i[a] + s * along[a] - (trace + s * m) * third * inverse[a];
-            s * third / self.mean * deviator
-        });
-        Coupled {
-            tangent: Tangent {
-                direct,
-                shear: tangent.shear.map(|shear| square * shear),
-                swap: [0, 1, 2].map(|k| {
-                    let (a, b) = PAIRS[k];
-                    square * tangent.swap[k] + swap * inverse[a] * inverse[b]
-                }),
-            },
-            mixed,
-            curvature: s * Lanes::all(1.0 / 9.0) / (self.mean * self.mean)
-                * (m * s - trace - trace),
+            mixed[a] = s * third / self.mean * deviator;
         }
+        let mut result = *tangent;
+        for a in 0..3 {
+            for b in 0..3 {
+                let inner = half[a] * inverse[b] + half[b] * inverse[a];
+                let outer = both * inverse[a] * inverse[b];
+                result.direct[a][b] = square * psi_ij[a][b] - inner + outer;
+            }
+            result.direct[a][a] += swap * inverse[a] * inverse[a];
+        }
+        for (k, (a, b)) in PAIRS.into_iter().enumerate() {
+            result.shear[k] = square * tangent.shear[k];
+            result.swap[k] = square * tangent.swap[k] + swap * inverse[a] * inverse[b];
+        }
+        let bend = (m * s - trace - trace) * s * Lanes::all(1.0 / 9.0);
+        Coupled { tangent: result, mixed, curvature: bend / (self.mean * self.mean) }
     }
 }
 

@@ -4,7 +4,6 @@
 //! fused, so an element's result is the same to the last bit whatever lies beside it and whatever
 //! the processor.
 
-use std::array::from_fn;
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
 /// Elements side by side.
@@ -33,50 +32,69 @@ impl Lanes {
     }
 
     #[inline(always)]
-    pub(crate) fn map(self, function: impl Fn(f64) -> f64) -> Self {
-        Self(self.0.map(function))
+    pub(crate) fn sqrt(mut self) -> Self {
+        for value in &mut self.0 {
+            *value = value.sqrt();
+        }
+        self
     }
 
     #[inline(always)]
-    pub(crate) fn sqrt(self) -> Self {
-        self.map(f64::sqrt)
+    pub(crate) fn cbrt(mut self) -> Self {
+        for value in &mut self.0 {
+            *value = value.cbrt();
+        }
+        self
     }
 
     #[inline(always)]
-    pub(crate) fn abs(self) -> Self {
-        self.map(f64::abs)
+    pub(crate) fn abs(mut self) -> Self {
+        for value in &mut self.0 {
+            *value = value.abs();
+        }
+        self
     }
 
-    /// `yes` where the condition on `self` and `other` holds, else `no`.
+    /// Whether every number is at most the other.
     #[inline(always)]
-    pub(crate) fn choose(
-        self,
-        other: Self,
-        condition: impl Fn(f64, f64) -> bool,
-        yes: Self,
-        no: Self,
-    ) -> Self {
-        Self(from_fn(|k| if condition(self.0[k], other.0[k]) { yes.0[k] } else { no.0[k] }))
+    pub(crate) fn all_at_most(self, other: Self) -> bool {
+        let mut all = true;
+        for k in 0..WIDTH {
+            all &= self.0[k] <= other.0[k];
+        }
+        all
+    }
+
+    /// `yes` where `self` is at most `other`, else `no`, also where either is not a number.
+    #[inline(always)]
+    pub(crate) fn at_most(self, other: Self, yes: Self, mut no: Self) -> Self {
+        for k in 0..WIDTH {
+            no.0[k] = if self.0[k] <= other.0[k] { yes.0[k] } else { no.0[k] };
+        }
+        no
     }
 }
 
 macro_rules! operation {
-    ($trait:ident, $method:ident, $symbol:tt) => {
+    ($trait:ident, $method:ident, $assign:tt) => {
         impl $trait for Lanes {
             type Output = Self;
 
             #[inline(always)]
-            fn $method(self, other: Self) -> Self {
-                Self(from_fn(|k| self.0[k] $symbol other.0[k]))
+            fn $method(mut self, other: Self) -> Self {
+                for k in 0..WIDTH {
+                    self.0[k] $assign other.0[k];
+                }
+                self
             }
         }
     };
 }
 
-operation!(Add, add, +);
-operation!(Sub, sub, -);
-operation!(Mul, mul, *);
-operation!(Div, div, /);
+operation!(Add, add, +=);
+operation!(Sub, sub, -=);
+operation!(Mul, mul, *=);
+operation!(Div, div, /=);
 
 impl AddAssign for Lanes {
     #[inline(always)]
@@ -92,7 +110,7 @@ pub(crate) fn dot(a: &Triple, b: &Triple) -> Lanes {
 
 #[inline(always)]
 pub(crate) fn scaled(a: &Triple, factor: Lanes) -> Triple {
-    a.map(|x| x * factor)
+    [a[0] * factor, a[1] * factor, a[2] * factor]
 }
 
 /// The determinant of three rows or columns.
@@ -107,15 +125,21 @@ pub(crate) fn determinant(m: &Square) -> Lanes {
 /// M x.
 #[inline(always)]
 pub(crate) fn product(m: &Square, x: &Triple) -> Triple {
-    m.each_ref().map(|row| dot(row, x))
+    [dot(&m[0], x), dot(&m[1], x), dot(&m[2], x)]
+}
+
+/// 1 / a.
+#[inline(always)]
+pub(crate) fn inverse(a: &Triple) -> Triple {
+    [ONE / a[0], ONE / a[1], ONE / a[2]]
 }
 
 /// Adds `a ⊗ b`.
 #[inline(always)]
 pub(crate) fn add_outer(sum: &mut Square, a: &Triple, b: &Triple) {
-    for (row, x) in sum.iter_mut().zip(a) {
-        for (entry, y) in row.iter_mut().zip(b) {
-            *entry += *x * *y;
+    for i in 0..3 {
+        for j in 0..3 {
+            sum[i][j] += a[i] * b[j];
         }
     }
 }
@@ -123,7 +147,7 @@ pub(crate) fn add_outer(sum: &mut Square, a: &Triple, b: &Triple) {
 /// Adds `factor` a.
 #[inline(always)]
 pub(crate) fn add_scaled(sum: &mut Triple, a: &Triple, factor: Lanes) {
-    for (entry, x) in sum.iter_mut().zip(a) {
-        *entry += *x * factor;
+    for i in 0..3 {
+        sum[i] += a[i] * factor;
     }
 }

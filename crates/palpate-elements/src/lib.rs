@@ -26,6 +26,7 @@
     clippy::inline_always,
     reason = "a function left out of line misses the vector instructions"
 )]
+#![expect(clippy::needless_range_loop, reason = "the indices are those of the tensors")]
 
 pub mod block;
 pub mod deformation;

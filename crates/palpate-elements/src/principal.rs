@@ -3,7 +3,7 @@
 //! F = Σ_a λ_a e_a ⊗ N_a. In that frame the tangent ∂P/∂F of an isotropic material is sparse: only
 //! A_aabb, A_abab and A_abba differ from zero.
 
-use crate::lanes::{IDENTITY, Lanes, ONE, Square, Triple, ZERO, determinant, dot, scaled};
+use crate::lanes::{IDENTITY, Lanes, ONE, Square, Triple, ZERO, determinant, dot, inverse, scaled};
 
 /// Where |c_a − c_b| ≤ EQUAL (c_a + c_b), c = λ², a divided difference gives way to its limit.
 ///
@@ -13,6 +13,9 @@ pub const EQUAL: f64 = 3e-6;
 
 /// One-sided Jacobi converges quadratically: the fourth sweep reaches rounding, the fifth is margin.
 const SWEEPS: usize = 5;
+
+/// Columns at an angle this close to a right one are left alone: rounding tilts them as much.
+const RIGHT: f64 = 4.0 * f64::EPSILON;
 
 /// The pairs of principal directions.
 pub(crate) const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
@@ -37,41 +40,57 @@ impl Frame {
         let volume = determinant(columns);
         let (mut g, mut n) = (*columns, IDENTITY);
         for _ in 0..SWEEPS {
+            let mut done = true;
             for (a, b) in PAIRS {
-                let (cosine, sine) = angle(&g[a], &g[b]);
-                (g[a], g[b]) = rotated(&g[a], &g[b], cosine, sine);
-                (n[a], n[b]) = rotated(&n[a], &n[b], cosine, sine);
+                if let Some((cosine, sine)) = angle(&g[a], &g[b]) {
+                    rotate(&mut g, a, b, cosine, sine);
+                    rotate(&mut n, a, b, cosine, sine);
+                    done = false;
+                }
+            }
+            if done {
+                break;
             }
         }
-        let stretches = g.each_ref().map(|column| {
-            let length = dot(column, column).sqrt();
-            volume.choose(ZERO, |v, zero| v > zero, length, Lanes::all(f64::NAN))
-        });
-        let spatial = [0, 1, 2].map(|a| scaled(&g[a], ONE / stretches[a]));
-        (Self { spatial, material: n, stretches }, volume)
+        let mut stretches = [ZERO; 3];
+        for a in 0..3 {
+            let length = dot(&g[a], &g[a]).sqrt();
+            stretches[a] = volume.at_most(ZERO, Lanes::all(f64::NAN), length);
+            g[a] = scaled(&g[a], ONE / stretches[a]);
+        }
+        (Self { spatial: g, material: n, stretches }, volume)
     }
 }
 
-/// Cosine and sine of the rotation that makes two columns orthogonal.
+/// Cosine and sine of the rotation that makes two columns orthogonal, unless all are.
+///
+/// With p twice their product, d the difference of their squares and h² = d² + p²: cos² = ½ (1 +
+/// |d|/h) and sin = ± p / (2 h cos). Where columns are orthogonal already, the rotation is exactly
+/// none, so that further sweeps for the sake of a neighbour change nothing.
 #[inline(always)]
-fn angle(left: &Triple, right: &Triple) -> (Lanes, Lanes) {
-    let product = dot(left, right);
-    let difference = dot(right, right) - dot(left, left);
-    let orthogonal = |x: f64, zero: f64| x.abs() <= zero;
-    let cotangent = difference / product.choose(ZERO, orthogonal, ONE, product + product);
-    let sign = cotangent.choose(ZERO, |x, zero| x < zero, Lanes::all(-1.0), ONE);
-    let tangent = sign / (cotangent.abs() + (ONE + cotangent * cotangent).sqrt());
-    let tangent = product.choose(ZERO, orthogonal, ZERO, tangent);
-    let cosine = ONE / (ONE + tangent * tangent).sqrt();
-    (cosine, cosine * tangent)
+fn angle(left: &Triple, right: &Triple) -> Option<(Lanes, Lanes)> {
+    let (product, before, after) = (dot(left, right), dot(left, left), dot(right, right));
+    let tilt = product * product;
+    let small = Lanes::all(RIGHT * RIGHT) * before * after;
+    if tilt.all_at_most(small) {
+        return None;
+    }
+    let (difference, twice) = (after - before, product + product);
+    let length = (difference * difference + twice * twice).sqrt();
+    let reciprocal = ONE / length;
+    let cosine = (Lanes::all(0.5) * (ONE + difference.abs() * reciprocal)).sqrt();
+    let half = ZERO.at_most(difference, Lanes::all(0.5), Lanes::all(-0.5));
+    let sine = half * twice * reciprocal / cosine;
+    Some((tilt.at_most(small, ONE, cosine), tilt.at_most(small, ZERO, sine)))
 }
 
 #[inline(always)]
-fn rotated(left: &Triple, right: &Triple, cosine: Lanes, sine: Lanes) -> (Triple, Triple) {
-    (
-        [0, 1, 2].map(|i| cosine * left[i] - sine * right[i]),
-        [0, 1, 2].map(|i| sine * left[i] + cosine * right[i]),
-    )
+fn rotate(columns: &mut Square, a: usize, b: usize, cosine: Lanes, sine: Lanes) {
+    for i in 0..3 {
+        let (left, right) = (columns[a][i], columns[b][i]);
+        columns[a][i] = cosine * left - sine * right;
+        columns[b][i] = sine * left + cosine * right;
+    }
 }
 
 /// ∂P/∂F in the principal frame, pairs in the order of [`PAIRS`].
@@ -93,26 +112,30 @@ impl Tangent {
     /// symmetric in the pair, so its error is of second order.
     #[inline(always)]
     pub(crate) fn new(stretches: &Triple, psi_i: &Triple, psi_ij: &Square) -> Self {
-        let inverse = stretches.map(|s| ONE / s);
-        let c = stretches.map(|s| s * s);
-        let second = [0, 1, 2].map(|a| psi_i[a] * inverse[a]);
+        let inverse = inverse(stretches);
+        let mut squares = [ZERO; 3];
+        let mut second = [ZERO; 3];
         // 2 ∂S_a/∂c_b
-        let slope = |a: usize, b: usize| {
-            let mixed = psi_ij[a][b] * inverse[a] * inverse[b];
-            if a == b { mixed - second[a] * inverse[a] * inverse[a] } else { mixed }
-        };
-        let differences = PAIRS.map(|(a, b)| {
-            let gap = c[a] - c[b];
-            let equal = |gap: f64, small: f64| gap <= small;
-            let small = Lanes::all(EQUAL) * (c[a] + c[b]);
-            let limit = slope(a, a) + slope(b, b) - (slope(a, b) + slope(a, b));
-            let divisor = gap.abs().choose(small, equal, ONE, gap);
+        let mut slopes = *psi_ij;
+        for a in 0..3 {
+            squares[a] = stretches[a] * stretches[a];
+            second[a] = psi_i[a] * inverse[a];
+            for b in 0..3 {
+                slopes[a][b] = psi_ij[a][b] * inverse[a] * inverse[b];
+            }
+            slopes[a][a] = slopes[a][a] - second[a] * inverse[a] * inverse[a];
+        }
+        let (mut shear, mut swap) = ([ZERO; 3], [ZERO; 3]);
+        for (k, (a, b)) in PAIRS.into_iter().enumerate() {
+            let gap = squares[a] - squares[b];
+            let small = Lanes::all(EQUAL) * (squares[a] + squares[b]);
+            let limit = slopes[a][a] + slopes[b][b] - (slopes[a][b] + slopes[a][b]);
+            let divisor = gap.abs().at_most(small, ONE, gap);
             let ratio = (second[a] - second[b]) / divisor;
-            gap.abs().choose(small, equal, Lanes::all(0.25) * limit, ratio)
-        });
-        let shear = [0, 1, 2].map(|k| second[PAIRS[k].1] + c[PAIRS[k].0] * differences[k]);
-        let swap =
-            [0, 1, 2].map(|k| stretches[PAIRS[k].0] * stretches[PAIRS[k].1] * differences[k]);
+            let difference = gap.abs().at_most(small, Lanes::all(0.25) * limit, ratio);
+            shear[k] = second[b] + squares[a] * difference;
+            swap[k] = stretches[a] * stretches[b] * difference;
+        }
         Self { direct: *psi_ij, shear, swap }
     }
 }

@@ -3,6 +3,8 @@
 //! With gradients d_a in the directions N_J and A_JL (i, k) = A_iJkL, a block of two nodes is
 //! K_ab = Σ_q w Σ_JL d_aJ A_JL d_bL. It is computed for a ≤ b, and mirrored.
 
+use pulp::NullaryFnOnce;
+
 use crate::block::ElementBlock;
 use crate::deformation::{Deformation, Point};
 use crate::dilatation::{Coupled, Dilatation};
@@ -27,8 +29,25 @@ struct Stiffness {
     psi_i: Vec<Triple>,
 }
 
+/// Adds the stiffness of every element to sparse values.
+pub(crate) struct Scatter<'a> {
+    pub(crate) deformed: &'a Deformation,
+    pub(crate) psi_i: &'a [f64],
+    pub(crate) psi_ij: &'a [f64],
+    pub(crate) values: &'a mut [f64],
+}
+
+impl NullaryFnOnce for Scatter<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        scatter(self.deformed, self.psi_i, self.psi_ij, self.values);
+    }
+}
+
 #[inline(always)]
-pub(crate) fn scatter(deformed: &Deformation, psi_i: &[f64], psi_ij: &[f64], values: &mut [f64]) {
+fn scatter(deformed: &Deformation, psi_i: &[f64], psi_ij: &[f64], values: &mut [f64]) {
     let (block, shape) = (&deformed.block, deformed.block.shape);
     let mut work = Stiffness {
         blocks: vec![NOTHING; shape.nodes * (shape.nodes + 1) / 2],
@@ -102,13 +121,13 @@ impl Stiffness {
         }
         let mut start = 0;
         for (b, own) in self.turned.iter().enumerate() {
-            let column = contracted(&moduli, own);
-            for (sum, d) in self.blocks[start..=start + b].iter_mut().zip(&self.turned) {
-                for i in 0..3 {
+            let blocks = &mut self.blocks[start..=start + b];
+            // Row by row: what the inner loop needs then fits in registers.
+            for i in 0..3 {
+                let row = contracted(&moduli, own, i);
+                for (sum, d) in blocks.iter_mut().zip(&self.turned) {
                     for k in 0..3 {
-                        sum[i][k] += d[0] * column[0][i][k]
-                            + d[1] * column[1][i][k]
-                            + d[2] * column[2][i][k];
+                        sum[i][k] += d[0] * row[0][k] + d[1] * row[1][k] + d[2] * row[2][k];
                     }
                 }
             }
@@ -188,17 +207,23 @@ fn moduli(frame: &Frame, tangent: &Tangent, weight: Lanes) -> Mixed {
         let (direct, swap) = (weight * tangent.direct[a][b], weight * tangent.swap[k]);
         add_outer(&mut result[a][b], &scaled(&e[a], direct), &e[b]);
         add_outer(&mut result[a][b], &scaled(&e[b], swap), &e[a]);
-        result[b][a] = [0, 1, 2].map(|i| [0, 1, 2].map(|j| result[a][b][j][i]));
+        for i in 0..3 {
+            for j in 0..3 {
+                result[b][a][i][j] = result[a][b][j][i];
+            }
+        }
     }
     result
 }
 
-/// Σ_L A_JL d_L for each J.
+/// Row i of Σ_L A_JL d_L for each J.
 #[inline(always)]
-fn contracted(moduli: &Mixed, d: &Triple) -> [Square; 3] {
-    moduli.each_ref().map(|row| {
-        [0, 1, 2].map(|i| {
-            [0, 1, 2].map(|k| row[0][i][k] * d[0] + row[1][i][k] * d[1] + row[2][i][k] * d[2])
-        })
-    })
+fn contracted(moduli: &Mixed, d: &Triple, i: usize) -> Square {
+    let mut result = NOTHING;
+    for (sum, of) in result.iter_mut().zip(moduli) {
+        for k in 0..3 {
+            sum[k] = of[0][i][k] * d[0] + of[1][i][k] * d[1] + of[2][i][k] * d[2];
+        }
+    }
+    result
 }
