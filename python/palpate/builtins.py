@@ -62,7 +62,7 @@ class OptimisedLatinHypercube(Sampler):
     never gets worse than that of the plain Latin hypercube with the same seed.
     """
 
-    name = "optimised-lhs"
+    name = "optimised_lhs"
     summary = "Latin hypercube that fills the box evenly, by discrepancy, distance or correlation"
     Settings = OptimisedLatinHypercubeSettings
 

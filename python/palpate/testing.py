@@ -449,6 +449,10 @@ class SamplerContract(ComponentContract):
         np.testing.assert_array_equal(points, sampler.draw(16, 3, 1))
         assert not np.array_equal(points, sampler.draw(16, 3, 2))
 
+    def test_an_extension_begins_with_the_points_there_were(self, sampler: Sampler) -> None:
+        points = sampler.draw(16, 3, 1)
+        np.testing.assert_array_equal(sampler.extend(points, 32, 1)[:16], points)
+
 
 class SetFilterContract(ComponentContract):
     """Laws of a set filter; override ``set_filter``, ``space`` and ``values``."""

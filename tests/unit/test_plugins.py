@@ -72,7 +72,7 @@ def test_every_hook_fills_a_catalogue_or_adds_commands() -> None:
 def test_a_file_provides_a_component(write: Write) -> None:
     plugins = load(write("grid", SAMPLER.format(name="grid")))
     assert plugins.broken == ()
-    assert list(plugins.samplers) == ["lhs", "optimised-lhs", "sobol", "grid"]
+    assert list(plugins.samplers) == ["lhs", "optimised_lhs", "sobol", "grid"]
     assert plugins.samplers.provider("grid") == "grid"
 
 
@@ -138,7 +138,7 @@ def test_a_broken_plugin_is_listed_and_the_rest_works(
     assert (broken.name, broken.source) == ("broken", str(path))
     assert reason in broken.reason
     assert remedy in broken.reason
-    assert list(plugins.samplers) == ["lhs", "optimised-lhs", "sobol", "grid"]
+    assert list(plugins.samplers) == ["lhs", "optimised_lhs", "sobol", "grid"]
 
 
 def test_a_broken_plugin_contributes_nothing_at_all(write: Write) -> None:
@@ -213,7 +213,7 @@ def test_an_unknown_name_offers_what_is_close(write: Write) -> None:
         plugins.samplers["gird"]
     message = str(caught.value)
     assert message.startswith(
-        "no sampler 'gird'; did you mean 'grid'? (known: lhs, optimised-lhs, sobol, grid)"
+        "no sampler 'gird'; did you mean 'grid'? (known: lhs, optimised_lhs, sobol, grid)"
     )
     assert "bad" in message
     assert "No module named 'nope'" in message
@@ -226,7 +226,7 @@ def test_a_catalogue_is_an_ordinary_mapping() -> None:
     assert "gird" not in samplers
     assert samplers.get("gird") is None
     assert len(samplers) == 3
-    assert dict(samplers).keys() == {"lhs", "optimised-lhs", "sobol"}
+    assert dict(samplers).keys() == {"lhs", "optimised_lhs", "sobol"}
 
 
 def test_an_unknown_kind_offers_what_is_close() -> None:

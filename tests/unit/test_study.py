@@ -200,7 +200,7 @@ def test_sampling_may_refill_and_spread_the_logarithm(read: Edit) -> None:
     study = read(
         (
             "n_sets = 20",
-            'n_sets = 20\nrefill = 16\nsampler = "optimised-lhs"\nsettings = { criterion = "maximin" }',
+            'n_sets = 20\nrefill = 16\nsampler = "optimised_lhs"\nsettings = { criterion = "maximin" }',
         ),
         ('upper = "3 MPa" }', 'upper = "3 MPa", scale = "log" }'),
     )

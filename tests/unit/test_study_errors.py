@@ -62,7 +62,7 @@ CASES = {
     ),
     "sampler setting": (
         "n_sets = 20",
-        'n_sets = 20\nsampler = "optimised-lhs"\nsettings = { criterion = "dc" }',
+        'n_sets = 20\nsampler = "optimised_lhs"\nsettings = { criterion = "dc" }',
         "settings",
         "sampling.settings.criterion",
         "'cd'",
