@@ -428,10 +428,10 @@ fn find(knots: &[f64], s: f64, slack: f64, segment: &mut usize) -> Option<usize>
     if s < knots[0] - slack || s > knots[last] + slack {
         return None;
     }
+    let s = s.max(knots[0]);
     if s >= knots[last] {
         return Some(last);
     }
-    let s = s.max(knots[0]);
     while knots[*segment + 1] <= s {
         *segment += 1;
     }

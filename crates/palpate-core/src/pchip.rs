@@ -22,7 +22,7 @@ pub(crate) struct Slopes {
 }
 
 impl Slopes {
-    /// Slopes at the knots `s` (at least two) with ordinates `y`.
+    /// Slopes at the knots `s` with ordinates `y`.
     #[inline(always)]
     pub(crate) fn at_knots(&mut self, s: &[f64], y: &[f64]) -> &[f64] {
         let Self { widths, chords, found } = self;
@@ -31,7 +31,8 @@ impl Slopes {
         chords.clear();
         chords.extend(y.windows(2).zip(&*widths).map(|(y, h)| (y[1] - y[0]) / h));
         found.clear();
-        let last = widths.len() - 1;
+        // A branch of one knot has moved by less than a segment needs, and has no slope.
+        let Some(last) = widths.len().checked_sub(1) else { return found };
         if last == 0 {
             found.extend([chords[0]; 2]);
             return found;
@@ -145,6 +146,9 @@ impl Leg<'_> {
         let width = |k: usize| s[k + 1] - s[k];
         let chord = |k: usize| (y[k + 1] - y[k]) / width(k);
         let mut by_chord = vec![0.0; last];
+        if last == 0 {
+            return;
+        }
         if last == 1 {
             by_chord[0] = self.by_slope[0] + self.by_slope[1];
         } else {

@@ -346,3 +346,16 @@ fn a_curve_of_zeros_has_no_best_scale() {
     assert!(out.scale[0].is_nan());
     assert_eq!(out.scores.nmse[0], 1.0);
 }
+
+#[test]
+fn a_path_that_moves_by_less_than_a_normal_number_is_one_knot() {
+    let step = f64::from_bits(1);
+    for interpolant in Interpolant::ALL {
+        let comparison = Comparison { interpolant, ..Comparison::default() };
+        let measured = Measured::new(&[-1e-12, 1.0], &[2.0, 2.0], &comparison).unwrap();
+        let path = measured.along(&[0.0, step]).unwrap();
+        let scores = path.score(&[1.0, 1.0], 1, Form::Direct, 1).unwrap();
+        assert_eq!((scores.nmse[0], scores.coverage[0]), (0.25, 0.5));
+        assert_eq!(path.gradient(&[1.0, 1.0], 1, 1).unwrap().gradient, [0.0, -0.5]);
+    }
+}
