@@ -8,7 +8,7 @@ RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.
 PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench clean
+.PHONY: help demo test lint format bench bench-core clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -43,6 +43,11 @@ format: $(VENV)/installed ## rewrite the sources in the project's format
 
 bench: $(VENV)/installed ## timings, each beside a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py
+
+bench-core: $(VENV)/installed ## the core's kernels beside their peers, and their instruction counts
+	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py
+	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core_sampling.py
+	cargo bench -p palpate-core --bench instructions
 
 clean: ## remove what the build made
 	rm -rf $(VENV) target runs

@@ -1,0 +1,121 @@
+//! Counts instructions of the scoring kernels: `cargo bench -p palpate-core --bench instructions`.
+//!
+//! A count is the same on a busy machine and an idle one. This program runs itself under Valgrind's
+//! callgrind, once per kernel, and fails if one takes more instructions than it may. The limits
+//! leave 15 % to the compiler. Without Valgrind it says so and counts nothing.
+#![expect(clippy::print_stdout, reason = "what a benchmark is for")]
+#![expect(clippy::cast_precision_loss, reason = "counts here are small")]
+
+use std::error::Error;
+use std::hint::black_box;
+use std::process::{Command, ExitCode};
+
+use palpate_core::curve::Interpolant;
+use palpate_core::nmse::Comparison;
+use palpate_core::shared::Form;
+use palpate_core::{Measured, SharedPath};
+
+const N_SIMULATED: usize = 100;
+const N_MEASURED: usize = 1000;
+
+/// Each kernel with the most instructions that it may take per curve.
+const LIMITS: [(&str, f64); 6] = [
+    ("moments", 680.0),
+    ("shared", 1700.0),
+    ("merge", 3200.0),
+    ("pchip", 4300.0),
+    ("gradient", 1020.0),
+    ("best_scale", 1180.0),
+];
+
+type Outcome<T> = Result<T, Box<dyn Error>>;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().collect();
+    let outcome = match arguments.iter().position(|a| a == "--kernel") {
+        Some(at) => run(&arguments[at + 1], &arguments[at + 2]),
+        None => count_all(),
+    };
+    match outcome {
+        Ok(code) => code,
+        Err(error) => {
+            println!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Counts every kernel, and says which takes too many instructions.
+fn count_all() -> Outcome<ExitCode> {
+    if Command::new("valgrind").arg("--version").output().is_err() {
+        println!("SKIPPED: valgrind is not installed, no instruction was counted");
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut code = ExitCode::SUCCESS;
+    println!("{:<12}{:>14}{:>10}", "kernel", "instructions", "limit");
+    for (kernel, limit) in LIMITS {
+        // What one curve adds: set-up and start of the program cancel.
+        let counted = (counted(kernel, 264)? - counted(kernel, 64)?) / 200.0;
+        let verdict = if counted > limit { "  TOO MANY" } else { "" };
+        println!("{kernel:<12}{counted:>14.0}{limit:>10.0}{verdict}");
+        if counted > limit {
+            code = ExitCode::FAILURE;
+        }
+    }
+    Ok(code)
+}
+
+/// Instructions of this program when it scores `n_sets` curves.
+fn counted(kernel: &str, n_sets: usize) -> Outcome<f64> {
+    let output = Command::new("valgrind")
+        .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
+        .arg(std::env::current_exe()?)
+        .args(["--kernel", kernel, &n_sets.to_string()])
+        .output()?;
+    let report = String::from_utf8_lossy(&output.stderr);
+    let count = report.lines().find_map(|line| line.split("Collected :").nth(1));
+    Ok(count.ok_or_else(|| format!("callgrind counted nothing: {report}"))?.trim().parse()?)
+}
+
+/// A force ramp of `n` points.
+fn ramp(n: usize) -> (Vec<f64>, Vec<f64>) {
+    let x: Vec<f64> = (0..n).map(|i| 15.0 * i as f64 / (n - 1) as f64).collect();
+    let y = x.iter().map(|x| 0.03 * x * x).collect();
+    (x, y)
+}
+
+fn run(kernel: &str, n_sets: &str) -> Outcome<ExitCode> {
+    let n_sets = n_sets.parse()?;
+    let ((sim_x, sim_y), (exp_x, exp)) = (ramp(N_SIMULATED), ramp(N_MEASURED));
+    let interpolant = if kernel == "pchip" { Interpolant::Pchip } else { Interpolant::Linear };
+    let comparison = Comparison { interpolant, ..Comparison::default() };
+    let measured = Measured::new(&exp_x, &exp, &comparison)?;
+    let path = measured.along(&sim_x)?;
+    // Curves far enough from the measured one for the moments to have all their digits.
+    let sim: Vec<f64> = (0..n_sets)
+        .flat_map(|k| sim_y.iter().map(move |y| y.sqrt() * (0.5 + k as f64 / n_sets as f64)))
+        .collect();
+    score(kernel, n_sets, &measured, &path, &sim_x, &sim)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn score(
+    kernel: &str,
+    n_sets: usize,
+    measured: &Measured,
+    path: &SharedPath,
+    sim_x: &[f64],
+    sim: &[f64],
+) -> Outcome<()> {
+    match kernel {
+        "moments" => drop(black_box(path.score(sim, n_sets, Form::Moments, 1)?)),
+        "shared" => drop(black_box(path.score(sim, n_sets, Form::Direct, 1)?)),
+        "gradient" => drop(black_box(path.gradient(sim, n_sets, 1)?)),
+        "best_scale" => drop(black_box(path.best_scale(sim, n_sets, (0.0, 9.0), 1)?)),
+        _ => {
+            let starts: Vec<_> = (0..=n_sets).map(|k| k * N_SIMULATED).collect();
+            drop(black_box(measured.score_paths(&sim_x.repeat(n_sets), sim, &starts, 1)?));
+        }
+    }
+    Ok(())
+}
