@@ -16,7 +16,7 @@ SIX = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5
 SPECIMENS = {
     "block": lambda kind: block(kind, grading=1.4),
     "half_space": lambda kind: half_space(kind, 0.5, n_radius=4, n_core=4),
-    "fine": lambda kind: half_space(kind, 0.5, n_radius=6, n_core=2, fine=1.2, growth=1.4),
+    "fine": lambda kind: half_space(kind, 0.5, n_radius=6, n_core=6, crowding=1.8, growth=1.4),
     "layer": lambda kind: layer(kind, 2.0, 1.0, n_radius=4, n_core=4, crowding=1.3),
     "cylinder": lambda kind: cylinder(kind, np.arange(5.0), np.array([0.0, 1.0, 3.0]), n_core=6),
 }
@@ -74,7 +74,7 @@ def test_contact_is_the_upper_face(meshed):
 
 @pytest.mark.parametrize("kind", CORNERS)
 def test_a_half_space_fills_its_hemisphere_and_is_held_there(kind):
-    mesh = half_space(kind, 0.5, n_radius=6, n_core=6, extent=50.0).mesh
+    mesh = half_space(kind, 0.5, n_radius=6, n_core=6, extent=50.0, growth=1.5).mesh
     held = mesh.points_mm[mesh.node_sets["fixed"]]
     np.testing.assert_allclose(np.linalg.norm(held[:1], axis=1), 25.0)
     assert np.linalg.norm(held, axis=1).min() > 0.95 * 25.0

@@ -16,7 +16,7 @@ from palpate.specimens.blocks import with_midpoints
 Kind = Literal["hex8", "tet10"]
 
 _ROUND_AFTER = 2.0
-"""Ring from which on rings are circles, in half-widths of the core."""
+"""From here on rings are circles, in half-widths of the core."""
 
 
 _INWARD_FACES = ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0))
@@ -63,11 +63,15 @@ def spacing(
         )
     inside = np.cumsum(crowding ** -np.arange(n_inside, dtype=np.float64))
     inside = edge_mm * np.concatenate([[0.0], inside / inside[-1]])
-    outside = [growth * (inside[-1] - inside[-2])]
-    while sum(outside) < (extent_mm - edge_mm) * (1.0 - 1e-9):
-        outside.append(growth * outside[-1])
-    beyond = edge_mm + np.cumsum(outside) * (extent_mm - edge_mm) / sum(outside)
-    return np.concatenate([inside, beyond])
+    return np.concatenate([inside, _growing(edge_mm, growth * (inside[-1] - inside[-2]), extent_mm, growth)])
+
+
+def _growing(start_mm: float, first_mm: float, end_mm: float, growth: float) -> FloatArray:
+    """Coordinates beyond ``start_mm`` to ``end_mm``, whose first cell is at most ``first_mm``."""
+    cells = [first_mm]
+    while sum(cells) < (end_mm - start_mm) * (1.0 - 1e-9):
+        cells.append(growth * cells[-1])
+    return np.asarray(start_mm + np.cumsum(cells) * (end_mm - start_mm) / sum(cells))
 
 
 def cylinder(kind: Kind, rings_mm: FloatArray, depths_mm: FloatArray, *, n_core: int) -> Limb:
@@ -105,6 +109,7 @@ def half_space(
     n_radius: int,
     n_core: int,
     fine: float = 1.5,
+    crowding: float = 1.0,
     extent: float = 400.0,
     growth: float = 2.0,
 ) -> Limb:
@@ -118,11 +123,13 @@ def half_space(
     contact_radius_mm : float
         Expected radius of the contact; a ring of nodes lies there.
     n_radius : int
-        Rings within the contact.
+        Rings within the contact, more than ``n_core``/2; those of the core fill half of it.
     n_core : int
         Cells across the core; see :func:`cylinder`.
     fine : float
         Radius and height of the fine cylinder in contact radii.
+    crowding : float
+        Ratio of neighbouring cells in the fine cylinder, which shrink towards the edge of the contact.
     extent : float
         Radius of the outermost hemisphere in contact radii. Holding it still
         adds about 1.1/extent to the force (incompressible).
@@ -134,11 +141,11 @@ def half_space(
     Limb
         As from :func:`cylinder`, with the outermost hemisphere ``fixed``.
     """
-    n_fine = round(fine * n_radius)
-    rings = np.linspace(0.0, contact_radius_mm * n_fine / n_radius, n_fine + 1)
-    points, hexes, held = _stacked(rings, rings, n_core)
-    shells = spacing(rings[-1], n_fine, extent * contact_radius_mm, growth=growth)
-    return _limb(kind, *_in_hemispheres(points, hexes, held, shells[n_fine:] / rings[-1]))
+    rings = _rings(contact_radius_mm, n_radius, n_core, fine * contact_radius_mm, crowding, crowding)
+    points, hexes, held = _stacked(rings, _depths(rings, contact_radius_mm, rings[-1], crowding), n_core)
+    first = growth * (rings[-1] - rings[-2])
+    shells = _growing(rings[-1], first, extent * contact_radius_mm, growth)
+    return _limb(kind, *_in_hemispheres(points, hexes, held, shells / rings[-1]))
 
 
 def layer(
@@ -163,13 +170,8 @@ def layer(
     n_radius, n_core, growth, crowding
         See :func:`half_space`.
     """
-    rings = spacing(
-        contact_radius_mm,
-        n_radius,
-        contact_radius_mm + extent * thickness_mm,
-        growth=growth,
-        crowding=crowding,
-    )
+    far = contact_radius_mm + extent * thickness_mm
+    rings = _rings(contact_radius_mm, n_radius, n_core, far, growth, crowding)
     depths = _depths(rings, contact_radius_mm, thickness_mm, growth)
     return cylinder(kind, rings, depths, n_core=n_core)
 
@@ -211,7 +213,7 @@ def _in_hemispheres(
     faces, start = local.reshape(-1, 4), points[skin]
     sphere = np.abs(start).max() * start / np.linalg.norm(start, axis=1)[:, None]
     shells, layers, inner = [points], [hexes], skin
-    for k, scale in enumerate(scales[1:]):
+    for k, scale in enumerate(scales):
         outer = len(points) + len(skin) * k + np.arange(len(skin))
         share = min((scale - 1.0) / _ROUND_AFTER, 1.0)
         shells.append(scale * ((1.0 - share) * start + share * sphere))
@@ -233,6 +235,17 @@ def _stacked(
     cells = np.concatenate([np.hstack([quads + top + n, quads + top]) for top in tops])
     node = np.arange(len(points))
     return points, cells, (node % n >= n - 4 * n_core) | (node >= len(points) - n)
+
+
+def _rings(
+    edge_mm: float, n_inside: int, n_core: int, extent_mm: float, growth: float, crowding: float
+) -> FloatArray:
+    """Radii whose core fills half of the contact, so that the edge of the contact is a circle."""
+    core = 0.5 * edge_mm
+    beyond = spacing(
+        edge_mm - core, n_inside - n_core // 2, extent_mm - core, growth=growth, crowding=crowding
+    )
+    return np.concatenate([np.linspace(0.0, core, n_core // 2 + 1), core + beyond[1:]])
 
 
 def _depths(rings_mm: FloatArray, edge_mm: float, extent_mm: float, growth: float) -> FloatArray:
@@ -286,7 +299,10 @@ def _border(half: int) -> IntArray:
 
 def _placed(square: FloatArray, level: IntArray, rings_mm: FloatArray, half: int) -> FloatArray:
     """Points of the unit square's border (n, 2), moved to the ring of their level: ever rounder outwards."""
-    along = np.clip(level / (_ROUND_AFTER * half), 0.0, 1.0)[:, None]
+    # The core stays even whatever the rings do: crowded squares would turn its corners inside out.
+    even = np.concatenate([rings_mm[half] * np.arange(half) / half, rings_mm[half:]])
+    radius = even[level][:, None]
+    along = np.clip(radius / (_ROUND_AFTER * even[half]), 0.0, 1.0)
     x, y = square[:, 0], square[:, 1]
     wide = np.abs(x) >= np.abs(y)
     ratio = np.where(wide, y * np.sign(x), -x * np.sign(y)) / np.maximum(
@@ -295,6 +311,6 @@ def _placed(square: FloatArray, level: IntArray, rings_mm: FloatArray, half: int
     centre = np.where(wide, np.where(x >= 0.0, 0.0, np.pi), np.where(y >= 0.0, 0.5, -0.5) * np.pi)
     angle = centre + 0.25 * np.pi * ratio
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    points: FloatArray = rings_mm[level][:, None] * ((1.0 - along) * square + along * circle)
+    points: FloatArray = radius * ((1.0 - along) * square + along * circle)
     points[level == 0] = 0.0
     return points
