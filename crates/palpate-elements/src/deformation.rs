@@ -28,6 +28,28 @@ pub(crate) struct Point {
 ///
 /// The material is asked for ψ_i = ∂Ψ/∂λ_i and ψ_ij = ∂²Ψ/∂λ_i∂λ_j at [`Self::stretches`]; from
 /// these follow forces and stiffness.
+///
+/// # Examples
+/// A tetrahedron of Ψ = ½ Σ (λ_a − 1)², pulled along x: ψ_i = λ_i − 1, ψ_ij = δ_ij.
+/// ```
+/// use std::sync::Arc;
+/// use palpate_elements::{ElementBlock, Shape};
+/// let gradients = [-1., -1., -1., 1., 0., 0., 0., 1., 0., 0., 0., 1.];
+/// let shape = Shape { elements: 1, points: 1, nodes: 4 };
+/// let places: Vec<i64> = (0..144).collect();
+/// let block =
+///     ElementBlock::new(shape, &[0, 1, 2, 3], &gradients, &[1. / 6.], false, Some(&places))?;
+/// let pulled = [0., 0., 0., 0.1, 0., 0., 0., 0., 0., 0., 0., 0.];
+/// let deformation = Arc::new(block).deform(&pulled)?;
+/// let psi_i: Vec<f64> = deformation.stretches().iter().map(|s| s - 1.0).collect();
+/// let psi_ij = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+/// let (mut forces, mut stiffness) = ([0.0; 12], [0.0; 144]);
+/// deformation.add_force(&psi_i, &mut forces)?;
+/// deformation.add_stiffness(&psi_i, &psi_ij, &mut stiffness)?;
+/// assert!((forces[3] - 0.1 / 6.0).abs() < 1e-15);
+/// assert!((stiffness[3 * 12 + 3] - 1.0 / 6.0).abs() < 1e-15);
+/// # Ok::<(), palpate_elements::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct Deformation {
     pub(crate) block: Arc<ElementBlock>,
