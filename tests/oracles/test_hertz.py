@@ -47,7 +47,7 @@ def error(simulated, radius_mm):
 
 @pytest.mark.parametrize("nu", [0.3, 0.4975])
 def test_force_is_sneddons_on_quadratic_tetrahedra(error, nu):
-    """Measured +0.9 % (ν = 0.3) and +0.5 %, of which the outer boundary makes +0.3 and penetration −0.5."""
+    """Measured +0.9 % (ν = 0.3) and +0.5 %; not yet a trend: two cells give +0.2 % and −0.3 %."""
     assert error("tet10", 3, 2, nu) == pytest.approx(0.0, abs=0.01)
 
 
