@@ -26,6 +26,9 @@ from palpate.errors import MeshError
 from palpate_jax.elements import ELEMENTS
 from palpate_jax.shapes import Shape
 
+NEAR = 0.5
+"""Distance from the indenter [mm] within which a node is taken to slide along it."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Skin:
@@ -98,6 +101,14 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """How the indenter moves: velocity of its lowest point (3,) [mm] and its spin (3,) [radians]."""
+
+    tip: FloatArray
+    spin: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Memory:
     """What every quadrature point remembers.
 
@@ -124,6 +135,15 @@ class Law:
     penalty: float
     friction: float
     least_force_N: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Load:
+    """One position on the path: where the indenter is, what the contact remembers, and its law."""
+
+    pose: Pose
+    memory: Memory
+    law: Law
 
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -186,18 +206,21 @@ class Points:
 
     @cached_property
     def _size(self) -> FloatArray:
-        return np.sqrt((self._trial**2).sum(axis=1))
+        return np.asarray(np.sqrt((self._trial**2).sum(axis=1)))
+
+    @cached_property
+    def _limit(self) -> FloatArray:
+        return self.law.friction * self.pressure
 
     @cached_property
     def sliding(self) -> BoolArray:
-        """Which points have reached the Coulomb limit (k,)."""
-        return np.asarray(self._size > self.law.friction * self.pressure)
+        """Which points have reached the limit of friction (k,)."""
+        return np.asarray(self._size > self._limit)
 
     @cached_property
     def friction(self) -> FloatArray:
         """Tangential traction t (k, 3) of the tissue on the indenter [MPa]."""
-        limit = self.law.friction * self.pressure
-        return _times(np.where(self.sliding, limit / np.maximum(self._size, 1e-300), 1.0), self._trial)
+        return _times(np.where(self.sliding, self._limit / np.maximum(self._size, 1e-300), 1.0), self._trial)
 
     @cached_property
     def traction(self) -> FloatArray:
@@ -221,14 +244,13 @@ class Points:
         )
         d_trial *= self.law.penalty
         d_pressure = -self.law.penalty * n
-        sliding, limit = self.sliding, self.law.friction * self.pressure
         size = np.maximum(self._size, 1e-300)
         direction = self._trial / size[:, None]
         turning = d_trial - _outer(direction, (direction[:, None, :] @ d_trial)[:, 0])
-        d_sliding = _times(limit / size, turning)
+        d_sliding = _times(self._limit / size, turning)
         if coupled:
             d_sliding += self.law.friction * _outer(direction, d_pressure)
-        d_friction = np.where(sliding[:, None, None], d_sliding, d_trial)
+        d_friction = np.where(self.sliding[:, None, None], d_sliding, d_trial)
         derivative = _outer(n, d_pressure) + _times(self.pressure, curvature) - d_friction
         return np.where((self.depth > 0.0)[:, None, None], derivative, 0.0)
 
@@ -255,6 +277,9 @@ class Contact:
         self.skins = skins(mesh)
         self._rest = mesh.points_mm
         self._areas = np.concatenate([np.empty(0), *(s.areas.ravel() for s in self.skins)])
+        self._nodes = np.unique(
+            np.concatenate([np.empty(0, np.int64), *(s.nodes.ravel() for s in self.skins)])
+        )
         ends = np.cumsum([0, *(s.areas.size for s in self.skins)])
         self._numbers = [
             np.arange(start, stop).reshape(s.areas.shape)
@@ -271,14 +296,14 @@ class Contact:
         coordinates = self._rest + displacements
         return np.concatenate([np.empty((0, 3)), *(s.positions(coordinates) for s in self.skins)])
 
-    def _touched(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> _Touched:
-        positions = pose.into(self.positions(displacements))
-        inside = law.shape.distance(positions) < 0.0
+    def _touched(self, displacements: FloatArray, load: Load) -> _Touched:
+        positions = load.pose.into(self.positions(displacements))
+        inside = load.law.shape.distance(positions) < 0.0
         faces = [np.flatnonzero(inside[numbers].any(axis=1)) for numbers in self._numbers]
         found = [n[f].ravel() for n, f in zip(self._numbers, faces, strict=True)]
         where = np.concatenate([np.empty(0, dtype=np.int64), *found])
-        points = Points(positions[where], memory.anchors[where], memory.anchored[where], law)
-        return _Touched(faces, where, points)
+        anchors, anchored = load.memory.anchors[where], load.memory.anchored[where]
+        return _Touched(faces, where, Points(positions[where], anchors, anchored, load.law))
 
     def _by_skin(self, touched: _Touched, per_point: FloatArray) -> list[tuple[Skin, IntArray, FloatArray]]:
         """Skins with their touched faces and an array of these faces' points, as (f', q, ...)."""
@@ -289,46 +314,76 @@ class Contact:
             for skin, faces, part in zip(self.skins, touched.faces, parts, strict=True)
         ]
 
-    def force(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> FloatArray:
+    def along(self, start: FloatArray, end: FloatArray, load: Load) -> FloatArray:
+        """Bend a straight move of the skin so that points slide along the indenter.
+
+        A point that moves by s along a surface of curvature 1/R ends s²/2R off it,
+        which may be more than its penetration: Newton's method would lose the contact.
+        Near the indenter, nodes end at the distance that a flat one would leave.
+        """
+        nodes = self._nodes
+        before, after = (load.pose.into((self._rest + u)[nodes]) for u in (start, end))
+        shape = load.law.shape
+        distance = shape.distance(before)
+        near = np.abs(distance) < NEAR
+        nodes, before, after, distance = nodes[near], before[near], after[near], distance[near]
+        flat = distance + (shape.normals(before)[0] * (after - before)).sum(axis=1)
+        lift = np.clip(shape.distance(after) - flat, -NEAR, NEAR)
+        result = end.copy()
+        result[nodes] -= (lift[:, None] * shape.normals(after)[0]) @ load.pose.rotation.T
+        return result
+
+    def force(self, displacements: FloatArray, load: Load) -> FloatArray:
         """Nodal forces of the indenter on the tissue (n_nodes, 3) [N]."""
-        touched = self._touched(displacements, pose, memory, law)
+        touched = self._touched(displacements, load)
+        return self._to_nodes(touched, touched.points.traction @ load.pose.rotation.T)
+
+    def _to_nodes(self, touched: _Touched, tractions: FloatArray) -> FloatArray:
+        """Nodal forces of tractions (k, 3) at the touched faces' points."""
         total = np.zeros_like(self._rest)
-        tractions = touched.points.traction @ pose.rotation.T
         for skin, faces, part in self._by_skin(touched, tractions):
             weighted = skin.areas[faces][:, :, None] * part
             np.add.at(total, skin.nodes[faces], skin.values.T @ weighted)
         return total
 
     def stiffness(
-        self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law, *, coupled: bool = True
+        self, displacements: FloatArray, load: Load, *, coupled: bool = True
     ) -> list[tuple[IntArray, FloatArray]]:
         """−∂force/∂displacements by skin: faces (f',) and (f', 3n, 3n) [N/mm].
 
         It is unsymmetric where points slide. Uncoupled it is close to symmetric and
         makes a good preconditioner.
         """
-        touched = self._touched(displacements, pose, memory, law)
-        jacobians = pose.rotation @ touched.points.jacobian(coupled=coupled) @ pose.rotation.T
+        touched = self._touched(displacements, load)
+        turn = load.pose.rotation
+        jacobians = turn @ touched.points.jacobian(coupled=coupled) @ turn.T
         return [
             (faces, _face_stiffness(skin, faces, part))
             for skin, faces, part in self._by_skin(touched, jacobians)
         ]
 
-    def remember(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> Memory:
+    def drag(self, displacements: FloatArray, load: Load, motion: "Motion") -> FloatArray:
+        """Change of the nodal forces (n_nodes, 3) [N] as the indenter moves and the tissue does not."""
+        touched, turn = self._touched(displacements, load), load.pose.rotation
+        jacobians = turn @ touched.points.jacobian(coupled=True) @ turn.T
+        arms = self.positions(displacements)[touched.where] - load.pose.tip
+        velocities = np.cross(motion.spin, arms) + motion.tip
+        turned = np.cross(motion.spin, touched.points.traction @ turn.T)
+        return self._to_nodes(touched, turned - (jacobians @ velocities[:, :, None])[:, :, 0])
+
+    def remember(self, displacements: FloatArray, load: Load) -> Memory:
         """Memory after an equilibrium: anchors are kept where points stick and moved by slip."""
-        anchors = pose.into(self.positions(displacements))
-        touched = self._touched(displacements, pose, memory, law)
-        points, anchored = touched.points, np.zeros(len(anchors), dtype=bool)
-        anchored[touched.where] = points.depth > 0.0
-        held = points.positions - points.friction / law.penalty
-        anchors[touched.where] = np.where(anchored[touched.where, None], held, points.positions)
+        anchors = load.pose.into(self.positions(displacements))
+        touched, anchored = self._touched(displacements, load), np.zeros(len(anchors), dtype=bool)
+        anchored[touched.where] = touched.points.depth > 0.0
+        anchors[touched.where] -= touched.points.friction / load.law.penalty
         return Memory(anchors, anchored)
 
-    def answer(self, displacements: FloatArray, pose: Pose, memory: Memory, law: Law) -> "Answer":
+    def answer(self, displacements: FloatArray, load: Load) -> "Answer":
         """What the indenter feels, and how the contact stands."""
-        touched = self._touched(displacements, pose, memory, law)
+        touched = self._touched(displacements, load)
         points, arms = touched.points, self.positions(displacements)[touched.where]
-        loads = self._areas[touched.where, None] * (points.traction @ pose.rotation.T)
+        loads = self._areas[touched.where, None] * (points.traction @ load.pose.rotation.T)
         touching = points.depth > 0.0
         radius = np.hypot(arms[:, 0], arms[:, 1])
         return Answer(

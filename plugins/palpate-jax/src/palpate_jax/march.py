@@ -3,12 +3,13 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from palpate.domain import FloatArray, Indentation
-from palpate_jax.contact import Answer, Law, Memory, Pose
-from palpate_jax.model import Load, Model
+from palpate_jax.contact import Answer, Law, Load, Memory, Motion, Pose
+from palpate_jax.model import Model
 from palpate_jax.newton import equilibrium
 
 SMALLEST_CUT = 1.0 / 32.0
@@ -58,6 +59,11 @@ def pose(position: FloatArray) -> Pose:
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return Pose(np.array([0.0, 0.0, -position[0]]), turn)
+
+
+def motion(way: FloatArray) -> Motion:
+    """The indenter's motion along a way of (depth_mm, rotation_deg)."""
+    return Motion(np.array([0.0, 0.0, -way[0]]), np.array([0.0, 0.0, np.deg2rad(way[1])]))
 
 
 @dataclass(slots=True, eq=False)
@@ -156,20 +162,18 @@ class March:
         return Load(pose(position), state.memory, self._law)
 
     def _predicted(self, state: _State, position: FloatArray) -> FloatArray:
-        """First guess: the linear answer to the sphere's motion, taken just ahead of the last state.
+        """First guess: the linear answer to the indenter's motion, taken just ahead of the last state.
 
         Ahead, because at a reversal of the twist the points that slid now stick.
         """
-        ahead = self._load(state, state.position + PROBE * (position - state.position))
-        behind = self._model.residual(state.displacements, self._thetas, self._load(state, state.position))
-        carried = self._model.carried(state.displacements, ahead.pose)
-        residual, tangent = self._model.linearised(carried, self._thetas, ahead)
-        rate = (residual.free - behind.free) / PROBE
+        model, way = self._model, position - state.position
+        ahead = self._load(state, state.position + PROBE * way)
+        here = model.linearised(model.carried(state.displacements, ahead.pose), self._thetas)
+        rate = here.rate(ahead, motion(way))
         if not rate.any():
             return state.displacements
-        step = self.linear.solve(tangent.matrix(True), tangent.preconditioner, -rate, 1e-2)
-        moved = self._model.moved(state.displacements, step)
-        return self._model.along_arcs(state.displacements, moved)
+        step = self.linear.solve(here.matrix(ahead), partial(here.preconditioner, ahead), -rate, 1e-2)
+        return model.along_arcs(state.displacements, model.straight(state.displacements, step))
 
     def _start(
         self, state: _State, load: Load, position: FloatArray, hints: Sequence[FloatArray]
@@ -178,16 +182,15 @@ class March:
         best, least = state.displacements, np.inf
         for guess in hints:
             best, least = self._nearer(best, least, guess, load)
-        if least < GOOD_HINT:
-            return self._model.carried(best, load.pose)
-        with suppress(np.linalg.LinAlgError):
-            best, least = self._nearer(best, least, self._predicted(state, position), load)
+        if least > GOOD_HINT:
+            with suppress(np.linalg.LinAlgError):
+                best, least = self._nearer(best, least, self._predicted(state, position), load)
         return self._model.carried(best, load.pose)
 
     def _nearer(
         self, best: FloatArray, least: float, guess: FloatArray, load: Load
     ) -> tuple[FloatArray, float]:
-        residual = self._model.residual(self._model.carried(guess, load.pose), self._thetas, load)
+        residual = self._model.forces(self._model.carried(guess, load.pose), self._thetas).residual(load)
         sound = residual.least_jacobian > 0.0 and residual.relative < least
         return (guess, residual.relative) if sound else (best, least)
 
@@ -198,7 +201,7 @@ class March:
         self.n_iterations += balance.n_iterations
         if not balance.reason:
             state.displacements, state.position, state.felt = balance.displacements, position, state.memory
-            state.memory = self._model.contact.remember(state.displacements, load.pose, state.felt, load.law)
+            state.memory = self._model.contact.remember(state.displacements, load)
         return balance.reason
 
     def _station(self, state: _State) -> Station:

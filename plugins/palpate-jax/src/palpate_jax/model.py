@@ -10,7 +10,7 @@ from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
 from palpate.interfaces import Material
 from palpate_jax.body import Body
-from palpate_jax.contact import Answer, Contact, Law, Memory, Pose
+from palpate_jax.contact import Answer, Contact, Load, Motion, Pose
 from palpate_jax.sparse import LinearSolver, Pattern
 
 
@@ -32,15 +32,6 @@ def _touched_region(mesh: Mesh, body: Body) -> str:
         if (block.nodes == nearest).any():
             return block.region
     raise MeshError(f"contact node {nearest}, the nearest to the spot, belongs to no element; remove it")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Load:
-    """One position on the path: where the sphere is, what the contact remembers, and its law."""
-
-    pose: Pose
-    memory: Memory
-    law: Law
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,12 +67,12 @@ class Model:
         mesh = in_spot_frame(limb)
         self.body = Body(mesh, materials, mean_dilatation)
         self.contact = Contact(mesh)
-        self._points = mesh.points_mm
+        self.points = mesh.points_mm
         self.touched_region = _touched_region(mesh, self.body)
         unknowns = np.zeros((mesh.n_nodes, 3), dtype=np.int64)
-        self._bonded = np.asarray(mesh.node_sets.get("bonded", ()), dtype=np.int64)
+        self.bonded = np.asarray(mesh.node_sets.get("bonded", ()), dtype=np.int64)
         unknowns[mesh.node_sets["fixed"]] = -1
-        unknowns[self._bonded] = -1
+        unknowns[self.bonded] = -1
         self._free = unknowns.ravel() >= 0
         unknowns.reshape(-1)[self._free] = np.arange(self._free.sum())
         self._unknowns = unknowns
@@ -98,8 +89,14 @@ class Model:
         """Displacements (n_nodes, 3) of the unloaded limb."""
         return np.zeros_like(self._unknowns, dtype=np.float64)
 
-    def moved(self, displacements: FloatArray, step: FloatArray) -> FloatArray:
-        """Displacements after a step of the free unknowns."""
+    def moved(self, displacements: FloatArray, step: FloatArray, load: Load) -> FloatArray:
+        """Displacements after a step of the free unknowns, along the indenter where it is near."""
+        result = self.contact.along(displacements, self.straight(displacements, step), load)
+        result.reshape(-1)[~self._free] = displacements.reshape(-1)[~self._free]
+        return result
+
+    def straight(self, displacements: FloatArray, step: FloatArray) -> FloatArray:
+        """Displacements after a straight step of the free unknowns."""
         result = displacements.copy()
         result.reshape(-1)[self._free] += step
         return result
@@ -107,17 +104,17 @@ class Model:
     def carried(self, displacements: FloatArray, pose: Pose) -> FloatArray:
         """Displacements with the bonded nodes where the indenter takes them."""
         result = displacements.copy()
-        rest = self._points[self._bonded]
-        result[self._bonded] = rest @ pose.rotation.T + pose.tip - rest
+        rest = self.points[self.bonded]
+        result[self.bonded] = rest @ pose.rotation.T + pose.tip - rest
         return result
 
     def answer(self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load) -> Answer:
         """What the indenter feels at a balanced state: the contact's tractions and the bonded nodes' pull."""
-        answer = self.contact.answer(displacements, load.pose, load.memory, load.law)
-        if not self._bonded.size:
+        answer = self.contact.answer(displacements, load)
+        if not self.bonded.size:
             return answer
         internal, _ = self.body.force(displacements, thetas)
-        pulls, arms = internal[self._bonded], (self._points + displacements)[self._bonded]
+        pulls, arms = internal[self.bonded], (self.points + displacements)[self.bonded]
         return replace(
             answer,
             force_N=answer.force_N - pulls.sum(axis=0),
@@ -130,7 +127,7 @@ class Model:
         Points that turn with the sphere stay on it; the straight move would
         lift them off by r α²/2, which the penalty turns into a large force.
         """
-        place = self._points[:, :2] + start[:, :2]
+        place = self.points[:, :2] + start[:, :2]
         step = end[:, :2] - start[:, :2]
         square = np.maximum((place**2).sum(axis=1), 1e-12)
         angle = (place[:, 0] * step[:, 1] - place[:, 1] * step[:, 0]) / square
@@ -148,52 +145,70 @@ class Model:
         result.reshape(-1)[~self._free] = end.reshape(-1)[~self._free]
         return result
 
-    def residual(self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load) -> Residual:
-        """Internal minus contact forces."""
+    def forces(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> "Forces":
+        """Internal forces of a state."""
         internal, least = self.body.force(displacements, thetas)
-        return self._residual(internal, least, displacements, load)
+        return Forces(self, displacements, internal, least)
 
-    def _residual(
-        self, internal: FloatArray, least: float, displacements: FloatArray, load: Load
-    ) -> Residual:
-        external = self.contact.force(displacements, load.pose, load.memory, load.law)
-        free = (internal - external).ravel()[self._free]
-        sizes = (float(np.linalg.norm(external)), float(np.linalg.norm(internal)))
-        scale = max(*sizes, load.law.least_force_N)
-        return Residual(free, scale, least)
-
-    def linearised(
-        self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load
-    ) -> tuple[Residual, "Tangent"]:
-        """The residual and its derivative."""
+    def linearised(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> "Linearised":
+        """Internal forces of a state and their derivative."""
         internal, values, least = self.body.tangent(displacements, thetas)
-        tangent = Tangent(self, values, displacements, load)
-        return self._residual(internal, least, displacements, load), tangent
+        return Linearised(self, displacements, internal, least, values, thetas)
+
+    def free(self, nodal: FloatArray) -> FloatArray:
+        """Free unknowns (n,) of a nodal field (n_nodes, 3)."""
+        unknown: FloatArray = nodal.reshape(-1)[self._free]
+        return unknown
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tangent:
-    """The derivative of a residual, put together when asked for."""
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Internal forces (n_nodes, 3) [N] at some displacements, and the least J."""
 
     model: Model
-    body_values: FloatArray
     displacements: FloatArray
-    load: Load
+    internal: FloatArray
+    least_jacobian: float
 
-    def _values(self, coupled: bool) -> FloatArray:
-        model, load = self.model, self.load
-        contact = model.contact.stiffness(
-            self.displacements, load.pose, load.memory, load.law, coupled=coupled
-        )
-        values = self.body_values.copy()
+    def residual(self, load: Load) -> Residual:
+        """Internal minus contact forces."""
+        external = self.model.contact.force(self.displacements, load)
+        sizes = (float(np.linalg.norm(external)), float(np.linalg.norm(self.internal)))
+        scale = max(*sizes, load.law.least_force_N)
+        return Residual(self.model.free(self.internal - external), scale, self.least_jacobian)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised(Forces):
+    """Internal forces and their derivative in the order of the pattern [N/mm]."""
+
+    values: FloatArray
+    thetas: Mapping[str, FloatArray]
+
+    def _values(self, load: Load, coupled: bool) -> FloatArray:
+        model, values = self.model, self.values.copy()
+        contact = model.contact.stiffness(self.displacements, load, coupled=coupled)
         for group, (faces, stiffness) in enumerate(contact, start=len(model.body.blocks)):
             model.pattern.add(values, group, faces, stiffness)
         return values
 
-    def matrix(self, coupled: bool) -> sp.csr_array:
-        """Tangent [N/mm]; coupled it is exact, otherwise see :meth:`Contact.stiffness`."""
-        return self.model.pattern.matrix(self._values(coupled))
+    def rate(self, load: Load, motion: Motion) -> FloatArray:
+        """Change of the residual (n,) [N] as the indenter moves and the free nodes do not."""
+        model = self.model
+        rate = model.free(-model.contact.drag(self.displacements, load, motion))
+        if model.bonded.size:
+            probe = 1e-6
+            carried = self.displacements.copy()
+            arms = (model.points + carried)[model.bonded] - load.pose.tip
+            carried[model.bonded] += probe * (np.cross(motion.spin, arms) + motion.tip)
+            ahead, _ = model.body.force(carried, self.thetas)
+            rate += model.free(ahead - self.internal) / probe
+        return rate
 
-    def preconditioner(self) -> FloatArray:
-        """Values of a symmetric matrix close to the tangent."""
-        return self.model.pattern.symmetric_part(self._values(coupled=False))
+    def matrix(self, load: Load) -> sp.csr_array:
+        """Derivative of the residual [N/mm]."""
+        return self.model.pattern.matrix(self._values(load, coupled=True))
+
+    def preconditioner(self, load: Load) -> FloatArray:
+        """Values of a symmetric matrix close to it; see :meth:`Contact.stiffness`."""
+        return self.model.pattern.symmetric_part(self._values(load, coupled=False))

@@ -2,18 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from palpate.domain import FloatArray
-from palpate_jax.model import Load, Model, Residual
+from palpate_jax.contact import Load
+from palpate_jax.model import Model, Residual
 from palpate_jax.sparse import LinearSolver
 
 MOST_ITERATIONS = 16
 MOST_TRIALS = 6
-
-COUPLED_BELOW = 0.1
-"""Imbalance below which the exact, unsymmetric tangent is used; above it the symmetric one leads better."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,15 +43,16 @@ def equilibrium(
     """
     displacements = start
     for iteration in range(MOST_ITERATIONS):
-        residual, tangent = model.linearised(displacements, thetas, load)
+        here = model.linearised(displacements, thetas)
+        residual = here.residual(load)
         if not np.isfinite(residual.free).all() or residual.least_jacobian <= 0.0:
             return Balance(displacements, iteration, "inverted element")
         if residual.relative <= tolerance:
             return Balance(displacements, iteration, "")
         try:
             step = linear.solve(
-                tangent.matrix(residual.relative < COUPLED_BELOW),
-                tangent.preconditioner,
+                here.matrix(load),
+                partial(here.preconditioner, load),
                 -residual.free,
                 _forcing(residual.relative, tolerance),
             )
@@ -69,7 +69,7 @@ def equilibrium(
 
 def _forcing(relative: float, tolerance: float) -> float:
     """Accuracy of the linear solve: Newton stays quadratic, and the last solve ends within tolerance."""
-    return float(np.clip(0.3 * relative, 0.01 * tolerance / relative, 1e-3))
+    return float(np.clip(0.1 * relative, 0.1 * tolerance / relative, 0.03))
 
 
 def _line_search(
@@ -89,8 +89,8 @@ def _line_search(
     """
 
     def at(length: float) -> tuple[FloatArray, Residual, float]:
-        moved = model.moved(start, length * step)
-        residual = model.residual(moved, thetas, load)
+        moved = model.moved(start, length * step, load)
+        residual = model.forces(moved, thetas).residual(load)
         return moved, residual, float(residual.free @ step)
 
     slope, reference = float(before.free @ step), float(np.linalg.norm(before.free))

@@ -37,8 +37,9 @@ class SphereShape:
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Signed distance (n,) [mm]."""
-        arms: FloatArray = points - self._centre
-        return np.sqrt((arms * arms).sum(axis=1)) - self._radius
+        arms = points - self._centre
+        distance: FloatArray = np.sqrt((arms * arms).sum(axis=1)) - self._radius
+        return distance
 
     def normals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Normals (n, 3) and their derivative (I − n nᵀ)/r."""

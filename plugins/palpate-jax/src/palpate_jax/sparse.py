@@ -17,7 +17,7 @@ from palpate.domain import FloatArray, IntArray
 CYCLES = 3
 """Cycles of GMRES; those after the first take a few steps."""
 
-FEW_KRYLOV_STEPS = 8
+FEW_KRYLOV_STEPS = 20
 """A solve that needs more has outlived its preconditioner."""
 
 MOST_KRYLOV_STEPS = 60

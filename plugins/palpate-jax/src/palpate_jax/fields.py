@@ -1,0 +1,226 @@
+"""Fields of balanced states as VTU files, one per station, and a PVD that lists them.
+
+All vectors and tensors are in the coordinates of the limb's own mesh.
+
+====================  ========  ============================================================
+name                  at        quantity
+====================  ========  ============================================================
+displacement_mm       nodes     displacement
+contact_pressure_MPa  nodes     pressure of the indenter, per deformed area
+contact_shear_MPa     nodes     tangential traction of the indenter on the tissue, per deformed area
+cauchy_stress_MPa     elements  Cauchy stress, row by row, mean over the deformed volume
+principal_stretches   elements  stretches, the largest first, of the mean deformation gradient
+J                     elements  volume over reference volume
+region                elements  index into the regions of the mesh
+====================  ========  ============================================================
+
+Nodal tractions are means over the quadrature points around a node.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from palpate.domain import FloatArray, IntArray, Limb, Mesh
+from palpate.interfaces import Material
+from palpate.mechanics import stress
+from palpate_jax.body import Block, blocks, points_of_cells
+from palpate_jax.contact import Contact, Points, Skin
+from palpate_jax.elements import ELEMENTS
+from palpate_jax.model import Load, in_spot_frame, spot_axes
+
+VTK_KINDS = (("tet4", "tetra"), ("tet10", "tetra10"), ("hex8", "hexahedron"))
+"""Element kinds, and what meshio calls them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """What a file shows: displacements (n_nodes, 3) [mm] in the spot's frame and the load they balance."""
+
+    depth_mm: float
+    rotation_deg: float
+    displacements: FloatArray
+    load: Load
+
+
+class FieldWriter:
+    """Writes the fields of one limb's simulations.
+
+    Parameters
+    ----------
+    limb : Limb
+    materials : mapping of region to Material
+    mean_dilatation : bool, or the regions that have it
+        As the simulation had it.
+    """
+
+    def __init__(
+        self, limb: Limb, materials: Mapping[str, Material], mean_dilatation: bool | Collection[str]
+    ) -> None:
+        self._mesh, self._axes = in_spot_frame(limb), spot_axes(limb)
+        self._original = limb.mesh
+        self._materials = materials
+        self._blocks = blocks(self._mesh, mean_dilatation)
+        self._contact = Contact(self._mesh)
+
+    def write(self, folder: Path, thetas: Mapping[str, FloatArray], states: Sequence[State]) -> Path:
+        """Write ``000.vtu``, ``001.vtu`` … and ``path.pvd``, which lists them.
+
+        Parameters
+        ----------
+        folder : Path
+            Made if it is not there.
+        thetas : mapping of region to parameters
+        states : sequence of State
+
+        Returns
+        -------
+        Path
+            The PVD file.
+
+        Raises
+        ------
+        OSError
+            The folder cannot be written to.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        names = [f"{number:03d}.vtu" for number in range(len(states))]
+        for name, state in zip(names, states, strict=True):
+            self._write_one(folder / name, thetas, state)
+        lines = "".join(
+            f'    <DataSet timestep="{number}" file={quoteattr(name)}/>\n' for number, name in enumerate(names)
+        )
+        index = folder / "path.pvd"
+        index.write_text(
+            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n'
+            f"  <Collection>\n{lines}  </Collection>\n</VTKFile>\n",
+            encoding="utf-8",
+        )
+        return index
+
+    def _write_one(self, path: Path, thetas: Mapping[str, FloatArray], state: State) -> None:
+        import meshio  # here, so that whoever writes no fields does not wait for it
+
+        mesh = self._original
+        kinds = [(kind, name) for kind, name in VTK_KINDS if len(mesh.cells.get(kind, ()))]
+        by_kind = self._of_cells(thetas, state.displacements)
+        pressure, shear = nodal_tractions(self._contact, state)
+        names = ("cauchy_stress_MPa", "principal_stretches", "J", "region")
+        meshio.write_points_cells(
+            path,
+            mesh.points_mm,
+            [(name, mesh.cells[kind]) for kind, name in kinds],
+            point_data={
+                "displacement_mm": state.displacements @ self._axes.T,
+                "contact_pressure_MPa": pressure,
+                "contact_shear_MPa": shear @ self._axes.T,
+            },
+            cell_data={name: [by_kind[kind][name] for kind, _ in kinds] for name in names},
+            field_data={
+                "depth_mm": np.array([state.depth_mm]),
+                "rotation_deg": np.array([state.rotation_deg]),
+            },
+        )
+
+    def _of_cells(
+        self, thetas: Mapping[str, FloatArray], displacements: FloatArray
+    ) -> dict[str, dict[str, FloatArray]]:
+        """Cell data by kind and name."""
+        mesh = self._mesh
+        found: dict[str, dict[str, FloatArray]] = {}
+        for (kind, rows, region), block in zip(_block_cells(mesh), self._blocks, strict=True):
+            own = found.setdefault(kind, {"region": mesh.cell_regions[kind].astype(np.float64)})
+            places = points_of_cells(mesh.points_mm, mesh.cells[kind][rows], block)
+            values = cell_fields(self._materials[region], thetas[region], block, displacements, places)
+            for name, value in zip(("cauchy_stress_MPa", "principal_stretches", "J"), values, strict=True):
+                if name == "cauchy_stress_MPa":
+                    value = (self._axes @ value @ self._axes.T).reshape(-1, 9)
+                own.setdefault(name, np.zeros((len(mesh.cells[kind]), *value.shape[1:])))[rows] = value
+        return found
+
+
+def _block_cells(mesh: Mesh) -> Iterator[tuple[str, IntArray, str]]:
+    """Kind, rows in that kind's cells and region of each block, in the order of ``blocks``."""
+    for kind in mesh.cells:
+        for index, region in enumerate(mesh.regions):
+            rows = np.flatnonzero(mesh.cell_regions[kind] == index)
+            if rows.size:
+                yield kind, rows, region
+
+
+def cell_fields(
+    material: Material,
+    theta: FloatArray,
+    block: Block,
+    displacements: FloatArray,
+    places: tuple[IntArray, IntArray],
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Cauchy stress, stretches and J of cells.
+
+    With mean dilatation, where τ̄ = P̄ F̄ᵀ at the deformation of the mean dilatation θ,
+    the stress is dev τ̄ / J plus the element's mean of tr τ̄ / 3θ: its conjugate in the
+    energy that the solver balances.
+
+    Parameters
+    ----------
+    places : (c, p) element numbers and (c, p) point numbers
+        Quadrature points of each cell.
+
+    Returns
+    -------
+    cauchy_MPa : (c, 3, 3) array
+    stretches : (c, 3) array
+        The largest first.
+    J : (c,) array
+    """
+    u, w = displacements[block.nodes], block.volumes
+    F = np.eye(3) + np.einsum("eai,eqaj->eqij", u, block.gradients)
+    J = np.linalg.det(F)
+    volume = w.sum(axis=1, keepdims=True)
+    theta_mean = (w * J).sum(axis=1, keepdims=True) / volume if block.mean_dilatation else J
+    mean_F = np.cbrt(theta_mean / J)[..., None, None] * F
+    kirchhoff = np.asarray(stress(material, mean_F, theta)) @ mean_F.swapaxes(-1, -2)
+    third = np.trace(kirchhoff, axis1=-2, axis2=-1) / 3.0
+    pressure = third / theta_mean
+    if block.mean_dilatation:
+        pressure = np.broadcast_to((w * pressure).sum(axis=1, keepdims=True) / volume, J.shape)
+    deviator = kirchhoff - third[..., None, None] * np.eye(3)
+    cauchy = deviator / J[..., None, None] + pressure[..., None, None] * np.eye(3)
+    weights = w[places]
+    now = weights * J[places]
+    sigma = np.einsum("cp,cpij->cij", now, cauchy[places]) / now.sum(axis=1)[:, None, None]
+    gradient = np.einsum("cp,cpij->cij", weights, F[places]) / weights.sum(axis=1)[:, None, None]
+    return sigma, np.linalg.svd(gradient, compute_uv=False), now.sum(axis=1) / weights.sum(axis=1)
+
+
+def nodal_tractions(contact: Contact, state: State) -> tuple[FloatArray, FloatArray]:
+    """Contact pressure (n_nodes,) and shear (n_nodes, 3) [MPa] per deformed area, in the spot's frame."""
+    pose, memory, law = state.load.pose, state.load.memory, state.load.law
+    points = Points(
+        pose.into(contact.positions(state.displacements)), memory.anchors, memory.anchored, law
+    )
+    shear = np.where((points.depth > 0.0)[:, None], -points.friction, 0.0) @ pose.rotation.T
+    values = np.column_stack([points.pressure, shear])
+    total, weight = np.zeros((len(state.displacements), 4)), np.zeros(len(state.displacements))
+    coordinates = contact.rest + state.displacements
+    start = 0
+    for skin in contact.skins:
+        part = values[start : start + skin.areas.size].reshape(*skin.areas.shape, 4)
+        start += skin.areas.size
+        # Squared shape functions, because those of a corner of tet10 are negative across the face.
+        near = skin.areas[:, :, None] * skin.values**2
+        nominal = part * (skin.areas / _deformed_areas(skin, coordinates))[:, :, None]
+        np.add.at(total, skin.nodes, np.einsum("fqa,fqk->fak", near, nominal))
+        np.add.at(weight, skin.nodes, near.sum(axis=1))
+    mean = total / np.where(weight > 0.0, weight, 1.0)[:, None]
+    return mean[:, 0], mean[:, 1:]
+
+
+def _deformed_areas(skin: Skin, coordinates: FloatArray) -> FloatArray:
+    face = next(e.face for e in ELEMENTS.values() if e.face.values.shape == skin.values.shape)
+    slopes = np.einsum("qak,fai->fqki", face.slopes, coordinates[skin.nodes])
+    areas: FloatArray = np.linalg.norm(np.cross(slopes[:, :, 0], slopes[:, :, 1]), axis=2) * face.weights
+    return areas
