@@ -92,6 +92,16 @@ def _by_patch(block: Block, labels: IntArray) -> Block:
     return Block(block.region, nodes, gradients, volumes, block.mean_dilatation)
 
 
+def points_of_cells(points_mm: FloatArray, cells: IntArray, block: Block) -> tuple[IntArray, IntArray]:
+    """Element and point numbers (c, p) of each cell's quadrature points in the block that they became."""
+    n_points = block.volumes.shape[1]
+    if not (cells.shape[1] == 4 and block.mean_dilatation):
+        own = np.indices((len(cells), n_points))
+        return own[0], own[1]
+    labels = tetrahedron_patches(points_mm, cells)
+    return labels[:, None], _places(labels)[:, None]
+
+
 def _places(labels: IntArray) -> IntArray:
     """Running number of each entry among those of the same label."""
     order = np.argsort(labels, kind="stable")

@@ -18,9 +18,7 @@ Nodal tractions are means over the quadrature points around a node.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -30,20 +28,11 @@ from palpate.mechanics import stress
 from palpate_jax.body import Block, blocks, points_of_cells
 from palpate_jax.contact import Contact, Points, Skin
 from palpate_jax.elements import ELEMENTS
-from palpate_jax.model import Load, in_spot_frame, spot_axes
+from palpate_jax.march import Station
+from palpate_jax.model import in_spot_frame, spot_axes
 
 VTK_KINDS = (("tet4", "tetra"), ("tet10", "tetra10"), ("hex8", "hexahedron"))
 """Element kinds, and what meshio calls them."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class State:
-    """What a file shows: displacements (n_nodes, 3) [mm] in the spot's frame and the load they balance."""
-
-    depth_mm: float
-    rotation_deg: float
-    displacements: FloatArray
-    load: Load
 
 
 class FieldWriter:
@@ -66,7 +55,7 @@ class FieldWriter:
         self._blocks = blocks(self._mesh, mean_dilatation)
         self._contact = Contact(self._mesh)
 
-    def write(self, folder: Path, thetas: Mapping[str, FloatArray], states: Sequence[State]) -> Path:
+    def write(self, folder: Path, thetas: Mapping[str, FloatArray], states: Sequence[Station]) -> Path:
         """Write ``000.vtu``, ``001.vtu`` … and ``path.pvd``, which lists them.
 
         Parameters
@@ -74,7 +63,7 @@ class FieldWriter:
         folder : Path
             Made if it is not there.
         thetas : mapping of region to parameters
-        states : sequence of State
+        states : sequence of Station
 
         Returns
         -------
@@ -91,7 +80,9 @@ class FieldWriter:
         for name, state in zip(names, states, strict=True):
             self._write_one(folder / name, thetas, state)
         lines = "".join(
-            f'    <DataSet timestep="{number}" file={quoteattr(name)}/>\n' for number, name in enumerate(names)
+            f'    <DataSet timestep="{number}" name="depth {state.depth_mm:g} mm, rotation '
+            f'{state.rotation_deg:g} degrees" file="{name}"/>\n'
+            for number, (name, state) in enumerate(zip(names, states, strict=True))
         )
         index = folder / "path.pvd"
         index.write_text(
@@ -101,13 +92,13 @@ class FieldWriter:
         )
         return index
 
-    def _write_one(self, path: Path, thetas: Mapping[str, FloatArray], state: State) -> None:
+    def _write_one(self, path: Path, thetas: Mapping[str, FloatArray], state: Station) -> None:
         import meshio  # here, so that whoever writes no fields does not wait for it
 
         mesh = self._original
         kinds = [(kind, name) for kind, name in VTK_KINDS if len(mesh.cells.get(kind, ()))]
         by_kind = self._of_cells(thetas, state.displacements)
-        pressure, shear = nodal_tractions(self._contact, state)
+        pressure, shear = nodal_tractions(self._contact, self._mesh.points_mm, state)
         names = ("cauchy_stress_MPa", "principal_stretches", "J", "region")
         meshio.write_points_cells(
             path,
@@ -119,10 +110,6 @@ class FieldWriter:
                 "contact_shear_MPa": shear @ self._axes.T,
             },
             cell_data={name: [by_kind[kind][name] for kind, _ in kinds] for name in names},
-            field_data={
-                "depth_mm": np.array([state.depth_mm]),
-                "rotation_deg": np.array([state.rotation_deg]),
-            },
         )
 
     def _of_cells(
@@ -196,16 +183,14 @@ def cell_fields(
     return sigma, np.linalg.svd(gradient, compute_uv=False), now.sum(axis=1) / weights.sum(axis=1)
 
 
-def nodal_tractions(contact: Contact, state: State) -> tuple[FloatArray, FloatArray]:
+def nodal_tractions(contact: Contact, rest_mm: FloatArray, state: Station) -> tuple[FloatArray, FloatArray]:
     """Contact pressure (n_nodes,) and shear (n_nodes, 3) [MPa] per deformed area, in the spot's frame."""
     pose, memory, law = state.load.pose, state.load.memory, state.load.law
-    points = Points(
-        pose.into(contact.positions(state.displacements)), memory.anchors, memory.anchored, law
-    )
+    points = Points(pose.into(contact.positions(state.displacements)), memory.anchors, memory.anchored, law)
     shear = np.where((points.depth > 0.0)[:, None], -points.friction, 0.0) @ pose.rotation.T
     values = np.column_stack([points.pressure, shear])
     total, weight = np.zeros((len(state.displacements), 4)), np.zeros(len(state.displacements))
-    coordinates = contact.rest + state.displacements
+    coordinates = rest_mm + state.displacements
     start = 0
     for skin in contact.skins:
         part = values[start : start + skin.areas.size].reshape(*skin.areas.shape, 4)

@@ -23,12 +23,13 @@ PROBE = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Station:
-    """The balanced state at one point of the path; displacements (n_nodes, 3) in mm."""
+    """The balanced state at one point of the path; displacements (n_nodes, 3) in mm balance the load."""
 
     depth_mm: float
     rotation_deg: float
     answer: Answer
     displacements: FloatArray
+    load: Load
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,4 +208,4 @@ class March:
     def _station(self, state: _State) -> Station:
         load = Load(pose(state.position), state.felt, self._law)
         answer = self._model.answer(state.displacements, self._thetas, load)
-        return Station(float(state.position[0]), float(state.position[1]), answer, state.displacements)
+        return Station(*map(float, state.position), answer, state.displacements, load)

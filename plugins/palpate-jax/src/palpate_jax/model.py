@@ -14,14 +14,18 @@ from palpate_jax.contact import Answer, Contact, Load, Motion, Pose
 from palpate_jax.sparse import LinearSolver, Pattern
 
 
-def in_spot_frame(limb: Limb) -> Mesh:
-    """The mesh moved so that the spot is the origin and its outward normal +z."""
+def spot_axes(limb: Limb) -> FloatArray:
+    """Axes of the spot's frame as columns (3, 3); the third is the outward normal."""
     z = limb.spot.normal
     helper = np.eye(3)[np.argmin(np.abs(z))] if abs(z[0]) > 0.9 else np.array([1.0, 0.0, 0.0])
     x = helper - z * (z @ helper)
     x /= np.linalg.norm(x)
-    frame = np.stack([x, np.cross(z, x), z], axis=1)
-    return replace(limb.mesh, points_mm=(limb.mesh.points_mm - limb.spot.position_mm) @ frame)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def in_spot_frame(limb: Limb) -> Mesh:
+    """The mesh moved so that the spot is the origin and its outward normal +z."""
+    return replace(limb.mesh, points_mm=(limb.mesh.points_mm - limb.spot.position_mm) @ spot_axes(limb))
 
 
 def _touched_region(mesh: Mesh, body: Body) -> str:

@@ -1,9 +1,11 @@
 """The embedded finite element solver, as a plugin sees it."""
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import quote
 
 import numpy as np
 from pydantic import BaseModel, Field
@@ -63,6 +65,18 @@ class JaxSettings(Settings):
         "which is for comparison with other programs, tet4 overstates force by half and more",
     )
 
+    fields: Literal["none", "end", "all"] = Field(
+        "none",
+        description="VTU files with displacement, stress, stretches and contact tractions: of no balanced "
+        "state, of the last one of each simulation, or of all",
+    )
+    fields_folder: str = Field(
+        "fields",
+        min_length=1,
+        description="where the VTU files go, as <folder>/<spot>/set-<number>/path.pvd; relative to the "
+        "folder that palpate is run in",
+    )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Prepared:
@@ -97,7 +111,7 @@ class JaxSolver(Solver):
         ------
         StudyError
             No limb, another protocol than an indentation, or a setting that names
-            a region which the mesh does not have.
+            a region which the mesh does not have, or a folder that cannot be made.
         MeshError
             A region without material, or a surface that does not touch the sphere
             at depth 0.
@@ -114,6 +128,8 @@ class JaxSolver(Solver):
                 )
             check_reference_state(job.materials[region], job.thetas[region])
         _check_names(self.settings.mean_dilatation, limb)
+        if self.settings.fields != "none":
+            _check_folder(self._fields_folder(job))
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Walk the protocol's path; a path that cannot be finished is ``diverged`` and keeps its start."""
@@ -137,6 +153,8 @@ class JaxSolver(Solver):
             march, reached, stop = self._walk(prepared, protocol, job.thetas, guide)
         except MaterialError as error:
             return Simulation(job=job, status=Status.DIVERGED, response=None, message=str(error))
+        if self.settings.fields != "none" and reached:
+            self._write_fields(prepared, job, reached)
         return Simulation(
             job=job,
             status=Status.OK if stop is None else Status.DIVERGED,
@@ -164,6 +182,19 @@ class JaxSolver(Solver):
                 return march, reached, state
             reached.append(state)
         return march, reached, None
+
+    def _write_fields(self, prepared: _Prepared, job: Job, reached: Sequence[Station]) -> None:
+        from palpate_jax.fields import (
+            FieldWriter,
+        )  # here, so that whoever writes no fields does not wait for it
+
+        writer = FieldWriter(prepared.limb, prepared.materials, self.settings.mean_dilatation)
+        shown = reached if self.settings.fields == "all" else reached[-1:]
+        writer.write(self._fields_folder(job) / f"set-{job.set_id}", job.thetas, shown)
+
+    def _fields_folder(self, job: Job) -> Path:
+        """Folder of the spot's files; whatever in its name could lead out of it is escaped."""
+        return Path(self.settings.fields_folder) / quote(job.spot, safe=" ").replace(".", "%2E")
 
     def _law(self, protocol: Indentation, modulus_MPa: float) -> Law:
         """Contact whose penetration is about the same share of the depth, however deep the press is."""
@@ -234,6 +265,15 @@ def _limb(limb: Limb | None, job: Job) -> Limb:
     if limb is None:
         raise StudyError(f"spot '{job.spot}': solver 'jax' needs a mesh; give the spot one in the study")
     return limb
+
+
+def _check_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StudyError(
+            f"{folder}: fields cannot be written there ({error.strerror}); name another fields_folder"
+        ) from None
 
 
 def _check_names(mean_dilatation: bool | tuple[str, ...], limb: Limb) -> None:
