@@ -65,6 +65,7 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
     _check_regions(mesh, regions)
     _check_node_sets(mesh)
     _check_elements(mesh)
+    _check_edges(mesh)
     _check_held(mesh)
     _check_spot(limb)
 
@@ -220,6 +221,16 @@ def _hex8_gradients(point: FloatArray) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
+_HEX8_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+_EDGES: Mapping[str, tuple[tuple[tuple[int, int], ...], int]] = MappingProxyType(
+    {
+        "tet4": (_TET10_EDGES, 0),
+        "tet10": (_TET10_EDGES, 4),
+        "hex8": (_HEX8_EDGES, 0),
+    }
+)
+"""End nodes of the edges of a kind, and where its middle nodes begin (0: it has none)."""
+
 _TET_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _TET_GAUSS = 0.1381966011250105 + 0.4472135954999579 * _TET_CORNERS
 
@@ -232,6 +243,32 @@ _SAMPLED: Mapping[str, FloatArray] = MappingProxyType(
     }
 )
 """Reference points at which elements are checked: corners and quadrature points."""
+
+
+def _check_edges(mesh: Mesh) -> None:
+    """Refuse elements that share an edge and not its middle: they would come apart there."""
+    found = [_edges(mesh.cells[kind], *_EDGES[kind]) for kind in sorted(mesh.cells)]
+    rows = np.concatenate(found)
+    order = np.lexsort((rows[:, 1], rows[:, 0]))
+    rows = rows[order]
+    same = (rows[1:, :2] == rows[:-1, :2]).all(axis=1) & (rows[1:, 2] != rows[:-1, 2])
+    if same.any():
+        k = int(np.flatnonzero(same)[0])
+        a, b = rows[k, :2]
+        middles = sorted(int(m) for m in rows[k : k + 2, 2])
+        what = f"nodes {middles[0]} and {middles[1]}" if middles[0] >= 0 else f"node {middles[1]} and none"
+        raise MeshError(
+            f"mesh: the edge between nodes {a} and {b} has {what} in its middle, by two elements that "
+            f"share it, at {np.round(mesh.points_mm[[a, b]].mean(axis=0), 3).tolist()} mm: they would come "
+            "apart there; use elements of one order, and merge equal nodes"
+        )
+
+
+def _edges(cells: IntArray, ends: tuple[tuple[int, int], ...], first_middle: int) -> IntArray:
+    """Edges (n_edges, 3) of cells: end nodes in order and the middle node, −1 without one."""
+    pairs = np.sort(cells[:, np.array(ends)], axis=2)
+    middles = cells[:, first_middle:] if first_middle else np.full(pairs.shape[:2], -1)
+    return np.concatenate([pairs, middles[:, :, None]], axis=2).reshape(-1, 3)
 
 
 # ---------------------------------------------------------- supports and spot
@@ -254,6 +291,16 @@ def _check_held(mesh: Mesh) -> None:
             f"mesh: {n_parts} disconnected parts, of which one with {np.count_nonzero(part == loose)} nodes "
             f"(first node {np.flatnonzero(part == loose)[0]}) has no fixed node; join it or fix it"
         )
+    fixed = mesh.node_sets["fixed"]
+    for k in range(n_parts):
+        own = mesh.points_mm[fixed[part[fixed] == k]]
+        spread = np.linalg.svd(own - own.mean(axis=0), compute_uv=False)
+        if len(spread) < 2 or spread[1] <= 1e-9 * max(float(np.ptp(mesh.points_mm, axis=0).max()), spread[0]):
+            raise MeshError(
+                f"mesh: the fixed nodes of the part with node {np.flatnonzero(part == k)[0]} lie on one line "
+                f"({len(own)} nodes, the first {fixed[part[fixed] == k][0]}), so it can turn freely; "
+                "fix three that do not"
+            )
 
 
 def _check_spot(limb: Limb) -> None:

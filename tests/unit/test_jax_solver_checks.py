@@ -1,5 +1,6 @@
 """What the embedded solver refuses before the first step."""
 
+import contextlib
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,35 @@ def test_a_spot_off_the_surface_is_refused(offset, word):
     moved = Limb(spot=Spot(name="p9", position_mm=[0.0, 0.0, offset]), mesh=limb.mesh)
     with pytest.raises(MeshError, match=rf"'p9'.*{word} the surface by .*mm"):
         JaxSolver().check(JOB, moved)
+
+
+@pytest.mark.parametrize(("depth", "sound"), [(4.0, True), (5.0, False)])
+def test_a_surface_that_ends_within_the_reach_of_the_sphere_is_refused(depth, sound):
+    """√(7.5 · 4) = 5.5 mm and √(7.5 · 5) = 6.1 mm; the block ends at 6 mm."""
+    deep = replace(PROTOCOL, path=np.array([(0.0, 0.0), (depth, 0.0)]))
+    job = replace(JOB, protocol=deep)
+    with (
+        contextlib.nullcontext()
+        if sound
+        else pytest.raises(
+            MeshError,
+            match=r"'block': the contact surface ends 6 mm from the sphere's axis, near node \d+, .*6.12 mm",
+        )
+    ):
+        JaxSolver().check(job, block(width_mm=12.0))
+
+
+def test_a_patch_of_contact_that_is_too_small_is_refused():
+    limb = block(n_across=12)
+    skin = limb.mesh.node_sets["contact"]
+    near = skin[np.abs(limb.mesh.points_mm[skin, :2]).max(axis=1) < 3.5]
+    small = replace(limb.mesh, node_sets={**limb.mesh.node_sets, "contact": near})
+    with pytest.raises(MeshError, match=r"contact surface ends 3 mm .*mark more of the surface"):
+        JaxSolver().check(JOB, Limb(spot=limb.spot, mesh=small))
+    spot = skin[np.abs(limb.mesh.points_mm[skin, :2]).max(axis=1) == 0.0]
+    lone = replace(limb.mesh, node_sets={**limb.mesh.node_sets, "contact": spot})
+    with pytest.raises(MeshError, match="no boundary face has all its nodes in the node set 'contact'"):
+        JaxSolver().check(JOB, Limb(spot=limb.spot, mesh=lone))
 
 
 def test_a_region_without_material_is_refused_by_name():

@@ -132,8 +132,53 @@ def test_a_loose_part_is_refused():
     points = np.vstack([CUBE, CUBE + np.array([0, 0, 5])])
     two = limb(points=points, cells=[list(range(8)), list(range(8, 16))])
     refused(two, r"2 disconnected parts, of which one with 8 nodes \(first node 8\) has no fixed node")
-    held = limb(points=points, cells=[list(range(8)), list(range(8, 16))], sets={"fixed": [0, 8]})
+    held = limb(
+        points=points, cells=[list(range(8)), list(range(8, 16))], sets={"fixed": [0, 1, 2, 8, 9, 10]}
+    )
     check_limb(held, ["soft_tissue"])
+
+
+@pytest.mark.parametrize("fixed", [[0], [0, 1], [0, 0, 1, 1]])
+def test_a_limb_that_can_turn_about_its_fixed_nodes_is_refused(fixed):
+    refused(
+        limb(sets={"fixed": fixed}), rf"part with node 0 lie on one line \({len(fixed)} nodes, the first 0\)"
+    )
+
+
+def test_elements_of_two_orders_that_share_an_edge_are_refused():
+    points, ten = quadratic(CUBE, TET_IN_CUBE[:1])
+    both = Mesh(
+        points_mm=points,
+        cells={"tet10": ten, "tet4": TET_IN_CUBE[1:]},
+        cell_regions={"tet10": [0], "tet4": [0] * 4},
+        regions=("soft_tissue",),
+        node_sets={"fixed": [0, 1, 2, 3], "contact": [4, 5, 6, 7]},
+    )
+    middle = next(k for k, p in enumerate(points) if np.allclose(p, [0.5, 0.5, 0.0]))
+    refused(Limb(spot=TOP, mesh=both), rf"between nodes 1 and 3 has node {middle} and none in its middle")
+
+
+def test_two_nodes_in_the_middle_of_one_edge_are_refused():
+    sound = limb("tet10")
+    cells, points = np.array(sound.mesh.cells["tet10"]), np.array(sound.mesh.points_mm)
+    twice = cells[4, 4]
+    cells[4, 4] = len(points)
+    torn = limb("tet10", points=np.vstack([points, points[twice]]), cells=cells)
+    with pytest.raises(MeshError, match=rf"between nodes 1 and 3 has nodes {twice} and {len(points)} in"):
+        check_limb(torn, ["soft_tissue"])
+
+
+def test_hexahedra_and_linear_tetrahedra_may_share_edges():
+    points = np.vstack([CUBE, CUBE[4:] + np.array([0, 0, 1])])
+    above = np.array([4, 5, 6, 7, 8, 9, 10, 11])
+    both = Mesh(
+        points_mm=points,
+        cells={"hex8": [list(range(8))], "tet4": above[np.array(TET_IN_CUBE)]},
+        cell_regions={"hex8": [0], "tet4": [0] * 5},
+        regions=("soft_tissue",),
+        node_sets={"fixed": [0, 1, 2, 3], "contact": [8, 9, 10, 11]},
+    )
+    check_limb(Limb(spot=Spot(name="p1", position_mm=[0.5, 0.5, 2.0]), mesh=both), ["soft_tissue"])
 
 
 def test_a_spot_off_the_surface_is_refused():

@@ -26,6 +26,7 @@ from palpate.interfaces import Material, Settings, Solver
 from palpate.mechanics import check_reference_state, initial_moduli
 from palpate_jax import __version__
 from palpate_jax.contact import Law
+from palpate_jax.footprint import check_footprint
 from palpate_jax.march import Guide, March, Station, Stop, stations
 from palpate_jax.model import Model, in_spot_frame
 from palpate_jax.shapes import shape_of
@@ -113,14 +114,15 @@ class JaxSolver(Solver):
             No limb, another protocol than an indentation, or a setting that names
             a region which the mesh does not have, or a folder that cannot be made.
         MeshError
-            A region without material, or a surface that does not touch the sphere
-            at depth 0.
+            A region without material, a surface that does not touch the sphere at
+            depth 0, or one that ends within its reach.
         MaterialError
             Parameters out of their physical range or without a stable rest.
         """
         protocol = _indentation(job)
         limb = _limb(limb, job)
         _check_touch(limb, protocol.indenter.radius_mm)
+        check_footprint(limb, protocol)
         for region in limb.mesh.regions:
             if region not in job.materials:
                 raise MeshError(
@@ -184,9 +186,7 @@ class JaxSolver(Solver):
         return march, reached, None
 
     def _write_fields(self, prepared: _Prepared, job: Job, reached: Sequence[Station]) -> None:
-        from palpate_jax.fields import (
-            FieldWriter,
-        )  # here, so that whoever writes no fields does not wait for it
+        from palpate_jax.fields import FieldWriter  # here: few write fields, and nobody else waits
 
         writer = FieldWriter(prepared.limb, prepared.materials, self.settings.mean_dilatation)
         shown = reached if self.settings.fields == "all" else reached[-1:]
