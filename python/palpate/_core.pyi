@@ -728,8 +728,8 @@ class Deformation:
 class SparseFactor:
     """A direct solver of A x = b for a pattern that stays the same.
 
-    The pattern is ordered and analysed once; values are factorised as often as needed, on one
-    thread, without the GIL. A solution is checked against its residual before it is returned.
+    The pattern is ordered (nested dissection; COLAMD for ``lu``) and analysed once; values are
+    factorised as often as needed, on one thread, without the GIL. A solution is checked against its residual before it is returned.
 
     Parameters
     ----------
@@ -827,6 +827,41 @@ class SparseFactor:
         ------
         ValueError
             No factor or wrong length.
+        """
+
+    def krylov(
+        self, data: _Floats, rhs: _Floats, tolerance: float, most_steps: int
+    ) -> tuple[_Floats, int, bool]:
+        """Solve with another matrix of the same pattern by GMRES, the last factor preconditioning.
+
+        Right preconditioning, so that the residual watched is the true one, and restarts with a
+        residual in double precision. Cycles run in the precision of the factor. The matrix may be
+        unsymmetric whatever the kind.
+
+        Parameters
+        ----------
+        data
+            Values (n_data,) of the matrix in the order of ``indices``.
+        rhs
+            Right-hand side (n,).
+        tolerance
+            Residual ‖b - A x‖ at which to end, relative to ‖b‖.
+        most_steps
+            Applications of the factor at most.
+
+        Returns
+        -------
+        solution
+            Best solution found (n,), zero at worst.
+        n_steps
+            Applications of the factor.
+        converged
+            Whether the residual is within the tolerance.
+
+        Raises
+        ------
+        ValueError
+            No factor, wrong length, NaN or infinite.
         """
 
     @property

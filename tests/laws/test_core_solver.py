@@ -95,6 +95,80 @@ def test_preconditioning_is_linear_in_size(system, precision, exponent):
     assert not factor.precondition(np.zeros(factor.n)).any()
 
 
+@given(systems(symmetric=True), st.data())
+def test_krylov_solves_a_nearby_unsymmetric_matrix(system, data):
+    matrix, rhs = system
+    kind = data.draw(st.sampled_from(["lu", "ldlt"]))
+    layout = data.draw(st.sampled_from(["csc", "csr"]))
+    factor = factor_of(matrix, kind, layout, np.int32, data.draw(st.sampled_from(["double", "single"])))
+    compressed = matrix.asformat(layout)
+    compressed.data = compressed.data * data.draw(st.floats(0.9, 1.1)) ** np.arange(compressed.nnz).clip(0, 3)
+    tolerance = 10.0 ** data.draw(st.integers(-12, -1))
+    solution, n_steps, converged = factor.krylov(compressed.data, rhs[:, 0], tolerance, 200)
+    assert converged
+    assert n_steps <= 60
+    left = np.linalg.norm(compressed @ solution - rhs[:, 0])
+    assert left <= 1.001 * tolerance * np.linalg.norm(rhs[:, 0])
+
+
+def test_krylov_takes_more_steps_the_farther_the_matrix_and_stops_when_told(elastic):
+    factor = _core.SparseFactor(
+        elastic.indptr, elastic.indices, kind="ldlt", layout="csr", precision="single"
+    )
+    factor.factorise(elastic.data)
+    rhs = np.cos(np.arange(factor.n))
+    rng = np.random.default_rng(3)
+    noise = rng.uniform(-1.0, 1.0, elastic.nnz)
+    steps = []
+    for size in (0.0, 0.01, 0.1):
+        data = elastic.data * (1.0 + size * noise)
+        solution, n_steps, converged = factor.krylov(data, rhs, 1e-8, 100)
+        assert converged
+        matrix = sp.csr_array((data, elastic.indices, elastic.indptr))
+        assert np.linalg.norm(matrix @ solution - rhs) <= 1e-8 * np.linalg.norm(rhs)
+        steps.append(n_steps)
+    assert steps[0] <= 3 < steps[1] < steps[2]
+    solution, n_steps, converged = factor.krylov(elastic.data * (1.0 + 0.1 * noise), rhs, 1e-8, 2)
+    assert (n_steps, converged) == (2, False)
+    solution, n_steps, converged = factor.krylov(elastic.data, np.zeros(factor.n), 1e-8, 2)
+    assert (n_steps, converged) == (0, True)
+    assert not solution.any()
+
+
+@pytest.mark.parametrize("kind", ["lu", "ldlt", "llt"])
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_solid_body_is_solved(elastic, kind, precision):
+    factor = _core.SparseFactor(elastic.indptr, elastic.indices, kind=kind, layout="csr", precision=precision)
+    factor.factorise(elastic.data)
+    expected = np.cos(np.arange(factor.n))
+    once = factor.precondition(elastic @ expected)
+    np.testing.assert_allclose(once, expected, atol=1e-10 if precision == "double" else 1e-3)
+    np.testing.assert_allclose(factor.solve(elastic @ expected), expected, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    """Random springs between the neighbours of a lattice, three unknowns a node, held at the bottom."""
+    n = 9
+    nodes = np.stack(np.meshgrid(*(np.arange(n),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    rng = np.random.default_rng(0)
+    n_free = 3 * (n**3 - n**2)
+    total = sp.coo_array((n_free, n_free))
+    for step in np.stack(np.meshgrid(*((-1, 0, 1),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)[14:]:
+        ends = nodes + step
+        inside = ((ends >= 0) & (ends < n)).all(axis=1)
+        one, other = nodes[inside] @ [n**2, n, 1], ends[inside] @ [n**2, n, 1]
+        direction = step + 0.3 * rng.uniform(-1, 1, (len(one), 3))
+        block = direction[:, :, None] * direction[:, None, :] + 0.05 * np.eye(3)
+        for a, b, sign in ((one, one, 1), (other, other, 1), (one, other, -1), (other, one, -1)):
+            rows = np.broadcast_to(3 * a[:, None, None] + np.arange(3)[:, None], block.shape)
+            columns = np.broadcast_to(3 * b[:, None, None] + np.arange(3), block.shape)
+            free = (rows >= 3 * n**2) & (columns >= 3 * n**2)
+            places = (rows[free] - 3 * n**2, columns[free] - 3 * n**2)
+            total = total + sp.coo_array((sign * block[free], places), shape=(n_free, n_free))
+    return sp.csr_array(total)
+
+
 def laplacian(n: int) -> sp.csc_array:
     """A chain of springs, not held."""
     matrix = sp.diags_array([2 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]).tolil()
@@ -147,5 +221,9 @@ def test_bad_arguments_are_named():
         factor.solve(np.ones((2, 3)))
     with pytest.raises(ValueError, match="rhs has 4 values where 3"):
         factor.precondition(np.ones(4))
+    with pytest.raises(ValueError, match="data has 2 values where 7"):
+        factor.krylov(np.ones(2), np.ones(3), 1e-6, 10)
+    with pytest.raises(ValueError, match=r"rhs\[1\] is NaN"):
+        factor.krylov(matrix.data, np.array([1.0, np.nan, 1.0]), 1e-6, 10)
     with pytest.raises(ValueError, match='precision "half" is unknown: choose double or single'):
         _core.SparseFactor(matrix.indptr, matrix.indices, precision="half")  # type: ignore[arg-type]

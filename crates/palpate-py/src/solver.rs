@@ -75,6 +75,20 @@ impl SparseFactor {
         Ok(PyArray1::from_vec(py, py.detach(|| self.0.precondition(&rhs))?))
     }
 
+    fn krylov<'py>(
+        &self,
+        py: Python<'py>,
+        data: PyReadonlyArray1<'py, f64>,
+        rhs: PyReadonlyArray1<'py, f64>,
+        tolerance: f64,
+        most_steps: usize,
+    ) -> Result<(Bound<'py, PyArray1<f64>>, usize, bool), Raised> {
+        let (data, rhs) = (values(&data), values(&rhs));
+        let found = py.detach(|| self.0.krylov(&data, &rhs, tolerance, most_steps))?;
+        let converged = found.residual <= tolerance;
+        Ok((PyArray1::from_vec(py, found.solution), found.n_steps, converged))
+    }
+
     #[getter]
     fn n(&self) -> usize {
         self.0.n()

@@ -3,18 +3,20 @@
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::{LltError as NonPositivePivot, LltRegularization};
 use faer::perm::PermRef;
+use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use faer::sparse::linalg::cholesky::{
-    self, CholeskySymbolicParams, IntranodeLbltRef, LltRef, SymbolicCholesky, SymmetricOrdering,
+    self, CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
 };
 use faer::sparse::linalg::lu::{self, LuRef, LuSymbolicParams, NumericLu, SymbolicLu};
 use faer::sparse::linalg::{LuError, SupernodalThreshold};
 use faer::sparse::{FaerError, SparseColMatRef};
-use faer::traits::RealField;
 use faer::{Conj, MatMut, Par, Side, Spec};
 
 use crate::error::{Error, InputError, NumericalError};
+use crate::ordering::elimination_order;
 use crate::pattern::Pattern;
 use crate::solver::Kind;
+use crate::sweep::{Number, Sweep};
 
 /// One thread: simulations run side by side instead. With two, these factors gain a quarter.
 const PAR: Par = Par::Seq;
@@ -26,21 +28,12 @@ const BLOCKED: SupernodalThreshold = SupernodalThreshold::FORCE_SUPERNODAL;
 pub(crate) enum Factor<T> {
     /// P A Q = L U with partial pivoting; columns ordered by COLAMD.
     Lu { symbolic: SymbolicLu<u32>, numeric: NumericLu<u32, T> },
-    /// P A Pᵀ = L B Lᵀ with Bunch–Kaufman pivoting inside a supernode; ordered by AMD.
-    Ldlt { symbolic: SymbolicCholesky<u32>, numeric: Box<BlockDiagonal<T>> },
-    /// P A Pᵀ = L Lᵀ; ordered by AMD.
-    Llt { symbolic: SymbolicCholesky<u32>, values: Vec<T> },
+    /// P A Pᵀ = L B Lᵀ, ordered by nested dissection. For `ldlt`, B has blocks of one or two rows
+    /// from Bunch–Kaufman pivoting inside supernodes; for `llt`, there is no B.
+    Symmetric { symbolic: SymbolicCholesky<u32>, values: Vec<T>, sweep: Sweep<T>, pivoting: bool },
 }
 
-/// Numbers of L B Lᵀ: B has blocks of one or two rows.
-pub(crate) struct BlockDiagonal<T> {
-    values: Vec<T>,
-    subdiagonal: Vec<T>,
-    forward: Vec<u32>,
-    inverse: Vec<u32>,
-}
-
-impl<T: RealField + Copy + Default> Factor<T> {
+impl<T: Number> Factor<T> {
     /// Orders and analyses a pattern; the numbers are still to come.
     pub(crate) fn analyse(pattern: &Pattern, kind: Kind) -> Result<Self, Error> {
         let n = pattern.n();
@@ -55,23 +48,20 @@ impl<T: RealField + Copy + Default> Factor<T> {
             supernodal_flop_ratio_threshold: BLOCKED,
             ..Default::default()
         };
-        let (columns, order) = (pattern.columns(), SymmetricOrdering::Amd);
+        let order = elimination_order(n, pattern.entries());
+        let inverse = inverted(&order);
+        let order = SymmetricOrdering::Custom(PermRef::new_checked(&order, &inverse, n));
+        let columns = pattern.columns();
         let symbolic = cholesky::factorize_symbolic_cholesky(columns, Side::Lower, order, params)
             .map_err(failed)?;
         let values = vec![T::default(); symbolic.len_val()];
-        Ok(if kind == Kind::Llt {
-            Self::Llt { symbolic, values }
-        } else {
-            let (subdiagonal, forward, inverse) = (vec![T::default(); n], vec![0; n], vec![0; n]);
-            let numeric = Box::new(BlockDiagonal { values, subdiagonal, forward, inverse });
-            Self::Ldlt { symbolic, numeric }
-        })
+        let sweep = Sweep::new(supernodal(&symbolic));
+        Ok(Self::Symmetric { symbolic, values, sweep, pivoting: kind == Kind::Ldlt })
     }
 
     /// Computes the numbers. A singular matrix may pass and give infinities or NaN in a solution.
     pub(crate) fn factorise(&mut self, pattern: &Pattern, values: &[T]) -> Result<(), Error> {
         let matrix = SparseColMatRef::new(pattern.columns(), values);
-        let side = Side::Lower;
         match self {
             Self::Lu { symbolic, numeric } => {
                 let params = Spec::default();
@@ -81,67 +71,107 @@ impl<T: RealField + Copy + Default> Factor<T> {
                 symbolic
                     .factorize_numeric_lu(numeric, matrix, PAR, stack, params)
                     .map_err(|error| lu_error(error, pattern))?;
+                Ok(())
             }
-            Self::Ldlt { symbolic, numeric } => {
-                let params = Spec::default();
-                let need = symbolic.factorize_numeric_intranode_lblt_scratch::<T>(PAR, params);
-                let mut memory = memory(need, pattern)?;
-                let stack = MemStack::new(&mut memory);
-                let BlockDiagonal { values, subdiagonal, forward, inverse } = &mut **numeric;
-                symbolic.factorize_numeric_intranode_lblt(
-                    values,
-                    subdiagonal,
-                    forward,
-                    inverse,
-                    matrix,
-                    side,
-                    PAR,
-                    stack,
-                    params,
-                );
+            Self::Symmetric { symbolic, values, sweep, pivoting: true } => {
+                pivoted(symbolic, values, sweep, matrix, pattern)
             }
-            Self::Llt { symbolic, values } => {
+            Self::Symmetric { symbolic, values, sweep, pivoting: false } => {
                 let params = Spec::default();
                 let need = symbolic.factorize_numeric_llt_scratch::<T>(PAR, params);
                 let mut memory = memory(need, pattern)?;
                 let stack = MemStack::new(&mut memory);
                 let shift = LltRegularization::default();
                 symbolic
-                    .factorize_numeric_llt(values, matrix, side, shift, PAR, stack, params)
+                    .factorize_numeric_llt(values, matrix, Side::Lower, shift, PAR, stack, params)
                     .map_err(|_: NonPositivePivot| NumericalError::NotPositiveDefinite)?;
+                sweep.without_pivoting(order(symbolic), values);
+                Ok(())
             }
         }
-        Ok(())
     }
 
-    /// Replaces every column of `rhs` (n, k), row after row, by its solution.
-    pub(crate) fn solve(&self, pattern: &Pattern, rhs: &mut [T]) -> Result<(), Error> {
-        let n = pattern.n();
-        let k = rhs.len() / n;
-        let need = match self {
-            Self::Lu { symbolic, .. } => symbolic.solve_in_place_scratch::<T>(k, PAR),
-            Self::Ldlt { symbolic, .. } | Self::Llt { symbolic, .. } => {
-                symbolic.solve_in_place_scratch::<T>(k, PAR)
-            }
-        };
-        let mut memory = memory(need, pattern)?;
-        let stack = MemStack::new(&mut memory);
-        let rhs = MatMut::from_row_major_slice_mut(rhs, n, k);
+    /// Numbers in a workspace of [`Self::apply`].
+    pub(crate) fn n_work(&self) -> usize {
         match self {
-            Self::Lu { symbolic, numeric } => LuRef::new_unchecked(symbolic, numeric)
-                .solve_in_place_with_conj(Conj::No, rhs, PAR, stack),
-            Self::Ldlt { symbolic, numeric } => {
-                let BlockDiagonal { values, subdiagonal, forward, inverse } = &**numeric;
-                let pivots = PermRef::new_checked(forward, inverse, n);
-                IntranodeLbltRef::new(symbolic, values, subdiagonal, pivots)
-                    .solve_in_place_with_conj(Conj::No, rhs, PAR, stack);
-            }
-            Self::Llt { symbolic, values } => {
-                LltRef::new(symbolic, values).solve_in_place_with_conj(Conj::No, rhs, PAR, stack);
+            Self::Lu { symbolic, .. } => symbolic.nrows(),
+            Self::Symmetric { sweep, .. } => sweep.n_work(),
+        }
+    }
+
+    /// Solves for one right-hand side: `read(unknown)` gives it, `write(unknown, value)` takes the
+    /// solution, and `work` has [`Self::n_work`] numbers.
+    pub(crate) fn apply(
+        &self,
+        pattern: &Pattern,
+        work: &mut [T],
+        read: impl Fn(usize) -> T,
+        mut write: impl FnMut(usize, T),
+    ) -> Result<(), Error> {
+        match self {
+            Self::Symmetric { values, sweep, .. } => sweep.apply(values, work, read, write),
+            Self::Lu { symbolic, numeric } => {
+                work.iter_mut().enumerate().for_each(|(i, x)| *x = read(i));
+                let mut memory = memory(symbolic.solve_in_place_scratch::<T>(1, PAR), pattern)?;
+                let stack = MemStack::new(&mut memory);
+                let x = MatMut::from_column_major_slice_mut(work, pattern.n(), 1);
+                LuRef::new_unchecked(symbolic, numeric).solve_in_place_with_conj(
+                    Conj::No,
+                    x,
+                    PAR,
+                    stack,
+                );
+                work.iter().enumerate().for_each(|(i, x)| write(i, *x));
             }
         }
         Ok(())
     }
+}
+
+fn pivoted<T: Number>(
+    symbolic: &SymbolicCholesky<u32>,
+    values: &mut [T],
+    sweep: &mut Sweep<T>,
+    matrix: SparseColMatRef<'_, u32, T>,
+    pattern: &Pattern,
+) -> Result<(), Error> {
+    let (n, params) = (pattern.n(), Spec::default());
+    let need = symbolic.factorize_numeric_intranode_lblt_scratch::<T>(PAR, params);
+    let mut memory = memory(need, pattern)?;
+    let stack = MemStack::new(&mut memory);
+    let (mut beside, mut moved, mut places) = (vec![T::default(); n], vec![0; n], vec![0; n]);
+    symbolic.factorize_numeric_intranode_lblt(
+        values,
+        &mut beside,
+        &mut moved,
+        &mut places,
+        matrix,
+        Side::Lower,
+        PAR,
+        stack,
+        params,
+    );
+    let pivots = (&moved[..], &places[..]);
+    sweep.with_pivoting(order(symbolic), supernodal(symbolic), values, &beside, pivots);
+    Ok(())
+}
+
+/// Unknowns in the order of the analysis.
+fn order(symbolic: &SymbolicCholesky<u32>) -> &[u32] {
+    symbolic.perm().map_or(&[], |perm| perm.arrays().0)
+}
+
+fn supernodal(symbolic: &SymbolicCholesky<u32>) -> &SymbolicSupernodalCholesky<u32> {
+    match symbolic.raw() {
+        SymbolicCholeskyRaw::Supernodal(supernodal) => supernodal,
+        SymbolicCholeskyRaw::Simplicial(_) => unreachable!("the blocked variant is forced"),
+    }
+}
+
+fn inverted(order: &[u32]) -> Vec<u32> {
+    let mut inverse = vec![0; order.len()];
+    order.iter().zip(0..).for_each(|(&unknown, step)| inverse[unknown as usize] = step);
+    inverse
 }
 
 fn memory(need: StackReq, pattern: &Pattern) -> Result<MemBuffer, Error> {

@@ -8,18 +8,28 @@
 //! | module | what |
 //! |---|---|
 //! | [`pattern`] | where the entries are; values gathered into it; A x |
-//! | `factor` | faer's LU, L B Lᵀ and L Lᵀ behind one enum |
+//! | `graph`, `separator`, `ordering` | nested dissection of the graph of nodes |
+//! | `factor` | faer's LU, L B Lᵀ and L Lᵀ behind one enum, in any precision |
 //! | `precision` | a factor in double precision, or in single precision of a scaled matrix |
+//! | `sweep` | the triangular solutions of a symmetric factor |
+//! | `rows`, `krylov` | products with the whole matrix; GMRES with an older factor |
 //! | [`solver`] | [`SparseFactor`]: analyse, factorise, probe, solve, refine |
 //! | [`error`] | what can be wrong with the input, and with the matrix |
 
 pub mod error;
 mod factor;
+mod graph;
+mod krylov;
+mod ordering;
 pub mod pattern;
 mod precision;
+mod rows;
+mod separator;
 pub mod solver;
+mod sweep;
 
 pub use error::{Error, InputError, NumericalError};
+pub use krylov::Iterated;
 pub use pattern::Layout;
 pub use precision::Precision;
 pub use solver::{Kind, SparseFactor};

@@ -6,7 +6,9 @@ use std::str::FromStr;
 use faer::sparse::{SymbolicSparseColMat, SymbolicSparseColMatRef};
 
 use crate::error::{Error, InputError};
-use crate::precision::{narrowed, power_of_two};
+use crate::precision::power_of_two;
+use crate::rows::Rows;
+use crate::sweep::Number;
 
 /// Largest difference between an entry and its counterpart, as a share of the largest entry, that
 /// counts as the round-off of an assembly.
@@ -52,6 +54,8 @@ pub struct Pattern {
     columns: SymbolicSparseColMat<u32>,
     /// Place in the caller's data of every entry kept.
     places: Vec<usize>,
+    /// The whole matrix, whatever is kept of it.
+    rows: Rows,
     /// Entries kept whose counterpart was given too: (entry, place of the counterpart).
     counterparts: Vec<(usize, usize)>,
     n_data: usize,
@@ -90,14 +94,17 @@ impl Pattern {
         if let Some(twice) = entries.windows(2).find(|e| same_place(e[0], e[1])) {
             return Err(InputError::Duplicate { row: twice[0].row, column: twice[0].column });
         }
+        let alone = symmetric && entries.iter().all(|e| e.row >= e.column);
+        let rows = Rows::new(n, entries.iter().flat_map(|e| whole(*e, alone)));
         let mut counterparts = Vec::new();
         if symmetric {
             let (lower, upper): (Vec<_>, Vec<_>) = entries.iter().partition(|e| e.row >= e.column);
             counterparts = pair_up(&lower, &upper)?;
             entries = lower;
         }
-        let places = entries.iter().map(|e| e.place).collect();
-        Ok(Self { columns: compress(n, &entries), places, counterparts, n_data, symmetric })
+        let places: Vec<usize> = entries.iter().map(|e| e.place).collect();
+        let columns = compress(n, &entries);
+        Ok(Self { columns, places, rows, counterparts, n_data, symmetric })
     }
 
     /// Rows of the matrix.
@@ -112,9 +119,20 @@ impl Pattern {
         self.n_data
     }
 
+    /// The whole matrix by rows.
+    pub(crate) fn rows(&self) -> &Rows {
+        &self.rows
+    }
+
     /// The pattern as faer takes it.
     pub(crate) fn columns(&self) -> SymbolicSparseColMatRef<'_, u32> {
         self.columns.as_ref()
+    }
+
+    /// Row and column of every entry kept.
+    pub(crate) fn entries(&self) -> impl Iterator<Item = (usize, usize)> + Clone + '_ {
+        let row = |k: usize| self.columns.row_idx()[k] as usize;
+        (0..self.n()).flat_map(move |j| self.column(j).map(move |k| (row(k), j)))
     }
 
     /// Values in the order of the pattern.
@@ -175,9 +193,8 @@ impl Pattern {
 
     /// The values sᵢ aᵢⱼ sⱼ in single precision.
     pub(crate) fn scaled(&self, values: &[f64], scales: &[f64]) -> Vec<f32> {
-        let rows = self.columns.row_idx();
-        let entries = (0..self.n()).flat_map(|j| self.column(j).map(move |k| (j, k)));
-        entries.map(|(j, k)| narrowed(values[k] * scales[j] * scales[rows[k] as usize])).collect()
+        let entries = self.entries().zip(values);
+        entries.map(|((i, j), value)| f32::rounded(value * scales[i] * scales[j])).collect()
     }
 
     /// Largest sum of magnitudes over a row of sᵢ aᵢⱼ sⱼ: its maximum norm.
@@ -206,6 +223,10 @@ pub(crate) fn finite(
     expected: usize,
 ) -> Result<(), InputError> {
     as_many(array, values, expected)?;
+    // All of them first: without a way out the loop takes several at a time.
+    if values.iter().fold(true, |finite, v| finite & v.is_finite()) {
+        return Ok(());
+    }
     match values.iter().position(|v| !v.is_finite()) {
         Some(index) => Err(InputError::NotFinite { array, index, value: values[index] }),
         None => Ok(()),
@@ -226,6 +247,13 @@ pub(crate) fn as_many(
 
 fn same_place(a: Entry, b: Entry) -> bool {
     (a.row, a.column) == (b.row, b.column)
+}
+
+/// An entry by rows, and its counterpart where a triangle stands `alone` for the whole.
+fn whole(entry: Entry, alone: bool) -> impl Iterator<Item = (usize, usize, usize)> {
+    let Entry { column, row, place } = entry;
+    let counterpart = (alone && row != column).then_some((column, row, place));
+    std::iter::once((row, column, place)).chain(counterpart)
 }
 
 /// Every entry with its place, in the caller's order.

@@ -4,8 +4,11 @@ use std::str::FromStr;
 
 use crate::error::{Error, InputError};
 use crate::factor::Factor;
+use crate::krylov::{Cycle, Iterated, iterate};
 use crate::pattern::Pattern;
+use crate::rows::Rows;
 use crate::solver::Kind;
+use crate::sweep::Number;
 
 /// Numbers that a factor is kept in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -111,28 +114,86 @@ impl Numbers {
 
     /// Replaces every column of `rhs` (n, k), row after row, by its solution.
     pub(crate) fn solve(&self, pattern: &Pattern, rhs: &mut [f64]) -> Result<(), Error> {
+        let k = rhs.len() / pattern.n();
+        for column in 0..k {
+            let one: Vec<f64> = rhs.iter().skip(column).step_by(k).copied().collect();
+            self.apply(pattern, &one, |i, x| rhs[i * k + column] = x)?;
+        }
+        Ok(())
+    }
+
+    /// Solves for one right-hand side; `write(unknown, value)` takes the solution.
+    pub(crate) fn apply(
+        &self,
+        pattern: &Pattern,
+        rhs: &[f64],
+        mut write: impl FnMut(usize, f64),
+    ) -> Result<(), Error> {
         match self {
-            Self::Double(factor) => factor.solve(pattern, rhs),
+            Self::Double(factor) => {
+                let mut work = vec![0.0; factor.n_work()];
+                factor.apply(pattern, &mut work, |i| rhs[i], write)
+            }
             Self::Single { factor, scales } => {
-                let k = rhs.len() / pattern.n();
+                let mut work = vec![0.0; factor.n_work()];
                 let size = power_of_two(rhs.iter().fold(0.0, |most: f64, v| most.max(v.abs())));
-                let scale = |i: usize| scales[i / k];
-                let mut narrow: Vec<f32> =
-                    rhs.iter().enumerate().map(|(i, v)| narrowed(v * scale(i) / size)).collect();
-                factor.solve(pattern, &mut narrow)?;
-                for (i, (wide, narrow)) in rhs.iter_mut().zip(narrow).enumerate() {
-                    *wide = f64::from(narrow) * scale(i) * size;
-                }
-                Ok(())
+                let read = |i: usize| f32::rounded(rhs[i] * scales[i] / size);
+                factor.apply(pattern, &mut work, read, |i, x| {
+                    write(i, f64::from(x) * scales[i] * size);
+                })
             }
         }
     }
 }
 
-/// The nearest number in single precision.
-#[expect(clippy::cast_possible_truncation, reason = "rounding is what single precision means")]
-pub(crate) fn narrowed(value: f64) -> f32 {
-    value as f32
+/// How far a cycle in single precision lessens a residual without wasting steps.
+const LEAST: f64 = 1e-5;
+
+impl Numbers {
+    /// Solves with another matrix, of these `data`, by GMRES with this factor as preconditioner.
+    pub(crate) fn iterate(
+        &self,
+        (pattern, rows): (&Pattern, &Rows),
+        data: &[f64],
+        rhs: &[f64],
+        tolerance: f64,
+        most_steps: usize,
+    ) -> Result<Iterated, Error> {
+        let exact = rows.gather(data);
+        match self {
+            Self::Double(factor) => {
+                let mut work = vec![0.0; factor.n_work()];
+                let precondition = |v: &[f64], z: &mut [f64]| {
+                    factor.apply(pattern, &mut work, |i| v[i], |i, x| z[i] = x)
+                };
+                let mut cycle = Cycle { rows, values: &exact, precondition };
+                iterate(rows, &exact, rhs, tolerance, most_steps, 0.0, |r, target, steps| {
+                    cycle.run(r, target, steps)
+                })
+            }
+            Self::Single { factor, scales } => {
+                // In single precision, numbers far from 1 could overflow.
+                let size = power_of_two(data.iter().fold(0.0, |most: f64, v| most.max(v.abs())));
+                let shrink = 1.0 / size;
+                let values: Vec<f32> = exact.iter().map(|v| f32::rounded(v * shrink)).collect();
+                let mut work = vec![0.0; factor.n_work()];
+                let (before, after): (Vec<f32>, Vec<f32>) =
+                    scales.iter().map(|s| (f32::rounded(s * size), f32::rounded(*s))).unzip();
+                let precondition = |v: &[f32], z: &mut [f32]| {
+                    let read = |i: usize| v[i] * before[i];
+                    factor.apply(pattern, &mut work, read, |i, x| z[i] = x * after[i])
+                };
+                let mut cycle = Cycle { rows, values: &values, precondition };
+                iterate(rows, &exact, rhs, tolerance, most_steps, LEAST, |r, target, steps| {
+                    let (mut x, n_steps) = cycle.run(r, target, steps)?;
+                    for x in &mut x {
+                        *x /= size;
+                    }
+                    Ok((x, n_steps))
+                })
+            }
+        }
+    }
 }
 
 /// A power of two near `size`, by which scaling is exact; 1 for 0 and what is not finite.

@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::error::{Error, InputError, NumericalError};
+use crate::krylov::Iterated;
 use crate::pattern::{self, Layout, Pattern};
 use crate::precision::{Numbers, Precision};
 
@@ -198,9 +199,44 @@ impl SparseFactor {
             return Err(InputError::NotFactorised.into());
         }
         pattern::as_many("rhs", rhs, self.n())?;
-        let mut solution = rhs.to_vec();
-        self.numbers.solve(&self.pattern, &mut solution)?;
+        let mut solution = vec![0.0; self.n()];
+        self.numbers.apply(&self.pattern, rhs, |i, x| solution[i] = x)?;
         Ok(solution)
+    }
+
+    /// Solves A x = b for another matrix A of the same pattern by GMRES, preconditioned with the
+    /// last factor, until ‖b − A x‖ is at most `tolerance` ‖b‖ or the factor was applied
+    /// `most_steps` times. A may be unsymmetric whatever the kind.
+    ///
+    /// # Errors
+    /// [`InputError`] if there is no factor, or `data` or `rhs` is not finite or of another length.
+    ///
+    /// # Examples
+    /// ```
+    /// use palpate_sparse::{Kind, Layout, Precision, SparseFactor};
+    /// let (indptr, indices) = ([0, 2, 4], [0, 1, 0, 1]);
+    /// let mut factor =
+    ///     SparseFactor::new(&indptr, &indices, Layout::Csr, Kind::Ldlt, Precision::Single)?;
+    /// factor.factorise(&[4.0, 1.0, 1.0, 3.0])?;
+    /// let found = factor.krylov(&[4.0, 1.0, 0.9, 3.0], &[5.0, 3.9], 1e-12, 20)?;
+    /// assert!(found.residual <= 1e-12);
+    /// assert!(found.solution.iter().all(|x| (x - 1.0).abs() < 1e-11));
+    /// # Ok::<(), palpate_sparse::Error>(())
+    /// ```
+    pub fn krylov(
+        &self,
+        data: &[f64],
+        rhs: &[f64],
+        tolerance: f64,
+        most_steps: usize,
+    ) -> Result<Iterated, Error> {
+        if self.current.is_none() {
+            return Err(InputError::NotFactorised.into());
+        }
+        pattern::finite("data", data, self.n_data())?;
+        pattern::finite("rhs", rhs, self.n())?;
+        let matrix = (&self.pattern, self.pattern.rows());
+        self.numbers.iterate(matrix, data, rhs, tolerance, most_steps)
     }
 
     /// Relative error with which a known solution comes back.

@@ -167,6 +167,33 @@ proptest! {
     }
 }
 
+proptest! {
+    #[test]
+    fn krylov_takes_the_lower_triangle_for_the_whole(a in well_posed(true)) {
+        let (indptr, indices, data) = a.compressed(Layout::Csc, true);
+        let mut factor =
+            SparseFactor::new(&indptr, &indices, Layout::Csc, Kind::Ldlt, Precision::Single).unwrap();
+        factor.factorise(&data).unwrap();
+        let x = vec![1.0; a.n()];
+        let found = factor.krylov(&data, &a.times(&x, 1), 1e-11, 100).unwrap();
+        prop_assert!(found.residual <= 1e-11, "{}", found.residual);
+        for found in found.solution {
+            prop_assert!((found - 1.0).abs() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn a_single_factor_with_refinement_solves_whatever_the_kind(a in well_posed(true), k in 1..3_usize) {
+        for kind in [Kind::Lu, Kind::Ldlt, Kind::Llt] {
+            let (indptr, indices, data) = a.compressed(Layout::Csr, false);
+            let mut factor =
+                SparseFactor::new(&indptr, &indices, Layout::Csr, kind, Precision::Single).unwrap();
+            factor.factorise(&data).unwrap();
+            assert_solves(&a, &factor, k);
+        }
+    }
+}
+
 #[test]
 fn a_saddle_point_needs_pivots_of_two_rows() {
     let a = Dense(vec![vec![0.0, 1.0, 0.0], vec![1.0, 0.0, 2.0], vec![0.0, 2.0, 1.0]]);
