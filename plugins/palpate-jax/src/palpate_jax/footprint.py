@@ -30,10 +30,10 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     nearest = int(np.argmin(distances))
     if distances[nearest] < reach:
         raise MeshError(
-            f"spot '{limb.spot.name}': the contact surface ends {distances[nearest]:.3g} mm from the sphere's "
-            f"axis, near node {rim[nearest]}, and a sphere of radius {radius:g} mm pressed {depth:g} mm deep "
-            f"touches up to about {reach:.3g} mm; mark more of the surface as contact, extend the mesh, or "
-            "press less deep"
+            f"spot '{limb.spot.name}': the contact surface ends {distances[nearest]:.3g} mm from the "
+            f"sphere's axis, near node {rim[nearest]}, and a sphere of radius {radius:g} mm pressed "
+            f"{depth:g} mm deep touches up to about {reach:.3g} mm; mark more of the surface as contact, "
+            "extend the mesh, or press less deep"
         )
 
 
