@@ -145,8 +145,20 @@ def _stiffness(gradients: Jax, volumes: Jax, A: Jax) -> Jax:
     return jnp.einsum("eqaikL,eqbL->eaibk", half, gradients).reshape(-1, 3 * n, 3 * n)
 
 
+def _block_rates(
+    material: Material, mean: bool, displacements: Jax, gradients: Jax, volumes: Jax, parameters: Jax
+) -> Jax:
+    """Derivatives (e, n, 3, m) of the nodal forces in the parameters."""
+
+    def force(p: Jax) -> Jax:
+        return _block_force(material, mean, displacements, gradients, volumes, p)[0]
+
+    return jax.jacfwd(force)(parameters)
+
+
 _force_kernel = jax.jit(_block_force, static_argnums=(0, 1))
 _tangent_kernel = jax.jit(_block_tangent, static_argnums=(0, 1))
+_rates_kernel = jax.jit(_block_rates, static_argnums=(0, 1))
 
 
 def _padded(array: NDArray[T]) -> NDArray[T]:
@@ -186,6 +198,7 @@ class AutodiffKernel:
         self._geometry = jnp.asarray(_padded(gradients)), jnp.asarray(_padded(volumes))
         self._force = partial(_force_kernel, material, mean_dilatation)
         self._tangent = partial(_tangent_kernel, material, mean_dilatation)
+        self._rates = partial(_rates_kernel, material, mean_dilatation)
         self._places: IntArray = np.empty(0, dtype=np.int64)
 
     def bind(self, places: IntArray) -> None:
@@ -197,6 +210,12 @@ class AutodiffKernel:
         forces, least = self._force(displacements[self._padded_nodes], *self._geometry, theta)
         self._scatter(forces, total)
         return float(least)
+
+    def add_rates(self, displacements: FloatArray, theta: FloatArray, totals: FloatArray) -> None:
+        """Add the derivatives of the nodal forces in the parameters to ``totals`` (m, n_nodes, 3)."""
+        rates = self._rates(displacements[self._padded_nodes], *self._geometry, np.asarray(theta))
+        for k, total in enumerate(totals):
+            self._scatter(rates[..., k], total)
 
     def add_tangent(
         self, displacements: FloatArray, theta: FloatArray, total: FloatArray, values: FloatArray

@@ -161,6 +161,13 @@ class Body:
         ]
         return total, float(np.min(least))
 
+    def rates(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """∂force/∂θ (m, n_nodes, 3) of a region's m parameters, by region, where nothing moves."""
+        totals = {region: np.zeros((len(theta), *self._shape)) for region, theta in thetas.items()}
+        for block, kernel in zip(self.blocks, self._kernels, strict=True):
+            kernel.add_rates(displacements, thetas[block.region], totals[block.region])
+        return totals
+
     def tangent(
         self, displacements: FloatArray, thetas: Mapping[str, FloatArray]
     ) -> tuple[FloatArray, FloatArray, float]:

@@ -37,6 +37,11 @@ def _both(material: Material, stretches: Array, theta: Array) -> tuple[Array, Ar
     return principal_derivatives(material, stretches, theta)
 
 
+@partial(jax.jit, static_argnums=0)
+def _by_parameter(material: Material, stretches: Array, theta: Array) -> tuple[Array]:
+    return (jax.jacfwd(lambda t: _first(material, stretches, t)[0])(theta),)
+
+
 def _at_points(
     derivatives: Callable[[Array], tuple[Array, ...]], stretches: FloatArray
 ) -> tuple[FloatArray, ...]:
@@ -86,6 +91,12 @@ class CompiledKernel:
         deformation, (psi_i,) = self._differentiated(_first, displacements, theta)
         deformation.add_force(psi_i, total)
         return deformation.least_jacobian
+
+    def add_rates(self, displacements: FloatArray, theta: FloatArray, totals: FloatArray) -> None:
+        """Add the derivatives of the nodal forces in the parameters to ``totals`` (m, n_nodes, 3)."""
+        deformation, (slopes,) = self._differentiated(_by_parameter, displacements, theta)
+        for k, total in enumerate(totals):
+            deformation.add_force(np.ascontiguousarray(slopes[..., k]), total)
 
     def add_tangent(
         self, displacements: FloatArray, theta: FloatArray, total: FloatArray, values: FloatArray

@@ -29,6 +29,9 @@ from palpate_jax.shapes import Shape
 NEAR = 0.5
 """Distance from the indenter [mm] within which a node is taken to slide along it."""
 
+LEAST_GAP = 1e-12
+"""Distance [mm] that a point which has not touched has at least."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Skin:
@@ -146,8 +149,33 @@ class Load:
     law: Law
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Change:
+    """Rates, per unit of some parameter, of all that the tractions at points depend on.
+
+    Parameters
+    ----------
+    positions, anchors : (k, 3) array
+        In the indenter's frame.
+    penalty, friction : float
+    """
+
+    positions: FloatArray
+    anchors: FloatArray
+    penalty: float
+    friction: float
+
+    def of(self, where: IntArray) -> "Change":
+        """The change of some of the points."""
+        return Change(self.positions[where], self.anchors[where], self.penalty, self.friction)
+
+
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(a[:, :, None] * b[:, None, :])
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray((a * b).sum(axis=1))
 
 
 def _times(factor: FloatArray, array: FloatArray) -> FloatArray:
@@ -191,7 +219,7 @@ class Points:
         All of it for a point that has touched before; otherwise the part after
         the surface was met: the way is straight, so φ = depth / (depth + gap before).
         """
-        before = np.maximum(self.law.shape.distance(self.anchors), 1e-12)
+        before = np.maximum(self.law.shape.distance(self.anchors), LEAST_GAP)
         way = before + self.depth
         share = np.where(self.anchored, 1.0, self.depth / way)
         return share, np.where(self.anchored, 0.0, before / way**2)
@@ -254,9 +282,43 @@ class Points:
         derivative = _outer(n, d_pressure) + _times(self.pressure, curvature) - d_friction
         return np.where((self.depth > 0.0)[:, None, None], derivative, 0.0)
 
+    def rates(self, change: Change) -> tuple[FloatArray, FloatArray]:
+        """Rates (k, 3) of the traction and of the friction in it."""
+        touching, n = self.depth > 0.0, self._normals[0]
+        d_depth = np.where(touching, -_dot(n, change.positions), 0.0)
+        d_normal = (self._normals[1] @ change.positions[:, :, None])[:, :, 0]
+        d_pressure = change.penalty * self.depth + self.law.penalty * d_depth
+        d_trial = self._trial_rate(change, d_depth, d_normal)
+        size = np.maximum(self._size, 1e-300)
+        direction = self._trial / size[:, None]
+        d_limit = change.friction * self.pressure + self.law.friction * d_pressure
+        turning = d_trial - _times(_dot(direction, d_trial), direction)
+        d_sliding = _times(self._limit / size, turning) + _times(d_limit, direction)
+        d_friction = np.where(self.sliding[:, None], d_sliding, d_trial)
+        d_friction = np.where(touching[:, None], d_friction, 0.0)
+        return _times(d_pressure, n) + _times(self.pressure, d_normal) - d_friction, d_friction
+
+    def _trial_rate(self, change: Change, d_depth: FloatArray, d_normal: FloatArray) -> FloatArray:
+        (n, _), (share, share_slope) = self._normals, self._held_share
+        way = self.positions - self.anchors
+        slip = _times(share, way)
+        d_share = share_slope * d_depth + self._share_rate(change.anchors)
+        d_slip = _times(share, change.positions - change.anchors) + _times(d_share, way)
+        along, d_along = _dot(n, slip), _dot(n, d_slip) + _dot(d_normal, slip)
+        d_tangential = d_slip - _times(d_along, n) - _times(along, d_normal)
+        return self.law.penalty * d_tangential + change.penalty / self.law.penalty * self._trial
+
+    def _share_rate(self, anchors: FloatArray) -> FloatArray:
+        """Rate of the share φ as the gap before the step changes with the anchors' rates."""
+        gap = self.law.shape.distance(self.anchors)
+        held = self.anchored | (gap <= LEAST_GAP)
+        d_gap = _dot(self.law.shape.normals(self.anchors)[0], anchors)
+        way = np.maximum(gap, LEAST_GAP) + self.depth
+        return np.where(held, 0.0, -self.depth / way**2 * d_gap)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Touched:
+class Touched:
     """Faces of each skin with a point inside the indenter (f',), and these faces' points."""
 
     faces: list[IntArray]
@@ -276,7 +338,7 @@ class Contact:
     def __init__(self, mesh: Mesh) -> None:
         self.skins = skins(mesh)
         self._rest = mesh.points_mm
-        self._areas = np.concatenate([np.empty(0), *(s.areas.ravel() for s in self.skins)])
+        self.areas = np.concatenate([np.empty(0), *(s.areas.ravel() for s in self.skins)])
         self._nodes = np.unique(
             np.concatenate([np.empty(0, np.int64), *(s.nodes.ravel() for s in self.skins)])
         )
@@ -293,19 +355,23 @@ class Contact:
 
     def positions(self, displacements: FloatArray) -> FloatArray:
         """Quadrature points (n, 3) in the limb's frame."""
-        coordinates = self._rest + displacements
-        return np.concatenate([np.empty((0, 3)), *(s.positions(coordinates) for s in self.skins)])
+        return self.at_points(self._rest + displacements)
 
-    def _touched(self, displacements: FloatArray, load: Load) -> _Touched:
+    def at_points(self, nodal: FloatArray) -> FloatArray:
+        """A nodal field (n_nodes, 3) at the quadrature points (n, 3)."""
+        return np.concatenate([np.empty((0, 3)), *(s.positions(nodal) for s in self.skins)])
+
+    def touched(self, displacements: FloatArray, load: Load) -> Touched:
+        """The points of all faces that the indenter touches."""
         positions = load.pose.into(self.positions(displacements))
         inside = load.law.shape.distance(positions) < 0.0
         faces = [np.flatnonzero(inside[numbers].any(axis=1)) for numbers in self._numbers]
         found = [n[f].ravel() for n, f in zip(self._numbers, faces, strict=True)]
         where = np.concatenate([np.empty(0, dtype=np.int64), *found])
         anchors, anchored = load.memory.anchors[where], load.memory.anchored[where]
-        return _Touched(faces, where, Points(positions[where], anchors, anchored, load.law))
+        return Touched(faces, where, Points(positions[where], anchors, anchored, load.law))
 
-    def _by_skin(self, touched: _Touched, per_point: FloatArray) -> list[tuple[Skin, IntArray, FloatArray]]:
+    def _by_skin(self, touched: Touched, per_point: FloatArray) -> list[tuple[Skin, IntArray, FloatArray]]:
         """Skins with their touched faces and an array of these faces' points, as (f', q, ...)."""
         ends = np.cumsum([f.size * s.areas.shape[1] for s, f in zip(self.skins, touched.faces, strict=True)])
         parts = np.split(per_point, ends[:-1]) if self.skins else []
@@ -335,10 +401,10 @@ class Contact:
 
     def force(self, displacements: FloatArray, load: Load) -> FloatArray:
         """Nodal forces of the indenter on the tissue (n_nodes, 3) [N]."""
-        touched = self._touched(displacements, load)
-        return self._to_nodes(touched, touched.points.traction @ load.pose.rotation.T)
+        touched = self.touched(displacements, load)
+        return self.to_nodes(touched, touched.points.traction @ load.pose.rotation.T)
 
-    def _to_nodes(self, touched: _Touched, tractions: FloatArray) -> FloatArray:
+    def to_nodes(self, touched: Touched, tractions: FloatArray) -> FloatArray:
         """Nodal forces of tractions (k, 3) at the touched faces' points."""
         total = np.zeros_like(self._rest)
         for skin, faces, part in self._by_skin(touched, tractions):
@@ -354,7 +420,7 @@ class Contact:
         It is unsymmetric where points slide. Uncoupled it is close to symmetric and
         makes a good preconditioner.
         """
-        touched = self._touched(displacements, load)
+        touched = self.touched(displacements, load)
         turn = load.pose.rotation
         jacobians = turn @ touched.points.jacobian(coupled=coupled) @ turn.T
         return [
@@ -364,26 +430,26 @@ class Contact:
 
     def drag(self, displacements: FloatArray, load: Load, motion: "Motion") -> FloatArray:
         """Change of the nodal forces (n_nodes, 3) [N] as the indenter moves and the tissue does not."""
-        touched, turn = self._touched(displacements, load), load.pose.rotation
+        touched, turn = self.touched(displacements, load), load.pose.rotation
         jacobians = turn @ touched.points.jacobian(coupled=True) @ turn.T
         arms = self.positions(displacements)[touched.where] - load.pose.tip
         velocities = np.cross(motion.spin, arms) + motion.tip
         turned = np.cross(motion.spin, touched.points.traction @ turn.T)
-        return self._to_nodes(touched, turned - (jacobians @ velocities[:, :, None])[:, :, 0])
+        return self.to_nodes(touched, turned - (jacobians @ velocities[:, :, None])[:, :, 0])
 
     def remember(self, displacements: FloatArray, load: Load) -> Memory:
         """Memory after an equilibrium: anchors are kept where points stick and moved by slip."""
         anchors = load.pose.into(self.positions(displacements))
-        touched, anchored = self._touched(displacements, load), np.zeros(len(anchors), dtype=bool)
+        touched, anchored = self.touched(displacements, load), np.zeros(len(anchors), dtype=bool)
         anchored[touched.where] = touched.points.depth > 0.0
         anchors[touched.where] -= touched.points.friction / load.law.penalty
         return Memory(anchors, anchored)
 
     def answer(self, displacements: FloatArray, load: Load) -> "Answer":
         """What the indenter feels, and how the contact stands."""
-        touched = self._touched(displacements, load)
+        touched = self.touched(displacements, load)
         points, arms = touched.points, self.positions(displacements)[touched.where]
-        loads = self._areas[touched.where, None] * (points.traction @ load.pose.rotation.T)
+        loads = self.areas[touched.where, None] * (points.traction @ load.pose.rotation.T)
         touching = points.depth > 0.0
         radius = np.hypot(arms[:, 0], arms[:, 1])
         return Answer(

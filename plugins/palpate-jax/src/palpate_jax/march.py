@@ -11,6 +11,7 @@ from palpate.domain import FloatArray, Indentation
 from palpate_jax.contact import Answer, Law, Load, Memory, Motion, Pose
 from palpate_jax.model import Model
 from palpate_jax.newton import equilibrium
+from palpate_jax.sensitivity import Sensitivity, Slopes
 
 SMALLEST_CUT = 1.0 / 32.0
 
@@ -30,6 +31,7 @@ class Station:
     answer: Answer
     displacements: FloatArray
     load: Load
+    slopes: Slopes | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +109,8 @@ class March:
         Imbalance relative to the forces at which a point counts as balanced.
     guide : Guide, optional
         Of the same model and path.
+    sensitivity : Sensitivity, optional
+        Follows every balanced state, also between points.
     """
 
     def __init__(
@@ -116,12 +120,14 @@ class March:
         law: Law,
         tolerance: float,
         guide: Guide | None = None,
+        sensitivity: Sensitivity | None = None,
     ) -> None:
         self._model = model
         self._thetas = thetas
         self._law = law
         self._tolerance = tolerance
         self._guide = guide
+        self._sensitivity = sensitivity
         self.linear = model.linear
         self.linear.restart()
         self.n_cuts = 0
@@ -202,10 +208,14 @@ class March:
         self.n_iterations += balance.n_iterations
         if not balance.reason:
             state.displacements, state.position, state.felt = balance.displacements, position, state.memory
+            if self._sensitivity is not None:
+                self._sensitivity.balanced(state.displacements, load)
             state.memory = self._model.contact.remember(state.displacements, load)
         return balance.reason
 
     def _station(self, state: _State) -> Station:
         load = Load(pose(state.position), state.felt, self._law)
         answer = self._model.answer(state.displacements, self._thetas, load)
-        return Station(*map(float, state.position), answer, state.displacements, load)
+        slopes = None if self._sensitivity is None else self._sensitivity.slopes
+        depth, rotation = map(float, state.position)
+        return Station(depth, rotation, answer, state.displacements, load, slopes)

@@ -29,6 +29,7 @@ from palpate_jax.contact import Law
 from palpate_jax.footprint import check_footprint
 from palpate_jax.march import Guide, March, Station, Stop, stations
 from palpate_jax.model import Model, in_spot_frame
+from palpate_jax.sensitivity import Sensitivity, by_parameter
 from palpate_jax.shapes import shape_of
 
 TOUCH_TOLERANCE_MM = 0.05
@@ -66,6 +67,11 @@ class JaxSettings(Settings):
         "which is for comparison with other programs, tet4 overstates force by half and more",
     )
 
+    sensitivities: bool = Field(
+        False,
+        description="also the exact derivatives of force and moment in every parameter and in the friction "
+        "coefficient, at every balanced state: d_force_N and d_moment_Nmm in the diagnostics",
+    )
     fields: Literal["none", "end", "all"] = Field(
         "none",
         description="VTU files with displacement, stress, stretches and contact tractions: of no balanced "
@@ -176,7 +182,12 @@ class JaxSolver(Solver):
         region = prepared.model.touched_region
         modulus, _ = initial_moduli(prepared.materials[region], thetas[region])
         law = self._law(protocol, modulus)
-        march = March(prepared.model, thetas, law, self.settings.tolerance, guide)
+        sensitivity = (
+            Sensitivity(prepared.model, prepared.materials, thetas, law)
+            if self.settings.sensitivities
+            else None
+        )
+        march = March(prepared.model, thetas, law, self.settings.tolerance, guide, sensitivity)
         points = stations(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
         reached: list[Station] = []
         for state in march.along(points):
@@ -338,4 +349,5 @@ def _diagnostics(reached: list[Station], march: March) -> dict[str, Any]:
         "contact_radius_mm": [s.answer.contact_radius_mm for s in reached],
         "penetration_mm": [s.answer.penetration_mm for s in reached],
         "sticking": [s.answer.sticking for s in reached],
+        **by_parameter([s.slopes for s in reached if s.slopes is not None]),
     }
