@@ -16,7 +16,7 @@ from palpate_materials.ogden import Ogden
 from palpate_materials.yeoh import Yeoh
 
 YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.8])
-OGDEN = np.array([2.4, 0.055, 0.9])
+OGDEN = np.array([0.055, 2.4, 0.9])
 SIX_TETS = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
 MATERIALS = {"skin": Ogden(), "soft_tissue": Yeoh()}
 THETAS = {"skin": OGDEN, "soft_tissue": YEOH}
@@ -228,6 +228,27 @@ def test_tangent_is_the_slope_of_the_forces_also_at_equal_stretches(kind, mean, 
 
 
 @pytest.mark.parametrize(("kind", "mean"), CASES)
+def test_rates_are_the_slopes_of_the_forces_in_every_parameter(kind, mean):
+    mesh = box(kind, 2, 2, layers_mm={"skin": 1.5})
+    body = Body(mesh, MATERIALS, mean)
+    noise = 0.05 * np.random.default_rng(7).standard_normal((mesh.n_nodes, 3))
+    u = mesh.points_mm * [-0.2, -0.2, 0.6] + noise  # far enough that every coefficient shows
+    rates = body.rates(u, THETAS)
+    assert set(rates) == {"skin", "soft_tissue"}
+    for region, theta in THETAS.items():
+        for k, value in enumerate(theta):
+            h = 1e-4 * abs(value)
+            ends = [
+                body.force(u, THETAS | {region: theta + s * h * (np.arange(len(theta)) == k)})[0]
+                for s in (1, -1)
+            ]
+            slope = (ends[0] - ends[1]) / (2 * h)
+            share = np.abs(value * (rates[region][k] - slope)).max() / np.abs(ends[0]).max()
+            assert share < 1e-9
+            assert np.abs(value * slope).max() > 1e-4 * np.abs(ends[0]).max()
+
+
+@pytest.mark.parametrize(("kind", "mean"), CASES)
 def test_newton_converges_quadratically(kind, mean):
     mesh = box(kind, 2, 3, layers_mm={"skin": 1.0})
     body = Body(mesh, MATERIALS, mean)
@@ -243,7 +264,7 @@ def test_newton_converges_quadratically(kind, mean):
         u = u + step.reshape(u.shape)
         sizes.append(np.linalg.norm(step) / np.linalg.norm(u))
     before, after = np.array(sizes[:-1]), np.array(sizes[1:])
-    assert before[0] > 0.3
+    assert before[0] > 0.2
     assert (after <= 3.0 * before**2 + 1e-12).all()
     assert after[-1] < 1e-12
 
