@@ -89,12 +89,29 @@ def test_a_turned_limb_answers_the_same(solver, limb, reference):
         np.testing.assert_allclose(curve(simulation, channel), expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_a_guide_changes_the_effort_and_not_the_answer(solver, limb, reference):
-    guided = next(iter(solver.simulate_many([make_job()], limb)))
-    assert guided.diagnostics["n_iterations"] < reference.diagnostics["n_iterations"]
+def test_finished_sets_spare_effort_and_change_no_answer(solver, limb, reference):
+    around = [
+        YEOH * factors for factors in ((1.0, 0.9, 1.0, 1.0), (1.0, 1.1, 0.9, 1.1), (1.0, 1.0, 1.1, 0.9))
+    ]
+    *_, guided = JaxSolver(TIGHT).simulate_many([make_job(theta) for theta in (*around, YEOH)], limb)
+    assert guided.diagnostics["n_iterations"] < 0.9 * reference.diagnostics["n_iterations"]
     for channel in ("force", "torque"):
         expected = curve(reference, channel)
         np.testing.assert_allclose(curve(guided, channel), expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_a_multiple_of_a_finished_set_costs_nothing(limb):
+    used, path = JaxSolver(TIGHT), PATH[:3]
+    one, three = used.simulate_many([make_job(YEOH, path), make_job(3.0 * YEOH, path)], limb)
+    fresh = used.simulate(make_job(3.0 * YEOH, path), limb)
+    assert three.diagnostics["n_iterations"] == 0
+    assert three.diagnostics["multiple_of_set"] == one.job.set_id
+    for channel in ("force", "torque"):
+        expected = curve(fresh, channel)
+        np.testing.assert_allclose(curve(three, channel), expected, atol=1e-7 * np.abs(expected).max())
+    np.testing.assert_allclose(three.diagnostics["moment_Nmm"], fresh.diagnostics["moment_Nmm"], atol=1e-6)
+    _, other = used.simulate_many([make_job(YEOH, path), make_job(YEOH * (3.0, 3.0, 3.0, 2.9), path)], limb)
+    assert other.diagnostics["n_iterations"] > 0
 
 
 def test_a_hold_changes_nothing(solver, limb):

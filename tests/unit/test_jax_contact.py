@@ -46,7 +46,7 @@ def test_force_is_the_pressure_over_the_cap(contact, at_rest):
     pressure = LAW.penalty * np.maximum(-gap(contact, at_rest, 0.3), 0.0)
     assert answer.penetration_mm == pytest.approx(pressure.max() / LAW.penalty)
     np.testing.assert_allclose(answer.force_N[:2], 0.0, atol=1e-12)
-    expected = (contact._areas * pressure * -arms[:, 2] / np.linalg.norm(arms, axis=1)).sum()
+    expected = (contact.areas * pressure * -arms[:, 2] / np.linalg.norm(arms, axis=1)).sum()
     assert answer.force_N[2] == pytest.approx(expected, rel=1e-12)
 
 
@@ -60,7 +60,7 @@ def test_full_slip_turns_with_friction_times_pressure_times_radius(contact, at_r
     pressure = LAW.penalty * np.maximum(-gap(contact, at_rest, 0.3), 0.0)
     radius = np.linalg.norm(contact.positions(at_rest)[:, :2], axis=1)
     assert answer.sticking == 0.0
-    expected = 0.002 * (contact._areas * pressure * radius).sum()
+    expected = 0.002 * (contact.areas * pressure * radius).sum()
     assert answer.moment_Nmm[2] == pytest.approx(expected, rel=1e-3)
 
 
@@ -75,7 +75,7 @@ def test_stiffness_is_the_derivative_of_the_force(contact, shape, anchored, coup
     law = Law(shape, LAW.penalty, 0.5 if coupled else 1e6)
     shift = [0.05, 0.0, 0.0] if anchored else [0.05, 0.02, -0.6]
     memory = Memory(
-        here.into(contact.positions(u)) + shift, np.full(len(contact._areas), anchored, dtype=bool)
+        here.into(contact.positions(u)) + shift, np.full(len(contact.areas), anchored, dtype=bool)
     )
     load, h = Load(here, memory, law), 1e-7
     slope = -(contact.force(u + h * d, load) - contact.force(u - h * d, load)) / (2 * h)

@@ -16,7 +16,7 @@ All positions, anchors and derivatives of this module are in the indenter's fram
 what a :class:`Contact` returns is in the limb's.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -142,11 +142,16 @@ class Law:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Load:
-    """One position on the path: where the indenter is, what the contact remembers, and its law."""
+    """One position on the path: where the indenter is, what the contact remembers, and its law.
+
+    ``limits`` (n,), if given, are the greatest tangential tractions [MPa] in place of the friction
+    coefficient times the pressure: Tresca's friction, whose forces have a potential.
+    """
 
     pose: Pose
     memory: Memory
     law: Law
+    limits: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,12 +196,15 @@ class Points:
     positions, anchors : (k, 3) array
     anchored : (k,) array
     law : Law
+    limits : (k,) array, optional
+        As in :class:`Load`.
     """
 
     positions: FloatArray
     anchors: FloatArray
     anchored: BoolArray
     law: Law
+    limits: FloatArray | None = None
 
     @cached_property
     def depth(self) -> FloatArray:
@@ -238,7 +246,7 @@ class Points:
 
     @cached_property
     def _limit(self) -> FloatArray:
-        return self.law.friction * self.pressure
+        return self.law.friction * self.pressure if self.limits is None else self.limits
 
     @cached_property
     def sliding(self) -> BoolArray:
@@ -248,7 +256,8 @@ class Points:
     @cached_property
     def friction(self) -> FloatArray:
         """Tangential traction t (k, 3) of the tissue on the indenter [MPa]."""
-        return _times(np.where(self.sliding, self._limit / np.maximum(self._size, 1e-300), 1.0), self._trial)
+        share = np.where(self.sliding, self._limit / np.maximum(self._size, 1e-300), 1.0)
+        return _times(np.where(self.depth > 0.0, share, 0.0), self._trial)
 
     @cached_property
     def traction(self) -> FloatArray:
@@ -276,7 +285,7 @@ class Points:
         direction = self._trial / size[:, None]
         turning = d_trial - _outer(direction, (direction[:, None, :] @ d_trial)[:, 0])
         d_sliding = _times(self._limit / size, turning)
-        if coupled:
+        if coupled and self.limits is None:
             d_sliding += self.law.friction * _outer(direction, d_pressure)
         d_friction = np.where(self.sliding[:, None, None], d_sliding, d_trial)
         derivative = _outer(n, d_pressure) + _times(self.pressure, curvature) - d_friction
@@ -369,7 +378,8 @@ class Contact:
         found = [n[f].ravel() for n, f in zip(self._numbers, faces, strict=True)]
         where = np.concatenate([np.empty(0, dtype=np.int64), *found])
         anchors, anchored = load.memory.anchors[where], load.memory.anchored[where]
-        return Touched(faces, where, Points(positions[where], anchors, anchored, load.law))
+        limits = None if load.limits is None else load.limits[where]
+        return Touched(faces, where, Points(positions[where], anchors, anchored, load.law, limits))
 
     def _by_skin(self, touched: Touched, per_point: FloatArray) -> list[tuple[Skin, IntArray, FloatArray]]:
         """Skins with their touched faces and an array of these faces' points, as (f', q, ...)."""
@@ -436,6 +446,12 @@ class Contact:
         velocities = np.cross(motion.spin, arms) + motion.tip
         turned = np.cross(motion.spin, touched.points.traction @ turn.T)
         return self.to_nodes(touched, turned - (jacobians @ velocities[:, :, None])[:, :, 0])
+
+    def held(self, displacements: FloatArray, load: Load) -> Load:
+        """The load with the limits of friction that these displacements' pressures give."""
+        distance = load.law.shape.distance(load.pose.into(self.positions(displacements)))
+        limits = load.law.friction * load.law.penalty * np.maximum(-distance, 0.0)
+        return replace(load, limits=limits)
 
     def remember(self, displacements: FloatArray, load: Load) -> Memory:
         """Memory after an equilibrium: anchors are kept where points stick and moved by slip."""

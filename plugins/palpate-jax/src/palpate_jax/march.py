@@ -10,6 +10,7 @@ import numpy as np
 from palpate.domain import FloatArray, Indentation
 from palpate_jax.contact import Answer, Law, Load, Memory, Motion, Pose
 from palpate_jax.model import Model
+from palpate_jax.neighbours import Guide
 from palpate_jax.newton import equilibrium
 from palpate_jax.sensitivity import Sensitivity, Slopes
 
@@ -79,24 +80,6 @@ class _State:
     felt: Memory
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Guide:
-    """Another parameter set's displacements at the stations of the same path, the first one at rest.
-
-    Prescribed motion makes the fields of all sets alike, so a neighbour's are a
-    better first guess than any linear answer. They never enter a result.
-    """
-
-    displacements: tuple[FloatArray, ...]
-
-    def hints(self, k: int, displacements: FloatArray) -> list[FloatArray]:
-        """Guesses for station ``k`` from the state at the station before it."""
-        if k + 1 >= len(self.displacements):
-            return []
-        before, there = self.displacements[k : k + 2]
-        return [displacements + there - before, there]
-
-
 class March:
     """Walks a model along a path.
 
@@ -132,6 +115,7 @@ class March:
         self.linear.restart()
         self.n_cuts = 0
         self.n_iterations = 0
+        self.n_held = 0
 
     def along(self, points: FloatArray) -> Iterator[Station | Stop]:
         """Balance at each point (n, 2) in turn; a ``Stop`` ends the march."""
@@ -154,6 +138,9 @@ class March:
             last = done + share >= 1.0 - 1e-12
             position = target if last else origin + (done + share) * (target - origin)
             reason = self._step(state, position, hints if share == 1.0 else ())
+            if reason and hints and share == 1.0:
+                self.linear.reset()
+                reason = self._step(state, position, ())
             if not reason:
                 done = 1.0 if last else done + share
                 share *= 2.0
@@ -206,6 +193,7 @@ class March:
         start = self._start(state, load, position, hints)
         balance = equilibrium(self._model, self._thetas, load, start, self.linear, self._tolerance)
         self.n_iterations += balance.n_iterations
+        self.n_held += balance.held
         if not balance.reason:
             state.displacements, state.position, state.felt = balance.displacements, position, state.memory
             if self._sensitivity is not None:

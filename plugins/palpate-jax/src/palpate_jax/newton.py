@@ -15,13 +15,28 @@ MOST_ITERATIONS = 16
 MOST_TRIALS = 6
 
 
+MOST_GROWTH = 2.0
+"""Growth of the imbalance beyond which a step is shortened: points that stick and slip would cycle."""
+
+
+MOST_RENEWALS = 6
+"""Rounds of held limits of friction before a position counts as out of reach."""
+
+LOOSER = 10.0
+"""Imbalance, in tolerances, that is let pass where friction leaves no balance for Newton's method."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Balance:
-    """Where Newton's method ended; ``reason`` is empty when it converged."""
+    """Where Newton's method ended; ``reason`` is empty when it converged.
+
+    ``held`` says that it did so with limits of friction that were held.
+    """
 
     displacements: FloatArray
     n_iterations: int
     reason: str
+    held: bool = False
 
 
 def equilibrium(
@@ -41,6 +56,47 @@ def equilibrium(
     tolerance : float
         Imbalance relative to the forces.
     """
+    balance = _newton(model, thetas, load, start, linear, tolerance)
+    if balance.reason and load.law.friction > 0.0:
+        return _by_held_limits(model, thetas, load, balance, linear, tolerance)
+    return balance
+
+
+def _by_held_limits(
+    model: Model,
+    thetas: Mapping[str, FloatArray],
+    load: Load,
+    failed: Balance,
+    linear: LinearSolver,
+    tolerance: float,
+) -> Balance:
+    """Balance with limits of friction that are held, renewed until they agree with the pressures.
+
+    With much friction Newton's method may cycle between points that stick and slip: pressing harder
+    where they slip lets them stick, and the other way round. Held limits leave a potential, in
+    which the line search is sure to descend; what their renewal leaves is small, and reported.
+    """
+    displacements, n_iterations = failed.displacements, failed.n_iterations
+    for _ in range(MOST_RENEWALS):
+        held = model.contact.held(displacements, load)
+        balance = _newton(model, thetas, held, displacements, linear, tolerance)
+        n_iterations += balance.n_iterations
+        if balance.reason:
+            break
+        displacements = balance.displacements
+        if model.forces(displacements, thetas).residual(load).relative <= LOOSER * tolerance:
+            return Balance(displacements, n_iterations, "", held=True)
+    return Balance(failed.displacements, n_iterations, failed.reason)
+
+
+def _newton(
+    model: Model,
+    thetas: Mapping[str, FloatArray],
+    load: Load,
+    start: FloatArray,
+    linear: LinearSolver,
+    tolerance: float,
+) -> Balance:
     displacements = start
     for iteration in range(MOST_ITERATIONS):
         here = model.linearised(displacements, thetas)
@@ -104,10 +160,11 @@ def _line_search(
         size = float(np.linalg.norm(residual.free))
         if size < smallest:
             best, smallest = (moved, residual), size
+        tame = size < MOST_GROWTH * reference
         full_step_pays = length == 1.0 and (size < 0.7 * reference or pull * slope > 0.0)
-        if full_step_pays or abs(pull) < 0.3 * abs(slope):
+        if tame and (full_step_pays or abs(pull) < 0.3 * abs(slope)):
             return moved, residual
-        if pull * slope > 0.0:
+        if tame and pull * slope > 0.0:
             low, low_slope, length = length, pull, 0.5 * (length + high)
         else:
             high = length

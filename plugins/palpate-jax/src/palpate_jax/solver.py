@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
@@ -27,8 +27,9 @@ from palpate.mechanics import check_reference_state, initial_moduli
 from palpate_jax import __version__
 from palpate_jax.contact import Law
 from palpate_jax.footprint import check_footprint
-from palpate_jax.march import Guide, March, Station, Stop, stations
+from palpate_jax.march import March, Station, Stop, stations
 from palpate_jax.model import Model, in_spot_frame
+from palpate_jax.neighbours import Guide, Neighbours
 from palpate_jax.sensitivity import Sensitivity, by_parameter
 from palpate_jax.shapes import shape_of
 
@@ -49,7 +50,7 @@ class JaxSettings(Settings):
         4.5, gt=0.0, description="largest step of rotation between balanced states [degrees]"
     )
     tolerance: float = Field(
-        1e-5,
+        1e-4,
         gt=0.0,
         lt=1e-2,
         description="imbalance, relative to the forces, at which a state counts as balanced",
@@ -87,12 +88,17 @@ class JaxSettings(Settings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Prepared:
-    """A limb ready to be solved, with the guides found so far by protocol."""
+    """A limb ready to be solved, with the sets finished so far by protocol."""
 
     limb: Limb
     materials: Mapping[str, Material]
     model: Model
-    guides: dict[tuple[object, ...], Guide] = field(default_factory=dict)
+    finished: dict[tuple[object, ...], Neighbours] = field(default_factory=dict)
+
+    def neighbours(self, protocol: Indentation) -> Neighbours:
+        """Sets finished on the same path."""
+        key = (protocol.indenter, protocol.friction, protocol.path.tobytes())
+        return self.finished.setdefault(key, Neighbours(self.materials))
 
 
 class JaxSolver(Solver):
@@ -144,10 +150,10 @@ class JaxSolver(Solver):
         return self._simulate(job, _limb(limb, job), guided=False)
 
     def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
-        """Walk the same path with every set, guided by the middle of the materials' ranges.
+        """Walk the same path with every set, guided by the sets before it.
 
-        The guide depends on the limb, the protocol and the materials alone, so a
-        result does not depend on which jobs came before.
+        Guesses never enter a result: it stays the same to within the tolerance. A set
+        whose moduli are a multiple of a finished set's is that set's answer, scaled.
         """
         for job in jobs:
             yield self._simulate(job, _limb(limb, job), guided=True)
@@ -155,15 +161,21 @@ class JaxSolver(Solver):
     def _simulate(self, job: Job, limb: Limb, *, guided: bool) -> Simulation:
         prepared = self._prepared(limb, job.materials)
         protocol = _indentation(job)
+        neighbours = prepared.neighbours(protocol)
         started = time.perf_counter()
+        known = neighbours.multiple(job.thetas) if guided and self.settings.fields == "none" else None
+        known = None if self.settings.sensitivities else known
+        if known is not None:
+            return _scaled(*known, job, time.perf_counter() - started)
         try:
-            guide = self._guide(prepared, protocol) if guided else None
-            march, reached, stop = self._walk(prepared, protocol, job.thetas, guide)
+            modulus = self._modulus(prepared, job.thetas)
         except MaterialError as error:
             return Simulation(job=job, status=Status.DIVERGED, response=None, message=str(error))
+        guide = neighbours.guide(job.thetas, modulus) if guided else None
+        march, reached, stop = self._walk(prepared, protocol, job.thetas, modulus, guide)
         if self.settings.fields != "none" and reached:
             self._write_fields(prepared, job, reached)
-        return Simulation(
+        simulation = Simulation(
             job=job,
             status=Status.OK if stop is None else Status.DIVERGED,
             response=_response(reached),
@@ -171,17 +183,26 @@ class JaxSolver(Solver):
             seconds=time.perf_counter() - started,
             diagnostics=_diagnostics(reached, march),
         )
+        if guided and stop is None:
+            fields = [prepared.model.rest(), *(s.displacements for s in reached)]
+            neighbours.add(job.thetas, modulus, fields, simulation)
+        return simulation
+
+    def _modulus(self, prepared: _Prepared, thetas: Mapping[str, FloatArray]) -> float:
+        """Initial shear modulus [MPa] where the indenter touches."""
+        region = prepared.model.touched_region
+        modulus, _ = initial_moduli(prepared.materials[region], thetas[region])
+        return modulus
 
     def _walk(
         self,
         prepared: _Prepared,
         protocol: Indentation,
         thetas: Mapping[str, FloatArray],
+        modulus_MPa: float,
         guide: Guide | None,
     ) -> tuple[March, list[Station], Stop | None]:
-        region = prepared.model.touched_region
-        modulus, _ = initial_moduli(prepared.materials[region], thetas[region])
-        law = self._law(protocol, modulus)
+        law = self._law(protocol, modulus_MPa)
         sensitivity = (
             Sensitivity(prepared.model, prepared.materials, thetas, law)
             if self.settings.sensitivities
@@ -213,21 +234,6 @@ class JaxSolver(Solver):
         dent = np.sqrt(radius * depth) if depth > 0.0 else radius
         penalty = self.settings.penalty * modulus_MPa / dent
         return Law(shape_of(protocol.indenter), penalty, protocol.friction, 1e-3 * modulus_MPa * radius**2)
-
-    def _guide(self, prepared: _Prepared, protocol: Indentation) -> Guide:
-        """Displacements with the middle of the materials' own ranges, as far as they are found."""
-        key = (protocol.indenter, protocol.friction, protocol.path.tobytes())
-        if key not in prepared.guides:
-            middle = {
-                region: np.array([0.5 * (p.lower + p.upper) for p in material.parameters])
-                for region, material in prepared.materials.items()
-            }
-            try:
-                _, reached, _ = self._walk(prepared, protocol, middle, None)
-            except MaterialError:  # no stable rest there: go without
-                reached = []
-            prepared.guides[key] = Guide((prepared.model.rest(), *(s.displacements for s in reached)))
-        return prepared.guides[key]
 
     def _prepared(self, limb: Limb, materials: Mapping[str, Material]) -> _Prepared:
         """The model of this limb, kept for the next job on it."""
@@ -314,6 +320,28 @@ def _check_touch(limb: Limb, radius_mm: float) -> None:
             )
 
 
+def _scaled(known: Simulation, factor: float, job: Job, seconds: float) -> Simulation:
+    """The answer of a set whose moduli are ``factor`` times a finished set's."""
+    assert known.response is not None
+    curves = {
+        name: replace(curve, ordinate=factor * curve.ordinate)
+        for name, curve in known.response.curves.items()
+    }
+    diagnostics = dict(known.diagnostics) | dict.fromkeys(
+        ("n_iterations", "n_factorisations", "n_cuts", "n_held"), 0
+    )
+    for name in ("force_N", "moment_Nmm"):
+        diagnostics[name] = (factor * np.array(known.diagnostics[name])).tolist()
+    diagnostics["multiple_of_set"] = known.job.set_id
+    return Simulation(
+        job=job,
+        status=known.status,
+        response=Response(curves=curves),
+        seconds=seconds,
+        diagnostics=diagnostics,
+    )
+
+
 def _response(reached: list[Station]) -> Response:
     rows = np.array(
         [(0.0, 0.0, 0.0, 0.0)]
@@ -342,6 +370,7 @@ def _diagnostics(reached: list[Station], march: March) -> dict[str, Any]:
         "n_iterations": march.n_iterations,
         "n_factorisations": march.linear.n_factorisations,
         "n_cuts": march.n_cuts,
+        "n_held": march.n_held,
         "depth_mm": [s.depth_mm for s in reached],
         "rotation_deg": [s.rotation_deg for s in reached],
         "force_N": column([s.answer.force_N for s in reached]),

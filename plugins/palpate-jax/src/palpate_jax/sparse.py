@@ -6,6 +6,7 @@ for as long as that stays cheap.
 """
 
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,11 +14,19 @@ from scipy.sparse.linalg import LinearOperator, gmres
 
 from palpate._core import SparseFactor
 from palpate.domain import FloatArray, IntArray
+from palpate_jax.krylov import Space
 
-CYCLES = 3
+CYCLES = 5
 """Cycles of GMRES; those after the first take a few steps."""
 
-FEW_KRYLOV_STEPS = 20
+PATIENCE = 60
+"""Krylov steps that an older factor may cost beyond those of a new one before it is renewed.
+
+Where to stop paying for old factors is the choice between renting and buying: renew when the
+extra steps since the last factorisation have cost about as much as the next one will.
+"""
+
+FEW_KRYLOV_STEPS = 40
 """A solve that needs more has outlived its preconditioner."""
 
 MOST_KRYLOV_STEPS = 60
@@ -96,10 +105,10 @@ class LinearSolver:
     def __init__(self, pattern: Pattern) -> None:
         self.n_factorisations = 0
         self._pattern = pattern
-        self._factor = SparseFactor(
-            pattern.indptr, pattern.indices, kind="ldlt", layout="csr", precision="single"
-        )
+        self._factor = _factor(pattern, "single")
         self._preconditioner: LinearOperator | None = None
+        self._fresh_steps = 0
+        self._extra_steps = 0
 
     def reset(self) -> None:
         """Forget the factors."""
@@ -134,29 +143,68 @@ class LinearSolver:
         """
         if not (np.isfinite(matrix.data).all() and np.isfinite(rhs).all()):
             raise np.linalg.LinAlgError("the tangent is not finite")
-        if self._preconditioner is not None:
-            solution, converged = self._iterate(matrix, rhs, tolerance, FEW_KRYLOV_STEPS)
-            if converged:
+        if self._preconditioner is not None and self._extra_steps < PATIENCE:
+            solution, n_steps = self._iterate(matrix, rhs, tolerance, FEW_KRYLOV_STEPS)
+            if solution is not None:
+                self._extra_steps += max(n_steps - self._fresh_steps, 0)
                 return solution
         self._factorise(preconditioner())
-        solution, converged = self._iterate(matrix, rhs, tolerance, MOST_KRYLOV_STEPS)
-        if not converged:
+        solution, self._fresh_steps = self._iterate(matrix, rhs, tolerance, MOST_KRYLOV_STEPS)
+        if solution is None:
             raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
         return solution
 
+    def solve_all(
+        self, matrix: sp.csr_array, preconditioner: FloatArray, rhs: FloatArray, tolerance: float
+    ) -> FloatArray:
+        """Solutions (m, n) of several right-hand sides (m, n), with new factors and a space for all.
+
+        New, because older ones cost a multiple of the steps where many digits are due.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            As :meth:`solve`.
+        """
+        self._factorise(preconditioner)
+        space = Space(matrix, self._factor.precondition, len(rhs))
+        return np.stack([space.solve(b, tolerance) for b in rhs])
+
     def _factorise(self, values: FloatArray) -> None:
         self.n_factorisations += 1
-        self._preconditioner = None
-        self._factor.factorise(values)
+        self._preconditioner, self._extra_steps = None, 0
+        try:
+            self._factor.factorise(values)
+        except np.linalg.LinAlgError:
+            if self._factor.precision == "double":
+                raise
+            # Thin and nearly incompressible: from here on, worth twice the memory.
+            self._factor = _factor(self._pattern, "double")
+            self._factor.factorise(values)
         self._preconditioner = LinearOperator(
             (self._pattern.n_unknowns,) * 2, matvec=self._factor.precondition, dtype=np.float64
         )
 
     def _iterate(
         self, matrix: sp.csr_array, rhs: FloatArray, tolerance: float, most_steps: int
-    ) -> tuple[FloatArray, bool]:
-        # The inner iteration watches the preconditioned residual only: a second cycle serves the true one.
+    ) -> tuple[FloatArray | None, int]:
+        """Solution, or None, and the steps that it took."""
+        steps: list[float] = []
+        # Each cycle watches the preconditioned residual only, and may end before the true one is met.
         solution, info = gmres(
-            matrix, rhs, rtol=tolerance, atol=0.0, M=self._preconditioner, restart=most_steps, maxiter=CYCLES
+            matrix,
+            rhs,
+            rtol=tolerance,
+            atol=0.0,
+            M=self._preconditioner,
+            restart=most_steps,
+            maxiter=CYCLES,
+            callback=steps.append,
+            callback_type="pr_norm",
         )
-        return solution, info == 0 and bool(np.isfinite(solution).all())
+        sound = info == 0 and np.isfinite(solution).all()
+        return solution if sound else None, len(steps)
+
+
+def _factor(pattern: Pattern, precision: Literal["single", "double"]) -> SparseFactor:
+    return SparseFactor(pattern.indptr, pattern.indices, kind="ldlt", layout="csr", precision=precision)
