@@ -8,7 +8,7 @@ RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.
 PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-core clean
+.PHONY: help demo test lint format bench bench-core bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -49,6 +49,9 @@ bench-core: $(VENV)/installed ## the core's kernels beside their peers, and thei
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core_sampling.py
 	cargo bench -p palpate-core --bench instructions
+
+bench-sparse: $(VENV)/installed ## factors of real tangents beside PARDISO's, CHOLMOD's and SuperLU's
+	$(BIN)/python tests/benchmarks/bench_sparse.py
 
 clean: ## remove what the build made
 	rm -rf $(VENV) target runs
