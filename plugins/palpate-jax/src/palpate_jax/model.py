@@ -85,6 +85,7 @@ class Model:
         places = [self.pattern.places(k) for k in range(len(self.body.blocks))]
         self.body.bind(places, len(self.pattern.indices))
         self.linear = LinearSolver(self.pattern)
+        self._last: Linearised | None = None
 
     def _numbers(self, nodes: IntArray) -> IntArray:
         return self._unknowns[nodes].reshape(len(nodes), -1)
@@ -155,9 +156,12 @@ class Model:
         return Forces(self, displacements, internal, least)
 
     def linearised(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> "Linearised":
-        """Internal forces of a state and their derivative."""
-        internal, values, least = self.body.tangent(displacements, thetas)
-        return Linearised(self, displacements, internal, least, values, thetas)
+        """Internal forces of a state and their derivative, kept for who asks for the same state next."""
+        last = self._last
+        if last is None or last.thetas is not thetas or not np.array_equal(last.displacements, displacements):
+            internal, values, least = self.body.tangent(displacements, thetas)
+            last = self._last = Linearised(self, displacements.copy(), internal, least, values, thetas)
+        return last
 
     def free(self, nodal: FloatArray) -> FloatArray:
         """Free unknowns (n,) of a nodal field (n_nodes, 3)."""

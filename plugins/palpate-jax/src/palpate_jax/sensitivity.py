@@ -21,7 +21,6 @@ from functools import partial
 
 import jax
 import numpy as np
-import scipy.sparse as sp
 
 from palpate.domain import FloatArray
 from palpate.interfaces import Array, Material
@@ -138,15 +137,12 @@ class Sensitivity:
 
     def _solved(self, here: Linearised, load: Load, rhs: FloatArray) -> FloatArray:
         """Solutions (m, n_nodes, 3) of right-hand sides (m, n)."""
-        model = self._model
-        system = _System(here, load, np.stack([model.free(u) for u in self._moved]))
-        moved = np.zeros_like(self._moved)
-        for u, b in zip(moved, rhs, strict=True):
-            try:
-                u[:] = model.straight(u, system.solve(b))
-            except np.linalg.LinAlgError:
-                u[:] = np.nan
-        return moved
+        model, moved = self._model, np.zeros_like(self._moved)
+        try:
+            steps = model.linear.solve_all(here.matrix(load), here.preconditioner(load), rhs, ACCURACY)
+        except np.linalg.LinAlgError:
+            return np.full_like(moved, np.nan)
+        return np.stack([model.straight(u, step) for u, step in zip(moved, steps, strict=True)])
 
     def _follow(self, displacements: FloatArray, load: Load, touched: Touched, body: FloatArray) -> None:
         """Take up the derivatives of the answer and of the anchors; compare ``Contact.remember``."""
@@ -183,46 +179,3 @@ class Sensitivity:
             behind, _ = model.body.force(displacements - probe * moved, self._thetas)
             rate += (ahead - behind)[model.bonded] / (2.0 * probe)
         return rates
-
-
-class _System:
-    """K x = b for several b, each started from the best combination of known directions.
-
-    Known are the last station's answers and, as they come, this station's.
-    """
-
-    def __init__(self, here: Linearised, load: Load, directions: FloatArray) -> None:
-        self._linear = here.model.linear
-        self._preconditioner = partial(here.preconditioner, load)
-        self._matrix: sp.csr_array = here.matrix(load)
-        self._directions: list[FloatArray] = []
-        self._images: list[FloatArray] = []
-        for direction in directions:
-            self._learn(direction)
-
-    def solve(self, rhs: FloatArray) -> FloatArray:
-        """Solution of one more right-hand side."""
-        solution = np.zeros_like(rhs)
-        residual = rhs.copy()
-        for direction, image in zip(self._directions, self._images, strict=True):
-            share = image @ residual
-            solution += share * direction
-            residual -= share * image
-        left, size = float(np.linalg.norm(residual)), float(np.linalg.norm(rhs))
-        if left <= ACCURACY * size:
-            return solution
-        step = self._linear.solve(self._matrix, self._preconditioner, residual, ACCURACY * size / left)
-        self._learn(step)
-        return solution + step
-
-    def _learn(self, direction: FloatArray) -> None:
-        """Take up a direction, with images K x made orthonormal."""
-        image = self._matrix @ direction
-        size = np.linalg.norm(image)
-        for other, known in zip(self._directions, self._images, strict=True):
-            share = known @ image
-            direction, image = direction - share * other, image - share * known
-        left = np.linalg.norm(image)
-        if left > 1e-4 * size:  # what is left of the others is rounding
-            self._directions.append(direction / left)
-            self._images.append(image / left)
