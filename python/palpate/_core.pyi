@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "Measured",
-    "SharedPath",
     "Deformation",
     "ElementBlock",
+    "Measured",
+    "SharedPath",
     "SparseFactor",
     "__version__",
     "branches",
@@ -729,7 +729,8 @@ class SparseFactor:
     """A direct solver of A x = b for a pattern that stays the same.
 
     The pattern is ordered (nested dissection; COLAMD for ``lu``) and analysed once; values are
-    factorised as often as needed, on one thread, without the GIL. A solution is checked against its residual before it is returned.
+    factorised as often as needed, on one thread, without the GIL. A solution is checked against
+    its residual before it is returned.
 
     Parameters
     ----------

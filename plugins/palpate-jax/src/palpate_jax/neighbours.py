@@ -139,6 +139,5 @@ def _interpolation(known: FloatArray, target: FloatArray) -> FloatArray:
     plane = np.hstack([np.ones((m, 1)), known - target])
     system = np.block([[distances**3, plane], [plane.T, np.zeros((d + 1, d + 1))]])
     rhs = np.concatenate([np.linalg.norm(known - target, axis=1) ** 3, [1.0], np.zeros(d)])
-    solution = np.asarray(np.linalg.lstsq(system, rhs, rcond=1e-12)[0], dtype=np.float64)
-    weights: FloatArray = solution[:m]
-    return weights
+    solution = np.linalg.lstsq(system, rhs, rcond=1e-12)[0]
+    return np.asarray(solution[:m], dtype=np.float64)

@@ -22,7 +22,8 @@ from functools import partial
 import jax
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.domain import FloatArray, Simulation, moving_span
+from palpate.errors import StudyError
 from palpate.interfaces import Array, Material
 from palpate.mechanics import moduli_at_rest
 from palpate_jax.contact import Change, Law, Load, Touched
@@ -179,3 +180,35 @@ class Sensitivity:
             behind, _ = model.body.force(displacements - probe * moved, self._thetas)
             rate += (ahead - behind)[model.bonded] / (2.0 * probe)
         return rates
+
+
+def curve_slopes(simulation: Simulation) -> dict[str, dict[str, FloatArray]]:
+    """Derivatives of a simulation's curves: by channel and parameter, (n,) beside the ordinates.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        Of the solver ``jax`` with ``sensitivities = true``.
+
+    Raises
+    ------
+    StudyError
+        It has none.
+    """
+    rows = simulation.diagnostics
+    if simulation.response is None or "d_force_N" not in rows:
+        raise StudyError(
+            f"spot '{simulation.job.spot}', set {simulation.job.set_id}: the simulation has no derivatives; "
+            "set sensitivities = true for the solver 'jax', or read its message if it failed"
+        )
+    slopes = {}
+    for channel, way, what in (
+        ("force", "depth_mm", "d_force_N"),
+        ("torque", "rotation_deg", "d_moment_Nmm"),
+    ):
+        if channel in simulation.response.curves:
+            span = moving_span(np.array([0.0, *rows[way]]))
+            slopes[channel] = {
+                name: np.array([0.0, *(v[2] for v in vectors)])[span] for name, vectors in rows[what].items()
+            }
+    return slopes

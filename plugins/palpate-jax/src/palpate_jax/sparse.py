@@ -15,7 +15,6 @@ from scipy.sparse.linalg import LinearOperator, gmres
 from palpate._core import SparseFactor
 from palpate.domain import FloatArray, IntArray
 from palpate_jax.krylov import Space
-from palpate_jax.krylov import Space
 
 CYCLES = 5
 """Cycles of GMRES; those after the first take a few steps."""
@@ -154,22 +153,6 @@ class LinearSolver:
         if solution is None:
             raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
         return solution
-
-    def solve_all(
-        self, matrix: sp.csr_array, preconditioner: FloatArray, rhs: FloatArray, tolerance: float
-    ) -> FloatArray:
-        """Solutions (m, n) of several right-hand sides (m, n), with new factors and a space for all.
-
-        New, because older ones cost a multiple of the steps where many digits are due.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            As :meth:`solve`.
-        """
-        self._factorise(preconditioner)
-        space = Space(matrix, self._factor.precondition, len(rhs))
-        return np.stack([space.solve(b, tolerance) for b in rhs])
 
     def solve_all(
         self, matrix: sp.csr_array, preconditioner: FloatArray, rhs: FloatArray, tolerance: float
