@@ -81,10 +81,10 @@ class Recording:
         where = "" if index is None else f"{self.at(index)}: "
         return CurveError(f"{self.source}: {where}{message}")
 
-    def changed(self, **fields: Any) -> "Recording":
+    def changed(self, **fields: FloatArray | IntArray) -> "Recording":
         """Copy with other fields, checked like a new one."""
-        values = {name: getattr(self, name) for name in ("source", *_WIDTHS)}
-        return Recording(**(values | fields))
+        values: dict[str, Any] = {name: getattr(self, name) for name in _WIDTHS}
+        return Recording(source=self.source, **(values | fields))
 
     def part(self, chosen: slice | IntArray) -> "Recording":
         """Only some rows, in order."""
