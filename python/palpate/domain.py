@@ -5,23 +5,26 @@ made read-only, so a value that exists can be used.
 """
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate import _core
+from palpate.curves import Channel as Channel
+from palpate.curves import Curve as Curve
+from palpate.curves import FloatArray as FloatArray
+from palpate.curves import Response as Response
+from palpate.curves import frozen_floats
+from palpate.curves import moving_span as moving_span
 from palpate.errors import CurveError, MaterialError, MeshError, SamplingError, ScoringError
 
 if TYPE_CHECKING:
     from palpate.interfaces import Material
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
@@ -29,119 +32,10 @@ CELL_NODES: Mapping[str, int] = MappingProxyType({"tet4": 4, "tet10": 10, "hex8"
 """Element kinds of a :class:`Mesh` and their number of nodes."""
 
 
-def _frozen_floats(values: ArrayLike) -> FloatArray:
-    array = np.array(values, dtype=np.float64, copy=True)
-    array.setflags(write=False)
-    return array
-
-
 def _frozen_ints(values: ArrayLike) -> IntArray:
     array = np.array(values, dtype=np.int64, copy=True)
     array.setflags(write=False)
     return array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Channel:
-    """What a curve is about: one measured quantity over another.
-
-    ``abscissa`` and ``ordinate`` are column names that carry their unit, such as
-    ``depth_mm`` and ``force_N``; the labels are for people.
-    """
-
-    name: str
-    abscissa: str
-    ordinate: str
-    abscissa_label: str
-    ordinate_label: str
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Curve:
-    """A path in the order in which it was travelled.
-
-    Parameters
-    ----------
-    channel : str
-        Name of the channel, for example ``"force"``.
-    abscissa, ordinate : (n,) array
-        In the units of the channel; at least two points, all finite.
-
-    Raises
-    ------
-    CurveError
-        Shapes differ, fewer than two points, a value that is not finite, or an
-        abscissa that never moves.
-    """
-
-    channel: str
-    abscissa: FloatArray
-    ordinate: FloatArray
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "abscissa", _frozen_floats(self.abscissa))
-        object.__setattr__(self, "ordinate", _frozen_floats(self.ordinate))
-        where = f"curve '{self.channel}'"
-        if self.abscissa.ndim != 1 or self.abscissa.shape != self.ordinate.shape:
-            raise CurveError(
-                f"{where}: abscissa {self.abscissa.shape} and ordinate {self.ordinate.shape} "
-                "must be one-dimensional and of one length"
-            )
-        for name, values in (("abscissa", self.abscissa), ("ordinate", self.ordinate)):
-            bad = np.flatnonzero(~np.isfinite(values))
-            if bad.size:
-                raise CurveError(
-                    f"{where}: {name}[{bad[0]}] is {values[bad[0]]}; "
-                    "remove or repair the row, every value must be finite"
-                )
-        if self.abscissa.size < 2 or np.ptp(self.abscissa) == 0.0:
-            raise CurveError(
-                f"{where}: {self.abscissa.size} point(s) whose abscissa never moves; "
-                "a curve needs at least two different abscissae"
-            )
-
-    @cached_property
-    def branches(self) -> tuple[tuple[int, int], ...]:
-        """Maximal monotone runs as (start, stop), neighbours sharing the turning point."""
-        return tuple((int(a), int(b)) for a, b in _core.branches(self.abscissa))
-
-
-def moving_span(abscissa: FloatArray) -> slice:
-    """Rows between the first and the last movement of an abscissa, both ends included.
-
-    A log holds one channel still while it drives another (depth during the
-    twist); the rest before and after carries no abscissa to compare at.
-
-    Parameters
-    ----------
-    abscissa : (n,) array
-        In the order in which it was travelled.
-
-    Raises
-    ------
-    CurveError
-        The abscissa never moves.
-    """
-    moves = np.flatnonzero(np.diff(abscissa) != 0.0)
-    if moves.size == 0:
-        raise CurveError("the abscissa never moves, so there is no path to compare along")
-    return slice(int(moves[0]), int(moves[-1]) + 2)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Response:
-    """Curves by channel name: what a limb answers, measured or simulated."""
-
-    curves: Mapping[str, Curve]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "curves", MappingProxyType(dict(self.curves)))
-
-    def __getitem__(self, channel: str) -> Curve:
-        return self.curves[channel]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.curves)
 
 
 class Normaliser(StrEnum):
@@ -168,12 +62,12 @@ class Spot:
     normal: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position_mm", _frozen_floats(self.position_mm))
+        object.__setattr__(self, "position_mm", frozen_floats(self.position_mm))
         normal = np.asarray(self.normal, dtype=np.float64)
         length = float(np.linalg.norm(normal))
         if self.position_mm.shape != (3,) or normal.shape != (3,) or not length > 0.0:
             raise MeshError(f"spot '{self.name}': position and normal must be three numbers, normal not zero")
-        object.__setattr__(self, "normal", _frozen_floats(normal / length))
+        object.__setattr__(self, "normal", frozen_floats(normal / length))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -199,7 +93,7 @@ class Mesh:
     node_sets: Mapping[str, IntArray]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points_mm", _frozen_floats(self.points_mm))
+        object.__setattr__(self, "points_mm", frozen_floats(self.points_mm))
         object.__setattr__(self, "regions", tuple(self.regions))
         for name in ("cells", "cell_regions", "node_sets"):
             frozen = {key: _frozen_ints(values) for key, values in getattr(self, name).items()}
@@ -255,7 +149,7 @@ class Indentation:
     friction: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "path", _frozen_floats(self.path))
+        object.__setattr__(self, "path", frozen_floats(self.path))
         path = self.path
         if path.ndim != 2 or path.shape[1] != 2 or path.shape[0] < 2 or not np.isfinite(path).all():
             raise CurveError("protocol: the path needs at least two finite rows of (depth_mm, rotation_deg)")
@@ -280,7 +174,7 @@ class HomogeneousTests:
 
     def __post_init__(self) -> None:
         object.__setattr__(
-            self, "paths", MappingProxyType({k: _frozen_floats(v) for k, v in self.paths.items()})
+            self, "paths", MappingProxyType({k: frozen_floats(v) for k, v in self.paths.items()})
         )
 
 
@@ -413,7 +307,7 @@ class Design:
     n_drawn: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", _frozen_floats(self.values))
+        object.__setattr__(self, "values", frozen_floats(self.values))
         if self.values.ndim != 2 or self.values.shape[1] != len(self.parameters):
             raise SamplingError(
                 f"design: values of shape {self.values.shape} for {len(self.parameters)} parameters"

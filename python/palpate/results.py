@@ -13,25 +13,29 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Curve, Job, Response, Simulation, Status
+from palpate.domain import Curve, FloatArray, Job, Response, Simulation, Status
 
 
 def frame_of(response: Response) -> pl.DataFrame:
-    """Curves as rows of channel, point, abscissa, ordinate."""
-    return pl.concat(
-        [
-            pl.DataFrame(
-                {
-                    "channel": [name] * curve.abscissa.size,
-                    "point": range(curve.abscissa.size),
-                    "abscissa": curve.abscissa,
-                    "ordinate": curve.ordinate,
-                },
-                schema=_CURVES,
-            )
-            for name, curve in response.curves.items()
-        ]
-        or [pl.DataFrame(schema=_CURVES)]
+    """Curves as rows of channel, point, abscissa, ordinate and, where any curve has it, std."""
+    frame = pl.concat(
+        [_rows_of(name, curve) for name, curve in response.curves.items()] or [pl.DataFrame(schema=_CURVES)]
+    )
+    if all(curve.std is None for curve in response.curves.values()):
+        return frame.drop("std")
+    return frame
+
+
+def _rows_of(name: str, curve: Curve) -> pl.DataFrame:
+    return pl.DataFrame(
+        {
+            "channel": [name] * curve.abscissa.size,
+            "point": range(curve.abscissa.size),
+            "abscissa": curve.abscissa,
+            "ordinate": curve.ordinate,
+            "std": [None] * curve.abscissa.size if curve.std is None else curve.std,
+        },
+        schema=_CURVES,
     )
 
 
@@ -43,13 +47,28 @@ def response_of(frame: pl.DataFrame) -> Response:
                 channel=str(name),
                 abscissa=rows["abscissa"].to_numpy(),
                 ordinate=rows["ordinate"].to_numpy(),
+                std=_std(rows),
             )
             for (name,), rows in frame.group_by("channel", maintain_order=True)
         }
     )
 
 
-_CURVES = pl.Schema({"channel": pl.String, "point": pl.Int64, "abscissa": pl.Float64, "ordinate": pl.Float64})
+def _std(rows: pl.DataFrame) -> FloatArray | None:
+    if "std" not in rows.columns or rows["std"].null_count() == rows.height:
+        return None
+    return rows["std"].to_numpy()
+
+
+_CURVES = pl.Schema(
+    {
+        "channel": pl.String,
+        "point": pl.Int64,
+        "abscissa": pl.Float64,
+        "ordinate": pl.Float64,
+        "std": pl.Float64,
+    }
+)
 
 
 def write_atomically(path: Path, content: bytes) -> None:

@@ -212,12 +212,8 @@ def _simulated(
 
 def _without_rest(response: Response) -> Response:
     """Curves between the first and the last movement, as a loader gives them."""
-    spans = {name: moving_span(curve.abscissa) for name, curve in response.curves.items()}
     return Response(
-        curves={
-            name: Curve(channel=name, abscissa=curve.abscissa[span], ordinate=curve.ordinate[span])
-            for (name, curve), span in zip(response.curves.items(), spans.values(), strict=True)
-        }
+        curves={name: curve.cut(moving_span(curve.abscissa)) for name, curve in response.curves.items()}
     )
 
 

@@ -1,0 +1,167 @@
+"""Curves: what was measured or simulated, in the order in which it was travelled."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate import _core
+from palpate.errors import CurveError
+
+FloatArray = NDArray[np.float64]
+
+
+def frozen_floats(values: ArrayLike) -> FloatArray:
+    """Copy numbers into a read-only array of doubles."""
+    array = np.array(values, dtype=np.float64, copy=True)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """What a curve is about: one measured quantity over another.
+
+    ``abscissa`` and ``ordinate`` are column names that carry their unit, such as
+    ``depth_mm`` and ``force_N``; the labels are for people.
+    """
+
+    name: str
+    abscissa: str
+    ordinate: str
+    abscissa_label: str
+    ordinate_label: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curve:
+    """A path in the order in which it was travelled.
+
+    Parameters
+    ----------
+    channel : str
+        Name of the channel, for example ``"force"``.
+    abscissa, ordinate : (n,) array
+        In the units of the channel; at least two points, all finite.
+    std : (n,) array, optional
+        Standard deviation of each ordinate, in its unit: how far one more measurement of
+        this point may lie from it. None where nobody has said.
+
+    Raises
+    ------
+    CurveError
+        Shapes differ, fewer than two points, a value that is not finite, a negative
+        standard deviation, or an abscissa that never moves.
+    """
+
+    channel: str
+    abscissa: FloatArray
+    ordinate: FloatArray
+    std: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "abscissa", frozen_floats(self.abscissa))
+        object.__setattr__(self, "ordinate", frozen_floats(self.ordinate))
+        self._check_points()
+        if self.std is not None:
+            object.__setattr__(self, "std", frozen_floats(self.std))
+            self._check_std(self.std)
+
+    def _check_points(self) -> None:
+        where = f"curve '{self.channel}'"
+        if self.abscissa.ndim != 1 or self.abscissa.shape != self.ordinate.shape:
+            raise CurveError(
+                f"{where}: abscissa {self.abscissa.shape} and ordinate {self.ordinate.shape} "
+                "must be one-dimensional and of one length"
+            )
+        for name, values in (("abscissa", self.abscissa), ("ordinate", self.ordinate)):
+            bad = np.flatnonzero(~np.isfinite(values))
+            if bad.size:
+                raise CurveError(
+                    f"{where}: {name}[{bad[0]}] is {values[bad[0]]}; "
+                    "remove or repair the row, every value must be finite"
+                )
+        if self.abscissa.size < 2 or np.ptp(self.abscissa) == 0.0:
+            raise CurveError(
+                f"{where}: {self.abscissa.size} point(s) whose abscissa never moves; "
+                "a curve needs at least two different abscissae"
+            )
+
+    def _check_std(self, std: FloatArray) -> None:
+        where = f"curve '{self.channel}'"
+        if std.shape != self.ordinate.shape:
+            raise CurveError(
+                f"{where}: {std.shape} standard deviations for {self.ordinate.shape} points; "
+                "give one for each point, or none"
+            )
+        bad = np.flatnonzero(~(np.isfinite(std) & (std >= 0.0)))
+        if bad.size:
+            raise CurveError(
+                f"{where}: std[{bad[0]}] is {std[bad[0]]}; a standard deviation is finite and not negative"
+            )
+
+    def cut(self, rows: slice) -> "Curve":
+        """Keep some of the points, each with its standard deviation."""
+        return Curve(
+            channel=self.channel,
+            abscissa=self.abscissa[rows],
+            ordinate=self.ordinate[rows],
+            std=None if self.std is None else self.std[rows],
+        )
+
+    @cached_property
+    def branches(self) -> tuple[tuple[int, int], ...]:
+        """Maximal monotone runs as (start, stop), neighbours sharing the turning point."""
+        return tuple((int(a), int(b)) for a, b in _core.branches(self.abscissa))
+
+
+def moving_span(abscissa: FloatArray) -> slice:
+    """Rows between the first and the last movement of an abscissa, both ends included.
+
+    A log holds one channel still while it drives another (depth during the
+    twist); the rest before and after carries no abscissa to compare at.
+
+    Parameters
+    ----------
+    abscissa : (n,) array
+        In the order in which it was travelled.
+
+    Raises
+    ------
+    CurveError
+        The abscissa never moves.
+    """
+    moves = np.flatnonzero(np.diff(abscissa) != 0.0)
+    if moves.size == 0:
+        raise CurveError("the abscissa never moves, so there is no path to compare along")
+    return slice(int(moves[0]), int(moves[-1]) + 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Response:
+    """Curves by channel name: what a limb answers, measured or simulated.
+
+    Parameters
+    ----------
+    curves : mapping of channel name to Curve
+    record : mapping, optional
+        What was done to get the curves, as numbers, text, lists and tables. The manifest
+        of a run keeps it for each file that a loader has read.
+    """
+
+    curves: Mapping[str, Curve]
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "curves", MappingProxyType(dict(self.curves)))
+        object.__setattr__(self, "record", MappingProxyType(dict(self.record)))
+
+    def __getitem__(self, channel: str) -> Curve:
+        return self.curves[channel]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.curves)

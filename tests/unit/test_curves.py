@@ -1,0 +1,58 @@
+"""A curve may say how sure each of its ordinates is, and keeps saying so on disk."""
+
+import numpy as np
+import pytest
+
+from palpate.domain import Curve, Response
+from palpate.errors import CurveError
+from palpate.results import frame_of, response_of
+
+X = [0.0, 1.0, 2.0]
+
+
+def curve(channel="force", std=None):
+    return Curve(channel=channel, abscissa=X, ordinate=[0.0, 2.0, 5.0], std=std)
+
+
+def test_a_standard_deviation_is_kept_read_only():
+    given = np.array([0.1, 0.0, 0.3])
+    made = curve(std=given)
+    given[0] = 9.0
+    np.testing.assert_array_equal(made.std, [0.1, 0.0, 0.3])
+    with pytest.raises(ValueError, match="read-only"):
+        made.std[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("std", "says"),
+    [
+        ([0.1, 0.2], r"curve 'force': \(2,\) standard deviations for \(3,\) points; give one for each"),
+        ([0.1, -0.2, 0.1], r"curve 'force': std\[1\] is -0.2; a standard deviation is finite and not neg"),
+        ([0.1, 0.2, np.nan], r"std\[2\] is nan"),
+    ],
+)
+def test_a_standard_deviation_that_is_none_is_refused(std, says):
+    with pytest.raises(CurveError, match=says):
+        curve(std=std)
+
+
+def test_a_part_of_a_curve_keeps_what_belongs_to_its_points():
+    part = curve(std=[0.1, 0.2, 0.3]).cut(slice(1, 3))
+    assert (part.channel, part.abscissa.tolist(), part.ordinate.tolist(), part.std.tolist()) == (
+        "force", [1.0, 2.0], [2.0, 5.0], [0.2, 0.3],
+    )  # fmt: skip
+    assert curve().cut(slice(0, 2)).std is None
+
+
+@pytest.mark.parametrize("torque_std", [None, [0.0, 0.5, 1.0]])
+def test_a_table_holds_each_curves_standard_deviation_or_that_there_is_none(torque_std):
+    response = Response(curves={"force": curve(std=[0.1, 0.2, 0.3]), "torque": curve("torque", torque_std)})
+    found = response_of(frame_of(response))
+    assert found["force"].std.tolist() == [0.1, 0.2, 0.3]
+    assert (found["torque"].std is None) if torque_std is None else found["torque"].std.tolist() == torque_std
+
+
+def test_a_table_of_curves_without_one_has_no_column_for_it():
+    frame = frame_of(Response(curves={"force": curve()}))
+    assert frame.columns == ["channel", "point", "abscissa", "ordinate"]
+    assert response_of(frame)["force"].std is None
