@@ -1,0 +1,15 @@
+"""Reading a robot's log: one file per format, a channel map, and the checks that need no physics.
+
+:func:`read_recording` takes a file and a :class:`ChannelMap` and gives a
+:class:`palpate_experiments.recording.Recording`; :func:`read_log` gives the columns
+as they stand in the file.
+"""
+
+from palpate_experiments.reading.assembly import Reading, read_recording
+from palpate_experiments.reading.channel_map import ChannelMap
+from palpate_experiments.reading.confined import read_confined as read_log
+from palpate_experiments.reading.formats import Request
+from palpate_experiments.reading.limits import Limits
+from palpate_experiments.reading.text_layout import TextFormat
+
+__all__ = ["ChannelMap", "Limits", "Reading", "Request", "TextFormat", "read_log", "read_recording"]

@@ -1,0 +1,143 @@
+"""Which reader a file needs, by its first bytes: an ending can lie."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from palpate.errors import CurveError
+from palpate_experiments.reading.limits import Limits
+from palpate_experiments.reading.raw import RawLog
+from palpate_experiments.reading.text_layout import TextFormat
+
+_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+_UNREADABLE = (
+    (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
+    (b"BZh", "is compressed by bzip2; unpack it first"),
+    (b"\x28\xb5\x2f\xfd", "is compressed by zstd; unpack it first"),
+    (b"\xfd7zXZ", "is compressed by xz; unpack it first"),
+    (b"\x80\x02", "is a pickle, which could run code and is never read; save plain numbers"),
+    (b"\x80\x03", "is a pickle, which could run code and is never read; save plain numbers"),
+    (b"\x80\x04", "is a pickle, which could run code and is never read; save plain numbers"),
+    (b"\x80\x05", "is a pickle, which could run code and is never read; save plain numbers"),
+    (b"\xd0\xcf\x11\xe0", "is a spreadsheet or document; save the table as CSV"),
+    (b"TDSm", "is a LabVIEW TDMS file; export it as CSV"),
+    (b"TDSh", "is a LabVIEW TDMS file; export it as CSV"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What to read of a file.
+
+    Parameters
+    ----------
+    columns : tuple of str, optional
+        Columns of a table; all when left out.
+    streams : tuple of str, optional
+        Topics of a bag; all when left out.
+    text : TextFormat
+    limits : Limits
+    """
+
+    columns: tuple[str, ...] | None = None
+    streams: tuple[str, ...] | None = None
+    text: TextFormat = field(default_factory=TextFormat)
+    limits: Limits = field(default_factory=Limits)
+
+
+def check_size(path: Path, limits: Limits) -> None:
+    """Refuse what is not there, is no regular file, or is too large to be opened.
+
+    Raises
+    ------
+    CurveError
+    """
+    try:
+        if path.is_dir():
+            _check_folder(path)
+            n_bytes = sum(file.lstat().st_size for file in path.iterdir())
+        elif path.exists() and not path.is_file():
+            raise CurveError(f"{path}: no regular file; give a log, or the folder of a ROS 2 bag")
+        else:
+            n_bytes = path.stat().st_size
+            if not os.access(path, os.R_OK):
+                raise CurveError(f"{path}: cannot be read (Permission denied); check its permissions")
+    except OSError as error:
+        raise CurveError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    if n_bytes > limits.file_mb * 1e6:
+        raise CurveError(
+            f"{path}: {n_bytes / 1e6:.0f} MB where at most {limits.file_mb:g} MB are read; cut the log, "
+            "or raise file_mb under limits in the loader's settings"
+        )
+
+
+def _check_folder(path: Path) -> None:
+    if not (path / "metadata.yaml").is_file():
+        raise CurveError(f"{path}: a folder without metadata.yaml, so no ROS 2 bag; give the file of the log")
+
+
+def read_here(path: Path, request: Request) -> RawLog:
+    """Read a file in this very process. For files that one trusts, and inside the confined one.
+
+    Raises
+    ------
+    CurveError
+    """
+    check_size(path, request.limits)
+    if path.is_dir():
+        return _read_bag(path, request)
+    head = _head(path)
+    for magic, why in _UNREADABLE:
+        if head.startswith(magic):
+            raise CurveError(f"{path}: the file {why}")
+    if head.startswith(b"\x93NUMPY"):
+        from palpate_experiments.reading.numpy_archive import read_npy
+
+        return read_npy(path, request.limits)
+    if head.startswith(b"PK\x03\x04"):
+        from palpate_experiments.reading.numpy_archive import read_npz
+
+        return read_npz(path, request.limits)
+    if head.startswith(b"PAR1"):
+        from palpate_experiments.reading.parquet import read_parquet
+
+        return read_parquet(path, request.limits, request.columns)
+    if head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")):
+        return _read_bag(path, request)
+    return _read_matlab_or_text(path, head, request)
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return stream.read(1024)
+
+
+def _read_bag(path: Path, request: Request) -> RawLog:
+    from palpate_experiments.reading.ros import read_bag
+
+    return read_bag(path, request.limits, request.streams)
+
+
+def _read_matlab_or_text(path: Path, head: bytes, request: Request) -> RawLog:
+    if head.startswith(_HDF5_MAGIC) or head[512:520] == _HDF5_MAGIC:
+        from palpate_experiments.reading.hdf5 import read_hdf5
+
+        return read_hdf5(path, request.limits)
+    if len(head) >= 128 and head[126:128] in (b"IM", b"MI") and head.startswith(b"MATLAB"):
+        from palpate_experiments.reading.matlab5 import read_matlab5
+
+        return read_matlab5(path, request.limits)
+    if _is_binary_of(path, head):
+        raise CurveError(
+            f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it anew"
+        )
+    from palpate_experiments.reading.text import read_text
+
+    return read_text(path, request.columns, request.text)
+
+
+def _is_binary_of(path: Path, head: bytes) -> bool:
+    """Whether the ending promises another format than the text that the beginning looks like."""
+    binary: Sequence[str] = (".mat", ".npz", ".npy", ".parquet", ".bag", ".mcap", ".db3", ".h5", ".hdf5")
+    return path.suffix.lower() in binary and bool(head)
