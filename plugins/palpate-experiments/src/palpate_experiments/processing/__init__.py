@@ -1,0 +1,1 @@
+"""From a recording to curves: one step a module, each switchable, each recorded."""

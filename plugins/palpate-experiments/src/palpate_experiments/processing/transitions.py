@@ -1,0 +1,220 @@
+"""Instants at which a motion starts, ends or turns, from least squares on both sides.
+
+Near the end t* of a stroke a position is  x(t) = c + Σ aₖ τᵏ,  τ = max(t* - t, 0), with
+k = p … p + 2: p = 1 is a stop at full speed, p = 2 a constant deceleration or a cosine,
+p = 3 a minimum-jerk profile; or with a short constant deceleration after another motion,
+as robots with trapezoidal speed profiles move. At a turn both sides move, each with its
+own coefficients.
+
+Of two descriptions the smoother one is kept unless the other explains the data
+significantly better, since a free kink imitates a smooth end at another instant.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from palpate.domain import FloatArray
+from palpate_experiments.processing.change_point import Design, Fit, profile
+
+MAX_ROWS = 300
+"""Rows that a fit needs at most; more are averaged in blocks."""
+
+SIGNIFICANT = 12.0
+"""Drop of χ² that makes a less smooth description the better one."""
+
+_SHARES = (0.5, 0.35, 0.25, 0.15)
+"""Windows, as shares of the stroke, from which the end of the stroke is read."""
+
+_SPARE = 0.15
+"""Share of the stroke by which the earliest instant that is tried precedes the likely one."""
+
+_FEWEST = 12
+"""Rows below which no kink can be told."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transition:
+    """An instant, its standard deviation, and how it came about.
+
+    ``cut`` is where the log itself begins or ends; it has no uncertainty of its own.
+    """
+
+    time_s: float
+    std_s: float
+    kind: Literal["kink", "smooth", "cut", "crossing"]
+
+
+def stroke_end(
+    time_s: FloatArray, values: FloatArray, between_s: tuple[float, float], moving_s: float
+) -> Transition:
+    """When a motion comes to rest.
+
+    The longest of a few windows is used in which the description leaves no more than noise.
+
+    Parameters
+    ----------
+    time_s, values : (n,) array
+        The last half of the stroke and the rest after it.
+    between_s : tuple of float
+        Where the instant lies.
+    moving_s : float
+        How long the whole stroke takes.
+    """
+    chosen = Fit(at=between_s[1], std=moving_s, squares=np.inf, n_rows=0)
+    for share in _SHARES:
+        first = int(np.searchsorted(time_s, between_s[0] + (_SPARE - share) * moving_s))
+        time, value = _averaged(time_s[first:], values[first:])
+        chosen = _ending(time, value, between_s, moving_s * share)
+        if _explains(chosen.squares, value):
+            break
+    return _as_transition(_sharpened(chosen, time_s, values))
+
+
+def _as_transition(fit: Fit) -> Transition:
+    return Transition(time_s=fit.at, std_s=fit.std, kind=fit.kind)
+
+
+def _ending(time: FloatArray, value: FloatArray, between_s: tuple[float, float], moving_s: float) -> Fit:
+    fits = [profile(time, value, between_s, _stopping(order)) for order in (3, 2)]
+    fits.append(_braking(time, value, between_s, moving_s))
+    fits.append(replace(profile(time, value, between_s, _stopping(1)), kind="kink"))
+    return _smoothest(fits, parameters=5)
+
+
+def _sharpened(fit: Fit, time_s: FloatArray, values: FloatArray) -> Fit:
+    """A sharp end sought again among single rows: averages round a kink off."""
+    if fit.kind == "smooth" or time_s.size <= MAX_ROWS:
+        return fit
+    middle = int(np.searchsorted(time_s, fit.at))
+    near = slice(max(middle - MAX_ROWS // 2, 0), middle + MAX_ROWS // 2)
+    time, value = time_s[near], values[near]
+    block_s = float(np.ptp(time_s)) / MAX_ROWS
+    between_s = (fit.at - 3.0 * block_s, fit.at + 3.0 * block_s)
+    if time.size < _FEWEST or not time[0] < between_s[0] < between_s[1] < time[-1]:
+        return fit
+    again = _ending(time, value, between_s, float(fit.at - time[0]))
+    return again if _explains(again.squares, value) else fit
+
+
+def stroke_start(
+    time_s: FloatArray, values: FloatArray, between_s: tuple[float, float], moving_s: float
+) -> Transition:
+    """When a motion starts from rest; parameters as in :func:`stroke_end`."""
+    low, high = between_s
+    mirrored = stroke_end(-time_s[::-1], values[::-1], (-high, -low), moving_s)
+    return Transition(time_s=-mirrored.time_s, std_s=mirrored.std_s, kind=mirrored.kind)
+
+
+def turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Transition:
+    """When a motion changes direction, without a rest in between.
+
+    Parameters are those of :func:`stroke_end`.
+    """
+    return _as_transition(_bend(time_s, values, between_s))
+
+
+def speed_change(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Transition | None:
+    """When a motion changes its speed at once, None where it is smooth.
+
+    Parameters are those of :func:`stroke_end`.
+    """
+    if time_s.size < _FEWEST:
+        return None
+    found = _bend(time_s, values, between_s)
+    return _as_transition(found) if found.kind == "kink" else None
+
+
+def _bend(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Fit:
+    time, value = _averaged(time_s, values)
+    kink = replace(profile(time, value, between_s, _kinked), kind="kink")
+    return _smoothest([_vertex(time, value, between_s), kink], parameters=8)
+
+
+def _smoothest(fits: list[Fit], parameters: int) -> Fit:
+    """First fit, from smooth to sharp, that none of the others betters significantly."""
+    best = min(fits, key=lambda fit: fit.squares)
+    variance = best.squares / max(best.n_rows - parameters, 1)
+    return next(fit for fit in fits if fit.squares <= best.squares + SIGNIFICANT * variance)
+
+
+def _explains(squares: float, value: FloatArray) -> bool:
+    """Whether residuals are no larger than the noise that second differences show."""
+    bends = np.diff(value, 2)
+    noise = float(bends @ bends) / (6.0 * bends.size)
+    n_free = value.size - 5
+    return bool(squares / n_free <= noise * (1.0 + 4.0 * np.sqrt(2.0 / n_free)))
+
+
+def _stopping(order: int) -> Design:
+    def design(time: FloatArray, at: FloatArray) -> FloatArray:
+        tau = np.maximum(at[:, None] - time, 0.0)
+        columns = [np.ones_like(tau), *(tau**k for k in range(order, order + 3))]
+        return np.stack(columns, axis=-1)
+
+    return design
+
+
+def _braking(time: FloatArray, value: FloatArray, between_s: tuple[float, float], moving_s: float) -> Fit:
+    """Stop after a constant deceleration whose length is sought too."""
+
+    def fit(brake_s: float) -> Fit:
+        return profile(time, value, between_s, _braked(brake_s / (float(np.ptp(time)) or 1.0)))
+
+    lengths = moving_s * np.geomspace(0.008, 0.8, 9)
+    best = min((float(length) for length in lengths), key=lambda length: fit(length).squares)
+    for ratio in (1.3, 1.12):
+        best = min((best / ratio, best, best * ratio), key=lambda length: fit(length).squares)
+    row_s = float(np.ptp(time)) / max(time.size - 1, 1)
+    return replace(fit(best), kind="kink" if best < 8.0 * row_s else "smooth")
+
+
+def _braked(brake: float) -> Design:
+    def design(time: FloatArray, at: FloatArray) -> FloatArray:
+        tau = np.maximum(at[:, None] - time, 0.0)
+        beyond = np.maximum(tau - brake, 0.0)
+        # A parabola that goes on as its tangent, and a change of speed before the braking.
+        return np.stack([np.ones_like(tau), tau**2 - beyond**2, beyond**2, beyond**3], axis=-1)
+
+    return design
+
+
+def _kinked(time: FloatArray, at: FloatArray) -> FloatArray:
+    before = np.maximum(at[:, None] - time, 0.0)
+    after = np.maximum(time - at[:, None], 0.0)
+    columns = [np.ones_like(before), *(side**k for side in (before, after) for k in (1, 2, 3))]
+    return np.stack(columns, axis=-1)
+
+
+def _vertex(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
+    """Extremum of one polynomial through all rows."""
+    middle, scale = float(time.mean()), float(np.ptp(time)) / 2.0 or 1.0
+    x = (time - middle) / scale
+    basis = np.polynomial.legendre.legvander(x, 6)
+    coefficients, *_ = np.linalg.lstsq(basis, value, rcond=None)
+    misfit = value - basis @ coefficients
+    squares = float(misfit @ misfit)
+    low, high = ((t - middle) / scale for t in between_s)
+    grid = np.linspace(low, high, 2001)
+    slope = np.polynomial.legendre.legval(grid, np.polynomial.legendre.legder(coefficients))
+    bend = np.polynomial.legendre.legval(grid, np.polynomial.legendre.legder(coefficients, 2))
+    index = int(np.argmin(np.abs(slope)))
+    noise = np.sqrt(squares / max(x.size - 7, 1) / x.size)
+    # The slope of a fit of degree 6 is some six times less certain than its value.
+    std = scale * 6.0 * noise / max(abs(float(bend[index])), 1e-300)
+    return Fit(
+        at=middle + scale * float(grid[index]),
+        std=min(float(std), 2.0 * scale),
+        squares=squares,
+        n_rows=x.size,
+    )
+
+
+def _averaged(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    block = -(-time_s.size // MAX_ROWS)
+    if block == 1:
+        return time_s, values
+    n_whole = time_s.size // block * block
+    time, value = (v[:n_whole].reshape(-1, block).mean(axis=1) for v in (time_s, values))
+    return time, value
