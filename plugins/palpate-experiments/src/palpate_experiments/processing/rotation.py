@@ -8,13 +8,14 @@ from palpate.domain import FloatArray
 
 def rotated(quaternion: FloatArray, vectors: FloatArray) -> FloatArray:
     """Vectors (n, 3) or (3,) of the tool's frame in the base frame, shape (n, 3)."""
-    turned: FloatArray = Rotation.from_quat(quaternion).apply(vectors)
+    # SciPy takes no read-only arrays.
+    turned: FloatArray = Rotation.from_quat(np.array(quaternion)).apply(np.array(vectors))
     return turned
 
 
 def unrotated(quaternion: FloatArray, vectors: FloatArray) -> FloatArray:
     """Vectors (n, 3) or (3,) of the base frame in the tool's frame, shape (n, 3)."""
-    turned: FloatArray = Rotation.from_quat(quaternion).apply(vectors, inverse=True)
+    turned: FloatArray = Rotation.from_quat(np.array(quaternion)).apply(np.array(vectors), inverse=True)
     return turned
 
 
@@ -65,7 +66,9 @@ def turn_and_tilt(
     tilt_deg : (n,) array
         0 … 180.
     """
-    relative = (Rotation.from_quat(quaternion) * Rotation.from_quat(reference).inv()).as_quat()
+    relative = (
+        Rotation.from_quat(np.array(quaternion)) * Rotation.from_quat(np.array(reference)).inv()
+    ).as_quat()
     vector, scalar = relative[:, :3], relative[:, 3]
     along = vector @ axis
     # A quaternion and its opposite are one orientation, half a turn apart on this circle.

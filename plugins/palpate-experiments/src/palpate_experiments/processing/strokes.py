@@ -1,0 +1,140 @@
+"""Strokes of a signal: from rest to rest, or from turn to turn, without hints."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.domain import FloatArray
+from palpate_experiments.processing.noise import noise_std
+from palpate_experiments.processing.thinning import block_means
+from palpate_experiments.processing.transitions import Transition, stroke_end, stroke_start, turning
+
+_TRACK_ROWS = 20_000
+_REST_SHARE = 0.01
+_LEAST_REST_S = 0.02
+_WINDOW_SHARE = 0.65
+_TURN_SHARE = 0.25
+_EARLY_SHARE = 0.15
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stroke:
+    """A movement one way: when it starts and stops, and between which values."""
+
+    start: Transition
+    stop: Transition
+    from_value: float
+    to_value: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Rough:
+    """Rows of the extremes, and rows at which the signal has clearly left or not yet reached them."""
+
+    first: int
+    last: int
+    left: int
+    reached: int
+
+
+def strokes_of(time_s: FloatArray, values: FloatArray, least: float) -> tuple[Stroke, ...]:
+    """Strokes in the order travelled.
+
+    Parameters
+    ----------
+    time_s, values : (n,) array
+    least : float
+        Movements smaller than this, in the unit of ``values``, are no strokes.
+    """
+    block = -(-time_s.size // _TRACK_ROWS)
+    time, value = block_means(time_s, block), block_means(values, block)
+    least = max(least, 10.0 * noise_std(value))
+    rough = [_rough(value, a, b, least) for a, b in _runs(value, least)]
+    starts = [_start(time, value, rough, k) for k in range(len(rough))]
+    stops = [_stop(time, value, rough, k) for k in range(len(rough))]
+    for k in range(len(rough) - 1):
+        if _no_rest(time, stops[k], starts[k + 1]):
+            stops[k] = starts[k + 1] = _turn(time, value, rough[k], rough[k + 1])
+    return tuple(
+        Stroke(
+            start=start,
+            stop=stop,
+            from_value=float(np.median(value[max(r.first - 2, 0) : r.first + 3])),
+            to_value=float(np.median(value[max(r.last - 2, 0) : r.last + 3])),
+        )
+        for r, start, stop in zip(rough, starts, stops, strict=True)
+    )
+
+
+def _runs(values: FloatArray, least: float) -> list[tuple[int, int]]:
+    """Rows (start, stop) of successive extremes that differ by more than ``least``."""
+    numbers = values.tolist()
+    low = high = going = 0
+    extremes: list[int] = []
+    for k, number in enumerate(numbers):
+        if number > numbers[high]:
+            high = k
+        if number < numbers[low]:
+            low = k
+        if going <= 0 and number > numbers[low] + least:
+            extremes.append(low)
+            going, high = 1, k
+        elif going >= 0 and number < numbers[high] - least:
+            extremes.append(high)
+            going, low = -1, k
+    if going:
+        extremes.append(high if going > 0 else low)
+    return list(zip(extremes, extremes[1:], strict=False))
+
+
+def _rough(values: FloatArray, first: int, last: int, least: float) -> _Rough:
+    inside = values[first : last + 1]
+    span = abs(float(inside[-1] - inside[0]))
+    margin = max(_REST_SHARE * span, 0.3 * least if span > 3.0 * least else 0.1 * span)
+    left = first + int(np.flatnonzero(np.abs(inside - inside[0]) <= margin)[-1])
+    reached = first + int(np.flatnonzero(np.abs(inside - inside[-1]) > margin)[-1])
+    return _Rough(first=first, last=last, left=min(left, reached), reached=reached)
+
+
+def _stop(time: FloatArray, values: FloatArray, rough: list[_Rough], k: int) -> Transition:
+    here = rough[k]
+    until = rough[k + 1].left if k + 1 < len(rough) else values.size - 1
+    if until - here.reached < 4:
+        return Transition(time_s=float(time[here.last]), std_s=0.0, kind="cut")
+    moving = float(time[here.reached] - time[here.left])
+    begin = float(time[here.reached])
+    rest = min(
+        (float(time[until]) - begin) / 2.0 if k + 1 < len(rough) else float(time[until]) - begin, moving
+    )
+    rows = slice(*np.searchsorted(time, [begin - _WINDOW_SHARE * moving, begin + rest]))
+    between = (begin - _EARLY_SHARE * moving, float(time[rows][-1]))
+    return stroke_end(time[rows], values[rows], between, moving)
+
+
+def _start(time: FloatArray, values: FloatArray, rough: list[_Rough], k: int) -> Transition:
+    """The end of the mirrored stroke."""
+    mirrored = [
+        _Rough(
+            first=values.size - 1 - r.last,
+            last=values.size - 1 - r.first,
+            left=values.size - 1 - r.reached,
+            reached=values.size - 1 - r.left,
+        )
+        for r in reversed(rough)
+    ]
+    found = _stop(-time[::-1], values[::-1], mirrored, len(rough) - 1 - k)
+    return Transition(time_s=-found.time_s, std_s=found.std_s, kind=found.kind)
+
+
+def _no_rest(time: FloatArray, stop: Transition, start: Transition) -> bool:
+    row_s = float(np.median(np.diff(time)))
+    spread = 4.0 * float(np.hypot(stop.std_s, start.std_s))
+    return start.time_s - stop.time_s < max(spread, 3.0 * row_s, _LEAST_REST_S)
+
+
+def _turn(time: FloatArray, values: FloatArray, before: _Rough, after: _Rough) -> Transition:
+    low, high = float(time[before.reached]), float(time[after.left])
+    reach = _TURN_SHARE * min(low - float(time[before.left]), float(time[after.reached]) - high)
+    rows = slice(*np.searchsorted(time, [low - reach, high + reach]))
+    margin = (high - low) / 4.0
+    return turning(time[rows], values[rows], (low - margin, high + margin))
