@@ -89,7 +89,7 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
     ------
     CurveError
     """
-    series = {name: checked_time(picked, channels) for name, picked in _picked(log, channels).items()}
+    series = _with_checked_time(_picked(log, channels), channels)
     deviation = _check(series, channels)
     series = _with_quaternions(series, channels)
     time_s, rows, values, resampled = _at_common_time(series, channels)
@@ -121,6 +121,17 @@ def _picked(log: RawLog, channels: ChannelMap) -> dict[str, Series]:
     if turned.form != "fixed":
         picked["orientation"] = pick(log, channels, "orientation", turned, turned.columns, kind)
     return picked
+
+
+def _with_checked_time(picked: Mapping[str, Series], channels: ChannelMap) -> dict[str, Series]:
+    """Series whose time increases; of those that share one column of time the first is checked."""
+    checked: list[Series] = []
+    result = {}
+    for name, series in picked.items():
+        is_known = any(series.time_s is other.time_s for other in checked)
+        result[name] = series if is_known else checked_time(series, channels)
+        checked.append(result[name])
+    return result
 
 
 def _check(series: Mapping[str, Series], channels: ChannelMap) -> float:

@@ -170,11 +170,13 @@ def _check_stuck(wrench: Series, same: np.ndarray, channels: ChannelMap) -> None
 
 def _check_saturated(wrench: Series, column: int, same: np.ndarray) -> None:
     values = wrench.values[:, column]
-    starts, lengths = _runs(same)
-    for extreme in (values.max(), values.min()):
-        at_extreme = values[starts] == extreme
-        if abs(extreme) < _PLATEAU_SHARE * np.abs(values).max() or not at_extreme.any():
+    highest, lowest = float(values.max()), float(values.min())
+    for extreme in (highest, lowest):
+        is_near_rest = abs(extreme) < _PLATEAU_SHARE * max(abs(highest), abs(lowest))
+        if is_near_rest or np.count_nonzero(values == extreme) < _PLATEAU_ROWS:
             continue
+        starts, lengths = _runs(same)
+        at_extreme = values[starts] == extreme
         longest = int(np.argmax(np.where(at_extreme, lengths, 0)))
         # A coarse sensor repeats itself at every value; one that is cut repeats itself at the end only.
         elsewhere = int(lengths[~at_extreme].max(initial=1))

@@ -20,12 +20,11 @@ def quaternions(form: str, values: FloatArray, sequence: str = "xyz") -> FloatAr
     -------
     (n, 4) array
     """
+    if form == "quaternion":
+        unit: FloatArray = values / np.sqrt(np.einsum("ij,ij->i", values, values))[:, None]
+        return unit
     from scipy.spatial.transform import Rotation
 
-    if form == "quaternion":
-        lengths = np.sqrt(np.einsum("ij,ij->i", values, values))
-        unit: FloatArray = values / lengths[:, None]
-        return unit
     if form == "euler":
         return _quat(Rotation.from_euler(sequence, values))
     if form == "axis_angle":
