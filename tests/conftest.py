@@ -68,7 +68,7 @@ def make_study(tmp_path: Path, tissue: ModuleType, space: ParameterSpace) -> Cal
             path = tmp_path / f"{name}.csv"
             if not path.exists():
                 write_curves(path, tissue.answer(*truth))
-            spots.append(StudySpot(spot=Spot(name=name), measured={None: path}, mesh=None))
+            spots.append(StudySpot(spot=Spot(name=name), measured={None: (path,)}, mesh=None))
         study = Study(
             name="sponge",
             description="a stand-in with a known answer",

@@ -53,6 +53,13 @@ class Normaliser(StrEnum):
     UNIT = "unit"
 
 
+class PointWeights(StrEnum):
+    """How much each measured point counts: all the same, or as 1/std² of its ordinate."""
+
+    EQUAL = "equal"
+    STD = "std"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spot:
     """A marked place on the limb: position [mm] and unit outward normal, in the frame of its mesh."""

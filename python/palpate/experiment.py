@@ -1,6 +1,8 @@
 """Measured curves: read by the study's loader, and checked against its protocol."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +17,8 @@ from palpate.domain import (
 )
 from palpate.errors import CurveError, PalpateError
 from palpate.plugins import answering_for
-from palpate.study import Study, StudySpot
+from palpate.repeats import average, described
+from palpate.study import Study, StudySpot, relative
 
 COVERED_SHARE = 0.98
 """Share of the protocol's travel that a measured curve must reach."""
@@ -23,8 +26,31 @@ COVERED_SHARE = 0.98
 _PATH_COLUMNS = {"depth_mm": (0, "mm"), "rotation_deg": (1, "degrees")}
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Presses:
+    """What the files of one spot hold, each checked against the protocol.
+
+    Parameters
+    ----------
+    spot : StudySpot
+    responses : mapping of file, as it is named in messages and the manifest, to Response
+    """
+
+    spot: StudySpot
+    responses: Mapping[str, Response]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that any file has, in the order in which they come."""
+        return tuple(dict.fromkeys(name for response in self.responses.values() for name in response))
+
+    def curves(self, channel: str) -> dict[str, Curve]:
+        """Curves of one channel by file."""
+        return {file: r[channel] for file, r in self.responses.items() if channel in r.curves}
+
+
 def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Response]:
-    """Measured response of each spot.
+    """Measured response of each spot: the mean of its presses, where there are several.
 
     Parameters
     ----------
@@ -35,34 +61,97 @@ def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Re
     Raises
     ------
     CurveError
-        A file cannot be read, a channel that a scenario weights is missing, or a
-        curve does not cover the protocol.
+        A file cannot be read, a channel that a scenario weights is missing, a curve does
+        not cover the protocol, or repeated presses differ in their path.
     """
+    return {name: mean(presses) for name, presses in load_presses(study, channels).items()}
+
+
+def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Presses]:
+    """Read every file of each spot; raises as :func:`load_measured`."""
     return {spot.spot.name: _load_spot(study, spot, channels) for spot in study.spots}
 
 
-def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -> Response:
+def mean(presses: Presses) -> Response:
+    """Average the presses of a spot channel by channel, and say how each file was read.
+
+    Raises
+    ------
+    CurveError
+        The presses differ in their path.
+    """
     curves: dict[str, Curve] = {}
-    for only, path in spot.measured.items():
-        with answering_for(study.loader, f"reading {path}"):
-            response = study.loader.load(path, only)
-            if not isinstance(response, Response):
-                raise TypeError(f"it returned a {type(response).__name__} and not a Response")
-        for name, curve in response.curves.items():
-            if name in curves:
-                raise CurveError(
-                    f"{path}: channel '{name}' of spot '{spot.spot.name}' is already read from "
-                    "another file; name each channel once"
-                )
-            try:
-                _check_known(name, channels)
-                if isinstance(study.protocol, Indentation):
-                    check_covers(curve, channels[name], study.protocol, study.minimum_coverage)
-            except PalpateError as error:
-                raise CurveError(f"{path}: spot '{spot.spot.name}': {error}") from error
-            curves[name] = curve
-    _check_weighted(study, spot, curves)
-    return Response(curves=curves)
+    averages: dict[str, object] = {}
+    for channel in presses.channels:
+        repeats = presses.curves(channel)
+        try:
+            curves[channel] = average(repeats)
+        except CurveError as error:
+            raise CurveError(f"spot '{presses.spot.spot.name}': {error}") from None
+        if len(repeats) > 1:
+            averages[channel] = described(curves[channel], repeats)
+    files = {file: response.record for file, response in presses.responses.items() if response.record}
+    told = {"files": files, "averages": averages}
+    return Response(curves=curves, record={key: what for key, what in told.items() if what})
+
+
+def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -> Presses:
+    responses: dict[str, Response] = {}
+    read_from: dict[str, str | None] = {}
+    for only, paths in spot.measured.items():
+        for path in paths:
+            response = _load_file(study, spot, path, only)
+            for name, curve in response.curves.items():
+                if read_from.setdefault(name, only) != only:
+                    raise CurveError(
+                        f"{path}: channel '{name}' of spot '{spot.spot.name}' is already read from "
+                        "another file; name each channel once"
+                    )
+                _check_curve(study, spot, path, curve, channels)
+            responses[_told(path, study, responses)] = response
+        _check_alike(spot, paths, responses)
+    presses = Presses(spot=spot, responses=responses)
+    _check_weighted(study, presses)
+    return presses
+
+
+def _load_file(study: Study, spot: StudySpot, path: Path, only: str | None) -> Response:
+    loader = study.loader_at(spot.spot.name)
+    with answering_for(loader, f"reading {path}"):
+        response = loader.load(path, only)
+        if not isinstance(response, Response):
+            raise TypeError(f"it returned a {type(response).__name__} and not a Response")
+    return response
+
+
+def _told(path: Path, study: Study, taken: Collection[str]) -> str:
+    """Path from the study's folder; the whole path of a file elsewhere whose name is taken."""
+    told = relative(path, study.folder)
+    return told if told not in taken else str(path)
+
+
+def _check_curve(
+    study: Study, spot: StudySpot, path: Path, curve: Curve, channels: Mapping[str, Channel]
+) -> None:
+    protocol = study.protocol_at(spot.spot.name)
+    try:
+        _check_known(curve.channel, channels)
+        if isinstance(protocol, Indentation):
+            check_covers(curve, channels[curve.channel], protocol, study.minimum_coverage)
+    except PalpateError as error:
+        raise CurveError(f"{path}: spot '{spot.spot.name}': {error}") from error
+
+
+def _check_alike(spot: StudySpot, paths: Sequence[Path], responses: Mapping[str, Response]) -> None:
+    """Refuse repeats of which one lacks a channel: its mean would be of fewer presses than it says."""
+    latest = list(responses.values())[-len(paths) :]
+    for path, response in zip(paths, latest, strict=True):
+        if missing := sorted(set(latest[0]) ^ set(response)):
+            raise CurveError(
+                f"{path}: spot '{spot.spot.name}': has channels {', '.join(response)}, and the first of its "
+                f"{len(paths)} presses {paths[0].name} has {', '.join(latest[0])}; "
+                f"measure '{missing[0]}' in each press or in none"
+            )
 
 
 def _check_known(name: str, channels: Mapping[str, Channel]) -> None:
@@ -73,14 +162,15 @@ def _check_known(name: str, channels: Mapping[str, Channel]) -> None:
         )
 
 
-def _check_weighted(study: Study, spot: StudySpot, curves: Mapping[str, Curve]) -> None:
+def _check_weighted(study: Study, presses: Presses) -> None:
+    found = presses.channels
     for scenario in study.scenarios:
         for channel, weight in scenario.weights.items():
-            if weight > 0.0 and channel not in curves:
-                files = ", ".join(str(path) for path in spot.measured.values())
+            if weight > 0.0 and channel not in found:
+                files = ", ".join(str(path) for path in presses.spot.files)
                 raise CurveError(
-                    f"{files}: spot '{spot.spot.name}' has no channel '{channel}', which scenario "
-                    f"'{scenario.name}' weights (found: {', '.join(curves) or 'none'}); measure it or "
+                    f"{files}: spot '{presses.spot.spot.name}' has no channel '{channel}', which scenario "
+                    f"'{scenario.name}' weights (found: {', '.join(found) or 'none'}); measure it or "
                     "leave the scenario out"
                 )
 

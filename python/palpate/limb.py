@@ -38,8 +38,8 @@ def load_limbs(study: Study) -> dict[str, Limb]:
                 raise TypeError(f"it returned a {type(limb).__name__} and not a Limb")
         try:
             check_limb(limb, [region.region for region in study.space.regions])
-            if isinstance(study.protocol, Indentation):
-                check_depth(limb, study.protocol)
+            if isinstance(protocol := study.protocol_at(name), Indentation):
+                check_depth(limb, protocol)
         except MeshError as error:
             raise MeshError(f"{spot.mesh}: {error}") from error
         limbs[name] = limb

@@ -100,7 +100,7 @@ def check(study: Study, plugins: Plugins) -> Checked:
     PalpateError
     """
     measured = load_measured(study, plugins.channels)
-    scoring.check_scorable(measured, study.normaliser)
+    scoring.check_scorable(measured, study.normaliser, study.weights)
     limbs = load_limbs(study)
     design = _draw(study)
     simulation.check_jobs(study, simulation.jobs(study, design, measured), limbs)
@@ -159,7 +159,7 @@ def measure(
     """Read the measured curves into ``measured/<spot>.parquet``."""
     progress.begin("measure", 1)
     measured = load_measured(study, plugins.channels)
-    scoring.check_scorable(measured, study.normaliser)
+    scoring.check_scorable(measured, study.normaliser, study.weights)
     run = RunDirectory(run_folder)
     run.begin(study, plugins.channels)
     run.write_measured(measured)
@@ -193,7 +193,7 @@ def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress =
     """Compare simulated with measured curves into ``scores.parquet``."""
     run = RunDirectory(run_folder)
     checked = _from_files(study, run)
-    scoring.check_scorable(checked.measured, study.normaliser)
+    scoring.check_scorable(checked.measured, study.normaliser, study.weights)
     progress.begin("score", 1)
     simulations = simulation.stored(study, checked.design, checked.limbs, checked.measured, run_folder)
     if not simulations:
@@ -261,6 +261,7 @@ def _score(
         checked.measured,
         normaliser=study.normaliser,
         minimum_coverage=study.minimum_coverage,
+        weights=study.weights,
     )
     run.write_scores(scores)
     return scores

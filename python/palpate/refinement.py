@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from palpate import _core
 from palpate.domain import Design, FloatArray, Limb, Response, Scenario, Simulation, Status
 from palpate.progress import SILENT, Progress
-from palpate.scoring import compare, score
+from palpate.scoring import compare, point_weights, score
 from palpate.selection import objectives
 from palpate.simulation import job_for
 from palpate.study import Study
@@ -148,6 +148,7 @@ class _Search:
             {self.spot: self.measured},
             normaliser=self.study.normaliser,
             minimum_coverage=self.study.minimum_coverage,
+            weights=self.study.weights,
         )
         end = objectives(scores, [self.scenario]).drop("spot", "scenario", "set_id")
         values = pl.DataFrame(
@@ -218,14 +219,18 @@ class _Search:
         return residuals
 
     def _channel_residuals(self, simulation: Simulation, channel: str, weight: float) -> FloatArray | None:
-        """√(weight/N)·(sim − exp)/normaliser (n,); points that are not covered count as exact."""
+        """√(weight·w/Σw)·(sim − exp)/normaliser (n,); points that are not covered count as exact."""
         curve = self.measured[channel]
         compared = compare(simulation, curve)
         covered = np.isfinite(compared.values)
         if compared.status is not Status.OK or covered.mean() < self.study.minimum_coverage:
             return None
         differences = np.where(covered, compared.values - curve.ordinate, 0.0)
-        scale = np.sqrt(weight / covered.sum()) / normaliser_value(curve.ordinate, self.study)
+        points = point_weights(curve, self.study.weights)
+        points = np.ones(covered.size) if points is None else points
+        scale = np.sqrt(weight * points / points[covered].sum()) / normaliser_value(
+            curve.ordinate, self.study
+        )
         residuals: FloatArray = differences * scale
         return residuals
 

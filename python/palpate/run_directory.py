@@ -34,7 +34,7 @@ from palpate.interfaces import Component
 from palpate.plugins import answering_for
 from palpate.refinement import Refined
 from palpate.results import frame_of, plain, response_of, write_atomically, write_frame
-from palpate.study import Study
+from palpate.study import Study, relative
 
 UNITS = "mm, N, MPa, N·mm, degrees"
 """Units of every number in a run directory."""
@@ -226,6 +226,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "seed": study.seed,
         "filters": [_component(keep) for keep in study.filters],
         "normaliser": study.normaliser.value,
+        "point_weights": study.weights.value,
         "minimum_coverage": study.minimum_coverage,
         "scenarios": {scenario.name: dict(scenario.weights) for scenario in study.scenarios},
         "generalise_by": study.generalise_by,
@@ -256,18 +257,12 @@ def versions(study: Study) -> dict[str, str]:
 def _hashes(study: Study) -> dict[str, str]:
     files = [study.file, *study.plugin_files]
     for spot in study.spots:
-        files += [*spot.measured.values(), *([spot.mesh] if spot.mesh else [])]
+        files += [*spot.files, *([spot.mesh] if spot.mesh else [])]
     return {
-        _relative(file, study.folder): hashlib.sha256(file.read_bytes()).hexdigest()
+        relative(file, study.folder): hashlib.sha256(file.read_bytes()).hexdigest()
         for file in files
         if file.is_file()
     }
-
-
-def _relative(file: Path, folder: Path) -> str:
-    """Path from the study's folder; the bare name of a file that lies elsewhere."""
-    inside = file.resolve().is_relative_to(folder.resolve())
-    return file.resolve().relative_to(folder.resolve()).as_posix() if inside else file.name
 
 
 def _component(component: Component) -> dict[str, Any]:

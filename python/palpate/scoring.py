@@ -1,8 +1,8 @@
 """How far each simulated curve is from the measured one.
 
-NMSE of a channel = (1/N) Σ (sim − exp)² / normaliser². Simulated curves are
-interpolated onto the measured abscissae branch by branch, because a twist is a
-path and not a function of the angle.
+NMSE of a channel = Σ w (sim − exp)² / (Σ w · normaliser²), with equal weights or with
+w = 1/std² of each measured point. Simulated curves are interpolated onto the measured
+abscissae branch by branch, because a twist is a path and not a function of the angle.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from palpate import _core
-from palpate.domain import Curve, FloatArray, Normaliser, Response, Simulation, Status
+from palpate.domain import Curve, FloatArray, Normaliser, PointWeights, Response, Simulation, Status
 from palpate.errors import CurveError, ScoringError
 
 SCHEMA = {
@@ -29,8 +29,38 @@ SCHEMA = {
 """Columns of the scores. ``nmse`` is null where a set is not to be ranked."""
 
 
-def check_scorable(measured: Mapping[str, Response], normaliser: Normaliser) -> None:
-    """Refuse, before anything is simulated, a measured curve with a degenerate normaliser.
+LEAST_STD_SHARE = 0.1
+"""Share of a curve's root mean square std below which no point's std counts.
+
+Otherwise one point that happens to have next to none would count for all the others.
+"""
+
+
+def point_weights(curve: Curve, weights: PointWeights) -> FloatArray | None:
+    """How much each measured point counts: (n,), or None where all count the same.
+
+    Raises
+    ------
+    ScoringError
+        The curve has no standard deviation, or only zeros, to weigh by.
+    """
+    if weights is PointWeights.EQUAL:
+        return None
+    if curve.std is None:
+        raise ScoringError(
+            "no point has a standard deviation; give repeated presses or a loader that states one, "
+            'or set scoring.weights = "equal"'
+        )
+    scale = float(np.sqrt(np.mean(curve.std**2)))
+    if scale == 0.0:
+        raise ScoringError('every standard deviation is zero; set scoring.weights = "equal"')
+    return 1.0 / np.maximum(curve.std / scale, LEAST_STD_SHARE) ** 2
+
+
+def check_scorable(
+    measured: Mapping[str, Response], normaliser: Normaliser, weights: PointWeights = PointWeights.EQUAL
+) -> None:
+    """Refuse, before anything is simulated, a measured curve that cannot be normalised or weighed.
 
     Raises
     ------
@@ -40,7 +70,7 @@ def check_scorable(measured: Mapping[str, Response], normaliser: Normaliser) -> 
     for spot, response in measured.items():
         for name, curve in response.curves.items():
             try:
-                _core.nmse(curve.ordinate, curve.ordinate, normaliser.value)
+                _core.nmse(curve.ordinate, curve.ordinate, normaliser.value, point_weights(curve, weights))
             except ScoringError as error:
                 raise ScoringError(f"spot '{spot}', channel '{name}': {error}") from error
 
@@ -51,6 +81,7 @@ def score(
     *,
     normaliser: Normaliser,
     minimum_coverage: float,
+    weights: PointWeights = PointWeights.EQUAL,
 ) -> pl.DataFrame:
     """Score every simulation in every measured channel.
 
@@ -61,20 +92,22 @@ def score(
     normaliser : Normaliser
     minimum_coverage : float
         Smallest share of measured points that a simulated curve must reach to be ranked.
+    weights : PointWeights
 
     Returns
     -------
     DataFrame
         Columns as in ``SCHEMA``, one row per simulation and measured channel, ordered by
         spot as measured, then set_id, then channel. ``nmse`` is null unless the status is
-        ok and the coverage enough. ``r2`` is the coefficient of determination.
+        ok and the coverage enough. ``r2`` is the coefficient of determination, with the
+        same weights.
 
     Raises
     ------
     ScoringError
-        A degenerate normaliser.
+        A degenerate normaliser, or no standard deviation to weigh by.
     """
-    check_scorable(measured, normaliser)
+    check_scorable(measured, normaliser, weights)
     by_spot: dict[str, list[Simulation]] = {spot: [] for spot in measured}
     for simulation in simulations:
         by_spot[simulation.job.spot].append(simulation)
@@ -82,7 +115,7 @@ def score(
     for spot, of_spot in by_spot.items():
         of_spot.sort(key=lambda s: s.job.set_id)
         columns = [
-            _score_channel(of_spot, curve, normaliser, minimum_coverage)
+            _score_channel(of_spot, curve, normaliser, point_weights(curve, weights), minimum_coverage)
             for curve in measured[spot].curves.values()
         ]
         rows += [row for of_set in zip(*columns, strict=True) for row in of_set]
@@ -90,10 +123,14 @@ def score(
 
 
 def _score_channel(
-    simulations: Sequence[Simulation], measured: Curve, normaliser: Normaliser, minimum_coverage: float
+    simulations: Sequence[Simulation],
+    measured: Curve,
+    normaliser: Normaliser,
+    weights: FloatArray | None,
+    minimum_coverage: float,
 ) -> list[dict[str, object]]:
-    variance = _variance(measured.ordinate, normaliser)
-    scored = _scored(simulations, measured, normaliser)
+    variance = _variance(measured.ordinate, normaliser, weights)
+    scored = _scored(simulations, measured, normaliser, weights)
     return [
         _row(s, measured.channel, score, minimum_coverage, 1.0 - score.nmse / variance)
         for s, score in zip(simulations, scored, strict=True)
@@ -110,7 +147,9 @@ class _Scored:
     coverage: float = 0.0
 
 
-def _scored(simulations: Sequence[Simulation], measured: Curve, normaliser: Normaliser) -> list[_Scored]:
+def _scored(
+    simulations: Sequence[Simulation], measured: Curve, normaliser: Normaliser, weights: FloatArray | None
+) -> list[_Scored]:
     """Score all sets together that were simulated at the same abscissae, as those of a sweep are."""
     curves = [_curve(s, measured.channel) for s in simulations]
     scored = [_Scored(status, message) for _, status, message in curves]
@@ -118,7 +157,7 @@ def _scored(simulations: Sequence[Simulation], measured: Curve, normaliser: Norm
     for i, (curve, _, _) in enumerate(curves):
         if curve is not None:
             ordinates.setdefault(curve.abscissa.tobytes(), {})[i] = curve.ordinate
-    ready = _core.Measured(measured.abscissa, measured.ordinate, normaliser.value)
+    ready = _core.Measured(measured.abscissa, measured.ordinate, normaliser.value, weights=weights)
     for abscissa, by_set in ordinates.items():
         try:
             path = ready.along(np.frombuffer(abscissa))
@@ -169,13 +208,15 @@ def _unreadable(simulation: Simulation, message: str) -> tuple[Status, str]:
     return status, simulation.message or message
 
 
-def _variance(ordinate: FloatArray, normaliser: Normaliser) -> float:
-    """Σ(exp − mean)²/N over normaliser², which is NMSE/(1 − R²); NaN for a flat measured curve."""
+def _variance(ordinate: FloatArray, normaliser: Normaliser, weights: FloatArray | None) -> float:
+    """Σw(exp − mean)²/Σw over normaliser², which is NMSE/(1 − R²); NaN for a flat measured curve."""
     try:
-        deviation = _core.normaliser(ordinate, Normaliser.STD.value)
+        _core.normaliser(ordinate, Normaliser.STD.value)
     except ScoringError:
         return np.nan
-    return (deviation / _core.normaliser(ordinate, normaliser.value)) ** 2
+    mean = np.average(ordinate, weights=weights)
+    variance = float(np.average((ordinate - mean) ** 2, weights=weights))
+    return variance / _core.normaliser(ordinate, normaliser.value) ** 2
 
 
 def _row(

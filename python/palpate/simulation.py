@@ -49,7 +49,7 @@ def job_for(study: Study, spot: str, set_id: int, row: FloatArray, measured: Map
         set_id=set_id,
         materials={region.region: region.material for region in study.space.regions},
         thetas=study.space.thetas(row),
-        protocol=study.protocol or homogeneous_tests(measured[spot]),
+        protocol=study.protocol_at(spot) or homogeneous_tests(measured[spot]),
     )
 
 

@@ -6,25 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from palpate.domain import Normaliser, ParameterSpace, Protocol, Scenario
+from palpate.domain import Normaliser, ParameterSpace, PointWeights, Protocol, Scenario
 from palpate.errors import StudyError
 from palpate.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins import Plugins
-from palpate.study_build import (
-    Context,
-    StudySpot,
-    build_components,
-    build_protocol,
-    build_scenarios,
-    build_spots,
-    check_solver_needs,
-)
+from palpate.study_build import Context, build_components, build_scenarios, check_solver_needs
 from palpate.study_lines import KeyLines
 from palpate.study_model import Tables
 from palpate.study_problems import Problems, read_tables, settled
 from palpate.study_regions import build_space, build_truth
+from palpate.study_spots import StudySpot, build_protocol, build_spots
 
-__all__ = ["Study", "StudySpot", "read_study"]
+__all__ = ["Study", "StudySpot", "read_study", "relative"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,8 +30,11 @@ class Study:
         The study file; paths inside it are relative to its folder.
     data : {"measured", "simulated"}
         Whether the experiment is real; shown wherever results are.
-    protocol : Protocol or None
-        None: homogeneous tests along the measured abscissae.
+    loader, protocol
+        What the study does wherever a spot does not say otherwise: see :meth:`loader_at` and
+        :meth:`protocol_at`. No protocol: homogeneous tests along the measured abscissae.
+    weights : PointWeights
+        How much each measured point counts.
     minimum_coverage : float
         Smallest share of measured points that a simulated curve must reach to be ranked.
     generalise_by : str
@@ -69,6 +65,7 @@ class Study:
     filters: tuple[SetFilter, ...]
     solver: Solver
     normaliser: Normaliser
+    weights: PointWeights = PointWeights.EQUAL
     minimum_coverage: float
     scenarios: tuple[Scenario, ...]
     generalise_by: str
@@ -82,6 +79,17 @@ class Study:
     def folder(self) -> Path:
         """Folder of the study file."""
         return self.file.parent
+
+    def loader_at(self, spot: str) -> ExperimentLoader:
+        """What reads the files of a spot."""
+        return self._at(spot).loader or self.loader
+
+    def protocol_at(self, spot: str) -> Protocol | None:
+        """What is done at a spot; None for homogeneous tests."""
+        return self._at(spot).protocol or self.protocol
+
+    def _at(self, name: str) -> StudySpot:
+        return next(spot for spot in self.spots if spot.spot.name == name)
 
 
 def read_study(path: Path, plugins: Plugins, *, need_measured: bool = True) -> Study:
@@ -109,6 +117,12 @@ def read_study(path: Path, plugins: Plugins, *, need_measured: bool = True) -> S
     return _build(context, read_tables(raw, problems), need_measured)
 
 
+def relative(file: Path, folder: Path) -> str:
+    """Path from the study's folder; the bare name of a file that lies elsewhere."""
+    inside = file.resolve().is_relative_to(folder.resolve())
+    return file.resolve().relative_to(folder.resolve()).as_posix() if inside else file.name
+
+
 def _parse(path: Path) -> tuple[str, dict[str, Any]]:
     try:
         text = path.read_text(encoding="utf-8")
@@ -125,11 +139,12 @@ def _parse(path: Path) -> tuple[str, dict[str, Any]]:
 
 def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     header, sampling, solving, selection = tables.study, tables.sampling, tables.solver, tables.selection
-    spots = build_spots(context, tables.spot, need_measured)
     parts = build_components(context, tables)
+    spots = build_spots(context, tables, need_measured)
     protocol = build_protocol(context, tables.protocol) if tables.protocol else None
     space = build_space(context, tables.region)
-    scenarios = build_scenarios(context, selection, tables.scenario, spots) if selection else ()
+    measured = {spot.spot.name: spot.measured.keys() for spot in spots}
+    scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
     truth = build_truth(context, tables, space)
     if parts.solver:
         check_solver_needs(context, parts.solver, tables)
@@ -151,6 +166,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         filters=parts.filters,
         solver=settled(parts.solver),
         normaliser=settled(tables.scoring).normaliser,
+        weights=settled(tables.scoring).weights,
         minimum_coverage=settled(tables.scoring).minimum_coverage,
         scenarios=scenarios,
         generalise_by=settled(selection).generalise_by or scenarios[0].name,

@@ -1,26 +1,19 @@
 """From the tables of study.toml to the parts of a Study: what the names in them mean."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
 from pydantic import ValidationError
 
-from palpate.domain import Indentation, Scenario, Sphere, Spot
+from palpate.domain import Scenario
 from palpate.errors import PalpateError
 from palpate.interfaces import Component, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins import Catalogue, Plugins
 from palpate.study_lines import Key
-from palpate.study_model import (
-    ProtocolTable,
-    ScenarioTable,
-    SelectionTable,
-    SpotTable,
-    Tables,
-)
+from palpate.study_model import ScenarioTable, SelectionTable, Tables
 from palpate.study_problems import Problems, choice
 
 C = TypeVar("C", bound=Component)
@@ -101,75 +94,16 @@ def build_component(
         return None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StudySpot:
-    """One spot with its files.
-
-    Parameters
-    ----------
-    spot : Spot
-    measured : mapping of channel name, or None for a file that holds several channels, to path
-    mesh : Path or None
-        None for a specimen in homogeneous tests.
-    """
-
-    spot: Spot
-    measured: Mapping[str | None, Path]
-    mesh: Path | None
-
-
-def build_spots(
-    context: Context, tables: Sequence[SpotTable], need_measured: bool = True
-) -> tuple[StudySpot, ...]:
-    """Build the spots; names are unique, files exist, channels are known."""
-    spots = []
-    for index, table in enumerate(tables):
-        key: Key = ("spot", index)
-        if table.name in [earlier.name for earlier in tables[:index]]:
-            context.problems.add(
-                (*key, "name"), f"a spot '{table.name}' already exists; give each spot its own name"
-            )
-        for channel in table.measured:
-            with context.problems.at(*key, "measured", *([channel] if channel else [])):
-                _ = channel and context.plugins.channels[channel]
-        measured = {
-            channel or None: _file(
-                context, file, (*key, "measured", *([channel] if channel else [])), need_measured
-            )
-            for channel, file in table.measured.items()
-        }
-        mesh = None if table.mesh is None else _file(context, table.mesh, (*key, "mesh"))
-        with context.problems.at(*key, "normal"):
-            spot = Spot(name=table.name, position_mm=np.array(table.position), normal=np.array(table.normal))
-            spots.append(StudySpot(spot=spot, measured=measured, mesh=mesh))
-    return tuple(spots)
-
-
-def _file(context: Context, name: str, key: Key, needed: bool = True) -> Path:
-    path = context.file.parent / name
-    if not path.is_file() and (needed or path.exists()):
-        reason = "is a folder, not a file" if path.is_dir() else "no such file"
-        context.problems.add(key, f"'{name}': {reason} (looked for {path}); paths are relative to study.toml")
-    return path
-
-
-def build_protocol(context: Context, table: ProtocolTable) -> Indentation | None:
-    """Press to the depth, then twist to each rotation in turn."""
-    with context.problems.at("protocol"):
-        rotations = [0.0, 0.0, *table.twist]
-        depths = [0.0] + [table.depth] * (len(rotations) - 1)
-        return Indentation(
-            indenter=Sphere(radius_mm=table.indenter.radius),
-            path=np.column_stack([depths, rotations]),
-            friction=table.friction,
-        )
-    return None
-
-
 def build_scenarios(
-    context: Context, selection: SelectionTable, own: Sequence[ScenarioTable], spots: tuple[StudySpot, ...]
+    context: Context,
+    selection: SelectionTable,
+    own: Sequence[ScenarioTable],
+    measured: Mapping[str, Collection[str | None]],
 ) -> tuple[Scenario, ...]:
-    """Look up the scenarios to report, among the study's own and the plugins'."""
+    """Look up the scenarios to report, among the study's own and the plugins'.
+
+    ``measured`` holds the channels that each spot has files for, None for files of several.
+    """
     known: dict[str, Scenario] = dict(context.plugins.scenarios)
     for index, table in enumerate(own):
         if scenario := _own_scenario(context, table, ("scenario", index), known):
@@ -181,7 +115,7 @@ def build_scenarios(
             context.problems.add(key, f"'{name}' is listed twice; list each scenario once")
         elif name in known:
             chosen.append(known[name])
-            _check_channels(context, known[name], key, spots)
+            _check_channels(context, known[name], key, measured)
         elif name not in [table.name for table in own]:
             context.problems.add(key, choice(name, known, "scenario"))
     by = selection.generalise_by
@@ -207,17 +141,19 @@ def _own_scenario(
     return None
 
 
-def _check_channels(context: Context, scenario: Scenario, key: Key, spots: tuple[StudySpot, ...]) -> None:
+def _check_channels(
+    context: Context, scenario: Scenario, key: Key, measured: Mapping[str, Collection[str | None]]
+) -> None:
     """Refuse a scenario whose channels a spot does not measure, where the file says which it does."""
-    for spot in spots:
-        if not set(spot.measured) <= set(context.plugins.channels):
+    for spot, found in measured.items():
+        if not set(found) <= set(context.plugins.channels):
             continue  # a file of several channels, or a channel that is told to be unknown
-        missing = [c for c, weight in scenario.weights.items() if weight and c not in spot.measured]
+        missing = [c for c, weight in scenario.weights.items() if weight and c not in found]
         if missing:
             context.problems.add(
                 key,
                 f"scenario '{scenario.name}' weighs channel '{missing[0]}', which spot "
-                f"'{spot.spot.name}' does not measure; add its file or leave the scenario out",
+                f"'{spot}' does not measure; add its file or leave the scenario out",
             )
 
 

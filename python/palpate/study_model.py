@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from palpate.domain import Normaliser
+from palpate.domain import Normaliser, PointWeights
 from palpate.units import Quantity
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
@@ -37,40 +37,21 @@ class StudyTable(Table):
     )
 
 
+Files = str | list[str]
+"""One file, or the files of repeated presses."""
+
+
 def _by_channel(given: object) -> object:
-    return {"": given} if isinstance(given, str) else given
-
-
-class SpotTable(Table):
-    """A marked spot with its files."""
-
-    name: Name = Field(description="Name of the spot.")
-    measured: Annotated[
-        dict[str, str], BeforeValidator(_by_channel, json_schema_input_type=str | dict[str, str])
-    ] = Field(
-        min_length=1, description="File of the measured curves, or one file per channel, by channel name."
-    )
-    mesh: str | None = Field(default=None, description="File of the limb around the spot.")
-    position: list[Length] = Field(
-        default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="Where the indenter first touches."
-    )
-    normal: list[float] = Field(
-        default=[0.0, 0.0, 1.0], min_length=3, max_length=3, description="Outward normal at the spot."
-    )
-
-
-class ExperimentTable(Table):
-    """How measured curves are read."""
-
-    loader: str = Field(description="Name of an experiment loader.")
-    settings: dict[str, Any] = Field(default={}, description="Settings of the loader.")
-
-
-class LimbTable(Table):
-    """How meshes are read."""
-
-    source: str = Field(description="Name of a limb source.")
-    settings: dict[str, Any] = Field(default={}, description="Settings of the limb source.")
+    """Files by channel; those that hold several channels stand under no name."""
+    by_channel = given if isinstance(given, dict) else {"": given}
+    files = {name: [each] if isinstance(each, str) else each for name, each in by_channel.items()}
+    for each in files.values():
+        if not (isinstance(each, list) and each and all(isinstance(file, str) for file in each)):
+            raise ValueError(
+                f"{given!r} names no files; give one file, a list of files for repeated presses, or either "
+                'by channel, such as { force = "f.csv" }'
+            )
+    return files
 
 
 class IndenterTable(Table):
@@ -87,6 +68,56 @@ class ProtocolTable(Table):
     depth: Length = Field(gt=0.0, description="Indentation depth.")
     twist: list[Angle] = Field(default=[], description="Rotations travelled to, in order, at full depth.")
     friction: float = Field(ge=0.0, description="Coulomb coefficient.")
+
+
+class SpotProtocolTable(Table):
+    """What is done otherwise at one spot; each key takes the place of that of [protocol]."""
+
+    indenter: IndenterTable | None = Field(default=None, description="What touches the limb here.")
+    depth: Length | None = Field(default=None, gt=0.0, description="Indentation depth here.")
+    twist: list[Angle] | None = Field(default=None, description="Rotations travelled to here, in order.")
+    friction: float | None = Field(default=None, ge=0.0, description="Coulomb coefficient here.")
+
+
+class SpotTable(Table):
+    """A marked spot with its files."""
+
+    name: Name = Field(description="Name of the spot.")
+    measured: Annotated[
+        dict[str, list[str]],
+        BeforeValidator(_by_channel, json_schema_input_type=Files | dict[str, Files]),
+    ] = Field(
+        min_length=1,
+        description="File of the measured curves, or one file per channel, by channel name. A list of "
+        "files holds repeated presses, which are averaged.",
+    )
+    mesh: str | None = Field(default=None, description="File of the limb around the spot.")
+    position: list[Length] = Field(
+        default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="Where the indenter first touches."
+    )
+    normal: list[float] = Field(
+        default=[0.0, 0.0, 1.0], min_length=3, max_length=3, description="Outward normal at the spot."
+    )
+    protocol: SpotProtocolTable | None = Field(
+        default=None, description="What is done otherwise at this spot, such as another indenter."
+    )
+    settings: dict[str, Any] = Field(
+        default={}, description="Settings of the loader for this spot's files, beside those of [experiment]."
+    )
+
+
+class ExperimentTable(Table):
+    """How measured curves are read."""
+
+    loader: str = Field(description="Name of an experiment loader.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the loader.")
+
+
+class LimbTable(Table):
+    """How meshes are read."""
+
+    source: str = Field(description="Name of a limb source.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the limb source.")
 
 
 class SearchedRange(Table):
@@ -187,6 +218,10 @@ class ScoringTable(Table):
 
     normaliser: Annotated[Normaliser, Field(strict=False)] = Field(
         default=Normaliser.MEAN_ABS, description="What the squared error is divided by."
+    )
+    weights: Annotated[PointWeights, Field(strict=False)] = Field(
+        default=PointWeights.EQUAL,
+        description="Whether each measured point counts the same, or as its standard deviation says.",
     )
     minimum_coverage: float = Field(
         default=0.95, gt=0.0, le=1.0, description="Least share of the measured points that must be reached."

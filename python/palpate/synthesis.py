@@ -44,6 +44,7 @@ class Synthesis:
     Parameters
     ----------
     responses : mapping of spot name to Response
+        The first press of each spot; repeats differ in their noise alone.
     files : tuple of Path
         Everything that was written, the note last.
     """
@@ -90,9 +91,12 @@ def synthesise(
     check_jobs(study, jobs, limbs)
     exact = _simulated(study, jobs, limbs, progress)
     random = np.random.default_rng(seed)
-    responses = {spot: _noisy(response, noise, random) for spot, response in exact.items()}
+    presses = {spot: _presses(study, spot, exact[spot], noise, random) for spot in exact}
     note = _note(study, channels, jobs, limbs, {"noise": noise, "seed": seed if noise else None})
-    return Synthesis(responses=responses, files=_write(study, responses, targets, note))
+    return Synthesis(
+        responses={spot: repeats[0] for spot, repeats in presses.items()},
+        files=_write(study, presses, targets, note),
+    )
 
 
 # ------------------------------------------------------------------------ before
@@ -118,12 +122,13 @@ def _check(study: Study, noise: float) -> None:
         study.loader.save(where, Response(curves={}))
 
 
-def _targets(study: Study, out: Path | None) -> dict[tuple[str, str | None], Path]:
-    """File to write by spot and channel."""
+def _targets(study: Study, out: Path | None) -> dict[tuple[str, str | None, int], Path]:
+    """File to write by spot, channel and press."""
     targets = {
-        (spot.spot.name, channel): path if out is None else out / _inside(path, study.folder)
+        (spot.spot.name, channel, press): path if out is None else out / _inside(path, study.folder)
         for spot in study.spots
-        for channel, path in spot.measured.items()
+        for channel, paths in spot.measured.items()
+        for press, path in enumerate(paths)
     }
     files = list(targets.values())
     for path in (*files, _beside(files)):
@@ -153,7 +158,7 @@ def _beside(files: Sequence[Path]) -> Path:
 def _jobs(study: Study, channels: Mapping[str, Channel]) -> list[Job]:
     thetas = {region: theta for region, theta, _ in _true_materials(study)}
     materials = {region.region: region.material for region in study.space.regions}
-    protocols = {spot.spot.name: study.protocol for spot in study.spots}
+    protocols = {spot.spot.name: study.protocol_at(spot.spot.name) for spot in study.spots}
     if study.protocol is None:
         protocols = {spot: homogeneous_tests(m) for spot, m in _planned(study, channels).items()}
     return [
@@ -166,7 +171,7 @@ def _jobs(study: Study, channels: Mapping[str, Channel]) -> list[Job]:
 def _planned(study: Study, channels: Mapping[str, Channel]) -> dict[str, Response]:
     """Curves that say along which abscissae a homogeneous test will be made."""
     for spot in study.spots:
-        for path in spot.measured.values():
+        for path in spot.files:
             if not path.is_file():
                 raise StudyError(
                     f"{path}: no such file, and the study has no [protocol]: homogeneous tests run along "
@@ -217,6 +222,14 @@ def _without_rest(response: Response) -> Response:
     )
 
 
+def _presses(
+    study: Study, spot: str, exact: Response, noise: float, random: np.random.Generator
+) -> list[Response]:
+    """As many presses as the spot has files for, each with noise of its own."""
+    files = next(s.measured for s in study.spots if s.spot.name == spot).values()
+    return [_noisy(exact, noise, random) for _ in range(max(map(len, files)))]
+
+
 def _noisy(response: Response, noise: float, random: np.random.Generator) -> Response:
     if noise == 0.0:
         return response
@@ -238,19 +251,18 @@ def _noisy(response: Response, noise: float, random: np.random.Generator) -> Res
 
 def _write(
     study: Study,
-    responses: Mapping[str, Response],
-    targets: Mapping[tuple[str, str | None], Path],
+    presses: Mapping[str, Sequence[Response]],
+    targets: Mapping[tuple[str, str | None, int], Path],
     note: Mapping[str, Any],
 ) -> tuple[Path, ...]:
     """Write all files or, when one cannot be, none."""
     begun: list[Path] = []
     try:
-        for spot in study.spots:
-            for channel, content in _by_file(spot, responses[spot.spot.name]).items():
-                path = targets[spot.spot.name, channel]
-                path.parent.mkdir(parents=True, exist_ok=True)
-                begun.append(path)
-                _save(study.loader, path, content, channel)
+        for spot, channel, press, content in _contents(study, presses):
+            path = targets[spot, channel, press]
+            path.parent.mkdir(parents=True, exist_ok=True)
+            begun.append(path)
+            _save(study.loader_at(spot), path, content, channel)
         beside = _beside(begun)
         text = json.dumps(note, indent=2, ensure_ascii=False, allow_nan=False)
         write_atomically(beside, text.encode() + b"\n")
@@ -261,6 +273,17 @@ def _write(
             raise StudyError(f"{begun[-1]}: cannot be written ({error}); use --out FOLDER") from error
         raise
     return (*begun, beside)
+
+
+def _contents(
+    study: Study, presses: Mapping[str, Sequence[Response]]
+) -> Iterator[tuple[str, str | None, int, Response]]:
+    """Spot, channel, press and curves of each file."""
+    for spot in study.spots:
+        for press, response in enumerate(presses[spot.spot.name]):
+            for channel, content in _by_file(spot, response).items():
+                if press < len(spot.measured[channel]):
+                    yield spot.spot.name, channel, press, content
 
 
 def _by_file(spot: StudySpot, response: Response) -> dict[str | None, Response]:

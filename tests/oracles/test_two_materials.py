@@ -60,7 +60,7 @@ def layered_study(folder: Path) -> Study:
         description="two layers",
         file=folder / "study.toml",
         data="simulated",
-        spots=(StudySpot(spot=Spot(name="s"), measured={None: folder / "s.csv"}, mesh=folder / "mesh"),),
+        spots=(StudySpot(spot=Spot(name="s"), measured={None: (folder / "s.csv",)}, mesh=folder / "mesh"),),
         loader=CsvLoader(),
         limb_source=TwoLayers(),
         protocol=Indentation(

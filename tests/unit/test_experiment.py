@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import Curve, Indentation, Scenario, Sphere
+from palpate.domain import Curve, Indentation, Response, Scenario, Sphere
 from palpate.errors import CurveError, PluginError
 from palpate.experiment import check_covers, load_measured
 
@@ -54,6 +54,70 @@ def test_one_channel_in_two_files_is_refused(make_study, plugins):
     twice = replace(spot, measured={None: spot.measured[None], "force": spot.measured[None]})
     with pytest.raises(CurveError, match="channel 'force' of spot 'p1' is already read"):
         load_measured(replace(study, spots=(twice,)), plugins.channels)
+
+
+def scaled(path, factor, drop=""):
+    """Copy of a file of curves with its ordinates times a factor, without one channel."""
+    rows = [row.split(",") for row in path.read_text().splitlines()]
+    copy = path.with_stem(f"{path.stem}_{factor:g}{drop}")
+    copy.write_text("".join(f"{c},{x},{float(y) * factor!r}\n" for c, x, y in rows if c != drop))
+    return copy
+
+
+def pressed_again(study, *files):
+    spot = study.spots[0]
+    return replace(study, spots=(replace(spot, measured={None: (*spot.measured[None], *files)}),))
+
+
+def test_repeated_presses_become_their_mean_with_a_band(make_study, plugins):
+    study = make_study()
+    (path,) = study.spots[0].measured[None]
+    once = load_measured(study, plugins.channels)["p1"]
+    again = pressed_again(study, scaled(path, 1.1), scaled(path, 1.2))
+    found = load_measured(again, plugins.channels)["p1"]
+    for channel in ("force", "torque"):
+        np.testing.assert_array_equal(found[channel].abscissa, once[channel].abscissa)
+        np.testing.assert_allclose(found[channel].ordinate, 1.1 * once[channel].ordinate, rtol=1e-12)
+        assert found[channel].std is not None
+    assert once["force"].std is None
+    told = found.record["averages"]["force"]
+    assert told["n_presses"] == 3
+    # 0.1/1.1 of the curve, whose mean square over its squared mean is what is left.
+    y = once["force"].ordinate
+    expected = (0.1 / 1.1) ** 2 * np.mean(y**2) / np.mean(np.abs(y)) ** 2
+    np.testing.assert_allclose(list(told["nmse_from_mean"].values()), [expected, 0.0, expected], atol=1e-15)
+    assert list(told["nmse_from_mean"]) == ["p1.csv", "p1_1.1.csv", "p1_1.2.csv"]
+
+
+def test_a_repeat_that_lacks_a_channel_is_named(make_study, plugins):
+    study = make_study()
+    (path,) = study.spots[0].measured[None]
+    with pytest.raises(
+        CurveError, match=r"p1_1torque\.csv: .*has channels force, .* measure 'torque' in each"
+    ):
+        load_measured(pressed_again(study, scaled(path, 1.0, drop="torque")), plugins.channels)
+
+
+def test_each_spot_has_a_protocol_and_a_loader_of_its_own(make_study, plugins, tissue):
+    class Doubling(tissue.Table):
+        def load(self, path, channel=None):
+            curves = super().load(path, channel).curves
+            return Response(
+                curves={n: replace(c, ordinate=2.0 * c.ordinate) for n, c in curves.items()},
+                record={"factor": 2.0},
+            )
+
+    study = make_study()
+    one, two = study.spots
+    usual = load_measured(study, plugins.channels)
+    found = load_measured(replace(study, spots=(one, replace(two, loader=Doubling()))), plugins.channels)
+    np.testing.assert_array_equal(found["p1"]["force"].ordinate, usual["p1"]["force"].ordinate)
+    np.testing.assert_array_equal(found["p2"]["force"].ordinate, 2.0 * usual["p2"]["force"].ordinate)
+    assert found["p2"].record == {"files": {"p2.csv": {"factor": 2.0}}}
+    assert not found["p1"].record
+    deeper = replace(PROTOCOL, path=[(0, 0), (12, 0), (12, -22.5), (12, 22.5), (12, 0)])
+    with pytest.raises(CurveError, match=r"p2\.csv: spot 'p2': channel 'force' covers 0 to 10 mm"):
+        load_measured(replace(study, spots=(one, replace(two, protocol=deeper))), plugins.channels)
 
 
 def test_a_file_that_does_not_cover_the_protocol_is_named(make_study, plugins):

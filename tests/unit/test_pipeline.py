@@ -136,7 +136,7 @@ def test_a_design_of_other_parameters_is_refused(make_study, plugins, tmp_path, 
 )
 def test_bad_input_writes_nothing(make_study, plugins, tmp_path, changes, error):
     if changes.get("spots"):
-        path = make_study().spots[0].measured[None]
+        (path,) = make_study().spots[0].measured[None]
         path.write_text("\n".join(path.read_text().splitlines()[:8]))
         changes = {"minimum_coverage": 1.0}
     with pytest.raises(error):

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from palpate import scoring, selection, simulation
-from palpate.domain import Normaliser, ParameterSpace, Scenario, Simulation, Status
+from palpate.domain import Normaliser, ParameterSpace, PointWeights, Response, Scenario, Simulation, Status
 from palpate.experiment import load_measured
 from palpate.refinement import _Search, normaliser_value, refine
 from palpate.sampling import draw_design
@@ -22,6 +22,13 @@ def refined(study, plugins, tmp_path):
     )
     chosen = selection.select(scores, study.scenarios, design)
     return chosen, refine(study, chosen, design, {}, measured)
+
+
+def unsure(response):
+    """Curves whose first points are surer than their last."""
+    return Response(
+        curves={n: replace(c, std=np.linspace(0.1, 0.3, c.abscissa.size)) for n, c in response.curves.items()}
+    )
 
 
 def test_the_truth_is_found_to_ten_digits(make_study, plugins, tmp_path):
@@ -41,11 +48,12 @@ def test_no_row_is_worse_than_where_it_began(make_study, plugins, tmp_path):
     assert (found.table["fopt"] <= found.table["start_fopt"]).all()
 
 
-def test_the_squares_that_are_minimised_sum_to_fopt(make_study, plugins):
+@pytest.mark.parametrize("weights", PointWeights)
+def test_the_squares_that_are_minimised_sum_to_fopt(make_study, plugins, weights):
     """With other numbers of points, weights and sizes in the two channels."""
     scenario = Scenario(name="I", weights={"force": 3.0, "torque": 0.5})
-    study = make_study(scenarios=(scenario,))
-    measured = load_measured(study, plugins.channels)
+    study = make_study(scenarios=(scenario,), weights=weights)
+    measured = {spot: unsure(response) for spot, response in load_measured(study, plugins.channels).items()}
     design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
     search = _Search(study=study, spot="p1", scenario=scenario, limb=None, measured=measured["p1"])
     jobs = simulation.jobs(study, design, measured)[: design.n_sets]
@@ -54,6 +62,7 @@ def test_the_squares_that_are_minimised_sum_to_fopt(make_study, plugins):
         {"p1": measured["p1"]},
         normaliser=study.normaliser,
         minimum_coverage=1.0,
+        weights=weights,
     )
     fopt = selection.objectives(scores, [scenario])["fopt"].to_list()
     for values, expected in zip(design.values, fopt, strict=True):

@@ -1,11 +1,13 @@
 """Scores: by branch, never of what failed, and never by a degenerate yardstick."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from palpate.domain import Curve, Job, Normaliser, Response, Simulation, Status
+from palpate.domain import Curve, Job, Normaliser, PointWeights, Response, Simulation, Status
 from palpate.errors import ScoringError
-from palpate.scoring import SCHEMA, check_scorable, score
+from palpate.scoring import LEAST_STD_SHARE, SCHEMA, check_scorable, point_weights, score
 
 
 def curve(channel, x, y):
@@ -33,6 +35,41 @@ def test_the_number_by_hand():
     # 1 − 1/Σ(exp − mean)² with Σ = 8.
     assert row["r2"] == pytest.approx(1 - 1 / 8, rel=1e-15)
     assert (row["coverage"], row["status"], row["seconds"]) == (1.0, "ok", 2.0)
+
+
+def unsure(std):
+    return {"p1": Response(curves={"force": replace(curve("force", *FORCE), std=std)})}
+
+
+def test_a_point_counts_as_its_standard_deviation_says():
+    one = simulation(force=([0.0, 1.0, 2.0], [0.0, 3.0, 4.0]))
+    weighed = score(
+        [one], unsure([1.0, 2.0, 1.0]), normaliser=Normaliser.MEAN_ABS, minimum_coverage=0.9,
+        weights=PointWeights.STD,
+    ).row(0, named=True)  # fmt: skip
+    # The error of 1 has weight 1/4 of 9/4, over a mean of 2, which has no weights.
+    assert weighed["nmse"] == pytest.approx(1 / 9 / 4, rel=1e-14)
+    # Weighted, the curve has mean 2 and variance (4 + 0 + 4)/(9/4).
+    assert weighed["r2"] == pytest.approx(1 - (1 / 4) / 8, rel=1e-14)
+
+
+def test_no_point_counts_beyond_measure():
+    weights = point_weights(unsure([0.0, 1.0, 1.0])["p1"]["force"], PointWeights.STD)
+    floor = LEAST_STD_SHARE * np.sqrt(2 / 3)
+    np.testing.assert_allclose(weights / weights[1], [1 / floor**2, 1.0, 1.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("std", "says"),
+    [
+        (None, "spot 'p1', channel 'force': no point has a standard deviation; give repeated presses"),
+        ([0.0] * 3, "spot 'p1', channel 'force': every standard deviation is zero; set scoring.weights"),
+    ],
+)
+def test_weights_need_a_standard_deviation(std, says):
+    check_scorable(unsure(std), Normaliser.RMS)
+    with pytest.raises(ScoringError, match=says):
+        check_scorable(unsure(std), Normaliser.RMS, PointWeights.STD)
 
 
 def test_other_abscissae_are_interpolated():

@@ -80,7 +80,7 @@ def test_treloars_curves_are_treloars() -> None:
 def test_compression_is_negative_stress_over_a_falling_stretch() -> None:
     """Stretch and stress against the raw compression and load of the file: 30 mm high, 50 mm wide."""
     for spot in study("ecoflex").spots:
-        (path,) = spot.measured.values()
+        ((path,),) = spot.measured.values()
         raw = np.loadtxt(path, delimiter=",", skiprows=8)
         curve = study("ecoflex").loader.load(path, "uniaxial")["uniaxial"]
         np.testing.assert_allclose(curve.abscissa, 1.0 - raw[:, 1] / 30.0, atol=1e-6)

@@ -8,7 +8,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from palpate.domain import Indentation, Normaliser
+from palpate.domain import Indentation, Normaliser, PointWeights
 from palpate.plugins import Plugins
 from palpate.study import Study, read_study
 from palpate.study_model import json_schema
@@ -55,7 +55,7 @@ def test_the_file_becomes_a_study(read: Edit, tmp_path: Path) -> None:
     study = read()
     assert (study.name, study.data, study.folder) == ("toy", "simulated", tmp_path)
     assert [spot.spot.name for spot in study.spots] == ["s1", "s2"]
-    assert study.spots[0].measured == {"pull": tmp_path / "s1.txt"}
+    assert study.spots[0].measured == {"pull": (tmp_path / "s1.txt",)}
     assert (study.loader.name, study.solver.name, study.sampler.name) == ("lines", "closed_form", "lhs")
     assert (study.n_sets, study.seed, study.n_workers, study.time_limit_s) == (20, 3, 1, 60.0)
     assert (study.limb_source, study.protocol) == (None, None)
@@ -152,6 +152,35 @@ def test_a_protocol_is_a_press_and_a_twist(read: Edit) -> None:
     spot = study.spots[1].spot
     assert spot.position_mm.tolist() == [1, 20, 0]
     assert spot.normal == pytest.approx([0, 0.6, 0.8])
+
+
+def test_a_spot_may_be_pressed_again_with_another_indenter_and_read_otherwise(
+    read: Edit, tmp_path: Path
+) -> None:
+    study = read(
+        ("[sampling]", LIMB + "[experiment.settings]\nskip = 1\n[sampling]"),
+        ("closed_form", "needs_limb"),
+        ('measured = { pull = "s1.txt" }', 'measured = { pull = ["s1.txt", "s2.txt"] }\nmesh = "s1.txt"'),
+        (
+            'measured = { pull = "s2.txt" }',
+            'measured = ["s2.txt"]\nmesh = "s1.txt"\nsettings = { skip = 3 }\n'
+            'protocol = { indenter = { shape = "sphere", radius = "5 mm" }, twist = [] }',
+        ),
+    )
+    one, two = study.spots
+    assert one.measured == {"pull": (tmp_path / "s1.txt", tmp_path / "s2.txt")}
+    assert two.measured == {None: (tmp_path / "s2.txt",)}
+    assert study.protocol_at("s1") is study.protocol
+    assert isinstance(small := study.protocol_at("s2"), Indentation)
+    assert (small.indenter.radius_mm, small.friction, small.path.tolist()) == (5.0, 1.0, [[0, 0], [10, 0]])
+    assert study.loader_at("s1").settings.skip == 1
+    assert study.loader_at("s2").settings.skip == 3
+
+
+def test_points_may_count_as_their_standard_deviation_says(read: Edit) -> None:
+    assert read().weights is PointWeights.EQUAL
+    study = read(more='[scoring]\nweights = "std"\n')
+    assert study.weights is PointWeights.STD
 
 
 def test_comments_order_and_byte_order_do_not_matter(read: Edit, tmp_path: Path, plugins: Plugins) -> None:

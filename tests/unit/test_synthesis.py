@@ -1,5 +1,6 @@
 """The curves that a truth would give: simulated, written, read back, and never over something."""
 
+import itertools
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -39,7 +40,9 @@ def planned(make_study: Callable[..., Study], tmp_path: Path) -> Planned:
 
     def make(**changes: Any) -> Study:
         spots = tuple(
-            StudySpot(spot=Spot(name=name), measured={None: tmp_path / "planned" / f"{name}.csv"}, mesh=None)
+            StudySpot(
+                spot=Spot(name=name), measured={None: (tmp_path / "planned" / f"{name}.csv",)}, mesh=None
+            )
             for name in ("p1", "p2")
         )
         return make_study(**{"spots": spots, "truth": TRUTH, "loader": CsvLoader(FOREARM_COLUMNS), **changes})
@@ -64,7 +67,7 @@ def test_the_loader_reads_what_the_solver_gave_to_the_last_bit(
     made = synthesise(study, plugins.channels)
     assert [file.name for file in made.files] == ["p1.csv", "p2.csv", NOTE]
     for spot in study.spots:
-        assert_same(study.loader.load(spot.measured[None]), tissue.answer(*ANSWER))
+        assert_same(study.loader.load(spot.measured[None][0]), tissue.answer(*ANSWER))
         assert_same(made.responses[spot.spot.name], tissue.answer(*ANSWER))
 
 
@@ -88,12 +91,24 @@ def test_files_of_one_channel_each(
     planned: Planned, tissue: ModuleType, plugins: Plugins, tmp_path: Path
 ) -> None:
     files: dict[str | None, Path] = {"force": tmp_path / "f.csv", "torque": tmp_path / "t.csv"}
-    study = planned(spots=(StudySpot(spot=Spot(name="p1"), measured=files, mesh=None),))
+    study = planned(
+        spots=(StudySpot(spot=Spot(name="p1"), measured={c: (f,) for c, f in files.items()}, mesh=None),)
+    )
     synthesise(study, plugins.channels)
     for name, path in files.items():
         expected = Response(curves={str(name): tissue.answer(*ANSWER)[str(name)]})
         assert_same(study.loader.load(path, name), expected)
     assert files["force"].read_text().startswith("depth_mm,force_N\n")
+
+
+def test_each_repeat_gets_noise_of_its_own(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
+    files = tuple(tmp_path / "planned" / f"{name}.csv" for name in "abc")
+    spot = StudySpot(spot=Spot(name="p1"), measured={None: files}, mesh=None)
+    made = synthesise(planned(spots=(spot,)), plugins.channels, noise=0.01)
+    assert list(made.files[:-1]) == list(files)
+    forces = [planned().loader.load(file)["force"].ordinate for file in files]
+    np.testing.assert_array_equal(forces[0], made.responses["p1"]["force"].ordinate)
+    assert all((a != b).all() for a, b in itertools.combinations(forces, 2))
 
 
 def test_out_takes_the_place_of_the_study_folder(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
@@ -106,7 +121,7 @@ def test_out_takes_the_place_of_the_study_folder(planned: Planned, plugins: Plug
 def test_a_file_outside_the_study_folder_stays_inside_out(
     planned: Planned, plugins: Plugins, tmp_path: Path
 ) -> None:
-    spot = StudySpot(spot=Spot(name="p1"), measured={None: tmp_path / ".." / "p1.csv"}, mesh=None)
+    spot = StudySpot(spot=Spot(name="p1"), measured={None: (tmp_path / ".." / "p1.csv",)}, mesh=None)
     made = synthesise(planned(spots=(spot,)), plugins.channels, tmp_path / "out")
     assert made.files == (tmp_path / "out" / "p1.csv", tmp_path / "out" / NOTE)
 
@@ -240,7 +255,7 @@ def test_a_file_that_is_not_read_back_is_removed_with_those_before_it(
 
 def test_two_spots_in_one_file_are_refused(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
     spots = tuple(
-        StudySpot(spot=Spot(name=name), measured={None: tmp_path / "both.csv"}, mesh=None)
+        StudySpot(spot=Spot(name=name), measured={None: (tmp_path / "both.csv",)}, mesh=None)
         for name in ("p1", "p2")
     )
     with pytest.raises(StudyError, match=r"both\.csv: stands for two curves"):
@@ -250,7 +265,7 @@ def test_two_spots_in_one_file_are_refused(planned: Planned, plugins: Plugins, t
 def test_a_channel_that_the_simulation_does_not_give_is_refused(
     planned: Planned, plugins: Plugins, tmp_path: Path
 ) -> None:
-    spot = StudySpot(spot=Spot(name="p1"), measured={"warmth": tmp_path / "w.csv"}, mesh=None)
+    spot = StudySpot(spot=Spot(name="p1"), measured={"warmth": (tmp_path / "w.csv",)}, mesh=None)
     with pytest.raises(CurveError, match="gives force, torque and nothing for the file of warmth"):
         synthesise(planned(spots=(spot,)), plugins.channels)
 
@@ -262,7 +277,7 @@ def test_homogeneous_tests_run_along_the_abscissae_of_the_files(
     make_study: Callable[..., Study], plugins: Plugins, tmp_path: Path
 ) -> None:
     (tmp_path / "f.csv").write_text("depth_mm,force_N\n0,0\n1,0\n2,0\n")
-    spot = StudySpot(spot=Spot(name="p1"), measured={"force": tmp_path / "f.csv"}, mesh=None)
+    spot = StudySpot(spot=Spot(name="p1"), measured={"force": (tmp_path / "f.csv",)}, mesh=None)
     scenario = next(s for s in make_study().scenarios if s.name == "III")
     study = make_study(
         protocol=None, spots=(spot,), truth=TRUTH, loader=CsvLoader(FOREARM_COLUMNS), scenarios=(scenario,)
@@ -284,7 +299,7 @@ def test_a_study_is_read_before_its_curves_exist(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"'s1.txt': no such file"):
         read_study(tmp_path, toy)
     study = read_study(tmp_path, toy, need_measured=False)
-    assert study.spots[1].measured == {"pull": tmp_path.resolve() / "s2.txt"}
+    assert study.spots[1].measured == {"pull": (tmp_path.resolve() / "s2.txt",)}
     (tmp_path / "s1.txt").mkdir()
     with pytest.raises(StudyError, match=r"'s1.txt': is a folder"):
         read_study(tmp_path, toy, need_measured=False)

@@ -1,0 +1,142 @@
+"""Repeated presses of one spot: their mean along the path, and how far they lie apart."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate import _core
+from palpate.domain import Curve, FloatArray
+from palpate.errors import CurveError
+
+POOLED_SHARE = 0.1
+"""Share of a branch over which the variance between presses is averaged.
+
+A few presses say little about the variance at one point: two of them that happen to
+cross there would make it zero.
+"""
+
+
+def average(repeats: Mapping[str, Curve]) -> Curve:
+    """Mean of repeated presses at equal abscissae, branch by branch.
+
+    The mean runs along the abscissae of the first press, from turning point to turning
+    point as far as every press has come. Its ``std`` is that between presses,
+    √(Σ(y − ȳ)²/(n − 1)), with the variance averaged over ``POOLED_SHARE`` of a branch;
+    where every press says how sure it is itself, it is no less than the
+    root mean square of what they say. A single press is given back as it is.
+
+    Parameters
+    ----------
+    repeats : mapping of file name to Curve
+        Of one channel.
+
+    Returns
+    -------
+    Curve
+
+    Raises
+    ------
+    CurveError
+        Naming the file whose path turns otherwise than that of the first.
+    """
+    (first_file, first), *others = repeats.items()
+    if not others:
+        return first
+    for file, other in others:
+        _check_turns(file, other, first_file, first)
+    curves = list(repeats.values())
+    abscissa = _common(curves)
+    ordinates = np.stack([_at(curve, curve.ordinate, abscissa) for curve in curves])
+    std = _between(ordinates, abscissa)
+    if all(curve.std is not None for curve in curves):
+        own = np.stack([_at(c, c.std, abscissa) for c in curves if c.std is not None])
+        std = np.maximum(std, np.sqrt(np.mean(own**2, axis=0)))
+    return Curve(channel=first.channel, abscissa=abscissa, ordinate=ordinates.mean(axis=0), std=std)
+
+
+def described(mean: Curve, repeats: Mapping[str, Curve]) -> dict[str, Any]:
+    """Say what an average is of: its files, and how far they lie from it.
+
+    Parameters
+    ----------
+    mean : Curve
+        What :func:`average` made of ``repeats``.
+    repeats : mapping of file name to Curve
+
+    Returns
+    -------
+    dict
+        ``n_presses``; ``largest_std`` in the unit of the ordinate;
+        ``nmse_from_mean`` by file, with the mean of |ordinate| as the normaliser.
+    """
+    assert mean.std is not None, "the mean of several presses has a standard deviation"
+    apart = {file: _at(curve, curve.ordinate, mean.abscissa) for file, curve in repeats.items()}
+    scale = float(np.abs(mean.ordinate).mean()) or 1.0
+    return {
+        "n_presses": len(repeats),
+        "largest_std": float(mean.std.max()),
+        "nmse_from_mean": {
+            file: float(np.mean((values - mean.ordinate) ** 2)) / scale**2 for file, values in apart.items()
+        },
+    }
+
+
+def _check_turns(file: str, curve: Curve, first_file: str, first: Curve) -> None:
+    if _directions(curve) == _directions(first):
+        return
+    raise CurveError(
+        f"{file}: channel '{curve.channel}' turns {len(curve.branches) - 1} times and starts "
+        f"{_way(curve)}, where the first press {first_file} turns {len(first.branches) - 1} times and starts "
+        f"{_way(first)}; presses of one spot follow one path, so give the other its own spot"
+    )
+
+
+def _directions(curve: Curve) -> list[bool]:
+    x = curve.abscissa
+    return [bool(x[stop - 1] > x[start]) for start, stop in curve.branches]
+
+
+def _way(curve: Curve) -> str:
+    return "upwards" if _directions(curve)[0] else "downwards"
+
+
+def _common(curves: Sequence[Curve]) -> FloatArray:
+    """Abscissae of the first curve, between turning points that every curve has reached."""
+    first, rises = curves[0], _directions(curves[0])
+    # From branch to branch the turning points are the least of the highest and the highest of the least.
+    starts = [max if rise else min for rise in rises]
+    ends = [min if rise else max for rise in rises]
+    turns = [starts[0](float(c.abscissa[c.branches[0][0]]) for c in curves)]
+    turns += [end(float(c.abscissa[c.branches[k][1] - 1]) for c in curves) for k, end in enumerate(ends)]
+    parts = [np.array(turns[:1])]
+    for k, (start, stop) in enumerate(first.branches):
+        low, high = sorted(turns[k : k + 2])
+        if (turns[k + 1] > turns[k]) != rises[k]:
+            raise CurveError(
+                f"channel '{first.channel}': the presses have no abscissa in common on branch {k + 1}; "
+                "leave out the one that stops early"
+            )
+        inside = first.abscissa[start:stop]
+        parts += [inside[(inside > low) & (inside < high)], np.array(turns[k + 1 : k + 2])]
+    return np.concatenate(parts)
+
+
+def _at(curve: Curve, values: FloatArray, abscissa: FloatArray) -> FloatArray:
+    found, _ = _core.interpolate(curve.abscissa, np.ascontiguousarray(values), abscissa, 0.0)
+    return found
+
+
+def _between(ordinates: FloatArray, abscissa: FloatArray) -> FloatArray:
+    """Standard deviation between presses (n_presses, n) at each abscissa: (n,)."""
+    variance = ordinates.var(axis=0, ddof=1)
+    pooled = np.empty_like(variance)
+    for start, stop in _core.branches(abscissa):
+        reach = int(POOLED_SHARE * (stop - start) / 2.0)
+        # Sums of what is not negative never fall, so no difference is below zero.
+        total = np.concatenate([[0.0], np.cumsum(variance[start:stop])])
+        place = np.arange(stop - start)
+        low, high = np.maximum(place - reach, 0), np.minimum(place + reach + 1, stop - start)
+        pooled[start:stop] = (total[high] - total[low]) / (high - low)
+    std: FloatArray = np.sqrt(pooled)
+    return std
