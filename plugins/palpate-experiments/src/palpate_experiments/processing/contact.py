@@ -50,8 +50,9 @@ def rough_contact(recording: Recording) -> Contact:
     peak = float(change.max())
     if peak < NOISE_MULTIPLE * noise or peak == 0.0:
         raise recording.fault(
-            f"a press without contact: the force changes by {peak:.3g} N at most, its noise is {noise:.2g} N; "
-            "check that the tool reached the limb and that the wrench columns are the right ones"
+            f"a press without contact: the force changes by {peak:.3g} N at most, with a noise of "
+            f"{noise:.2g} N; check that the tool reached the limb, and that these are "
+            "the wrench's columns"
         )
     pressing = change > max(SHARE * peak, 3.0 * noise)
     first, last = _only_press(recording, track, change, pressing)

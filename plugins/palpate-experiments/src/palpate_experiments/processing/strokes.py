@@ -1,13 +1,14 @@
 """Strokes of a signal: from rest to rest, or from turn to turn, without hints."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from palpate.domain import FloatArray
 from palpate_experiments.processing.noise import noise_std
 from palpate_experiments.processing.thinning import block_means
-from palpate_experiments.processing.transitions import Transition, stroke_end, stroke_start, turning
+from palpate_experiments.processing.transitions import Transition, stroke_end, turning
 
 _TRACK_ROWS = 20_000
 _REST_SHARE = 0.01
@@ -84,7 +85,7 @@ def _runs(values: FloatArray, least: float) -> list[tuple[int, int]]:
             going, low = -1, k
     if going:
         extremes.append(high if going > 0 else low)
-    return list(zip(extremes, extremes[1:], strict=False))
+    return list(pairwise(extremes))
 
 
 def _rough(values: FloatArray, first: int, last: int, least: float) -> _Rough:

@@ -98,15 +98,6 @@ def _sharpened(fit: Fit, time_s: FloatArray, values: FloatArray) -> Fit:
     return again if _explains(again.squares, value) else fit
 
 
-def stroke_start(
-    time_s: FloatArray, values: FloatArray, between_s: tuple[float, float], moving_s: float
-) -> Transition:
-    """When a motion starts from rest; parameters as in :func:`stroke_end`."""
-    low, high = between_s
-    mirrored = stroke_end(-time_s[::-1], values[::-1], (-high, -low), moving_s)
-    return Transition(time_s=-mirrored.time_s, std_s=mirrored.std_s, kind=mirrored.kind)
-
-
 def turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Transition:
     """When a motion changes direction, without a rest in between.
 

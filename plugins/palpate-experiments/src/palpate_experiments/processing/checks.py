@@ -1,0 +1,181 @@
+"""Physical checks: mistakes that leave curves which look fine, named by what gives them away."""
+
+import numpy as np
+
+from palpate.domain import FloatArray
+from palpate_experiments.processing.contact import Contact
+from palpate_experiments.processing.motion import Motion
+from palpate_experiments.processing.normal import Normal
+from palpate_experiments.processing.rotation import angle_between_deg, rotated, unrotated
+from palpate_experiments.processing.strokes import Stroke
+from palpate_experiments.recording import Recording
+
+LARGEST_FRICTION_ANGLE_DEG = 50.0
+"""Between the contact force and the normal; a tool that sticks at friction 1 reaches 45 degrees."""
+
+LARGEST_TILT_SHARE = 0.3
+"""Tilt of the tool over its turn about the normal."""
+
+LEAST_CORRELATION = 0.3
+"""Of torque and rotation over a twist."""
+
+DEPTHS_MM = (0.02, 300.0)
+"""Depths that a press on a limb can have."""
+
+_LONGEST_GAP_ROWS = 25.0
+_LONGEST_GAP_S = 0.05
+
+
+def check_gaps(recording: Recording, contact: Contact) -> None:
+    """Refuse a log that lacks rows while the tool presses.
+
+    Raises
+    ------
+    CurveError
+    """
+    steps = np.diff(recording.time_s[contact.first : contact.last + 1])
+    allowed = max(_LONGEST_GAP_ROWS * float(np.median(np.diff(recording.time_s))), _LONGEST_GAP_S)
+    worst = int(np.argmax(steps)) if steps.size else 0
+    if steps.size and steps[worst] > allowed:
+        raise recording.fault(
+            f"a gap of {steps[worst]:.3f} s while the tool presses (rows come every "
+            f"{1.0 / recording.rate_hz:.4f} s); log the press again without dropped rows",
+            contact.first + worst,
+        )
+
+
+def check_depth(recording: Recording, motion: Motion, contact: Contact) -> None:
+    """Refuse a depth that no limb has, as of a position in another unit.
+
+    Raises
+    ------
+    CurveError
+    """
+    depth = float(np.ptp(motion.travel_mm[contact.first : contact.last + 1]))
+    if not DEPTHS_MM[0] <= depth <= DEPTHS_MM[1]:
+        raise recording.fault(
+            f"the tool travels {depth:.3g} mm while it presses, which is no depth of a limb "
+            f"({DEPTHS_MM[0]:g} to {DEPTHS_MM[1]:g} mm); check the unit of the position",
+            contact.first,
+        )
+
+
+def check_direction(recording: Recording, contact: Contact, normal: Normal) -> None:
+    """Refuse a contact force that does not push the tool out of the limb.
+
+    Raises
+    ------
+    CurveError
+        Naming what is wrong: the sign of the wrench, or its axes.
+    """
+    rest = _mean_force(recording, 0, max(contact.first // 2, 1))
+    force = rotated(recording.quaternion, recording.force_N) - rest
+    pressed = force[contact.first : contact.last + 1]
+    size = np.linalg.norm(pressed, axis=1)
+    push: FloatArray = np.median(pressed[size > 0.8 * np.median(size)], axis=0)
+    angle = angle_between_deg(push, normal.vector)
+    if angle > 180.0 - LARGEST_FRICTION_ANGLE_DEG:
+        raise recording.fault(
+            f"the force pulls the tool into the limb ({angle:.0f} degrees from the outward normal); the wrench is "
+            "that of the tool on the tissue: turn its sign in the column map",
+            contact.first,
+        )
+    if angle > LARGEST_FRICTION_ANGLE_DEG:
+        middle = (contact.first + contact.last) // 2
+        raise recording.fault(
+            f"the contact force lies {angle:.0f} degrees off the normal of the path, where friction explains "
+            f"{LARGEST_FRICTION_ANGLE_DEG:g} at most: axes are swapped, or the quaternion turns the other way. "
+            f"In the sensor's frame the force goes along {_axis(recording, middle, push)} and the normal along "
+            f"{_axis(recording, middle, normal.vector)}; correct the column map",
+            contact.first,
+        )
+
+
+def check_turn_axis(recording: Recording, motion: Motion, twists: tuple[Stroke, ...]) -> None:
+    """Refuse a twist whose axis is not the normal.
+
+    Raises
+    ------
+    CurveError
+    """
+    if not twists:
+        return
+    rows = _rows(motion, twists)
+    turn, tilt = float(np.ptp(motion.turn_deg[rows])), float(motion.tilt_deg[rows].max())
+    if tilt > max(LARGEST_TILT_SHARE * turn, 2.0):
+        raise recording.fault(
+            f"the tool tilts by {tilt:.1f} degrees while it turns by {turn:.1f} about the normal; check the order "
+            "and the sense (tool to base) of the quaternion's columns",
+            rows.start,
+        )
+
+
+def check_torque(
+    recording: Recording,
+    motion: Motion,
+    torque_Nmm: FloatArray,
+    moments_Nmm: FloatArray,
+    twists: tuple[Stroke, ...],
+) -> None:
+    """Refuse a torque that does not resist the rotation.
+
+    Parameters
+    ----------
+    recording : Recording
+        For messages.
+    motion : Motion
+    torque_Nmm : (n,) array
+        Of the tool on the tissue, about the outward normal.
+    moments_Nmm : (n, 3) array
+        In the sensor's frame.
+    twists : tuple of Stroke
+
+    Raises
+    ------
+    CurveError
+        Naming handedness or swapped axes.
+    """
+    if not twists:
+        return
+    rows = _rows(motion, twists)
+    turn = motion.turn_deg[rows]
+    likeness = _correlation(turn, torque_Nmm[rows])
+    if likeness < -LEAST_CORRELATION:
+        raise recording.fault(
+            f"torque and rotation are out of phase (correlation {likeness:.2f}): one of them is left-handed; "
+            "turn the sign of the moment about the tool's axis, or the sense of the quaternion, in the column map",
+            rows.start,
+        )
+    if likeness < LEAST_CORRELATION:
+        others = [abs(_correlation(turn, column)) for column in moments_Nmm[rows].T]
+        best = int(np.argmax(others))
+        hint = f"; of the sensor's moments, {'xyz'[best]} follows best ({others[best]:.2f})"
+        raise recording.fault(
+            f"the torque about the normal does not follow the rotation (correlation {likeness:.2f}){hint}: "
+            "check the order of the moment's columns and the moment's unit",
+            rows.start,
+        )
+
+
+def _rows(motion: Motion, twists: tuple[Stroke, ...]) -> slice:
+    return slice(
+        *(int(k) for k in np.searchsorted(motion.time_s, [twists[0].start.time_s, twists[-1].stop.time_s]))
+    )
+
+
+def _correlation(first: FloatArray, second: FloatArray) -> float:
+    spread = float(first.std() * second.std())
+    return float(np.mean((first - first.mean()) * (second - second.mean()))) / spread if spread > 0.0 else 0.0
+
+
+def _mean_force(recording: Recording, start: int, stop: int) -> FloatArray:
+    rows = slice(start, stop)
+    mean: FloatArray = rotated(recording.quaternion[rows], recording.force_N[rows]).mean(axis=0)
+    return mean
+
+
+def _axis(recording: Recording, row: int, vector: FloatArray) -> str:
+    """Name of the sensor's axis nearest to a vector (3,) of the base frame, with its sign."""
+    inside = unrotated(recording.quaternion[row : row + 1], vector)[0]
+    best = int(np.argmax(np.abs(inside)))
+    return f"{'+' if inside[best] > 0.0 else '-'}{'xyz'[best]}"

@@ -1,0 +1,59 @@
+"""Curves of force over depth and torque over rotation, branch by branch."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.domain import Curve, FloatArray
+from palpate_experiments.processing.smoothing import Smoothed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Branch:
+    """A monotone part of a curve; arrays (n,) in the order travelled."""
+
+    abscissa: FloatArray
+    ordinate: FloatArray
+    std: FloatArray
+
+
+def branch(abscissa: FloatArray, ordinate: Smoothed, extra_std: FloatArray, points: int | None) -> Branch:
+    """Branch at evenly spaced abscissae, or at those of the log where ``points`` is None.
+
+    Parameters
+    ----------
+    abscissa : (n,) array
+        Smoothed; what noise is left in its sense of travel is levelled.
+    ordinate : Smoothed
+    extra_std : (n,) array
+        Standard deviation from elsewhere (bias, drift, onset), added in squares.
+    points : int, optional
+    """
+    sense = 1.0 if abscissa[-1] >= abscissa[0] else -1.0
+    # Noise in a slow start would make the path turn where the tool did not.
+    level = sense * np.minimum(np.maximum.accumulate(sense * abscissa), sense * abscissa[-1])
+    std = np.hypot(ordinate.std, extra_std)
+    if points is None:
+        return Branch(abscissa=level, ordinate=ordinate.values, std=std)
+    grid = np.linspace(level[0], level[-1], points)
+    at = sense * grid, sense * level
+    return Branch(abscissa=grid, ordinate=np.interp(*at, ordinate.values), std=np.interp(*at, std))
+
+
+def joined(channel: str, branches: Sequence[Branch]) -> Curve:
+    """One curve of successive branches, which share their turning points."""
+    abscissa, ordinate, std = (
+        [np.array(getattr(part, name)) for part in branches] for name in ("abscissa", "ordinate", "std")
+    )
+    for k in range(1, len(branches)):
+        for values in (abscissa, ordinate):
+            values[k - 1][-1] = (values[k - 1][-1] + values[k][0]) / 2.0
+        std[k - 1][-1] = max(std[k - 1][-1], std[k][0])
+    kept = [slice(0 if k == 0 else 1, None) for k in range(len(branches))]
+    return Curve(
+        channel=channel,
+        abscissa=np.concatenate([a[s] for a, s in zip(abscissa, kept, strict=True)]),
+        ordinate=np.concatenate([o[s] for o, s in zip(ordinate, kept, strict=True)]),
+        std=np.concatenate([d[s] for d, s in zip(std, kept, strict=True)]),
+    )

@@ -1,0 +1,118 @@
+"""Where the tool first touches: the normal force leaves its baseline as a contact does.
+
+The force over the travel s is described by  F = b + k₁ τ^p + k₂ τ^(p+1),  τ = max(s - s₀, 0):
+a flat baseline, Hertz's law for a paraboloid (p = 3/2; 1 for a flat punch, 2 for a cone), and
+its first correction for a limb that is no half-space. The onset s₀ minimises the squared
+residual, without the few rows that lie far off.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.domain import FloatArray
+from palpate_experiments.processing.change_point import Design, Fit, profile
+from palpate_experiments.processing.noise import noise_std
+from palpate_experiments.processing.thinning import block_means
+from palpate_experiments.recording import Recording
+
+_SHARES = (0.2, 0.1, 0.4)
+"""Shares of the peak force up to which the law is fitted; the first gives the onset."""
+
+_FEWEST = 8
+_OUTLIER = 4.5
+_ROWS = 1500
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Onset:
+    """Travel of first contact and its standard deviation [mm], and how many rows told it.
+
+    ``spread_mm`` is how far it moves when the law is fitted to less or more of the press.
+    """
+
+    travel_mm: float
+    std_mm: float
+    spread_mm: float
+    baseline_rows: int
+
+
+def find_onset(
+    recording: Recording, travel_mm: FloatArray, normal_force_N: FloatArray, press: slice, exponent: float
+) -> Onset:
+    """Onset of contact from the rows of an approach and a press.
+
+    Parameters
+    ----------
+    recording : Recording
+        For messages.
+    travel_mm, normal_force_N : (n,) array
+        Along the inward normal; of the tissue on the tool, along the outward normal.
+    press : slice
+        Rows from free air to the end of the press.
+    exponent : float
+        p of the contact law.
+
+    Raises
+    ------
+    CurveError
+        Too few rows in free air, or a force that does not rise with the travel.
+    """
+    travel, force = travel_mm[press], normal_force_N[press]
+    fits = [_fit(recording, travel, force, share, exponent) for share in _SHARES]
+    found = fits[0]
+    spread = float(np.std([fit.at for fit in fits], ddof=1))
+    n_free = int(np.count_nonzero(travel < found.at))
+    if n_free < _FEWEST:
+        raise recording.fault(
+            f"{n_free} rows in free air before contact; start the log earlier, so that the sensor's "
+            "bias and the onset can be told",
+            press.start,
+        )
+    return Onset(
+        travel_mm=found.at, std_mm=float(np.hypot(found.std, spread)), spread_mm=spread, baseline_rows=n_free
+    )
+
+
+def _fit(recording: Recording, travel: FloatArray, force: FloatArray, share: float, exponent: float) -> Fit:
+    low = float(np.median(force[: max(_FEWEST, force.size // 100)]))
+    top = float(np.median(force[-max(_FEWEST, force.size // 100) :]))
+    beyond = np.flatnonzero(force - low > share * (top - low))
+    if not top > low or beyond.size == 0:
+        raise recording.fault(
+            f"the normal force goes from {low:.3g} to {top:.3g} N over the press and does not rise; "
+            "check the sign and the axes of the wrench"
+        )
+    until = float(np.median(travel[beyond[:_FEWEST]]))
+    # The approach may come from far away; rows as far before the onset as behind it are enough.
+    reach = max(2.0 * (until - float(np.quantile(travel, 0.02))), 1.0)
+    chosen = np.flatnonzero((travel <= until) & (travel > until - reach))
+    block = -(-chosen.size // _ROWS)
+    x, y = block_means(travel[chosen], block), block_means(force[chosen], block)
+    return _robust(x, y, _law(exponent))
+
+
+def _robust(x: FloatArray, y: FloatArray, design: Design) -> Fit:
+    between = (float(x.min()), float(x.max()))
+    # Spikes stand out from their neighbours in time, whatever the law is.
+    off = np.abs(y - _neighbours(y))
+    kept = off <= _OUTLIER * max(noise_std(y), 1e-12) * np.sqrt(1.5)
+    fit = profile(x[kept], y[kept], between, design)
+    edge = 1e-3 * (between[1] - between[0])
+    at_edge = min(fit.at - between[0], between[1] - fit.at) < edge
+    return replace(fit, std=between[1] - between[0]) if at_edge else fit
+
+
+def _neighbours(y: FloatArray) -> FloatArray:
+    padded = np.pad(y, 1, mode="edge")
+    middle: FloatArray = (padded[:-2] + padded[2:]) / 2.0
+    return middle
+
+
+def _law(exponent: float) -> Design:
+    def design(travel: FloatArray, at: FloatArray) -> FloatArray:
+        tau = np.maximum(travel - at[:, None], 0.0)
+        rise = tau**exponent
+        return np.stack([np.ones_like(tau), rise, rise * tau], axis=-1)
+
+    return design

@@ -1,0 +1,177 @@
+"""Settings of every step between a recording and its curves."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from palpate.interfaces import Settings
+
+Vector = tuple[float, float, float]
+
+
+class Window(Settings):
+    """Part of the log that is used."""
+
+    start_s: float | None = Field(default=None, description="Rows before this time stamp [s] are left out.")
+    stop_s: float | None = Field(default=None, description="Rows after this time stamp [s] are left out.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.start_s is not None and self.stop_s is not None and not self.start_s < self.stop_s:
+            raise ValueError("start_s must be less than stop_s")
+        return self
+
+
+class Thinning(Settings):
+    """Averages of neighbouring rows in very long logs."""
+
+    enabled: bool = Field(default=True, description="Average neighbouring rows of a log with too many.")
+    max_rows: int = Field(default=100_000, ge=1000, description="Rows that are kept at most.")
+
+
+class Alignment(Settings):
+    """Lag of the wrench behind the pose."""
+
+    enabled: bool = Field(default=True, description="Estimate the lag and take it out where significant.")
+    lag_s: float | None = Field(
+        default=None, description="Known lag [s] of the wrench; estimated when left out."
+    )
+
+
+class Gravity(Settings):
+    """Weight of the tool."""
+
+    method: Literal["off", "known", "fit"] = Field(
+        default="off",
+        description="off: the weight stays in the bias; known: weight_N and centre_mm; fit: from poses in free air.",
+    )
+    weight_N: float | None = Field(default=None, description="Weight of all that the sensor carries [N].")
+    centre_mm: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Its centre [mm] in the sensor's frame, from where moments are about.",
+    )
+    direction: Vector = Field(default=(0.0, 0.0, -1.0), description="Direction of gravity in the base frame.")
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.method == "known" and self.weight_N is None:
+            raise ValueError("method = 'known' needs weight_N")
+        if self.method != "known" and self.weight_N is not None:
+            raise ValueError("weight_N is used with method = 'known' only")
+        if not any(self.direction):
+            raise ValueError("direction must not be zero")
+        return self
+
+
+class Drift(Settings):
+    """Drift of the sensor."""
+
+    enabled: bool = Field(
+        default=True, description="Take out a line through the rows in free air before and after the press."
+    )
+
+
+class Tare(Settings):
+    """Bias of the sensor."""
+
+    enabled: bool = Field(default=True, description="Take out the mean wrench in free air.")
+
+
+class NormalChoice(Settings):
+    """Normal of the spot."""
+
+    method: Literal["path", "tool_axis", "given"] = Field(
+        default="path", description="path: of the press; tool_axis: against the sensor's z; given: vector."
+    )
+    vector: Vector | None = Field(default=None, description="Outward normal in the base frame.")
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if (self.method == "given") != (self.vector is not None):
+            raise ValueError("vector goes with method = 'given'")
+        if self.vector is not None and not any(self.vector):
+            raise ValueError("vector must not be zero")
+        return self
+
+
+class SpotFrame(Settings):
+    """Frame of the wrench."""
+
+    rotate: bool = Field(
+        default=True,
+        description="Rotate the wrench into the spot's frame; off where its z is the normal already.",
+    )
+    transport: bool = Field(default=True, description="Move the moment to the contact axis.")
+    tip_mm: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Tool tip [mm] in the sensor's frame, from where moments are about; zero where about the tip.",
+    )
+
+
+class OnsetChoice(Settings):
+    """First contact."""
+
+    method: Literal["law", "given"] = Field(
+        default="law", description="law: fit of a contact law to the rising force; given: time_s."
+    )
+    exponent: float = Field(
+        default=1.5,
+        ge=1.0,
+        le=3.0,
+        description="Of the law: 3/2 for a sphere, 1 for a flat punch, 2 for a cone.",
+    )
+    time_s: float | None = Field(default=None, description="Time stamp of first contact [s].")
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if (self.method == "given") != (self.time_s is not None):
+            raise ValueError("time_s goes with method = 'given'")
+        return self
+
+
+class Smoothing(Settings):
+    """Smoothing within each branch."""
+
+    method: Literal["savgol", "spline", "none"] = Field(
+        default="savgol", description="Savitzky-Golay, a smoothing spline, or none."
+    )
+    window_s: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="Savitzky-Golay window [s]; as long as its bias allows when left out.",
+    )
+    order: int = Field(default=3, ge=1, le=5, description="Degree of the Savitzky-Golay polynomial.")
+
+
+class Resampling(Settings):
+    """Points of the curves."""
+
+    enabled: bool = Field(
+        default=True, description="Even steps of depth and rotation; else the rows of the log."
+    )
+    points: int = Field(default=61, ge=5, le=2001, description="Points of each branch.")
+
+
+class RelaxationChoice(Settings):
+    """Relaxation during dwells."""
+
+    enabled: bool = Field(default=True, description="Measure how far force and torque fall in each dwell.")
+
+
+class ProcessingSettings(Settings):
+    """Every step, in the order in which they are done."""
+
+    window: Window = Field(default_factory=Window, description="Part of the log that is used.")
+    thinning: Thinning = Field(default_factory=Thinning, description="Averaging of very long logs.")
+    alignment: Alignment = Field(default_factory=Alignment, description="Lag of the wrench behind the pose.")
+    normal: NormalChoice = Field(default_factory=NormalChoice, description="Normal of the spot.")
+    gravity: Gravity = Field(default_factory=Gravity, description="Weight of the tool.")
+    drift: Drift = Field(default_factory=Drift, description="Drift of the sensor.")
+    tare: Tare = Field(default_factory=Tare, description="Bias of the sensor.")
+    frame: SpotFrame = Field(default_factory=SpotFrame, description="Frame and axis of the wrench.")
+    onset: OnsetChoice = Field(default_factory=OnsetChoice, description="First contact.")
+    smoothing: Smoothing = Field(default_factory=Smoothing, description="Smoothing of each branch.")
+    resampling: Resampling = Field(default_factory=Resampling, description="Points of the curves.")
+    relaxation: RelaxationChoice = Field(
+        default_factory=RelaxationChoice, description="Relaxation in dwells."
+    )

@@ -1,0 +1,141 @@
+"""Smoothing that keeps peaks: Savitzky-Golay or a smoothing spline, within one branch.
+
+The Savitzky-Golay window is the longest whose own bias stays small: smoothing the smoothed
+values once more may move none of them by more than ``BIAS_SHARE`` of the peak, beyond what
+their noise explains. A branch ends where the motion turns, so no window spans a kink.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.interpolate import UnivariateSpline
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from palpate.domain import FloatArray
+from palpate_experiments.processing.noise import correlation_factor, noise_std
+from palpate_experiments.processing.thinning import block_means
+
+BIAS_SHARE = 0.001
+"""Share of the peak that smoothing may move a value by."""
+
+_SPLINE_ROWS = 2000
+_GROWTH = 1.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Smoothed:
+    """A branch after smoothing; arrays (n,) at the times that were given.
+
+    ``std`` is that of the smoothed values, ``noise`` that of the given ones, ``bias`` the
+    largest change that smoothing once more would make, and ``window_s`` the window's length
+    (of a spline: the mean distance of its knots).
+    """
+
+    values: FloatArray
+    std: FloatArray
+    noise: float
+    bias: float
+    window_s: float
+
+
+def smoothed(
+    time_s: FloatArray,
+    values: FloatArray,
+    *,
+    method: Literal["savgol", "spline", "none"],
+    peak: float,
+    window_s: float | None = None,
+    order: int = 3,
+) -> Smoothed:
+    """Smooth one branch.
+
+    Parameters
+    ----------
+    time_s, values : (n,) array
+    method : {"savgol", "spline", "none"}
+    peak : float
+        Largest magnitude of the whole curve, in the unit of ``values``.
+    window_s : float, optional
+        Length of the Savitzky-Golay window; chosen by its bias when left out.
+    order : int
+        Degree of the Savitzky-Golay polynomial.
+    """
+    if method == "none" or values.size < order + 4:
+        noise = noise_std(values)
+        return Smoothed(values=values, std=np.full(values.shape, noise), noise=noise, bias=0.0, window_s=0.0)
+    if method == "spline":
+        return _spline(time_s, values)
+    return _savgol(time_s, values, peak, window_s, order)
+
+
+def _savgol(
+    time: FloatArray, values: FloatArray, peak: float, window_s: float | None, order: int
+) -> Smoothed:
+    even = np.linspace(time[0], time[-1], time.size)
+    step = float(even[1] - even[0])
+    y = np.interp(even, time, values)
+    window = _longest(y, peak, order) if window_s is None else _odd(window_s / step, order, y.size)
+    smooth = savgol_filter(y, window, order, mode="interp")
+    residual = y - smooth
+    noise = float(np.std(residual)) * float(
+        np.sqrt(y.size / max(y.size - y.size * _gain(window, order), 1.0))
+    )
+    std = noise * correlation_factor(residual) * np.sqrt(_gains(y.size, window, order))
+    bias = float(np.abs(savgol_filter(smooth, window, order, mode="interp") - smooth).max())
+    return Smoothed(
+        values=np.interp(time, even, smooth), std=std, noise=noise, bias=bias, window_s=window * step
+    )
+
+
+def _longest(y: FloatArray, peak: float, order: int) -> int:
+    """Longest odd window whose bias is small, from short to long."""
+    noise, chosen, window = noise_std(y), _odd(order + 2, order, y.size), float(order + 4)
+    while window < y.size / 2:
+        tried = _odd(window, order, y.size)
+        once = savgol_filter(y, tried, order, mode="interp")
+        moved = np.abs(savgol_filter(once, tried, order, mode="interp") - once).max()
+        if moved > BIAS_SHARE * peak + noise * np.sqrt(_gain(tried, order)):
+            break
+        chosen, window = tried, window * _GROWTH
+    return chosen
+
+
+def _odd(window: float, order: int, n_rows: int) -> int:
+    least, most = order + 2 - order % 2 + (order % 2 == 0), n_rows - (n_rows % 2 == 0)
+    odd = 2 * int(window // 2) + 1
+    return min(max(odd, least + (least % 2 == 0)), most)
+
+
+def _gain(window: int, order: int) -> float:
+    """Variance of a value in the middle of white noise of variance 1: Σ h²."""
+    return float(np.sum(savgol_coeffs(window, order) ** 2))
+
+
+def _gains(n_rows: int, window: int, order: int) -> FloatArray:
+    """Variance of each smoothed value (n_rows,); larger where the window meets the branch's end."""
+    gains = np.full(n_rows, _gain(window, order))
+    basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, window), order + 1))
+    edge = np.sum(basis**2, axis=1)
+    half = window // 2
+    gains[:half], gains[n_rows - half :] = edge[:half], edge[window - half :]
+    return gains
+
+
+def _spline(time: FloatArray, values: FloatArray) -> Smoothed:
+    """Cubic spline with the fewest knots whose residual is the noise."""
+    block = -(-time.size // _SPLINE_ROWS)
+    x, y = block_means(time, block), block_means(values, block)
+    noise = max(noise_std(y), 1e-9 * float(np.ptp(y)), 1e-300)
+    fit = UnivariateSpline(x, y, w=np.full(x.shape, 1.0 / noise), s=float(x.size))
+    n_coefficients = fit.get_coeffs().size
+    residual = y - fit(x)
+    spread = noise * correlation_factor(residual) * np.sqrt(n_coefficients / x.size)
+    again = UnivariateSpline(x, fit(x), w=np.full(x.shape, 1.0 / noise), s=float(x.size))
+    return Smoothed(
+        values=fit(time),
+        std=np.full(values.shape, spread),
+        noise=noise * float(np.sqrt(block)),
+        bias=float(np.abs(again(x) - fit(x)).max()),
+        window_s=float(np.ptp(x)) / max(fit.get_knots().size - 1, 1),
+    )
