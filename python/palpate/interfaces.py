@@ -27,6 +27,7 @@ from palpate.domain import (
     Spot,
 )
 from palpate.errors import CurveError, MaterialError
+from palpate.inspection import Inspection
 
 Array = Any
 """An array of the array API: numpy in checks, JAX under differentiation."""
@@ -174,6 +175,47 @@ class ExperimentLoader(Component):
             This form cannot hold these curves.
         """
         raise CurveError(f"{path}: loader '{self.name}' reads curves and cannot write them; use loader 'csv'")
+
+    @classmethod
+    def inspect(cls, path: Path) -> Inspection:
+        """Look into a file that no study describes yet; override it for ``palpate experiment inspect``.
+
+        Parameters
+        ----------
+        path : Path
+
+        Raises
+        ------
+        CurveError
+            The file cannot be read.
+        """
+        raise CurveError(f"{path}: loader '{cls.name}' cannot inspect files; use loader 'robot_log'")
+
+    def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
+        """Draw what :meth:`load` does to a file, for a person to look at; override it where that is much.
+
+        Pictures that can be drawn are worth having even of a file that cannot be loaded: draw
+        those before raising what :meth:`load` raises.
+
+        Parameters
+        ----------
+        path : Path
+        folder : Path
+            Exists, is empty, and is for the pictures of this file alone.
+        channel : str, optional
+            As for :meth:`load`.
+
+        Returns
+        -------
+        tuple of Path
+            What was written to ``folder``, in the order in which to look at it.
+
+        Raises
+        ------
+        CurveError
+            As for :meth:`load`.
+        """
+        return ()
 
 
 class LimbSource(Component):

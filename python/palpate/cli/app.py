@@ -17,6 +17,7 @@ from palpate.cli.check import check
 from palpate.cli.demo import demo
 from palpate.cli.experiment import experiment
 from palpate.cli.init import init
+from palpate.cli.inspect import experiment_commands
 from palpate.cli.limb import limb
 from palpate.cli.plugins import plugins
 from palpate.cli.report import report
@@ -68,7 +69,10 @@ def build_app() -> typer.Typer:
     for command in COMMANDS:
         app.command()(command)
     for stage in STAGES:
-        app.command(rich_help_panel="Stages")(stage)
+        if stage is experiment:
+            app.add_typer(experiment_commands(), name="experiment", rich_help_panel="Stages")
+        else:
+            app.command(rich_help_panel="Stages")(stage)
     return app
 
 

@@ -1,0 +1,102 @@
+"""``palpate experiment inspect``: what a file holds that no study describes yet."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from palpate.cli.experiment import experiment
+from palpate.cli.options import AsJson
+from palpate.cli.session import Session
+
+if TYPE_CHECKING:
+    from palpate.inspection import Inspection
+    from palpate.interfaces import ExperimentLoader
+
+STAGE = "study"
+
+
+class StageGroup(TyperGroup):
+    """A stage with commands of its own: a first word that names none of them is the study."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - a context of whichever click typer carries
+        """Put the stage's own command before arguments that name no other."""
+        is_help = args and args[0] in ctx.help_option_names
+        if args and args[0] not in self.commands and not is_help:
+            args = [STAGE, *args]
+        return super().parse_args(ctx, args)
+
+
+def experiment_commands() -> typer.Typer:
+    """``palpate experiment STUDY`` and ``palpate experiment inspect FILE``."""
+    group = typer.Typer(
+        cls=StageGroup,
+        no_args_is_help=True,
+        rich_markup_mode=None,
+        subcommand_metavar="STUDY | inspect FILE",
+        help=experiment.__doc__,
+    )
+    group.command(STAGE)(experiment)
+    group.command()(inspect)
+    return group
+
+
+def inspect(
+    context: typer.Context,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or the folder of a bag.")],
+    loader: Annotated[
+        str | None, typer.Option("--loader", metavar="NAME", help="Loader to ask; default: all that can.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what a file holds, and the tables of study.toml that would read it."""
+    session = Session.of(context)
+    found = look_into(file, session, loader)
+    if as_json:
+        session.json(found.record)
+        return
+    for table in found.tables:
+        session.table(table.title, table.columns, table.rows)
+    for finding in found.findings:
+        session.say(f"- {finding}")
+    if found.study_text:
+        session.say(f"\n{found.study_text}")
+        session.next("experiment STUDY --out FOLDER", "put these tables into a study.toml; ")
+
+
+def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
+    """Inspection of the first loader that can read the file.
+
+    Raises
+    ------
+    CurveError
+        None can; with what each of them says.
+    """
+    from palpate.errors import CurveError, PalpateError, PluginError
+
+    catalogue = session.plugins.loaders
+    able = [name for name, kind in catalogue.items() if _can_inspect(kind)]
+    asked = able if loader is None else [loader]
+    refusals = []
+    for name in asked:
+        try:
+            return catalogue[name].inspect(file)
+        except CurveError as error:
+            refusals.append(str(error) if len(asked) == 1 else f"{name}: {error}")
+        except PalpateError:
+            raise
+        except Exception as error:
+            raise PluginError(
+                f"inspecting {file}: loader '{name}' raised {type(error).__name__}: {error}; check the "
+                "file, or tell the plugin's author"
+            ) from error
+    if not refusals:
+        raise CurveError(f"{file}: no loader can inspect files; install palpate-experiments")
+    raise CurveError("; ".join(refusals))
+
+
+def _can_inspect(kind: "type[ExperimentLoader]") -> bool:
+    from palpate.interfaces import ExperimentLoader
+
+    return any("inspect" in vars(base) for base in kind.__mro__ if base is not ExperimentLoader)
