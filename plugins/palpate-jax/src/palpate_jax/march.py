@@ -166,7 +166,7 @@ class March:
         rate = here.rate(ahead, motion(way))
         if not rate.any():
             return state.displacements
-        step = self.linear.solve(here.matrix(ahead), partial(here.preconditioner, ahead), -rate, 1e-2)
+        step = self.linear.solve(here.matrix(ahead), partial(here.preconditioner, ahead), -rate, 1e-3)
         return model.along_arcs(state.displacements, model.straight(state.displacements, step))
 
     def _start(

@@ -12,15 +12,18 @@ from palpate_jax.model import Model, Residual
 from palpate_jax.sparse import LinearSolver
 
 MOST_ITERATIONS = 16
-MOST_TRIALS = 6
+MOST_TRIALS = 8
 
 
 MOST_GROWTH = 2.0
 """Growth of the imbalance beyond which a step is shortened: points that stick and slip would cycle."""
 
 
-MOST_RENEWALS = 6
-"""Rounds of held limits of friction before a position counts as out of reach."""
+MOST_RENEWALS = 60
+"""Rounds of held limits of friction before a position counts as out of reach.
+
+A few where points cycle; many where a part of the contact lets go and the tissue slides on.
+"""
 
 LOOSER = 10.0
 """Imbalance, in tolerances, that is let pass where friction leaves no balance for Newton's method."""
@@ -74,7 +77,8 @@ def _by_held_limits(
 
     With much friction Newton's method may cycle between points that stick and slip: pressing harder
     where they slip lets them stick, and the other way round. Held limits leave a potential, in
-    which the line search is sure to descend; what their renewal leaves is small, and reported.
+    which the line search is sure to descend, also off a saddle where the tissue buckles; what
+    their renewal leaves is small, and reported.
     """
     displacements, n_iterations = failed.displacements, failed.n_iterations
     for _ in range(MOST_RENEWALS):
@@ -116,7 +120,7 @@ def _newton(
             return Balance(displacements, iteration, str(error))
         moved = _line_search(model, thetas, load, displacements, step, residual)
         if moved is None:
-            return Balance(displacements, iteration, "an element inverts along every step")
+            return Balance(displacements, iteration, "no step lessens the imbalance or an element inverts")
         displacements, after = moved
         if after.relative <= tolerance:
             return Balance(displacements, iteration + 1, "")
@@ -149,6 +153,8 @@ def _line_search(
         residual = model.forces(moved, thetas).residual(load)
         return moved, residual, float(residual.free @ step)
 
+    if load.limits is not None and before.free @ step > 0.0:
+        step = -step  # up the potential, towards a saddle
     slope, reference = float(before.free @ step), float(np.linalg.norm(before.free))
     length, low, low_slope, high = 1.0, 0.0, slope, 1.0
     best, smallest = None, np.inf
@@ -169,4 +175,4 @@ def _line_search(
         else:
             high = length
             length = low + (high - low) * float(np.clip(low_slope / (low_slope - pull), 0.1, 0.9))
-    return best
+    return best if smallest < MOST_GROWTH * reference else None

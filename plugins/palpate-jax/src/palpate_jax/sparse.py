@@ -10,16 +10,12 @@ from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, gmres
 
 from palpate._core import SparseFactor
 from palpate.domain import FloatArray, IntArray
 from palpate_jax.krylov import Space
 
-CYCLES = 5
-"""Cycles of GMRES; those after the first take a few steps."""
-
-PATIENCE = 60
+PATIENCE = 120
 """Krylov steps that an older factor may cost beyond those of a new one before it is renewed.
 
 Where to stop paying for old factors is the choice between renting and buying: renew when the
@@ -106,13 +102,13 @@ class LinearSolver:
         self.n_factorisations = 0
         self._pattern = pattern
         self._factor = _factor(pattern, "single")
-        self._preconditioner: LinearOperator | None = None
+        self._ready = False
         self._fresh_steps = 0
         self._extra_steps = 0
 
     def reset(self) -> None:
         """Forget the factors."""
-        self._preconditioner = None
+        self._ready = False
 
     def restart(self) -> None:
         """Forget the factors and the count, before another simulation of the same pattern."""
@@ -143,7 +139,7 @@ class LinearSolver:
         """
         if not (np.isfinite(matrix.data).all() and np.isfinite(rhs).all()):
             raise np.linalg.LinAlgError("the tangent is not finite")
-        if self._preconditioner is not None and self._extra_steps < PATIENCE:
+        if self._ready and self._extra_steps < PATIENCE:
             solution, n_steps = self._iterate(matrix, rhs, tolerance, FEW_KRYLOV_STEPS)
             if solution is not None:
                 self._extra_steps += max(n_steps - self._fresh_steps, 0)
@@ -172,7 +168,7 @@ class LinearSolver:
 
     def _factorise(self, values: FloatArray) -> None:
         self.n_factorisations += 1
-        self._preconditioner, self._extra_steps = None, 0
+        self._ready, self._extra_steps = False, 0
         try:
             self._factor.factorise(values)
         except np.linalg.LinAlgError:
@@ -181,29 +177,14 @@ class LinearSolver:
             # Thin and nearly incompressible: from here on, worth twice the memory.
             self._factor = _factor(self._pattern, "double")
             self._factor.factorise(values)
-        self._preconditioner = LinearOperator(
-            (self._pattern.n_unknowns,) * 2, matvec=self._factor.precondition, dtype=np.float64
-        )
+        self._ready = True
 
     def _iterate(
         self, matrix: sp.csr_array, rhs: FloatArray, tolerance: float, most_steps: int
     ) -> tuple[FloatArray | None, int]:
         """Solution, or None, and the steps that it took."""
-        steps: list[float] = []
-        # Each cycle watches the preconditioned residual only, and may end before the true one is met.
-        solution, info = gmres(
-            matrix,
-            rhs,
-            rtol=tolerance,
-            atol=0.0,
-            M=self._preconditioner,
-            restart=most_steps,
-            maxiter=CYCLES,
-            callback=steps.append,
-            callback_type="pr_norm",
-        )
-        sound = info == 0 and np.isfinite(solution).all()
-        return solution if sound else None, len(steps)
+        solution, n_steps, converged = self._factor.krylov(matrix.data, rhs, tolerance, most_steps)
+        return solution if converged else None, n_steps
 
 
 def _factor(pattern: Pattern, precision: Literal["single", "double"]) -> SparseFactor:
