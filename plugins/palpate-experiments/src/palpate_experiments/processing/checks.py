@@ -76,17 +76,17 @@ def check_direction(recording: Recording, contact: Contact, normal: Normal) -> N
     angle = angle_between_deg(push, normal.vector)
     if angle > 180.0 - LARGEST_FRICTION_ANGLE_DEG:
         raise recording.fault(
-            f"the force pulls the tool into the limb ({angle:.0f} degrees from the outward normal); the wrench is "
-            "that of the tool on the tissue: turn its sign in the column map",
+            f"the force pulls the tool into the limb ({angle:.0f} degrees from the outward normal); the "
+            "wrench is that of the tool on the tissue: turn its sign in the column map",
             contact.first,
         )
     if angle > LARGEST_FRICTION_ANGLE_DEG:
         middle = (contact.first + contact.last) // 2
         raise recording.fault(
             f"the contact force lies {angle:.0f} degrees off the normal of the path, where friction explains "
-            f"{LARGEST_FRICTION_ANGLE_DEG:g} at most: axes are swapped, or the quaternion turns the other way. "
-            f"In the sensor's frame the force goes along {_axis(recording, middle, push)} and the normal along "
-            f"{_axis(recording, middle, normal.vector)}; correct the column map",
+            f"{LARGEST_FRICTION_ANGLE_DEG:g} at most: axes are swapped, or the quaternion turns the other "
+            f"way. In the sensor's frame the force goes along {_axis(recording, middle, push)} and the "
+            f"normal along {_axis(recording, middle, normal.vector)}; correct the column map",
             contact.first,
         )
 
@@ -104,8 +104,8 @@ def check_turn_axis(recording: Recording, motion: Motion, twists: tuple[Stroke, 
     turn, tilt = float(np.ptp(motion.turn_deg[rows])), float(motion.tilt_deg[rows].max())
     if tilt > max(LARGEST_TILT_SHARE * turn, 2.0):
         raise recording.fault(
-            f"the tool tilts by {tilt:.1f} degrees while it turns by {turn:.1f} about the normal; check the order "
-            "and the sense (tool to base) of the quaternion's columns",
+            f"the tool tilts by {tilt:.1f} degrees while it turns by {turn:.1f} about the normal; check "
+            "the order and the sense (tool to base) of the quaternion's columns",
             rows.start,
         )
 
@@ -143,7 +143,8 @@ def check_torque(
     if likeness < -LEAST_CORRELATION:
         raise recording.fault(
             f"torque and rotation are out of phase (correlation {likeness:.2f}): one of them is left-handed; "
-            "turn the sign of the moment about the tool's axis, or the sense of the quaternion, in the column map",
+            "turn the sign of the moment about the tool's axis, or the sense of the quaternion, in the "
+            "column map",
             rows.start,
         )
     if likeness < LEAST_CORRELATION:

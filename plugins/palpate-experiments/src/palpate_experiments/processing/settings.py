@@ -43,7 +43,7 @@ class Gravity(Settings):
 
     method: Literal["off", "known", "fit"] = Field(
         default="off",
-        description="off: the weight stays in the bias; known: weight_N and centre_mm; fit: from poses in free air.",
+        description="off: the weight stays in the bias; known: weight_N, centre_mm; fit: from poses in air.",
     )
     weight_N: float | None = Field(default=None, description="Weight of all that the sensor carries [N].")
     centre_mm: Vector = Field(
@@ -104,7 +104,7 @@ class SpotFrame(Settings):
     transport: bool = Field(default=True, description="Move the moment to the contact axis.")
     tip_mm: Vector = Field(
         default=(0.0, 0.0, 0.0),
-        description="Tool tip [mm] in the sensor's frame, from where moments are about; zero where about the tip.",
+        description="Tool tip [mm] in the sensor's frame, from the point that moments are about.",
     )
 
 

@@ -89,16 +89,16 @@ def _savgol(
 
 
 def _longest(y: FloatArray, peak: float, order: int) -> int:
-    """Longest odd window whose bias is small, from short to long."""
-    noise, chosen, window = noise_std(y), _odd(order + 2, order, y.size), float(order + 4)
-    while window < y.size / 2:
-        tried = _odd(window, order, y.size)
-        once = savgol_filter(y, tried, order, mode="interp")
-        moved = np.abs(savgol_filter(once, tried, order, mode="interp") - once).max()
-        if moved > BIAS_SHARE * peak + noise * np.sqrt(_gain(tried, order)):
-            break
-        chosen, window = tried, window * _GROWTH
-    return chosen
+    """Longest odd window whose bias is small."""
+    noise, shortest = noise_std(y), float(order + 4)
+    n_lengths = max(int(np.log(max(y.size / 2.0 / shortest, 1.0)) / np.log(_GROWTH)) + 1, 1)
+    for length in shortest * _GROWTH ** np.arange(n_lengths)[::-1]:
+        window = _odd(float(length), order, y.size)
+        once = savgol_filter(y, window, order, mode="interp")
+        moved = np.abs(savgol_filter(once, window, order, mode="interp") - once).max()
+        if moved <= BIAS_SHARE * peak + noise * np.sqrt(_gain(window, order)):
+            return window
+    return _odd(shortest, order, y.size)
 
 
 def _odd(window: float, order: int, n_rows: int) -> int:
