@@ -115,6 +115,42 @@ def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -
     return presses
 
 
+def draw_files(study: Study, spot: StudySpot, folder: Path) -> tuple[Path, ...]:
+    """Let the loader draw what it does to each file of a spot, in a folder of its own each.
+
+    Parameters
+    ----------
+    study : Study
+    spot : StudySpot
+    folder : Path
+        Exists; gets a folder for each file, named after it.
+
+    Raises
+    ------
+    CurveError
+        A file cannot be loaded; what could be drawn of it before is there.
+    """
+    loader = study.loader_at(spot.spot.name)
+    drawn: list[Path] = []
+    for only, paths in spot.measured.items():
+        for path in paths:
+            own = _own_folder(folder, path.stem)
+            with answering_for(loader, f"drawing {path}"):
+                files = loader.draw(path, own, only)
+                if strays := [str(file) for file in files if not file.is_relative_to(own)]:
+                    raise ValueError(f"it wrote {', '.join(strays)} outside the folder {own}")
+            drawn += files
+    return tuple(drawn)
+
+
+def _own_folder(folder: Path, name: str) -> Path:
+    """Make a folder, with a number where files of two folders have one name."""
+    taken = sum(1 for each in folder.iterdir() if each.name.rpartition("~")[0] == name or each.name == name)
+    own = folder / (f"{name}~{taken + 1}" if taken else name)
+    own.mkdir()
+    return own
+
+
 def _load_file(study: Study, spot: StudySpot, path: Path, only: str | None) -> Response:
     loader = study.loader_at(spot.spot.name)
     with answering_for(loader, f"reading {path}"):

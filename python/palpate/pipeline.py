@@ -15,13 +15,13 @@ import polars as pl
 from palpate import scoring, selection, simulation
 from palpate.domain import Design, Limb, Response, Simulation
 from palpate.errors import StudyError
-from palpate.experiment import load_measured
+from palpate.experiment import draw_files, load_measured, load_presses, mean
 from palpate.generalisation import generalise
 from palpate.limb import load_limbs
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.refinement import Refined, refine
-from palpate.report import Content, make_tables, write_report
+from palpate.report import Content, draw_presses, make_tables, write_report
 from palpate.run_directory import RunDirectory
 from palpate.sampling import draw_design
 from palpate.study import Study
@@ -154,17 +154,38 @@ def run_study(study: Study, run_folder: Path, plugins: Plugins, progress: Progre
 
 
 def measure(
-    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT
+    study: Study,
+    run_folder: Path,
+    plugins: Plugins,
+    progress: Progress = SILENT,
+    *,
+    plots: bool = False,
 ) -> Mapping[str, Response]:
-    """Read the measured curves into ``measured/<spot>.parquet``."""
+    """Read the measured curves into ``measured/<spot>.parquet``.
+
+    With ``plots`` every step from file to curve is drawn into ``measured/plots/<spot>/``,
+    as far as it can be: the pictures of a file that is refused may show why.
+    """
     progress.begin("measure", 1)
-    measured = load_measured(study, plugins.channels)
+    if plots:
+        _draw_files(study, RunDirectory(run_folder))
+    presses = load_presses(study, plugins.channels)
+    measured = {spot: mean(found) for spot, found in presses.items()}
     scoring.check_scorable(measured, study.normaliser, study.weights)
     run = RunDirectory(run_folder)
     run.begin(study, plugins.channels)
     run.write_measured(measured)
+    if plots:
+        for spot, found in presses.items():
+            draw_presses(found, measured[spot], plugins.channels, study.notice, run.plots(spot))
     progress.step()
     return measured
+
+
+def _draw_files(study: Study, run: RunDirectory) -> None:
+    folders = {spot.spot.name: run.plots(spot.spot.name, empty=True) for spot in study.spots}
+    for spot in study.spots:
+        draw_files(study, spot, folders[spot.spot.name])
 
 
 def sample(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Design:

@@ -4,7 +4,7 @@
 
     study.toml              as run
     manifest.json           versions, hashes of the inputs, units, normaliser, conventions, seed
-    measured/<spot>.parquet
+    measured/<spot>.parquet  measured/<spot>.json  measured/plots/<spot>/
     design.parquet
     simulations.jsonl       one line per simulation: status, message, seconds
     curves/<key>.parquet    its curves
@@ -19,8 +19,9 @@ import hashlib
 import importlib.metadata
 import json
 import platform
+import shutil
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -28,13 +29,13 @@ from urllib.parse import quote
 import numpy as np
 import polars as pl
 
-from palpate.domain import Channel, Design, Indentation, Parameter, Response
+from palpate.domain import Channel, Design, Indentation, Parameter, Protocol, Response
 from palpate.errors import StudyError
 from palpate.interfaces import Component
 from palpate.plugins import answering_for
 from palpate.refinement import Refined
 from palpate.results import frame_of, plain, response_of, write_atomically, write_frame
-from palpate.study import Study, relative
+from palpate.study import Study, StudySpot, relative
 
 UNITS = "mm, N, MPa, N·mm, degrees"
 """Units of every number in a run directory."""
@@ -69,12 +70,13 @@ class RunDirectory:
         StudyError
             The folder cannot be made.
         """
-        text = json.dumps(manifest(study, channels), indent=2, ensure_ascii=False, allow_nan=False)
+        told = manifest(study, channels) | {"measured": self._records(study)}
+        text = _json(told)
         self._make_folder()
         as_run = self.folder / "study.toml"
         if study.file.is_file() and study.file.resolve() != as_run.resolve():
             write_atomically(as_run, study.file.read_bytes())
-        write_atomically(self.folder / "manifest.json", text.encode() + b"\n")
+        write_atomically(self.folder / "manifest.json", text)
 
     def _make_folder(self) -> None:
         try:
@@ -93,20 +95,44 @@ class RunDirectory:
     # ------------------------------------------------------------------ the stages
 
     def write_measured(self, measured: Mapping[str, Response]) -> None:
-        """Write ``measured/<spot>.parquet``."""
+        """Write ``measured/<spot>.parquet``, and to the manifest how the curves came about."""
         for spot, response in measured.items():
             write_frame(self._measured(spot), frame_of(response))
+            write_atomically(self._record(spot), _json(plain(response.record)))
+        told = self.manifest()
+        told["measured"] = {spot: plain(response.record) for spot, response in measured.items()}
+        write_atomically(self.folder / "manifest.json", _json(told))
 
     def measured(self, spots: tuple[str, ...]) -> dict[str, Response]:
         """Measured responses of these spots."""
         return {
-            spot: response_of(
-                pl.read_parquet(
-                    self._existing(str(self._measured(spot).relative_to(self.folder)), "experiment")
-                )
+            spot: replace(
+                response_of(
+                    pl.read_parquet(
+                        self._existing(str(self._measured(spot).relative_to(self.folder)), "experiment")
+                    )
+                ),
+                record=self._recorded(spot),
             )
             for spot in spots
         }
+
+    def plots(self, spot: str, *, empty: bool = False) -> Path:
+        """Folder for the pictures of a spot's presses; ``empty`` removes those of an earlier reading.
+
+        Raises
+        ------
+        StudyError
+            The folder cannot be made.
+        """
+        folder = self.folder / "measured" / "plots" / file_name(spot)
+        if empty and folder.exists():
+            shutil.rmtree(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StudyError(f"{folder}: cannot be made ({error.strerror}); name another folder") from None
+        return folder
 
     def write_design(self, design: Design) -> None:
         """Write ``design.parquet``: set_id and a column per parameter."""
@@ -118,8 +144,7 @@ class RunDirectory:
             "n_drawn": design.n_drawn,
             "parameters": [_finite(asdict(p)) for p in design.parameters],
         }
-        text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
-        write_atomically(self.folder / "design.json", text.encode() + b"\n")
+        write_atomically(self.folder / "design.json", _json(about))
 
     def design(self) -> Design:
         """Read the design with its parameters."""
@@ -178,6 +203,18 @@ class RunDirectory:
     def _measured(self, spot: str) -> Path:
         return self.folder / "measured" / f"{file_name(spot)}.parquet"
 
+    def _record(self, spot: str) -> Path:
+        return self._measured(spot).with_suffix(".json")
+
+    def _recorded(self, spot: str) -> dict[str, Any]:
+        """How the curves of a spot came about; empty where nobody has said."""
+        path = self._record(spot)
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        return found
+
+    def _records(self, study: Study) -> dict[str, Any]:
+        return {spot.spot.name: self._recorded(spot.spot.name) for spot in study.spots}
+
     def _refined(self, spot: str, scenario: str) -> Path:
         return self.folder / "refined" / file_name(spot) / f"{file_name(scenario)}.parquet"
 
@@ -189,6 +226,10 @@ class RunDirectory:
         if not path.exists():
             raise StudyError(f"{path}: not there yet; run `palpate {command}` first")
         return path
+
+
+def _json(value: object) -> bytes:
+    return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False).encode() + b"\n"
 
 
 def file_name(name: str) -> str:
@@ -209,7 +250,8 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "loader": _component(study.loader),
         "limb_source": _component(study.limb_source) if study.limb_source else None,
         "solver": _component(study.solver),
-        "protocol": _protocol(study),
+        "protocol": _protocol(study.protocol),
+        "spots": {spot.spot.name: _spot(study, spot) for spot in study.spots},
         "materials": [
             {
                 "region": region.region,
@@ -269,8 +311,21 @@ def _component(component: Component) -> dict[str, Any]:
     return {"name": component.name, "settings": component.settings.model_dump(mode="json")}
 
 
-def _protocol(study: Study) -> dict[str, Any]:
-    protocol = study.protocol
+def _spot(study: Study, spot: StudySpot) -> dict[str, Any]:
+    """Files of a spot by channel, and what is done and read there otherwise than elsewhere."""
+    files = {
+        channel or "": [relative(path, study.folder) for path in paths]
+        for channel, paths in spot.measured.items()
+    }
+    told: dict[str, Any] = {"measured": files}
+    if spot.protocol is not None:
+        told["protocol"] = _protocol(spot.protocol)
+    if spot.loader is not None:
+        told["loader"] = _component(spot.loader)
+    return told
+
+
+def _protocol(protocol: Protocol | None) -> dict[str, Any]:
     if isinstance(protocol, Indentation):
         return {
             "kind": "indentation",

@@ -80,6 +80,11 @@ class Study:
         """Folder of the study file."""
         return self.file.parent
 
+    @property
+    def notice(self) -> str:
+        """What every picture of the data must say."""
+        return "simulated data, not a measurement" if self.data == "simulated" else ""
+
     def loader_at(self, spot: str) -> ExperimentLoader:
         """What reads the files of a spot."""
         return self._at(spot).loader or self.loader

@@ -221,7 +221,9 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
         outcome = call(stage, study, "--out", "apart", "--json")
         assert outcome.code == 0, outcome.err
         results[stage] = outcome.json
-    assert results["experiment"][0] == {"spot": "s1", "channel": "pull", "n_points": 11}
+    assert results["experiment"][0] == {
+        "spot": "s1", "channel": "pull", "n_points": 11, "n_presses": 1, "largest_std": None,
+    }  # fmt: skip
     assert results["sample"]["n_sets"] == 20
     assert results["simulate"] == {"ok": 40}
     assert len(results["score"]) >= 40

@@ -57,4 +57,4 @@ class Content:
     @property
     def notice(self) -> str:
         """What every picture of these data must say."""
-        return "simulated data, not a measurement" if self.study.data == "simulated" else ""
+        return self.study.notice

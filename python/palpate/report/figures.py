@@ -53,7 +53,7 @@ STYLE: Mapping[str, Any] = MappingProxyType(
 
 Dash = str | tuple[int, tuple[int, ...]]
 
-_MEASURED = "#0072B2"
+MEASURED_COLOUR = "#0072B2"
 _LEAST = "#D7191C"
 _LINES: tuple[tuple[str, Dash], ...] = (
     ("#D55E00", "-"),
@@ -81,11 +81,12 @@ def write_figures(content: Content, folder: Path) -> tuple[Path, ...]:
     for name, draw in drawings.items():
         # The context is left before the next figure, so that nobody else's style changes.
         with mpl.rc_context(cast("Any", dict(STYLE))):
-            files += _save(draw(), folder / name)
+            files += save(draw(), folder / name)
     return tuple(files)
 
 
-def _save(figure: Figure, stem: Path) -> list[Path]:
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write a figure as ``<stem>.svg`` and ``<stem>.png``."""
     svg, png = stem.with_name(f"{stem.name}.svg"), stem.with_name(f"{stem.name}.png")
     FigureCanvasSVG(figure).print_figure(svg, metadata={"Date": None})
     figure.set_layout_engine("none")  # what the first drawing has laid out stays
@@ -112,7 +113,7 @@ def responses(content: Content, spot: str) -> Figure:
             label, fit = _fit(content, spot, scenario.name)
             if channel in fit:
                 _draw(axis, fit[channel], colour, dash, label)
-    _legend_below(figure, axes[:1])
+    legend_below(figure, axes[:1])
     _titled(figure, content, f"{content.study.name}, spot {spot}: least NMSE by scenario")
     return figure
 
@@ -131,10 +132,11 @@ def _fit(content: Content, spot: str, scenario: str) -> tuple[str, Mapping[str, 
 def _draw_measured(axis: Axes, content: Content, curve: Curve) -> None:
     channel = content.channels[curve.channel]
     few = curve.abscissa.size <= 80
+    draw_band(axis, curve)
     axis.plot(
         curve.abscissa,
         curve.ordinate,
-        color=_MEASURED,
+        color=MEASURED_COLOUR,
         marker="o",
         markersize=3.5 if few else 2.5,
         markevery=1 if few else max(1, curve.abscissa.size // 60),
@@ -151,7 +153,24 @@ def _draw(axis: Axes, curve: Curve, colour: str, dash: Dash, label: str) -> None
     axis.plot(curve.abscissa, curve.ordinate, color=colour, linestyle=dash, label=label)
 
 
-def _legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
+def draw_band(axis: Axes, curve: Curve) -> None:
+    """Shade one standard deviation to each side of a curve that has it."""
+    if curve.std is None:
+        return
+    for start, stop in curve.branches:
+        axis.fill_between(
+            curve.abscissa[start:stop],
+            (curve.ordinate - curve.std)[start:stop],
+            (curve.ordinate + curve.std)[start:stop],
+            color=MEASURED_COLOUR,
+            alpha=0.2,
+            linewidth=0,
+            label="_" if start else "± one standard deviation",
+        )
+
+
+def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
+    """Put one legend of everything that these axes show below a figure."""
     labelled: dict[str, Any] = {}
     for axis in axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
@@ -184,7 +203,7 @@ def generalised(content: Content) -> Figure:
             if simulated is not None and channel in simulated.curves:
                 _draw(axis, simulated[channel], colour, dash, f"set {row['set_id']}")
         axes[0, j].set_title(f"spot {spot}: Fopt {_fopt_at(content, spot):.3g}")
-    _legend_below(figure, list(axes.flat))
+    legend_below(figure, list(axes.flat))
     spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
     title = f"{content.study.name}: one set for all spots, mean Fopt {row['fopt_mean']:.4g}{spread}"
     _titled(figure, content, title)
@@ -212,7 +231,7 @@ def nmse_distribution(content: Content) -> Figure:
     axis.axhline(DISTRIBUTION_LIMIT, color="0.4", linewidth=0.8, linestyle="--")
     axis.set_xlabel("spot")
     axis.set_ylabel(f"Fopt (NMSE), scenario {content.generalising.name}")
-    _legend_below(figure, [axis])
+    legend_below(figure, [axis])
     _titled(figure, content, f"{content.study.name}: NMSE of {content.design.n_sets} sets per spot")
     return figure
 
@@ -223,7 +242,9 @@ def _draw_distribution(axis: Axes, place: int, fopt: FloatArray) -> None:
     spread = (np.arange(shown.size) * 0.6180339887 % 1.0 - 0.5) * 0.5
     # Matplotlib leaves what begins with an underscore out of the legend.
     hide = "" if place == 0 else "_"
-    axis.scatter(place + spread, shown, s=9, color=_MEASURED, alpha=0.5, linewidths=0, label=f"{hide}set")
+    axis.scatter(
+        place + spread, shown, s=9, color=MEASURED_COLOUR, alpha=0.5, linewidths=0, label=f"{hide}set"
+    )
     if fopt.size:
         least, middle = float(fopt.min()), float(np.median(fopt))
         if middle <= DISTRIBUTION_LIMIT:
@@ -265,7 +286,7 @@ def parameter_space(content: Content, spot: str) -> Figure:
             axis.set_ylabel(_label(parameters[j]))
     if n > 1:
         _colour_bar(figure, flat, content)
-    _legend_below(figure, flat[-1:])
+    legend_below(figure, flat[-1:])
     _titled(figure, content, f"{content.study.name}, spot {spot}: {len(fopt)} sets and their NMSE")
     return figure
 
@@ -281,7 +302,7 @@ def _sets_at(content: Content, spot: str) -> tuple[FloatArray, FloatArray]:
 def _one_parameter(values: FloatArray, fopt: FloatArray, parameter: Parameter) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(4.6, 3.6))
     axis = figure.subplots()
-    axis.scatter(values, fopt, s=14, color=_MEASURED, linewidths=0, label="set")
+    axis.scatter(values, fopt, s=14, color=MEASURED_COLOUR, linewidths=0, label="set")
     if np.isfinite(fopt).any():
         least = int(np.nanargmin(fopt))
         axis.scatter(

@@ -1,0 +1,55 @@
+"""Pictures of what was measured at one spot: every press, their mean and its band."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from palpate.domain import Channel, Curve, Response
+from palpate.experiment import Presses
+from palpate.report.figures import MEASURED_COLOUR, STYLE, draw_band, legend_below, save
+
+_PRESS = {"color": "0.45", "linewidth": 0.8}
+
+
+def draw_presses(
+    presses: Presses, mean: Response, channels: Mapping[str, Channel], notice: str, folder: Path
+) -> tuple[Path, ...]:
+    """Draw ``curves.svg`` and ``curves.png``: each channel in its own panel.
+
+    Parameters
+    ----------
+    presses : Presses
+    mean : Response
+        What :func:`palpate.experiment.mean` made of them.
+    channels : mapping of name to Channel
+        Axes and labels.
+    notice : str
+        What the picture must say of the data; empty for nothing.
+    folder : Path
+    """
+    with mpl.rc_context(cast("Any", dict(STYLE))):
+        figure = Figure(figsize=(4.2 * len(mean.curves), 3.8))
+        axes = figure.subplots(1, len(mean.curves), squeeze=False)[0]
+        for axis, (name, curve) in zip(axes, mean.curves.items(), strict=True):
+            _draw(axis, presses.curves(name), curve, channels[name])
+        legend_below(figure, axes[:1])
+        title = f"spot {presses.spot.spot.name}: measured curves"
+        figure.suptitle(f"{title}\n{notice}" if notice else title, fontsize=10)
+        return tuple(save(figure, folder / "curves"))
+
+
+def _draw(axis: Axes, repeats: Mapping[str, Curve], mean: Curve, channel: Channel) -> None:
+    n_presses = len(repeats)
+    if n_presses > 1:
+        for k, curve in enumerate(repeats.values()):
+            label = "_" if k else f"{n_presses} presses"
+            axis.plot(curve.abscissa, curve.ordinate, label=label, **cast("Any", _PRESS))
+    draw_band(axis, mean)
+    label = f"mean of {n_presses} presses" if n_presses > 1 else "press"
+    axis.plot(mean.abscissa, mean.ordinate, color=MEASURED_COLOUR, label=label)
+    axis.set_xlabel(channel.abscissa_label)
+    axis.set_ylabel(channel.ordinate_label)

@@ -1,0 +1,170 @@
+"""What a run directory keeps of the measured curves: how they came about, and pictures of it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate import pipeline
+from palpate.domain import Curve, Indentation, PointWeights, Response, Sphere
+from palpate.errors import CurveError, PluginError, StudyError
+from palpate.experiment import Presses
+from palpate.report import draw_presses
+from palpate.run_directory import RunDirectory
+from palpate.simulation import job_key, jobs
+
+SMALL = Indentation(
+    indenter=Sphere(radius_mm=5.0), path=[(0, 0), (10, 0), (10, -22.5), (10, 22.5), (10, 0)], friction=0.5
+)
+
+
+def pressed_thrice(study):
+    """Make a study whose first spot has two more presses, 5 % softer and stiffer, in another folder."""
+    spot = study.spots[0]
+    (path,) = spot.measured[None]
+    rows = [row.split(",") for row in path.read_text().splitlines()]
+    files = [path]
+    for k, factor in enumerate((0.95, 1.05)):
+        copy = path.parent / f"again{k}" / path.name
+        copy.parent.mkdir()
+        copy.write_text("".join(f"{c},{x},{float(y) * factor!r}\n" for c, x, y in rows))
+        files.append(copy)
+    return replace(study, spots=(replace(spot, measured={None: tuple(files)}), *study.spots[1:]))
+
+
+@pytest.fixture
+def telling(tissue):
+    """Make a loader that says what it did, and draws one picture of it."""
+
+    class Telling(tissue.Table):
+        def load(self, path, channel=None):
+            response = super().load(path, channel)
+            return Response(curves=response.curves, record={"bias_N": np.float64(0.25), "steps": ("tare",)})
+
+        def draw(self, path, folder, channel=None):
+            (folder / "raw.svg").write_text(path.name)
+            return (folder / "raw.svg",)
+
+    return Telling
+
+
+def manifest(folder):
+    return json.loads((folder / "manifest.json").read_text())
+
+
+def test_the_manifest_tells_how_each_file_became_a_curve(make_study, plugins, tmp_path, telling):
+    study, out = pressed_thrice(make_study(loader=telling())), tmp_path / "run"
+    pipeline.measure(study, out, plugins)
+    told = manifest(out)["measured"]
+    assert told["p1"]["files"]["again1/p1.csv"] == {"bias_N": 0.25, "steps": ["tare"]}
+    assert list(told["p1"]["files"]) == ["p1.csv", "again0/p1.csv", "again1/p1.csv"]
+    assert told["p1"]["averages"]["torque"]["n_presses"] == 3
+    assert "averages" not in told["p2"]
+    assert manifest(out)["spots"]["p1"] == {"measured": {"": ["p1.csv", "again0/p1.csv", "again1/p1.csv"]}}
+    assert "again0/p1.csv" in manifest(out)["inputs"]
+
+
+def test_later_stages_keep_what_the_first_has_told(make_study, plugins, tmp_path, telling):
+    study, out = pressed_thrice(make_study(loader=telling())), tmp_path / "run"
+    measured = pipeline.measure(study, out, plugins)
+    told = manifest(out)["measured"]
+    pipeline.sample(study, out, plugins)
+    assert manifest(out)["measured"] == told
+    found = RunDirectory(out).measured(("p1",))["p1"]
+    np.testing.assert_array_equal(found["force"].std, measured["p1"]["force"].std)
+    assert found.record == told["p1"]
+
+
+def test_pictures_of_every_file_and_of_the_mean(make_study, plugins, tmp_path, telling):
+    study, out = pressed_thrice(make_study(loader=telling())), tmp_path / "run"
+    plots = out / "measured" / "plots"
+    (plots / "p1" / "of an earlier run").mkdir(parents=True)
+    pipeline.measure(study, out, plugins, plots=True)
+    found = sorted(str(file.relative_to(plots)) for file in plots.rglob("*.*g"))
+    assert found == [
+        "p1/curves.png", "p1/curves.svg", "p1/p1/raw.svg", "p1/p1~2/raw.svg", "p1/p1~3/raw.svg",
+        "p2/curves.png", "p2/curves.svg", "p2/p2/raw.svg",
+    ]  # fmt: skip
+    assert not (plots / "p1" / "of an earlier run").exists()
+    text = (plots / "p1" / "curves.svg").read_text()
+    assert "mean of 3 presses" in text
+    assert "± one standard deviation" in text
+    assert "simulated data, not a measurement" in text
+    assert "one standard deviation" not in (plots / "p2" / "curves.svg").read_text()
+
+
+def test_a_file_that_is_refused_leaves_the_pictures_that_show_why(make_study, plugins, tmp_path, telling):
+    class Refusing(telling):
+        def draw(self, path, folder, channel=None):
+            super().draw(path, folder, channel)
+            raise CurveError(f"{path}: no contact")
+
+    out = tmp_path / "run"
+    with pytest.raises(CurveError, match=r"p1\.csv: no contact"):
+        pipeline.measure(make_study(loader=Refusing()), out, plugins, plots=True)
+    assert (out / "measured" / "plots" / "p1" / "p1" / "raw.svg").exists()
+    assert not (out / "manifest.json").exists()
+
+
+def test_a_loader_draws_in_its_folder_alone(make_study, plugins, tmp_path, telling):
+    class Stray(telling):
+        def draw(self, path, folder, channel=None):
+            return (folder.parent / "raw.svg",)
+
+    with pytest.raises(PluginError, match=r"drawing .*p1\.csv: .*raw\.svg outside the folder"):
+        pipeline.measure(make_study(loader=Stray()), tmp_path / "run", plugins, plots=True)
+
+
+def test_plots_need_a_folder(make_study, plugins, tmp_path):
+    (tmp_path / "run").write_text("a file")
+    with pytest.raises(StudyError, match="name another folder"):
+        pipeline.measure(make_study(), tmp_path / "run", plugins, plots=True)
+
+
+@pytest.mark.usefixtures("one_figure")
+def test_one_study_of_two_indenters_and_three_presses_runs_to_its_end(make_study, plugins, tmp_path):
+    study = pressed_thrice(make_study(refine=True))
+    one, two = study.spots
+    study = replace(study, spots=(one, replace(two, protocol=SMALL)))
+    result = pipeline.run_study(study, tmp_path / "run", plugins)
+    assert {s.status.value for s in result.simulations} == {"ok"}
+    radii = {s.job.spot: s.job.protocol.indenter.radius_mm for s in result.simulations}
+    assert radii == {"p1": 7.5, "p2": 5.0}
+    told = manifest(tmp_path / "run")
+    assert told["protocol"]["radius_mm"] == 7.5
+    assert told["spots"]["p2"]["protocol"]["radius_mm"] == 5.0
+    assert "protocol" not in told["spots"]["p1"]
+    # The mean of 0.95, 1 and 1.05 times the answer is the answer.
+    found = result.selected.refinement.filter(scenario="I", spot="p1").row(0, named=True)
+    assert found["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-6)
+
+
+def test_another_indenter_is_another_simulation(make_study):
+    study = make_study()
+    one, two = study.spots
+    small = replace(study, spots=(one, replace(two, protocol=SMALL)))
+    from palpate.sampling import draw_design
+
+    design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
+    usual, other = (
+        {j.spot: job_key(j, None, s.solver) for j in jobs(s, design, {}) if j.set_id == 0}
+        for s in (study, small)
+    )
+    assert usual["p1"] == usual["p2"] == other["p1"] != other["p2"]
+
+
+def test_a_study_that_weighs_by_std_needs_it_everywhere(make_study, plugins):
+    study = pressed_thrice(make_study(weights=PointWeights.STD))
+    with pytest.raises(Exception, match="spot 'p2', channel 'force': no point has a standard deviation"):
+        pipeline.check(study, plugins)
+    assert pipeline.check(replace(study, spots=study.spots[:1]), plugins).measured["p1"]["force"].std.all()
+
+
+def test_one_channel_alone_can_be_drawn(make_study, plugins, tmp_path):
+    curve = Curve(channel="force", abscissa=[0.0, 1.0], ordinate=[0.0, 1.0], std=[0.1, 0.1])
+    response = Response(curves={"force": curve})
+    presses = Presses(spot=make_study().spots[0], responses={"f.csv": response})
+    files = draw_presses(presses, response, plugins.channels, "", tmp_path)
+    assert [file.name for file in files] == ["curves.svg", "curves.png"]
+    assert "± one standard deviation" in files[0].read_text()
