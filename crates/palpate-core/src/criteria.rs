@@ -13,6 +13,7 @@ use crate::swap::{Correlation, Discrepancy, Distance, Swappable};
 
 /// What an optimised design is optimised for.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum Criterion {
     /// Least [`centred_discrepancy`]: every box holds its share of the sets.
     CentredDiscrepancy,

@@ -127,6 +127,7 @@ impl Branch {
 
 /// Ordinates interpolated onto other abscissae, and where there was anything to interpolate.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Interpolated {
     /// Values (n,); NaN where not covered.
     pub values: Vec<f64>,

@@ -5,6 +5,7 @@ use crate::nmse::Normaliser;
 
 /// Any failure of a kernel, grouped by who can mend it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// A curve cannot be used.
     #[error(transparent)]
@@ -19,6 +20,7 @@ pub enum Error {
 
 /// Why a curve cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CurveError {
     /// A value is NaN or infinite.
     #[error("{array}[{index}] is {value}: every value must be finite; drop or repair that sample")]
@@ -184,6 +186,7 @@ pub enum CurveError {
 
 /// Why curves cannot be compared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ScoringError {
     /// The normaliser is too close to zero to divide by.
     #[error(
@@ -242,6 +245,7 @@ pub enum ScoringError {
 
 /// Why a design cannot be drawn.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SamplingError {
     /// The design has no rows or no columns.
     #[error("a design of n = {n} sets and d = {d} parameters is empty: both must be at least 1")]

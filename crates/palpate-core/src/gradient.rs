@@ -11,6 +11,7 @@ use crate::shared::{NOTHING_REACHED, Row, reached};
 
 /// NMSE of each curve of a batch and its gradient.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Gradients {
     /// NMSE and coverage of each curve.
     pub scores: Scores,

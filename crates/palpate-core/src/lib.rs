@@ -19,6 +19,10 @@
 //! Nothing here knows units: abscissae and ordinates may be mm and N, degrees and N·mm, or any
 //! other pair, as long as the simulated and the measured curve share them.
 
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+mod readme {}
+
 mod batch;
 pub mod criteria;
 pub mod curve;

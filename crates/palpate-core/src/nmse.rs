@@ -25,6 +25,7 @@ use crate::real;
 
 /// What the error is divided by: a named choice, recorded with every score.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Normaliser {
     /// mean(|exp|): the default.
     #[default]
@@ -154,6 +155,7 @@ impl FromStr for Normaliser {
 
 /// An NMSE and the share of the measured curve that it rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Score {
     /// NMSE over the covered points; NaN if there are none.
     pub nmse: f64,
@@ -188,6 +190,7 @@ pub fn nmse(
 
 /// NMSE and coverage of many simulated curves.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Scores {
     /// NMSE of each curve over its covered points; NaN where there are none.
     pub nmse: Vec<f64>,

@@ -11,6 +11,7 @@ use crate::shared::{NOTHING_REACHED, reached};
 
 /// The scale of each curve of a batch at which it scores best.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct BestScales {
     /// The factor on the curve; NaN where the curve is zero and any would do.
     pub scale: Vec<f64>,

@@ -17,6 +17,7 @@ use crate::nmse::{PARTS, Score, Scores, sum_of_parts};
 
 /// How the NMSE of a batch is summed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Form {
     /// As a quadratic form of the simulated values, O(n); where that would cost digits, directly.
     ///

@@ -184,7 +184,7 @@ proptest! {
             let path = case.path(interpolant);
             let own = case.measured(interpolant).score(&case.sim_x[..reached], &row[..reached]);
             for form in Form::ALL {
-                let Scores { nmse, coverage } = path.score(&row, 1, form, 1).unwrap();
+                let Scores { nmse, coverage, .. } = path.score(&row, 1, form, 1).unwrap();
                 match &own {
                     Ok(own) => {
                         prop_assert!(agree(nmse[0], own.nmse, 1e-15));

@@ -55,6 +55,7 @@ fn quality(criterion: &Criterion, points: &[f64], d: usize) -> f64 {
                 largest_correlation(&pair, 2).unwrap().powi(2)
             })
             .sum(),
+        _ => f64::NAN,
     }
 }
 

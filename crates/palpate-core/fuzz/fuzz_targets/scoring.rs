@@ -43,7 +43,7 @@ fn numbers(values: &[Value]) -> Vec<f64> {
     values.iter().map(|v| v.number()).collect()
 }
 
-fn check(Scores { nmse, coverage }: &Scores) {
+fn check(Scores { nmse, coverage, .. }: &Scores) {
     for (nmse, coverage) in nmse.iter().zip(coverage) {
         assert!((0.0..=1.0).contains(coverage), "{coverage}");
         assert!(*nmse >= 0.0 || (nmse.is_nan() && *coverage == 0.0), "{nmse} {coverage}");
@@ -63,9 +63,7 @@ fuzz_target!(|input: Input| {
         interpolant: Interpolant::ALL[usize::from(input.pchip)],
     };
     let _ = nmse(&sim, &exp, comparison.normaliser, comparison.weights);
-    if let Ok(scores) =
-        nmse_batch(&sim, 1, &exp, comparison.normaliser, comparison.weights, 1)
-    {
+    if let Ok(scores) = nmse_batch(&sim, 1, &exp, comparison.normaliser, comparison.weights, 1) {
         check(&scores);
     }
     let Ok(measured) = Measured::new(&exp_x, &exp, &comparison) else { return };
