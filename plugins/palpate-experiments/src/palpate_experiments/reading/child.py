@@ -23,10 +23,9 @@ def main() -> None:
     """Read the file that the request on stdin names, and answer on stdout."""
     asked = json.load(sys.stdin)
     limits = Limits.model_validate(asked["limits"])
-    limit_resources(limits.memory_mb, limits.time_s)
+    limit_resources(limits.memory_mb, limits.time_s, limits.file_mb)
     path = Path(asked["path"])
-    _import_readers()
-    allow_only(path if path.is_dir() else path.resolve().parent)
+    allow_only(path if path.is_dir() else path.resolve().parent, Path(asked["scratch"]))
     request = Request(
         columns=_names(asked["columns"]),
         streams=_names(asked["streams"]),
@@ -46,18 +45,6 @@ def main() -> None:
         )
     except NotAllowedError as error:
         _refuse(out, f"{path}: refused, for reading it led elsewhere: {error}")
-
-
-def _import_readers() -> None:
-    # A library that loads itself later would meet the guard in places that it may need.
-    import encodings.idna  # noqa: F401
-    import tempfile
-
-    import polars as pl
-
-    # What polars sets up when it first reads, it sets up before the guard stands.
-    pl.read_csv(b"1\n", has_header=False)
-    tempfile.gettempdir()
 
 
 def _names(given: list[str] | None) -> tuple[str, ...] | None:

@@ -38,14 +38,20 @@ def read_confined(path: Path, request: Request) -> RawLog:
     CurveError
     """
     check_size(path, request.limits)
+    with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
+        return _ask(path, request, scratch)
+
+
+def _ask(path: Path, request: Request, scratch: str) -> RawLog:
     asked = {
         "path": str(path),
+        "scratch": scratch,
         "columns": request.columns,
         "streams": request.streams,
         "text": request.text.model_dump(),
         "limits": request.limits.model_dump(),
     }
-    with _child(path, request.limits.time_s) as (process, messages, late):
+    with _child(request.limits.time_s, scratch) as (process, messages, late):
         assert process.stdin is not None
         assert process.stdout is not None
         try:
@@ -72,7 +78,7 @@ def _check_answer(path: Path, head: dict[str, object], request: Request) -> None
 
 @contextmanager
 def _child(
-    path: Path, time_s: float
+    time_s: float, scratch: str
 ) -> Iterator[tuple["subprocess.Popen[bytes]", IO[bytes], threading.Event]]:
     late = threading.Event()
     with tempfile.TemporaryFile() as messages:
@@ -81,7 +87,7 @@ def _child(
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=messages,
-            env={**os.environ, **_environment()},
+            env={**os.environ, **_environment(), "TMPDIR": scratch},
         )
 
         def stop() -> None:

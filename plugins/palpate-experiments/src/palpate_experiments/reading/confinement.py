@@ -22,30 +22,27 @@ _REFUSED = (
     "os.posix_spawn",
     "os.spawn",
     "os.startfile",
-    "os.remove",
     "os.rename",
-    "os.rmdir",
     "os.link",
     "os.symlink",
     "os.truncate",
     "pickle.find_class",
     "marshal.load",
-    "shutil.rmtree",
     "socket.__new__",
     "socket.connect",
     "socket.bind",
     "urllib.Request",
     "webbrowser.open",
 )
-_LARGEST_WRITTEN_BYTES = 1 << 20
+_REMOVAL = ("os.remove", "os.rmdir", "shutil.rmtree")
 
 
 class NotAllowedError(PermissionError):
     """The file led its reader to something that reading needs not."""
 
 
-def limit_resources(memory_mb: float, time_s: float) -> None:
-    """Hold this process to so much memory, time of the processor and written bytes. Unix only."""
+def limit_resources(memory_mb: float, time_s: float, written_mb: float) -> None:
+    """Hold this process to so much memory, time of the processor and size of a written file. Unix only."""
     try:
         import resource
     except ImportError:
@@ -54,7 +51,7 @@ def limit_resources(memory_mb: float, time_s: float) -> None:
     for kind, most in (
         (resource.RLIMIT_AS, n_bytes),
         (resource.RLIMIT_CPU, int(time_s * (os.cpu_count() or 1)) + 1),
-        (resource.RLIMIT_FSIZE, _LARGEST_WRITTEN_BYTES),
+        (resource.RLIMIT_FSIZE, int(written_mb * 1e6)),
         (resource.RLIMIT_CORE, 0),
     ):
         _, hard = resource.getrlimit(kind)
@@ -65,9 +62,17 @@ def limit_resources(memory_mb: float, time_s: float) -> None:
             continue  # some systems know a limit by name and do not let it be set
 
 
-def allow_only(folder: Path) -> None:
-    """From here on refuse what reading a file in ``folder`` needs not. It cannot be undone."""
-    sys.addaudithook(_guard(_readable_places(folder)))
+def allow_only(folder: Path, scratch: Path) -> None:
+    """From here on refuse what reading a file in ``folder`` needs not. It cannot be undone.
+
+    Parameters
+    ----------
+    folder : Path
+        Only what is inside may be read, beside what Python itself is made of.
+    scratch : Path
+        Only what is inside may be written, or removed.
+    """
+    sys.addaudithook(_guard(_readable_places(folder), os.path.realpath(scratch)))
 
 
 def _readable_places(folder: Path) -> tuple[str, ...]:
@@ -78,22 +83,28 @@ def _readable_places(folder: Path) -> tuple[str, ...]:
     return (*sorted(real), "/proc/self", "/sys/fs/cgroup", "/dev/null")
 
 
-def _guard(places: tuple[str, ...]) -> Callable[[str, tuple[Any, ...]], None]:
+def _guard(places: tuple[str, ...], scratch: str) -> Callable[[str, tuple[Any, ...]], None]:
     write = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
     def guard(event: str, arguments: tuple[Any, ...]) -> None:
         if event in _REFUSED:
             raise NotAllowedError(f"reading a log needs no {event}")
-        if event == "open":
+        if event in _REMOVAL:
+            # Relative to an open folder: that one was checked when it was opened.
+            if arguments[-1] in (None, -1) and not _is_in(arguments[0], (scratch,)):
+                raise NotAllowedError(f"reading a log removes no file, such as {arguments[0]}")
+        elif event == "open":
             path, _, flags = arguments
-            if isinstance(path, int) or path is None:
+            if isinstance(path, int) or path is None or _is_in(path, (scratch,)):
                 return
             if isinstance(flags, int) and flags & write:
-                raise NotAllowedError(
-                    f"reading a log writes no file, and {os.fsdecode(path)} was to be written"
-                )
-            real = os.path.realpath(os.fsdecode(path))
-            if not any(real == place or real.startswith(place + os.sep) for place in places):
-                raise NotAllowedError(f"{real} lies outside of the log's folder")
+                raise NotAllowedError(f"reading a log writes no file, such as {os.fsdecode(path)}")
+            if not _is_in(path, places):
+                raise NotAllowedError(f"{os.fsdecode(path)} lies outside of the log's folder")
 
     return guard
+
+
+def _is_in(path: str | bytes, places: tuple[str, ...]) -> bool:
+    real = os.path.realpath(os.fsdecode(path))
+    return any(real == place or real.startswith(place + os.sep) for place in places)

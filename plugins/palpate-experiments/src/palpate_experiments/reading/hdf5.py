@@ -30,13 +30,12 @@ def read_hdf5(path: Path, limits: Limits) -> RawLog:
     """
     h5py = _h5py(path)
     try:
+        with path.open("rb") as stream:
+            is_matlab = stream.read(6) == b"MATLAB"
         with h5py.File(path, "r", locking=False) as file:
-            is_matlab = path.open("rb").read(6) == b"MATLAB"
             visit = _Visit(path, h5py, limits, is_matlab=is_matlab)
             arrays = dict(visit.arrays(file, "", 0))
-    except CurveError:
-        raise
-    except MemoryError:
+    except (CurveError, MemoryError, PermissionError):
         raise
     except Exception as error:  # h5py raises OSError, RuntimeError, KeyError, ValueError … on damaged bytes
         first_line = (str(error).splitlines() or [type(error).__name__])[0]

@@ -35,7 +35,7 @@ def read_matlab5(path: Path, limits: Limits) -> RawLog:
         variables = loadmat(
             path, mat_dtype=True, struct_as_record=True, verify_compressed_data_integrity=True
         )
-    except MemoryError:
+    except (MemoryError, PermissionError):
         raise
     except Exception as error:  # SciPy's parser raises whatever the damaged bytes lead it to
         raise _damaged(path, f"{type(error).__name__}: {error}") from None

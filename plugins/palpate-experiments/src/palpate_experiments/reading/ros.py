@@ -47,7 +47,7 @@ def read_bag(path: Path, limits: Limits, topics: Sequence[str] | None = None) ->
             collected = _collect(path, reader, limits, topics, is_ros2=is_ros2)
         finally:
             reader.close()
-    except (CurveError, MemoryError):
+    except (CurveError, MemoryError, PermissionError):
         raise
     except Exception as error:  # rosbags raises whatever the damaged bytes lead it to
         first_line = (str(error).strip().splitlines() or [type(error).__name__])[0]
