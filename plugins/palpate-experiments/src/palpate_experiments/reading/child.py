@@ -37,12 +37,6 @@ def main() -> None:
         send(out, read_here(path, request))
     except CurveError as error:
         _refuse(out, str(error))
-    except MemoryError:
-        _refuse(
-            out,
-            f"{path}: reading needs more than {limits.memory_mb:g} MB; the file is damaged or too large: "
-            "export fewer columns, or raise memory_mb under limits in the loader's settings",
-        )
     except NotAllowedError as error:
         _refuse(out, f"{path}: refused, for reading it led elsewhere: {error}")
 

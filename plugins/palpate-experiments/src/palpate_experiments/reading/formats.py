@@ -85,6 +85,17 @@ def read_here(path: Path, request: Request) -> RawLog:
     CurveError
     """
     check_size(path, request.limits)
+    try:
+        return _read(path, request)
+    except MemoryError:
+        raise CurveError(
+            f"{path}: reading needs more memory than {request.limits.memory_mb:g} MB; the file is damaged "
+            "or too "
+            "large: export fewer columns, or raise memory_mb under limits in the loader's settings"
+        ) from None
+
+
+def _read(path: Path, request: Request) -> RawLog:
     if path.is_dir():
         return _read_bag(path, request)
     head = _head(path)

@@ -2,7 +2,6 @@
 
 import io
 import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -17,7 +16,6 @@ from palpate_experiments.reading.raw import RawLog
 
 _MOST_MEMBERS = 1000
 _LONGEST_HEADER = 100_000
-_DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError)
 
 
 def read_npz(path: Path, limits: Limits) -> RawLog:
@@ -40,9 +38,9 @@ def read_npz(path: Path, limits: Limits) -> RawLog:
                     arrays |= _fields(member.filename.removesuffix(".npy"), _array(path, member, stream))
                     if stream.read(1):
                         raise CurveError(f"{path}: member '{member.filename}' is longer than its header says")
-    except CurveError:
+    except (CurveError, MemoryError, PermissionError):
         raise
-    except _DAMAGE as error:
+    except Exception as error:  # damaged bytes lead NumPy and zipfile to a dozen kinds
         raise CurveError(f"{path}: the archive is damaged or cut off ({error}); save it anew") from None
     return log_of_arrays(path, "NumPy archive", arrays, numpy_name)
 
@@ -61,9 +59,9 @@ def read_npy(path: Path, limits: Limits) -> RawLog:
     try:
         with path.open("rb") as stream:
             array = _array(path, info, stream)
-    except CurveError:
+    except (CurveError, MemoryError, PermissionError):
         raise
-    except _DAMAGE as error:
+    except Exception as error:  # damaged bytes lead NumPy and zipfile to a dozen kinds
         raise CurveError(f"{path}: the file is damaged or cut off ({error}); save it anew") from None
     return log_of_arrays(path, "NumPy array", _fields("array", array), numpy_name)
 

@@ -164,7 +164,7 @@ def _marks(source: str, lines: Sequence[str], wanted: TextFormat) -> tuple[str, 
     sample = lines[-60:] if len(lines) < _SNIFFED_LINES else lines[-60:-1]
     best = max(
         ((d, m) for d in delimiters for m in decimals if d != m),
-        key=lambda marks: _n_number_cells(sample, *marks),
+        key=lambda marks: _likelihood(sample, *marks),
         default=None,
     )
     if best is None:
@@ -172,14 +172,16 @@ def _marks(source: str, lines: Sequence[str], wanted: TextFormat) -> tuple[str, 
     return best
 
 
-def _n_number_cells(lines: Sequence[str], delimiter: str, decimal: str) -> float:
-    """Cells that are numbers in rows of the usual length, of one-cell rows none."""
+def _likelihood(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[float, float]:
+    """Share of cells that are numbers, of rows that have the usual length, and how many a row has."""
     rows = [_tolerant_split(line, delimiter) for line in lines]
     lengths = [len(row) for row in rows]
     usual = max(set(lengths), key=lengths.count)
     if usual < 2:
-        return 0.0
-    return sum(is_number(cell, decimal) for row in rows if len(row) == usual for cell in row) / len(rows)
+        return 0.0, 0.0
+    cells = [cell for row in rows if len(row) == usual for cell in row]
+    n_numbers = sum(not cell or is_number(cell, decimal) for cell in cells)
+    return n_numbers / len(cells) * lengths.count(usual) / len(rows), n_numbers / len(rows)
 
 
 def is_number(cell: str, decimal: str) -> bool:
