@@ -1,0 +1,123 @@
+"""Pictures of a log show what was done to it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib import rcParams
+from matplotlib.image import imread
+from scipy.spatial.transform import Rotation
+
+from palpate_experiments import pictures
+from palpate_experiments.pictures import N_BUCKETS, draw_processed, draw_recording, envelope
+from palpate_experiments.processing.chain import process
+from palpate_experiments.processing.settings import ProcessingSettings
+from palpate_experiments.recording import Recording
+
+RATE_HZ = 100.0
+PHASES = [
+    "approach", "press", "dwell_1", "twist_1", "twist_2", "twist_3", "dwell_2", "retract", "departure",
+]  # fmt: skip
+
+
+def recording():
+    """One press of 10 mm along the sensor's z axis, twisted by 20 degrees, with bias and noise."""
+    marks = np.array([0.0, 1.0, 5.0, 6.0, 9.0, 15.0, 18.0, 19.0, 23.0, 24.0])
+    depths = [-4.0, 0.0, 10.0, 10.0, 10.0, 10.0, 10.0, 10.0, 0.0, -4.0]
+    turns = [0.0, 0.0, 0.0, 0.0, -20.0, 20.0, 0.0, 0.0, 0.0, 0.0]
+    time = np.arange(0.0, marks[-1], 1.0 / RATE_HZ)
+    depth, turn = np.interp(time, marks, depths), np.interp(time, marks, turns)
+    random = np.random.default_rng(5)
+    force, moment = (random.normal(0.0, s, (time.size, 3)) for s in (0.03, 0.2))
+    # The tool points down: its z axis is the inward normal, about which it turns the other way.
+    force += [0.5, -0.4, 1.0]
+    force[:, 2] -= 0.4 * np.maximum(depth, 0.0) ** 1.5
+    moment[:, 2] += turn
+    down = Rotation.from_euler("x", 180.0, degrees=True)
+    return Recording(
+        source="logs/press.csv",
+        time_s=time,
+        position_mm=np.stack([np.zeros_like(depth), np.zeros_like(depth), -depth], axis=1),
+        quaternion=(Rotation.from_euler("z", turn[:, None], degrees=True) * down).as_quat(),
+        force_N=force,
+        moment_Nmm=moment,
+        rows=np.arange(time.size) + 2,
+    )
+
+
+@pytest.fixture(scope="module")
+def processed():
+    return process(recording())
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    """Figures by file name, kept instead of being written."""
+    kept = {}
+
+    def keep(figure, path):
+        kept[path.name] = figure
+        return path
+
+    monkeypatch.setattr(pictures, "_save", keep)
+    return kept
+
+
+def test_five_pictures_are_written_and_nobodys_style_changes(processed, tmp_path):
+    before = dict(rcParams)
+    files = (draw_recording(processed.raw, tmp_path), *draw_processed(processed, tmp_path))
+    assert [file.name for file in files] == [
+        "1_as_read.png", "2_tared.png", "3_phases.png", "4_onset.png", "5_curves.png",
+    ]  # fmt: skip
+    for file in files:
+        pixels = imread(file)
+        assert min(pixels.shape[:2]) > 300
+        assert np.ptp(pixels[..., :3]) > 0.5
+    assert dict(rcParams) == before
+
+
+def test_every_phase_is_named_and_shaded_in_every_panel(processed, figures, tmp_path):
+    assert [phase.name for phase in processed.phases] == PHASES
+    draw_processed(processed, tmp_path)
+    axes = figures["3_phases.png"].axes
+    assert len(axes) == 4
+    for axis in axes:
+        assert len(axis.patches) == len(PHASES)
+    assert [text.get_text() for text in axes[0].texts] == [name.replace("_", " ") for name in PHASES]
+    for shade, phase in zip(axes[0].patches, processed.phases, strict=True):
+        assert shade.get_x() == pytest.approx(phase.start.time_s)
+
+
+def test_the_tared_wrench_is_drawn_beside_the_one_that_was_read(processed, figures, tmp_path):
+    draw_processed(processed, tmp_path)
+    figure = figures["2_tared.png"]
+    assert figure.get_suptitle() == "press.csv: without drift, bias"
+    before, after = (line.get_ydata() for line in figure.axes[0].lines[:2])
+    assert np.mean(before[:50]) == pytest.approx(0.5, abs=0.03)
+    assert np.mean(after[:50]) == pytest.approx(0.0, abs=0.03)
+    # Free air at both ends is shaded.
+    assert len(figure.axes[0].patches) == 2
+
+
+def test_steps_that_were_left_out_are_not_claimed(figures, tmp_path):
+    draw_processed(process(recording(), ProcessingSettings(drift={"enabled": False})), tmp_path)
+    assert figures["2_tared.png"].get_suptitle() == "press.csv: without bias"
+
+
+def test_what_is_left_over_is_that_of_the_rows(processed, figures, tmp_path):
+    draw_processed(processed, tmp_path)
+    *_, force_left, torque_left = figures["5_curves.png"].axes
+    assert np.std(force_left.lines[0].get_ydata()) == pytest.approx(0.03, rel=0.2)
+    for line in torque_left.lines[:3]:
+        assert np.std(line.get_ydata()) == pytest.approx(0.2, rel=0.2)
+    assert "N·mm" in torque_left.get_ylabel()
+
+
+@given(st.integers(1, 12 * N_BUCKETS), st.integers(0, 2**32 - 1))
+def test_an_envelope_keeps_the_extremes_and_the_order(n_rows, seed):
+    values = np.random.default_rng(seed).normal(size=n_rows)
+    rows = envelope(values)
+    assert (np.diff(rows) > 0).all()
+    assert rows.size <= 3 * N_BUCKETS + 2
+    assert values[rows].max() == values.max()
+    assert values[rows].min() == values.min()
