@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\0"
 BAG1_MAGIC = b"#ROSBAG V"
+_STORAGE = (".mcap", ".db3")
 _MOST_STREAMS = 200
 
 
@@ -40,8 +41,8 @@ def read_bag(path: Path, limits: Limits, topics: Sequence[str] | None = None) ->
     CurveError
         The bag is cut off, damaged, too large, or has no topic of a known type.
     """
-    reader, is_ros2 = _reader(path)
     try:
+        reader, is_ros2 = _reader(path)
         reader.open()
         try:
             collected = _collect(path, reader, limits, topics, is_ros2=is_ros2)
@@ -73,6 +74,10 @@ def _reader(path: Path) -> tuple[Any, bool]:
     with path.open("rb") as stream:
         if stream.read(len(BAG1_MAGIC)) == BAG1_MAGIC:
             return rosbag1.Reader(path), False
+    if path.suffix not in _STORAGE:
+        raise CurveError(
+            f"{path}: a recording of ROS 2 that ends in '{path.suffix}'; rename it to .mcap or .db3"
+        )
     _check_storage(path.parent, path)
     return rosbag2.Reader(path), True
 
@@ -87,7 +92,7 @@ def _check_storage(folder: Path, file: Path) -> None:
         raise CurveError(
             f"{file}: the recording was not closed; open the .db3 once with sqlite3 to finish it"
         )
-    if file.suffix not in (".mcap", ".db3"):
+    if file.suffix not in _STORAGE:
         return
     with file.open("rb") as stream:
         head, size = stream.read(100), file.stat().st_size
