@@ -1,12 +1,15 @@
 """What any indentation must obey, whatever the numbers: on a block small enough to solve in a second."""
 
+import re
 from dataclasses import replace
+from importlib.resources import as_file, files
 
 import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Job, Limb, Sphere, Spot, Status
 from palpate.specimens import block
+from palpate_forearm.mesh_source import MeshioSource
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.yeoh import Yeoh
@@ -177,8 +180,20 @@ def test_an_unstable_material_diverges_with_its_partial_curve(solver, limb):
     collapsing = [0.0141, -0.006, 1e-6, 0.4]
     simulation = solver.simulate(make_job(collapsing, path=[(0.0, 0.0), (6.0, 0.0)]), limb)
     assert simulation.status is Status.DIVERGED
-    assert "beyond depth" in simulation.message
+    assert re.search(r"beyond depth .* the material of region 'soft_tissue' is unstable", simulation.message)
     assert 0.0 < simulation.response["force"].abscissa[-1] < 6.0
+
+
+def test_tissue_that_lets_go_slides_on():
+    """A stable material whose contact finds no balance near the last one reaches the end of the path."""
+    meshes = files("palpate_forearm") / "studies" / "forearm-demo" / "meshes"
+    with as_file(meshes / "p2.vtu") as path:
+        forearm = MeshioSource().load(path, Spot(name="p2"))
+    values = [0.020737081873653952, -0.00135976843538408, 5.19326876459339e-05, 0.8]
+    job = make_job(values, path=[(0.0, 0.0), (10.0, 0.0), (10.0, -22.5)], friction=1.0)
+    simulation = JaxSolver().simulate(job, forearm)
+    assert simulation.status is Status.OK, simulation.message
+    assert simulation.diagnostics["n_held"] > 0
 
 
 def test_coupled_material_runs(solver, limb):

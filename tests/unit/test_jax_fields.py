@@ -12,7 +12,7 @@ from palpate.errors import StudyError
 from palpate.mechanics import stress
 from palpate.specimens import block
 from palpate_jax.body import Body, blocks, points_of_cells
-from palpate_jax.contact import skins
+from palpate_jax.skin import skins
 from palpate_jax.fields import cell_fields, nodal_tractions
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean

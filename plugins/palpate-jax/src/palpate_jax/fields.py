@@ -26,10 +26,11 @@ from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.interfaces import Material
 from palpate.mechanics import stress
 from palpate_jax.body import Block, blocks, points_of_cells
-from palpate_jax.contact import Contact, Points, Skin
+from palpate_jax.contact import Contact, Points
 from palpate_jax.elements import ELEMENTS
 from palpate_jax.march import Station
 from palpate_jax.model import in_spot_frame, spot_axes
+from palpate_jax.skin import Skin
 
 VTK_KINDS = (("tet4", "tetra"), ("tet10", "tetra10"), ("hex8", "hexahedron"))
 """Element kinds, and what meshio calls them."""

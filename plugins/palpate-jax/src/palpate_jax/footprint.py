@@ -4,8 +4,8 @@ import numpy as np
 
 from palpate.domain import Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError
-from palpate_jax.contact import skins
 from palpate_jax.model import in_spot_frame
+from palpate_jax.skin import skins
 
 
 def check_footprint(limb: Limb, protocol: Indentation) -> None:

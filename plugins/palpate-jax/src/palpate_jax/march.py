@@ -37,11 +37,12 @@ class Station:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stop:
-    """Why the march ended early."""
+    """Why the march ended early; displacements (n_nodes, 3) in mm of the last balanced state."""
 
     depth_mm: float
     rotation_deg: float
     reason: str
+    displacements: FloatArray
 
 
 def stations(protocol: Indentation, depth_steps: int, rotation_step_deg: float) -> FloatArray:
@@ -125,7 +126,8 @@ class March:
             hints = [] if self._guide is None else self._guide.hints(k, state.displacements)
             reason = self._advance(state, point, hints)
             if reason:
-                yield Stop(float(state.position[0]), float(state.position[1]), reason)
+                depth, rotation = map(float, state.position)
+                yield Stop(depth, rotation, reason, state.displacements)
                 return
             yield self._station(state)
 

@@ -26,6 +26,7 @@ from palpate.interfaces import Material, Settings, Solver
 from palpate.mechanics import check_reference_state, initial_moduli
 from palpate_jax import __version__
 from palpate_jax.contact import Law
+from palpate_jax.diagnosis import explained
 from palpate_jax.footprint import check_footprint
 from palpate_jax.march import March, Station, Stop, stations
 from palpate_jax.model import Model, in_spot_frame
@@ -179,7 +180,7 @@ class JaxSolver(Solver):
             job=job,
             status=Status.OK if stop is None else Status.DIVERGED,
             response=_response(reached),
-            message="" if stop is None else _complaint(stop),
+            message="" if stop is None else explained(stop, prepared.model, prepared.materials, job.thetas),
             seconds=time.perf_counter() - started,
             diagnostics=_diagnostics(reached, march),
         )
@@ -356,10 +357,6 @@ def _response(reached: list[Station]) -> Response:
             span = moving_span(abscissa)
             curves[channel] = Curve(channel=channel, abscissa=abscissa[span], ordinate=ordinate[span])
     return Response(curves=curves)
-
-
-def _complaint(stop: Stop) -> str:
-    return f"{stop.reason} beyond depth {stop.depth_mm:.2f} mm, rotation {stop.rotation_deg:.1f} degrees"
 
 
 def _diagnostics(reached: list[Station], march: March) -> dict[str, Any]:
