@@ -62,7 +62,7 @@ def shifted(recording: Recording, lag_s: float) -> Recording:
     if abs(lag_s) > LARGEST_LAG_S:
         raise recording.fault(
             f"the wrench comes {lag_s:.3f} s after the pose; correct the clock of one of them, or give "
-            "alignment.lag_s"
+            "alignment.lag"
         )
     if lag_s == 0.0:
         return recording

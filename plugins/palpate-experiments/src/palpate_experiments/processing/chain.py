@@ -107,13 +107,13 @@ def _used(recording: Recording, settings: ProcessingSettings) -> tuple[Recording
 
 def _windowed(recording: Recording, window: Window) -> Recording:
     time = recording.time_s
-    start = -np.inf if window.start_s is None else window.start_s
-    stop = np.inf if window.stop_s is None else window.stop_s
+    start = -np.inf if window.start is None else window.start
+    stop = np.inf if window.stop is None else window.stop
     first, last = (int(k) for k in np.searchsorted(time, [start, stop]))
     if last - first < 2:
         raise recording.fault(
-            f"the window from {window.start_s} to {window.stop_s} s holds {max(last - first, 0)} rows of "
-            f"a log from {time[0]:.3f} to {time[-1]:.3f} s; correct window.start_s and window.stop_s"
+            f"the window from {window.start} to {window.stop} s holds {max(last - first, 0)} rows of "
+            f"a log from {time[0]:.3f} to {time[-1]:.3f} s; correct window.start and window.stop"
         )
     return recording if last - first == recording.n_rows else recording.part(slice(first, last))
 
@@ -141,9 +141,9 @@ def _tool(recording: Recording, free: IntArray, settings: ProcessingSettings) ->
     gravity = settings.gravity
     if gravity.method == "off":
         return None
-    if gravity.weight_N is None:
+    if gravity.weight is None:
         return fit_tool(recording, free, np.array(gravity.direction))
-    tool = ToolLoad(weight_N=gravity.weight_N, centre_mm=np.array(gravity.centre_mm))
+    tool = ToolLoad(weight_N=gravity.weight, centre_mm=np.array(gravity.centre))
     check_plausible(recording, tool)
     check_shown(recording, free, tool)
     return tool
@@ -157,7 +157,7 @@ def _at_spot(located: Located, clean: Recording, settings: ProcessingSettings) -
         clean,
         located.motion.origin_mm,
         located.normal.vector,
-        np.array(frame.tip_mm),
+        np.array(frame.sensor_to_tip),
         transport=frame.transport,
     )
 
@@ -186,9 +186,7 @@ def _in_sensor(located: Located) -> FloatArray:
 
 def _smooth(settings: ProcessingSettings, time: FloatArray, values: FloatArray, peak: float) -> Smoothed:
     choice = settings.smoothing
-    return smoothed(
-        time, values, method=choice.method, peak=peak, window_s=choice.window_s, order=choice.order
-    )
+    return smoothed(time, values, method=choice.method, peak=peak, window_s=choice.window, order=choice.order)
 
 
 def _force(
@@ -211,7 +209,7 @@ def _force(
     )
     extra = np.hypot(zero_std[rows], onset.std_mm * np.clip(stiffness, 0.0, _stiffest(abscissa, ordinate)))
     points = settings.resampling.points if settings.resampling.enabled else None
-    return joined("force", [branch(abscissa.values, ordinate, extra, points)]), ordinate
+    return joined("force", [branch(abscissa.values, ordinate, extra, points, start=0.0)]), ordinate
 
 
 def _stiffest(abscissa: Smoothed, ordinate: Smoothed) -> float:

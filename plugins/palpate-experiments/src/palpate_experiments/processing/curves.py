@@ -18,7 +18,13 @@ class Branch:
     std: FloatArray
 
 
-def branch(abscissa: FloatArray, ordinate: Smoothed, extra_std: FloatArray, points: int | None) -> Branch:
+def branch(
+    abscissa: FloatArray,
+    ordinate: Smoothed,
+    extra_std: FloatArray,
+    points: int | None,
+    start: float = -np.inf,
+) -> Branch:
     """Branch at evenly spaced abscissae, or at those of the log where ``points`` is None.
 
     Parameters
@@ -29,16 +35,20 @@ def branch(abscissa: FloatArray, ordinate: Smoothed, extra_std: FloatArray, poin
     extra_std : (n,) array
         Standard deviation from elsewhere (bias, drift, onset), added in squares.
     points : int, optional
+    start : float
+        Of a rising branch: what lies before this abscissa is left out.
     """
     sense = 1.0 if abscissa[-1] >= abscissa[0] else -1.0
     # Noise in a slow start would make the path turn where the tool did not.
     level = sense * np.minimum(np.maximum.accumulate(sense * abscissa), sense * abscissa[-1])
-    std = np.hypot(ordinate.std, extra_std)
+    inside = level >= start
+    level, values = level[inside], ordinate.values[inside]
+    std = np.hypot(ordinate.std, extra_std)[inside]
     if points is None:
-        return Branch(abscissa=level, ordinate=ordinate.values, std=std)
+        return Branch(abscissa=level, ordinate=values, std=std)
     grid = np.linspace(level[0], level[-1], points)
     at = sense * grid, sense * level
-    return Branch(abscissa=grid, ordinate=np.interp(*at, ordinate.values), std=np.interp(*at, std))
+    return Branch(abscissa=grid, ordinate=np.interp(*at, values), std=np.interp(*at, std))
 
 
 def joined(channel: str, branches: Sequence[Branch]) -> Curve:

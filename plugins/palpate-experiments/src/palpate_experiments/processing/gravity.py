@@ -71,7 +71,7 @@ def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> Too
     if not std < max(_LARGEST_STD * abs(weight), 1e-3):
         raise recording.fault(
             f"{free.size} rows in free air tell no weight of the tool ({weight:.3g} ± {std:.2g} N), "
-            "since its orientation hardly changes there; give gravity.weight_N and gravity.centre_mm, or log "
+            "since its orientation hardly changes there; give gravity.weight and gravity.centre, or log "
             "a few orientations in free air",
             int(free[0]),
         )
@@ -92,12 +92,12 @@ def check_plausible(recording: Recording, tool: ToolLoad) -> None:
     if not 0.0 <= tool.weight_N <= HEAVIEST_N:
         raise recording.fault(
             f"a tool of {tool.weight_N:.4g} N is not plausible (0 to {HEAVIEST_N:g} N); check the units of "
-            "the force and of gravity.weight_N, and the direction of gravity"
+            "the force and of gravity.weight, and the direction of gravity"
         )
     if reach > FARTHEST_MM:
         raise recording.fault(
             f"a tool whose centre lies {reach:.4g} mm from the sensor is not plausible "
-            f"(up to {FARTHEST_MM:g} mm); check the units of the moment and of gravity.centre_mm"
+            f"(up to {FARTHEST_MM:g} mm); check the units of the moment and of gravity.centre"
         )
 
 
@@ -113,7 +113,7 @@ def check_shown(recording: Recording, free: IntArray, tool: ToolLoad) -> None:
     if tool.weight_N > 2.0 * (shown + span):
         raise recording.fault(
             f"in free air the sensor shows {shown:.3g} N, yet the tool is said to weigh "
-            f"{tool.weight_N:.4g} N: heavier than plausible; check gravity.weight_N "
+            f"{tool.weight_N:.4g} N: heavier than plausible; check gravity.weight "
             "(in N, 9.81 times the mass in kg)",
             int(free[0]),
         )

@@ -57,9 +57,9 @@ def aligned(located: Located, settings: ProcessingSettings) -> tuple[Located, La
     choice = settings.alignment
     if not choice.enabled:
         return located, Lag(seconds=0.0, std_s=float("inf"), n_bends=0), False
-    if choice.lag_s is not None:
-        lag = Lag(seconds=choice.lag_s, std_s=0.0, n_bends=0)
-        taken = choice.lag_s != 0.0
+    if choice.lag is not None:
+        lag = Lag(seconds=choice.lag, std_s=0.0, n_bends=0)
+        taken = choice.lag != 0.0
     else:
         lag = _estimated_lag(located)
         taken = lag.significant
@@ -71,9 +71,9 @@ def aligned(located: Located, settings: ProcessingSettings) -> tuple[Located, La
 def onset_of(located: Located, pressing_N: FloatArray, choice: OnsetChoice) -> Onset:
     """Onset from the pressing force (n,), or at a given time stamp."""
     recording, motion = located.recording, located.motion
-    if choice.time_s is not None:
-        travel = float(np.interp(choice.time_s, recording.time_s, motion.travel_mm))
-        n_free = int(np.searchsorted(recording.time_s, choice.time_s))
+    if choice.time is not None:
+        travel = float(np.interp(choice.time, recording.time_s, motion.travel_mm))
+        n_free = int(np.searchsorted(recording.time_s, choice.time))
         return Onset(travel_mm=travel, std_mm=0.0, spread_mm=0.0, baseline_rows=n_free)
     stop = int(np.searchsorted(recording.time_s, located.strokes.press.stop.time_s)) + 1
     press = slice(_last_approach(motion, located.contact), stop)

@@ -16,8 +16,8 @@ from palpate_experiments.processing.noise import noise_std
 from palpate_experiments.processing.thinning import block_means
 from palpate_experiments.recording import Recording
 
-_SHARES = (0.2, 0.1, 0.4)
-"""Shares of the peak force up to which the law is fitted; the first gives the onset."""
+_FITS = ((0.2, 2), (0.1, 2), (0.4, 2), (0.05, 1), (0.1, 1))
+"""Shares of the peak force up to which the law is fitted, and its terms; the first gives the onset."""
 
 _FEWEST = 8
 _OUTLIER = 4.5
@@ -28,7 +28,8 @@ _ROWS = 1500
 class Onset:
     """Travel of first contact and its standard deviation [mm], and how many rows told it.
 
-    ``spread_mm`` is how far it moves when the law is fitted to less or more of the press.
+    ``spread_mm`` is how far it moves when the law is fitted to less or more of the press, with
+    and without its correction; ``std_mm`` contains it.
     """
 
     travel_mm: float
@@ -59,9 +60,8 @@ def find_onset(
         Too few rows in free air, or a force that does not rise with the travel.
     """
     travel, force = travel_mm[press], normal_force_N[press]
-    fits = [_fit(recording, travel, force, share, exponent) for share in _SHARES]
-    found = fits[0]
-    spread = float(np.std([fit.at for fit in fits], ddof=1))
+    found, *others = (_fit(recording, travel, force, share, _law(exponent, n)) for share, n in _FITS)
+    spread = float(np.sqrt(np.mean([(other.at - found.at) ** 2 for other in others])))
     n_free = int(np.count_nonzero(travel < found.at))
     if n_free < _FEWEST:
         raise recording.fault(
@@ -74,7 +74,7 @@ def find_onset(
     )
 
 
-def _fit(recording: Recording, travel: FloatArray, force: FloatArray, share: float, exponent: float) -> Fit:
+def _fit(recording: Recording, travel: FloatArray, force: FloatArray, share: float, law: Design) -> Fit:
     low = float(np.median(force[: max(_FEWEST, force.size // 100)]))
     top = float(np.median(force[-max(_FEWEST, force.size // 100) :]))
     beyond = np.flatnonzero(force - low > share * (top - low))
@@ -89,7 +89,7 @@ def _fit(recording: Recording, travel: FloatArray, force: FloatArray, share: flo
     chosen = np.flatnonzero((travel <= until) & (travel > until - reach))
     block = -(-chosen.size // _ROWS)
     x, y = block_means(travel[chosen], block), block_means(force[chosen], block)
-    return _robust(x, y, _law(exponent))
+    return _robust(x, y, law)
 
 
 def _robust(x: FloatArray, y: FloatArray, design: Design) -> Fit:
@@ -109,10 +109,11 @@ def _neighbours(y: FloatArray) -> FloatArray:
     return middle
 
 
-def _law(exponent: float) -> Design:
+def _law(exponent: float, n_terms: int) -> Design:
     def design(travel: FloatArray, at: FloatArray) -> FloatArray:
         tau = np.maximum(travel - at[:, None], 0.0)
         rise = tau**exponent
-        return np.stack([np.ones_like(tau), rise, rise * tau], axis=-1)
+        terms = [rise, rise * tau][:n_terms]
+        return np.stack([np.ones_like(tau), *terms], axis=-1)
 
     return design

@@ -19,6 +19,9 @@ _LEAST_SHARE = 0.05
 _LEAST_DWELL_S = 0.02
 _WINDOW_SHARE = 0.25
 
+_AT_SURFACE_MM = 0.1
+"""A change of speed so near the onset is where the press was meant to begin."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Phase:
@@ -61,7 +64,7 @@ def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Stro
         spans = ", ".join(f"{s.start.time_s:.2f} to {s.stop.time_s:.2f} s" for s in rising) or "none"
         raise recording.fault(
             f"{len(rising)} strokes into the limb in one contact ({spans}) where a press is one; give "
-            "start_s and stop_s of one press under window"
+            "window.start and window.stop of one press"
         )
     press, retract = travels[0], travels[1] if len(travels) > 1 else None
     if press.stop.kind == "cut":
@@ -139,7 +142,7 @@ def _twists(recording: Recording, motion: Motion, contact: Contact) -> tuple[Str
 
 def _passage(time: FloatArray, travel: FloatArray, first: int, until_s: float, onset: Onset) -> Transition:
     """When the travel passes the onset before row ``first``, sharpened by a change of speed there."""
-    margin = max(3.0 * onset.std_mm, 0.02)
+    margin = max(3.0 * onset.std_mm, _AT_SURFACE_MM)
     below = _last_below(travel, first, onset.travel_mm - margin)
     above = _last_below(travel, first, onset.travel_mm + margin) + 1
     at = _last_below(travel, first, onset.travel_mm)

@@ -11,6 +11,9 @@ from palpate_experiments.processing.processed import Processed
 from palpate_experiments.processing.settings import ProcessingSettings
 from palpate_experiments.processing.smoothing import Smoothed
 
+UNITS = "mm, N, N·mm, s, degrees"
+"""Units of all numbers in the record."""
+
 
 def with_record(
     processed: Processed,
@@ -60,7 +63,7 @@ def with_record(
         }
         for phase in processed.phases
     ]
-    return replace(processed, record=plain({"steps": steps, "phases": phases}))
+    return replace(processed, record=plain({"units": UNITS, "steps": steps, "phases": phases}))
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a finding holds

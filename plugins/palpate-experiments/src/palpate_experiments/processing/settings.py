@@ -1,24 +1,29 @@
 """Settings of every step between a recording and its curves."""
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from palpate.interfaces import Settings
+from palpate.units import Quantity
 
-Vector = tuple[float, float, float]
+Seconds = Annotated[float, Quantity("s")]
+Length = Annotated[float, Quantity("mm")]
+Weight = Annotated[float, Quantity("N")]
+Direction = tuple[float, float, float]
+Offset = tuple[Length, Length, Length]
 
 
 class Window(Settings):
     """Part of the log that is used."""
 
-    start_s: float | None = Field(default=None, description="Rows before this time stamp [s] are left out.")
-    stop_s: float | None = Field(default=None, description="Rows after this time stamp [s] are left out.")
+    start: Seconds | None = Field(default=None, description="Rows before this time stamp are left out.")
+    stop: Seconds | None = Field(default=None, description="Rows after this time stamp are left out.")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        if self.start_s is not None and self.stop_s is not None and not self.start_s < self.stop_s:
-            raise ValueError("start_s must be less than stop_s")
+        if self.start is not None and self.stop is not None and not self.start < self.stop:
+            raise ValueError("start must be less than stop")
         return self
 
 
@@ -33,9 +38,7 @@ class Alignment(Settings):
     """Lag of the wrench behind the pose."""
 
     enabled: bool = Field(default=True, description="Estimate the lag and take it out where significant.")
-    lag_s: float | None = Field(
-        default=None, description="Known lag [s] of the wrench; estimated when left out."
-    )
+    lag: Seconds | None = Field(default=None, description="Known lag of the wrench; estimated when left out.")
 
 
 class Gravity(Settings):
@@ -43,21 +46,23 @@ class Gravity(Settings):
 
     method: Literal["off", "known", "fit"] = Field(
         default="off",
-        description="off: the weight stays in the bias; known: weight_N, centre_mm; fit: from poses in air.",
+        description="off: the weight stays in the bias; known: weight and centre; fit: from poses in air.",
     )
-    weight_N: float | None = Field(default=None, description="Weight of all that the sensor carries [N].")
-    centre_mm: Vector = Field(
+    weight: Weight | None = Field(default=None, description="Weight of all that the sensor carries.")
+    centre: Offset = Field(
         default=(0.0, 0.0, 0.0),
-        description="Its centre [mm] in the sensor's frame, from where moments are about.",
+        description="Its centre in the sensor's frame, from where moments are about.",
     )
-    direction: Vector = Field(default=(0.0, 0.0, -1.0), description="Direction of gravity in the base frame.")
+    direction: Direction = Field(
+        default=(0.0, 0.0, -1.0), description="Direction of gravity in the base frame."
+    )
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        if self.method == "known" and self.weight_N is None:
-            raise ValueError("method = 'known' needs weight_N")
-        if self.method != "known" and self.weight_N is not None:
-            raise ValueError("weight_N is used with method = 'known' only")
+        if self.method == "known" and self.weight is None:
+            raise ValueError("method = 'known' needs weight")
+        if self.method != "known" and self.weight is not None:
+            raise ValueError("weight is used with method = 'known' only")
         if not any(self.direction):
             raise ValueError("direction must not be zero")
         return self
@@ -83,7 +88,7 @@ class NormalChoice(Settings):
     method: Literal["path", "tool_axis", "given"] = Field(
         default="path", description="path: of the press; tool_axis: against the sensor's z; given: vector."
     )
-    vector: Vector | None = Field(default=None, description="Outward normal in the base frame.")
+    vector: Direction | None = Field(default=None, description="Outward normal in the base frame.")
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -102,9 +107,9 @@ class SpotFrame(Settings):
         description="Rotate the wrench into the spot's frame; off where its z is the normal already.",
     )
     transport: bool = Field(default=True, description="Move the moment to the contact axis.")
-    tip_mm: Vector = Field(
+    sensor_to_tip: Offset = Field(
         default=(0.0, 0.0, 0.0),
-        description="Tool tip [mm] in the sensor's frame, from the point that moments are about.",
+        description="Tool tip in the sensor's frame, from the point that moments are about.",
     )
 
 
@@ -112,7 +117,7 @@ class OnsetChoice(Settings):
     """First contact."""
 
     method: Literal["law", "given"] = Field(
-        default="law", description="law: fit of a contact law to the rising force; given: time_s."
+        default="law", description="law: fit of a contact law to the rising force; given: time."
     )
     exponent: float = Field(
         default=1.5,
@@ -120,12 +125,12 @@ class OnsetChoice(Settings):
         le=3.0,
         description="Of the law: 3/2 for a sphere, 1 for a flat punch, 2 for a cone.",
     )
-    time_s: float | None = Field(default=None, description="Time stamp of first contact [s].")
+    time: Seconds | None = Field(default=None, description="Time stamp of first contact.")
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        if (self.method == "given") != (self.time_s is not None):
-            raise ValueError("time_s goes with method = 'given'")
+        if (self.method == "given") != (self.time is not None):
+            raise ValueError("time goes with method = 'given'")
         return self
 
 
@@ -135,10 +140,10 @@ class Smoothing(Settings):
     method: Literal["savgol", "spline", "none"] = Field(
         default="savgol", description="Savitzky-Golay, a smoothing spline, or none."
     )
-    window_s: float | None = Field(
+    window: Seconds | None = Field(
         default=None,
         gt=0.0,
-        description="Savitzky-Golay window [s]; as long as its bias allows when left out.",
+        description="Savitzky-Golay window; as long as its bias allows when left out.",
     )
     order: int = Field(default=3, ge=1, le=5, description="Degree of the Savitzky-Golay polynomial.")
 

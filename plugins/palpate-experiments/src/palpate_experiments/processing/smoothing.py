@@ -19,7 +19,9 @@ from palpate_experiments.processing.thinning import block_means
 BIAS_SHARE = 0.001
 """Share of the peak that smoothing may move a value by."""
 
-_SPLINE_ROWS = 2000
+_MAX_ROWS = 3000
+"""Rows of a branch that are smoothed; more are averaged in blocks first."""
+
 _GROWTH = 1.5
 
 
@@ -72,9 +74,11 @@ def smoothed(
 def _savgol(
     time: FloatArray, values: FloatArray, peak: float, window_s: float | None, order: int
 ) -> Smoothed:
-    even = np.linspace(time[0], time[-1], time.size)
+    block = -(-time.size // _MAX_ROWS)
+    coarse, means = block_means(time, block), block_means(values, block)
+    even = np.linspace(coarse[0], coarse[-1], coarse.size)
     step = float(even[1] - even[0])
-    y = np.interp(even, time, values)
+    y = np.interp(even, coarse, means)
     window = _longest(y, peak, order) if window_s is None else _odd(window_s / step, order, y.size)
     smooth = savgol_filter(y, window, order, mode="interp")
     residual = y - smooth
@@ -84,7 +88,11 @@ def _savgol(
     std = noise * correlation_factor(residual) * np.sqrt(_gains(y.size, window, order))
     bias = float(np.abs(savgol_filter(smooth, window, order, mode="interp") - smooth).max())
     return Smoothed(
-        values=np.interp(time, even, smooth), std=std, noise=noise, bias=bias, window_s=window * step
+        values=np.interp(time, even, smooth),
+        std=np.interp(time, even, std),
+        noise=noise * float(np.sqrt(block)),
+        bias=bias,
+        window_s=window * step,
     )
 
 
@@ -124,7 +132,7 @@ def _gains(n_rows: int, window: int, order: int) -> FloatArray:
 
 def _spline(time: FloatArray, values: FloatArray) -> Smoothed:
     """Cubic spline with the fewest knots whose residual is the noise."""
-    block = -(-time.size // _SPLINE_ROWS)
+    block = -(-time.size // _MAX_ROWS)
     x, y = block_means(time, block), block_means(values, block)
     noise = max(noise_std(y), 1e-9 * float(np.ptp(y)), 1e-300)
     fit = UnivariateSpline(x, y, w=np.full(x.shape, 1.0 / noise), s=float(x.size))

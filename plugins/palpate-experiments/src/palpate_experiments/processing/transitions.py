@@ -30,6 +30,12 @@ _SHARES = (0.5, 0.35, 0.25, 0.15)
 _SPARE = 0.15
 """Share of the stroke by which the earliest instant that is tried precedes the likely one."""
 
+_NO_WORSE = 1.25
+"""Residual variance of a longer window over that of a shorter one, from which it misses something."""
+
+_N_FREE = 5
+"""Unknowns of an end: its instant, the rest's value, and three of the motion before."""
+
 _FEWEST = 12
 """Rows below which no kink can be told."""
 
@@ -51,7 +57,8 @@ def stroke_end(
 ) -> Transition:
     """When a motion comes to rest.
 
-    The longest of a few windows is used in which the description leaves no more than noise.
+    The longest of a few windows is used in which the description leaves no more than noise, or
+    no more than in shorter ones.
 
     Parameters
     ----------
@@ -62,14 +69,20 @@ def stroke_end(
     moving_s : float
         How long the whole stroke takes.
     """
-    chosen = Fit(at=between_s[1], std=moving_s, squares=np.inf, n_rows=0)
+    tried: list[Fit] = []
     for share in _SHARES:
         first = int(np.searchsorted(time_s, between_s[0] + (_SPARE - share) * moving_s))
         time, value = _averaged(time_s[first:], values[first:])
-        chosen = _ending(time, value, between_s, moving_s * share)
-        if _explains(chosen.squares, value):
+        tried.append(_ending(time, value, between_s, moving_s * share))
+        if _explains(tried[-1].squares, value):
             break
+    least = min(_variance(fit) for fit in tried)
+    chosen = next(fit for fit in tried if _variance(fit) <= _NO_WORSE * least)
     return _as_transition(_sharpened(chosen, time_s, values))
+
+
+def _variance(fit: Fit) -> float:
+    return fit.squares / max(fit.n_rows - _N_FREE, 1)
 
 
 def _as_transition(fit: Fit) -> Transition:
@@ -80,7 +93,7 @@ def _ending(time: FloatArray, value: FloatArray, between_s: tuple[float, float],
     fits = [profile(time, value, between_s, _stopping(order)) for order in (3, 2)]
     fits.append(_braking(time, value, between_s, moving_s))
     fits.append(replace(profile(time, value, between_s, _stopping(1)), kind="kink"))
-    return _smoothest(fits, parameters=5)
+    return _smoothest(fits, parameters=_N_FREE)
 
 
 def _sharpened(fit: Fit, time_s: FloatArray, values: FloatArray) -> Fit:
@@ -134,7 +147,7 @@ def _explains(squares: float, value: FloatArray) -> bool:
     """Whether residuals are no larger than the noise that second differences show."""
     bends = np.diff(value, 2)
     noise = float(bends @ bends) / (6.0 * bends.size)
-    n_free = value.size - 5
+    n_free = value.size - _N_FREE
     return bool(squares / n_free <= noise * (1.0 + 4.0 * np.sqrt(2.0 / n_free)))
 
 
