@@ -5,6 +5,7 @@
 
 use crate::SharedPath;
 use crate::batch::{self, Scratch};
+use crate::curve::LARGEST;
 use crate::error::{Error, ScoringError};
 use crate::nmse::{Score, Scores};
 use crate::shared::{NOTHING_REACHED, reached};
@@ -72,7 +73,9 @@ impl SharedPath {
         let values = &mut scratch.values[..self.measured.n_points()];
         let scale = self.scale_of_values(values, bounds);
         for value in &mut *values {
-            *value *= if scale.is_nan() { 0.0 } else { scale };
+            let scaled = *value * if scale.is_nan() { 0.0 } else { scale };
+            // A bound may demand the impossible; infinity would make NaN of a weight of 0.
+            *value = scaled.clamp(-LARGEST, LARGEST);
         }
         Ok((scale, self.measured.target.score(values)))
     }

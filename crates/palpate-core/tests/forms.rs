@@ -338,6 +338,17 @@ fn a_batch_is_refused_with_the_place_of_the_fault() {
     assert!(message.contains("simulated path 1: sim_x is empty"), "{message}");
 }
 
+/// The multiple overflows, also at a point without weight.
+#[test]
+fn a_bound_that_demands_the_impossible_scores_and_is_a_number() {
+    let weights = [0.0, 1.0, 1.0];
+    let comparison = Comparison { weights: Some(&weights), ..Comparison::default() };
+    let measured = Measured::new(&[0.0, 1.0, 2.0], &[1.0, 1.0, 1.0], &comparison).unwrap();
+    let path = measured.along(&[0.0, 2.0]).unwrap();
+    let best = path.best_scale(&[1e9, 1e9], 1, (1e300, f64::INFINITY), 1).unwrap();
+    assert_eq!((best.scale[0], best.scores.nmse[0]), (1e300, f64::INFINITY));
+}
+
 #[test]
 fn a_curve_of_zeros_has_no_best_scale() {
     let measured = Measured::new(&[0.0, 2.0], &[2.0, 2.0], &Comparison::default()).unwrap();
