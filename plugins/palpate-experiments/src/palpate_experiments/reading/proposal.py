@@ -99,14 +99,14 @@ def _possible(group: Group) -> Iterable[tuple[str, Guess]]:
         yield from _vectors(group)
     elif n_columns == 4 and _is_unit(group.columns):
         yield "orientation", _quaternion(group, group.names)
+    elif n_columns == 6 and words & _WRENCH_WORDS:
+        yield "force", _part(group, slice(0, 3), "force", 2.0)
+        yield "moment", _part(group, slice(3, 6), "moment", 2.0)
     elif n_columns == 6 and words & _POSE_WORDS:
         yield "position", _part(group, slice(0, 3), "position", 1.5)
         turned = _part(group, slice(3, 6), "orientation", 1.5)
         doubt = "three angles: axis_angle is assumed, as Universal Robots logs it; other makes log euler"
         yield "orientation", replace(turned, form="axis_angle", doubts=(doubt,))
-    elif n_columns == 6 and words & _WRENCH_WORDS:
-        yield "force", _part(group, slice(0, 3), "force", 2.0)
-        yield "moment", _part(group, slice(3, 6), "moment", 2.0)
     elif n_columns == 7 and _is_unit(group.columns[3:]):
         yield "position", _part(group, slice(0, 3), "position", 2.0)
         yield "orientation", _quaternion(group, group.names[3:])
