@@ -6,14 +6,15 @@ from palpate import hookimpl
 from palpate.domain import StudyTemplate
 from palpate.interfaces import ExperimentLoader
 from palpate_experiments.csv_loader import CsvLoader, CsvSettings
+from palpate_experiments.robot_log import RobotLogLoader, RobotLogSettings
 
-__all__ = ["CsvLoader", "CsvSettings"]
+__all__ = ["CsvLoader", "CsvSettings", "RobotLogLoader", "RobotLogSettings"]
 
 
 @hookimpl
 def palpate_experiment_loaders() -> list[type[ExperimentLoader]]:
-    """Provide the loader of delimited text."""
-    return [CsvLoader]
+    """Provide the loaders of processed curves and of a robot's log."""
+    return [CsvLoader, RobotLogLoader]
 
 
 @hookimpl

@@ -1,0 +1,101 @@
+"""Loader of a robot's log: read, processed, and told in the manifest."""
+
+from pathlib import Path
+
+from pydantic import Field
+
+from palpate.domain import Response
+from palpate.errors import CurveError
+from palpate.inspection import Inspection
+from palpate.interfaces import ExperimentLoader
+from palpate_experiments.processing import Processed, ProcessingSettings, process
+from palpate_experiments.reading import ChannelMap, Limits, Reading, TextFormat, read_recording
+
+
+class RobotLogSettings(ProcessingSettings):
+    """Settings of :class:`RobotLogLoader`: how the log is read, then every step of processing."""
+
+    channels: ChannelMap = Field(description="Which columns are time, pose and wrench.")
+    text: TextFormat = Field(
+        default_factory=TextFormat, description="Layout of delimited text; guessed where left out."
+    )
+    limits: Limits = Field(default_factory=Limits, description="Largest file, memory and time of reading.")
+
+
+class RobotLogLoader(ExperimentLoader):
+    """A press as a robot and a six-axis sensor logged it.
+
+    The file gives the channels ``force`` (over depth) and, where the tool twists, ``torque``
+    (over rotation), each with standard deviations. A file that the study gives for one channel
+    gives that one alone.
+    """
+
+    name = "robot_log"
+    summary = "pose and wrench over time: text, Parquet, MATLAB, NumPy or ROS bag, to force and torque"
+    Settings = RobotLogSettings
+
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        """Read and process one log.
+
+        Parameters
+        ----------
+        path : Path
+        channel : str, optional
+            The one channel that is wanted.
+
+        Raises
+        ------
+        CurveError
+            Naming file, rows, time stamps and what to do.
+        """
+        reading, processed = self._processed(path)
+        curves = processed.response.curves
+        if channel is not None and channel not in curves:
+            raise CurveError(
+                f"{path}: no channel '{channel}' comes of this log (found: {', '.join(curves)}); "
+                "log a twist, or leave the channel out"
+            )
+        wanted = curves if channel is None else {channel: curves[channel]}
+        return Response(curves=wanted, record={"reading": dict(reading.record), **processed.record})
+
+    def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
+        """Draw the log as it was read, tared, in its phases, its first contact and its curves.
+
+        Parameters
+        ----------
+        path, folder : Path
+        channel : str, optional
+            Not needed: the pictures show all channels.
+
+        Raises
+        ------
+        CurveError
+            As for :meth:`load`; what could be read is drawn before.
+        """
+        # Drawing libraries are loaded by those who draw.
+        from palpate_experiments.pictures import draw_processed, draw_recording
+
+        reading = self._read(path)
+        first = draw_recording(reading.recording, folder)
+        return (first, *draw_processed(process(reading.recording, self.settings), folder))
+
+    @classmethod
+    def inspect(cls, path: Path) -> Inspection:
+        """Say what is in a log, and propose a channel map.
+
+        Raises
+        ------
+        CurveError
+            The file cannot be read at all.
+        """
+        from palpate_experiments.reading.inspection import inspect_log
+
+        return inspect_log(path)
+
+    def _read(self, path: Path) -> Reading:
+        settings: RobotLogSettings = self.settings
+        return read_recording(path, settings.channels, settings.text, settings.limits)
+
+    def _processed(self, path: Path) -> tuple[Reading, Processed]:
+        reading = self._read(path)
+        return reading, process(reading.recording, self.settings)
