@@ -1,19 +1,51 @@
-"""Loaders of measured curves, and ready studies on real rubber and silicone."""
+"""Loaders of measured curves, and ready studies on real rubber and silicone.
 
+Names are imported when they are first used: the process that reads a stranger's log
+imports this package too, and needs neither the loaders nor what they are made of.
+"""
+
+import importlib
 from importlib.resources import files
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from palpate import hookimpl
 from palpate.domain import StudyTemplate
-from palpate.interfaces import ExperimentLoader
-from palpate_experiments.csv_loader import CsvLoader, CsvSettings
-from palpate_experiments.robot_log import RobotLogLoader, RobotLogSettings
+
+if TYPE_CHECKING:
+    from palpate.interfaces import ExperimentLoader
+    from palpate_experiments.csv_loader import CsvLoader, CsvSettings
+    from palpate_experiments.robot_log import RobotLogLoader, RobotLogSettings
 
 __all__ = ["CsvLoader", "CsvSettings", "RobotLogLoader", "RobotLogSettings"]
 
+_HOMES = MappingProxyType(
+    {
+        "CsvLoader": "csv_loader",
+        "CsvSettings": "csv_loader",
+        "RobotLogLoader": "robot_log",
+        "RobotLogSettings": "robot_log",
+    }
+)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'palpate_experiments' has no attribute '{name}'")
+    value: object = getattr(importlib.import_module(f"palpate_experiments.{_HOMES[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
 
 @hookimpl
-def palpate_experiment_loaders() -> list[type[ExperimentLoader]]:
+def palpate_experiment_loaders() -> "list[type[ExperimentLoader]]":
     """Provide the loaders of processed curves and of a robot's log."""
+    from palpate_experiments.csv_loader import CsvLoader
+    from palpate_experiments.robot_log import RobotLogLoader
+
     return [CsvLoader, RobotLogLoader]
 
 

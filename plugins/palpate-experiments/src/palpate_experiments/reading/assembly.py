@@ -11,7 +11,7 @@ from palpate.errors import CurveError
 from palpate_experiments.reading import checks, orientation
 from palpate_experiments.reading.channel_map import NO_COLUMN, ChannelMap, Source, bare
 from palpate_experiments.reading.common_time import are_together, interpolated, overlap, turned_between
-from palpate_experiments.reading.confined import read_confined
+from palpate_experiments.reading.confined import read_log
 from palpate_experiments.reading.formats import Request
 from palpate_experiments.reading.header_units import Kind
 from palpate_experiments.reading.limits import Limits
@@ -62,7 +62,7 @@ def read_recording(
         text=text or TextFormat(),
         limits=limits or Limits(),
     )
-    return assemble(read_confined(path, request), channels)
+    return assemble(read_log(path, request), channels)
 
 
 def columns_of(channels: ChannelMap) -> tuple[str, ...]:

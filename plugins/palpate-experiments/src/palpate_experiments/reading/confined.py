@@ -21,7 +21,7 @@ _LONGEST_HEAD = 1 << 24
 _START_S = 60.0
 
 
-def read_confined(path: Path, request: Request) -> RawLog:
+def read_log(path: Path, request: Request) -> RawLog:
     """Read a file in a process that may do nothing else.
 
     Whatever the bytes of the file lead a parser to, what comes back is a log or an

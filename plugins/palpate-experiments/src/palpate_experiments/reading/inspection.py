@@ -11,7 +11,7 @@ from palpate.errors import CurveError
 from palpate.inspection import InspectedTable, Inspection
 from palpate_experiments.reading.assembly import assemble
 from palpate_experiments.reading.channel_map import ChannelMap
-from palpate_experiments.reading.confined import read_confined
+from palpate_experiments.reading.confined import read_log
 from palpate_experiments.reading.formats import Request
 from palpate_experiments.reading.header_units import kind_of, unit_in
 from palpate_experiments.reading.proposal import QUANTITIES, Proposal, propose
@@ -38,7 +38,7 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
     CurveError
         The file cannot be read at all. What is merely wrong in it is among the findings.
     """
-    log = read_confined(path, request or Request())
+    log = read_log(path, request or Request())
     proposal = propose(log)
     clocks = {stream.name: _clock(stream, proposal) for stream in log.streams}
     problem, reads = _try(log, proposal)
