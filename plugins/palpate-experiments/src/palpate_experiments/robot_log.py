@@ -8,7 +8,7 @@ from palpate.domain import Response
 from palpate.errors import CurveError
 from palpate.inspection import Inspection
 from palpate.interfaces import ExperimentLoader
-from palpate_experiments.processing import Processed, ProcessingSettings, process
+from palpate_experiments.processing.settings import ProcessingSettings
 from palpate_experiments.reading import ChannelMap, Limits, Reading, TextFormat, read_recording
 
 
@@ -48,7 +48,11 @@ class RobotLogLoader(ExperimentLoader):
         CurveError
             Naming file, rows, time stamps and what to do.
         """
-        reading, processed = self._processed(path)
+        # SciPy's signal processing takes a second to load: only for those who process a log.
+        from palpate_experiments.processing.chain import process
+
+        reading = self._read(path)
+        processed = process(reading.recording, self.settings)
         curves = processed.response.curves
         if channel is not None and channel not in curves:
             raise CurveError(
@@ -72,8 +76,8 @@ class RobotLogLoader(ExperimentLoader):
         CurveError
             As for :meth:`load`; what could be read is drawn before.
         """
-        # Drawing libraries are loaded by those who draw.
         from palpate_experiments.pictures import draw_processed, draw_recording
+        from palpate_experiments.processing.chain import process
 
         reading = self._read(path)
         first = draw_recording(reading.recording, folder)
@@ -95,7 +99,3 @@ class RobotLogLoader(ExperimentLoader):
     def _read(self, path: Path) -> Reading:
         settings: RobotLogSettings = self.settings
         return read_recording(path, settings.channels, settings.text, settings.limits)
-
-    def _processed(self, path: Path) -> tuple[Reading, Processed]:
-        reading = self._read(path)
-        return reading, process(reading.recording, self.settings)

@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.domain import Curve, FloatArray, IntArray
 from palpate_experiments.processing import checks, record
-from palpate_experiments.processing.curves import branch, joined
+from palpate_experiments.processing.curves import branch, joined, with_shift_std
 from palpate_experiments.processing.drift import Drift, find_drift, without_drift
 from palpate_experiments.processing.gravity import (
     ToolLoad,
@@ -203,18 +203,9 @@ def _force(
     rows = next(phase for phase in phases if phase.name == "press").rows(time)
     abscissa = _smooth(settings, time[rows], depth[rows], float(np.ptp(depth[rows])))
     ordinate = _smooth(settings, time[rows], pressing[rows], float(np.abs(pressing[rows]).max()))
-    # An onset that is off by its standard deviation moves the force by slope times it.
-    stiffness = np.gradient(ordinate.values, time[rows]) / np.maximum(
-        np.gradient(abscissa.values, time[rows]), 1e-3 * np.ptp(depth[rows]) / np.ptp(time[rows])
-    )
-    extra = np.hypot(zero_std[rows], onset.std_mm * np.clip(stiffness, 0.0, _stiffest(abscissa, ordinate)))
     points = settings.resampling.points if settings.resampling.enabled else None
-    return joined("force", [branch(abscissa.values, ordinate, extra, points, start=0.0)]), ordinate
-
-
-def _stiffest(abscissa: Smoothed, ordinate: Smoothed) -> float:
-    """Four times the mean stiffness, beyond which a slope is noise."""
-    return 4.0 * float(np.ptp(ordinate.values) / max(np.ptp(abscissa.values), 1e-12))
+    part = branch(abscissa.values, ordinate, zero_std[rows], points, start=0.0)
+    return joined("force", [with_shift_std(part, onset.std_mm)]), ordinate
 
 
 def _torque(

@@ -1,12 +1,14 @@
 """Curves of force over depth and torque over rotation, branch by branch."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.domain import Curve, FloatArray
 from palpate_experiments.processing.smoothing import Smoothed
+
+_SLOPE_POINTS = 31
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,6 +51,16 @@ def branch(
     grid = np.linspace(level[0], level[-1], points)
     at = sense * grid, sense * level
     return Branch(abscissa=grid, ordinate=np.interp(*at, values), std=np.interp(*at, std))
+
+
+def with_shift_std(part: Branch, shift_std: float) -> Branch:
+    """Add what a shift of the whole abscissa would do to the ordinate: its slope times the shift."""
+    low, high = part.abscissa[0], part.abscissa[-1]
+    grid = np.linspace(low, high, min(_SLOPE_POINTS, part.abscissa.size))
+    rising = np.concatenate([[True], np.diff(part.abscissa) > 0.0])
+    slope = np.gradient(np.interp(grid, part.abscissa[rising], part.ordinate[rising]), grid)
+    extra = shift_std * np.interp(part.abscissa, grid, np.abs(slope))
+    return replace(part, std=np.hypot(part.std, extra))
 
 
 def joined(channel: str, branches: Sequence[Branch]) -> Curve:
