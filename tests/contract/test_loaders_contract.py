@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from palpate.domain import Response
 from palpate.interfaces import ExperimentLoader
 from palpate.testing import LoaderContract
-from palpate_experiments import CsvLoader
+from palpate_experiments import CsvLoader, CsvSettings
 
 GOOD = "depth_mm,angle_deg,force_N,torque_Nmm\n0,0,0,0\n5,0,2,0\n10,0,7,0.5\n10,-9,6,-3\n10,9,6,3\n"
 
@@ -38,6 +39,49 @@ class Rounded(CsvLoader):
     def save(self, path: Path, response: Response, channel: str | None = None) -> None:
         super().save(path, response, channel)
         path.write_text(path.read_text().replace("0.5", "0.4"))
+
+
+class TestCsvWithStd(TestCsv):
+    @pytest.fixture
+    def loader(self) -> ExperimentLoader:
+        force = {"abscissa": "depth_mm", "ordinate": "force_N", "std": "torque_Nmm"}
+        return CsvLoader(CsvSettings.model_validate({"channels": {"force": force}}))
+
+    @pytest.fixture
+    def good_file(self, tmp_path: Path) -> Path:
+        path = tmp_path / "good.csv"
+        path.write_text(GOOD.replace("-3", "3"))
+        return path
+
+
+class Telling(CsvLoader):
+    """Records what JSON does not hold, and draws outside its folder."""
+
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        if not path.read_bytes().isascii():
+            raise KeyError(path)
+        return Response(curves=super().load(path, channel).curves, record={"bias": np.float32(1.0)})
+
+    def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
+        (folder.parent / "here.png").touch()
+        return (folder.parent / "here.png",)
+
+
+@pytest.mark.parametrize(
+    ("test", "caught"),
+    [
+        ("test_its_record_is_plain", TypeError),
+        ("test_draws_where_it_is_told_to", AssertionError),
+        ("test_a_spoilt_file_is_refused_or_read_but_never_falls_over", KeyError),
+    ],
+)
+def test_the_contract_catches_a_loader_without_manners(
+    tmp_path: Path, test: str, caught: type[Exception]
+) -> None:
+    (tmp_path / "good.csv").write_text(GOOD)
+    extra = () if "plain" in test else (tmp_path,)
+    with pytest.raises(caught):
+        getattr(TestCsv(), test)(Telling(), tmp_path / "good.csv", *extra)
 
 
 def test_the_contract_catches_a_loader_that_writes_something_else(tmp_path: Path) -> None:

@@ -106,3 +106,50 @@ def test_two_channels_over_one_column_are_refused(tmp_path: Path) -> None:
     both = response(**{name: np.column_stack([DEPTH, DEPTH]) for name in channels})
     with pytest.raises(CurveError, match=r"c\.csv: two curves need one column .*its own file"):
         loader(channels=channels).save(tmp_path / "c.csv", both)
+
+
+STD = {
+    "force": {"abscissa": "d", "ordinate": "f", "std": {"name": "sf", "scale": 0.001}},
+    "torque": {"abscissa": "a", "ordinate": "t"},
+}
+
+
+def unsure(std: object) -> Response:
+    force = Curve(channel="force", abscissa=DEPTH, ordinate=DEPTH**2, std=std)
+    return Response(
+        curves={"force": force, "torque": Curve(channel="torque", abscissa=DEPTH, ordinate=-DEPTH)}
+    )
+
+
+def test_standard_deviations_are_read_back_in_their_unit(tmp_path: Path) -> None:
+    path = tmp_path / "c.csv"
+    loader(channels=STD).save(path, unsure([0.1, 0.0, 0.3]))
+    assert path.read_text().splitlines()[:2] == ["d,a,f,t,sf", "0.0,0.0,0.0,-0.0,100.0"]
+    found = loader(channels=STD).load(path)
+    assert found["force"].std == pytest.approx([0.1, 0.0, 0.3])
+    assert found["torque"].std is None
+
+
+@pytest.mark.parametrize(
+    ("channels", "std", "says"),
+    [
+        (STD, None, "channel 'force' has no standard deviation; remove channels.force.std in"),
+        (
+            {c: {k: STD[c][k] for k in ("abscissa", "ordinate")} for c in STD},
+            [0.1] * 3,
+            "has a standard .*name a",
+        ),
+    ],
+)
+def test_a_standard_deviation_is_neither_made_up_nor_dropped(
+    tmp_path: Path, channels: object, std: object, says: str
+) -> None:
+    with pytest.raises(CurveError, match=says):
+        loader(channels=channels).save(tmp_path / "c.csv", unsure(std))
+
+
+def test_a_negative_standard_deviation_names_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "c.csv"
+    path.write_text("d,f,sf\n0,0,1\n1,2,-1\n")
+    with pytest.raises(CurveError, match=r"c\.csv: channel 'force'.*std\[1\] is -0.001"):
+        loader(channels={"force": STD["force"]}).load(path)

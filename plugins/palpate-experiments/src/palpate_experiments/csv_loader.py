@@ -38,10 +38,20 @@ ColumnChoice = Annotated[Column, BeforeValidator(_named, json_schema_input_type=
 
 
 class ChannelColumns(Settings):
-    """The two columns that make a channel's curve."""
+    """The columns that make a channel's curve."""
 
     abscissa: ColumnChoice = Field(description="Column name, or a table of name, scale and offset.")
     ordinate: ColumnChoice = Field(description="Column name, or a table of name, scale and offset.")
+    std: ColumnChoice | None = Field(
+        default=None, description="Column of the ordinate's standard deviation; its offset is 0."
+    )
+
+    @property
+    def all(self) -> tuple[Column, ...]:
+        """Abscissa, ordinate and, where there is one, standard deviation."""
+        return (
+            (self.abscissa, self.ordinate) if self.std is None else (self.abscissa, self.ordinate, self.std)
+        )
 
 
 def _columns(abscissa: str, ordinate: str) -> ChannelColumns:
@@ -181,36 +191,52 @@ def _rows(
             f"{path}: the curves are {', '.join(response)}, and the loader's settings name columns for "
             f"{', '.join(columns)}; name the same channels under channels, or give each its own file"
         )
-    names = [columns[c].abscissa.name for c in response] + [columns[c].ordinate.name for c in response]
+    # Abscissae first, then ordinates, then standard deviations: as one reads such a file.
+    places = [(k, c) for k in range(3) for c in response if k < len(columns[c].all)]
+    names = [columns[c].all[k].name for k, c in places]
     if len(set(names)) < len(names):
         raise CurveError(f"{path}: two curves need one column ({', '.join(names)}); give each its own file")
-    pairs = {name: _written(curve, columns[name]) for name, curve in response.curves.items()}
-    now = np.concatenate([[pair[k, 0] for pair in pairs.values()] for k in (0, 1)])
+    written = {c: _written(path, curve, columns[c]) for c, curve in response.curves.items()}
+    now = np.array([written[c][k, 0] for k, c in places])
     blocks = []
-    for index, pair in enumerate(pairs.values()):
-        block = np.tile(now, (pair.shape[1], 1))
-        block[:, [index, index + len(pairs)]] = pair.T
+    for channel, values in written.items():
+        block = np.tile(now, (values.shape[1], 1))
+        for k in range(len(values)):
+            block[:, places.index((k, channel))] = values[k]
         blocks.append(block)
         now = block[-1]
     return names, np.concatenate(blocks)
 
 
-def _written(curve: Curve, columns: ChannelColumns) -> FloatArray:
-    """Abscissa and ordinate (2, n) in the file's units, without the rest at both ends."""
-    span = moving_span(curve.abscissa)
+def _written(path: Path, curve: Curve, columns: ChannelColumns) -> FloatArray:
+    """Values (n_columns, n) in the file's units, without the rest at both ends."""
+    if (curve.std is None) != (columns.std is None):
+        has, remedy = ("no", "remove") if curve.std is None else ("a", "name a column under")
+        raise CurveError(
+            f"{path}: channel '{curve.channel}' has {has} standard deviation; {remedy} "
+            f"channels.{curve.channel}.std in the loader's settings"
+        )
+    part = curve.cut(moving_span(curve.abscissa))
+    values = (part.abscissa, part.ordinate, part.std)
     return np.stack(
         [
-            (values[span] - column.offset) / column.scale
-            for values, column in ((curve.abscissa, columns.abscissa), (curve.ordinate, columns.ordinate))
+            (each - column.offset) / column.scale
+            for each, column in zip(values, columns.all, strict=False)
+            if each is not None
         ]
     )
 
 
 def _curve(table: TextTable, channel: str, columns: ChannelColumns) -> Curve:
-    abscissa, ordinate = _values(table, columns.abscissa), _values(table, columns.ordinate)
+    abscissa, ordinate, *std = (_values(table, column) for column in columns.all)
     try:
         span = moving_span(abscissa)
-        return Curve(channel=channel, abscissa=abscissa[span], ordinate=ordinate[span])
+        return Curve(
+            channel=channel,
+            abscissa=abscissa[span],
+            ordinate=ordinate[span],
+            std=std[0][span] if std else None,
+        )
     except CurveError as error:
         raise CurveError(
             f"{table.path}: channel '{channel}', column '{columns.abscissa.name}': {error}; "

@@ -1,0 +1,31 @@
+"""Contract tests that a plugin's own suite inherits.
+
+Subclass the contract of what you provide, override its fixtures, and pytest
+runs the laws that palpate relies on:
+
+.. code-block:: python
+
+    from palpate.testing import MaterialContract
+
+    class TestMyTissue(MaterialContract):
+        @pytest.fixture
+        def material(self):
+            return MyTissue()
+"""
+
+from palpate.testing.components import ComponentContract, check_described
+from palpate.testing.designs import SamplerContract, SetFilterContract
+from palpate.testing.files import LimbSourceContract, LoaderContract
+from palpate.testing.materials import MaterialContract
+from palpate.testing.solvers import SolverContract
+
+__all__ = [
+    "ComponentContract",
+    "LimbSourceContract",
+    "LoaderContract",
+    "MaterialContract",
+    "SamplerContract",
+    "SetFilterContract",
+    "SolverContract",
+    "check_described",
+]

@@ -1,0 +1,40 @@
+"""What holds for everything that a plugin provides."""
+
+# ruff: noqa: D102 - the name of a test says what must hold
+
+import pickle
+from typing import Never
+
+import pytest
+
+from palpate.interfaces import Component
+
+
+def missing(fixture: str, contract: str) -> Never:
+    """Fail, because a plugin's suite has to override a fixture."""
+    pytest.fail(f"{contract}: override the fixture '{fixture}'")
+
+
+def check_described(component: Component) -> None:
+    """Assert that name, summary and every setting say what they are."""
+    assert component.name.isidentifier(), f"name {component.name!r} must be an identifier"
+    assert component.summary.strip(), f"'{component.name}' needs a summary"
+    for name, field in type(component.settings).model_fields.items():
+        assert field.description, f"setting '{name}' of '{component.name}' needs a description"
+
+
+class ComponentContract:
+    """What holds for every component."""
+
+    @pytest.fixture
+    def component(self) -> Component:
+        """Provide the component under test; each contract fills it in."""
+        missing("component", type(self).__name__)
+
+    def test_says_what_it_is(self, component: Component) -> None:
+        check_described(component)
+
+    def test_travels_to_another_process(self, component: Component) -> None:
+        copy = pickle.loads(pickle.dumps(component))
+        assert type(copy) is type(component)
+        assert copy.settings == component.settings

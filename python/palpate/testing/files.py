@@ -1,0 +1,170 @@
+"""Laws of what reads files: curves and limbs."""
+
+# ruff: noqa: D102 - the name of a test says what must hold
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.domain import Curve, Spot
+from palpate.errors import CurveError, MeshError, PalpateError
+from palpate.interfaces import Component, ExperimentLoader, LimbSource
+from palpate.testing.components import ComponentContract, missing
+
+
+class LoaderContract(ComponentContract):
+    """Laws of an experiment loader; override ``loader``, ``good_file`` and ``bad_files``."""
+
+    channel: str | None = None
+    """Passed to ``load`` where a file holds one channel that the study names."""
+
+    @pytest.fixture
+    def loader(self) -> ExperimentLoader:
+        """Provide the loader under test."""
+        missing("loader", type(self).__name__)
+
+    @pytest.fixture
+    def good_file(self, tmp_path: Path) -> Path:
+        """Provide a file that it reads."""
+        missing("good_file", type(self).__name__)
+
+    @pytest.fixture
+    def bad_files(self, tmp_path: Path) -> Sequence[Path]:
+        """Provide files that it must refuse, such as an empty one and one with text in a curve."""
+        missing("bad_files", type(self).__name__)
+
+    @pytest.fixture
+    def component(self, loader: ExperimentLoader) -> Component:
+        """Provide the loader."""
+        return loader
+
+    def test_reads_curves(self, loader: ExperimentLoader, good_file: Path) -> None:
+        response = loader.load(good_file, self.channel)
+        assert list(response)
+        for name in response:
+            assert response[name].channel == name
+
+    def test_refuses_bad_files_by_name(self, loader: ExperimentLoader, bad_files: Sequence[Path]) -> None:
+        assert bad_files
+        for path in bad_files:
+            with pytest.raises(CurveError) as caught:
+                loader.load(path, self.channel)
+            assert path.name in str(caught.value)
+
+    def test_reads_back_what_it_writes(self, loader: ExperimentLoader, good_file: Path) -> None:
+        if type(loader).save is ExperimentLoader.save:
+            pytest.skip("writes no curves")
+        written, copy = loader.load(good_file, self.channel), good_file.with_stem("copy")
+        loader.save(copy, written, self.channel)
+        found = loader.load(copy, self.channel)
+        assert set(found) == set(written)
+        for name in written:
+            np.testing.assert_allclose(found[name].abscissa, written[name].abscissa, rtol=1e-12)
+            np.testing.assert_allclose(found[name].ordinate, written[name].ordinate, rtol=1e-12)
+            _assert_same_std(found[name], written[name])
+
+    def test_reads_the_same_twice_and_leaves_the_file_alone(
+        self, loader: ExperimentLoader, good_file: Path
+    ) -> None:
+        before = good_file.read_bytes()
+        once, again = (loader.load(good_file, self.channel) for _ in range(2))
+        assert set(once) == set(again)
+        for name in once:
+            np.testing.assert_array_equal(again[name].abscissa, once[name].abscissa)
+            np.testing.assert_array_equal(again[name].ordinate, once[name].ordinate)
+        assert good_file.read_bytes() == before
+
+    def test_its_record_is_plain(self, loader: ExperimentLoader, good_file: Path) -> None:
+        record = dict(loader.load(good_file, self.channel).record)
+        assert json.loads(json.dumps(record, allow_nan=False)) == record
+
+    def test_draws_where_it_is_told_to(
+        self, loader: ExperimentLoader, good_file: Path, tmp_path: Path
+    ) -> None:
+        folder = tmp_path / "pictures of one file"
+        folder.mkdir()
+        files = loader.draw(good_file, folder, self.channel)
+        assert set(files) == set(folder.iterdir())
+
+    def test_a_spoilt_file_is_refused_or_read_but_never_falls_over(
+        self, loader: ExperimentLoader, good_file: Path, tmp_path: Path
+    ) -> None:
+        whole = good_file.read_bytes()
+        spoilt = {f"cut_{share}": whole[: len(whole) * share // 100] for share in (0, 30, 90)}
+        spoilt["flipped"] = bytes(byte ^ (0x80 if i % 97 == 50 else 0) for i, byte in enumerate(whole))
+        spoilt["junk"] = np.random.default_rng(1).bytes(2000)
+        for name, content in spoilt.items():
+            path = tmp_path / f"{name}{good_file.suffix}"
+            path.write_bytes(content)
+            try:
+                response = loader.load(path, self.channel)
+            except CurveError as error:
+                assert path.name in str(error)  # noqa: PT017 - it may also be read
+            else:
+                assert list(response)
+
+    def test_refuses_a_folder_by_name(self, loader: ExperimentLoader, good_file: Path) -> None:
+        folder = good_file.with_name("a_folder" + good_file.suffix)
+        folder.mkdir()
+        with pytest.raises(CurveError) as caught:
+            loader.load(folder, self.channel)
+        assert folder.name in str(caught.value)
+
+    def test_refuses_a_missing_file_by_name(self, loader: ExperimentLoader, good_file: Path) -> None:
+        with pytest.raises(PalpateError) as caught:
+            loader.load(good_file.with_name("no_such" + good_file.suffix), self.channel)
+        assert "no_such" in str(caught.value)
+
+
+def _assert_same_std(found: Curve, written: Curve) -> None:
+    assert (found.std is None) == (written.std is None)
+    if found.std is not None and written.std is not None:
+        np.testing.assert_allclose(found.std, written.std, rtol=1e-12)
+
+
+class LimbSourceContract(ComponentContract):
+    """Laws of a limb source; override ``limb_source``, ``good_file``, ``bad_files`` and ``spot``."""
+
+    @pytest.fixture
+    def limb_source(self) -> LimbSource:
+        """Provide the limb source under test."""
+        missing("limb_source", type(self).__name__)
+
+    @pytest.fixture
+    def good_file(self, tmp_path: Path) -> Path:
+        """Provide a file that it reads."""
+        missing("good_file", type(self).__name__)
+
+    @pytest.fixture
+    def bad_files(self, tmp_path: Path) -> Sequence[Path]:
+        """Provide files that it must refuse."""
+        missing("bad_files", type(self).__name__)
+
+    @pytest.fixture
+    def spot(self) -> Spot:
+        """Provide a spot on the limb of ``good_file``."""
+        return Spot(name="p1")
+
+    @pytest.fixture
+    def component(self, limb_source: LimbSource) -> Component:
+        """Provide the limb source."""
+        return limb_source
+
+    def test_makes_a_limb(self, limb_source: LimbSource, good_file: Path, spot: Spot) -> None:
+        limb = limb_source.load(good_file, spot)
+        assert limb.spot.name == spot.name
+        assert limb.mesh.n_cells > 0
+        assert limb.mesh.regions
+        assert {"fixed", "contact"} <= set(limb.mesh.node_sets)
+
+    def test_refuses_bad_files_by_name(
+        self, limb_source: LimbSource, bad_files: Sequence[Path], spot: Spot
+    ) -> None:
+        assert bad_files
+        for path in bad_files:
+            with pytest.raises(MeshError) as caught:
+                limb_source.load(path, spot)
+            assert path.name in str(caught.value)

@@ -1,0 +1,175 @@
+"""Laws of materials."""
+
+# ruff: noqa: D102 - the name of a test says what must hold
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from palpate import mechanics
+from palpate.domain import (
+    FloatArray,
+)
+from palpate.errors import MaterialError
+from palpate.interfaces import (
+    Component,
+    Material,
+)
+from palpate.testing.components import ComponentContract, missing
+
+# Compiled once for each material under test: shared by its tests.
+_stress_and_tangent = jax.jit(mechanics.stress_and_tangent, static_argnums=0)
+
+
+class MaterialContract(ComponentContract):
+    """Laws of a hyperelastic material; override ``material``."""
+
+    n_thetas = 4
+    """Parameter sets drawn from the declared ranges."""
+
+    largest_strain = 0.2
+    """Largest entry of F − 1 that the material must bear over its declared ranges."""
+
+    @pytest.fixture
+    def material(self) -> Material:
+        """Provide the material under test."""
+        missing("material", type(self).__name__)
+
+    @pytest.fixture
+    def component(self, material: Material) -> Component:
+        """Provide the material."""
+        return material
+
+    @pytest.fixture
+    def thetas(self, material: Material) -> FloatArray:
+        """Provide textbook parameter sets: both ends of all ranges, and random points between."""
+        lower, upper = np.array([[p.lower, p.upper] for p in material.parameters]).T
+        inner = np.random.default_rng(0).random((self.n_thetas - 2, lower.size))
+        thetas: FloatArray = lower + (upper - lower) * np.concatenate(
+            [np.zeros((1, lower.size)), np.ones((1, lower.size)), inner]
+        )
+        return thetas
+
+    @pytest.fixture
+    def gradients(self) -> FloatArray:
+        """Provide deformation gradients (6, 3, 3): rest, two and three equal stretches, and general ones."""
+        e = self.largest_strain
+        random = np.random.default_rng(1).uniform(-e, e, (3, 3, 3))
+        special = [np.zeros((3, 3)), np.diag([e, -e / 2, -e / 2]), np.diag([e, e, e]) / 3]
+        gradients: FloatArray = np.eye(3) + np.concatenate([special, random])
+        return gradients
+
+    def energies(self, material: Material, F: FloatArray, theta: FloatArray) -> FloatArray:
+        """Evaluate the energy (n,) of F (n, 3, 3), by numpy where the material is isotropic."""
+        if material.isotropic:
+            stretches = np.linalg.svd(F, compute_uv=False)
+            return np.asarray(material.energy(stretches, theta))
+        return np.array([material.energy_from_F(jnp.asarray(f), jnp.asarray(theta)) for f in F])
+
+    def stress(self, material: Material, F: FloatArray, theta: FloatArray) -> FloatArray:
+        """Evaluate the first Piola–Kirchhoff stress (n, 3, 3) of F (n, 3, 3)."""
+        return np.asarray(_stress_and_tangent(material, F, theta)[0])
+
+    def test_parameters_say_what_they_are(self, material: Material) -> None:
+        names = [p.name for p in material.parameters]
+        assert names
+        assert len(set(names)) == len(names)
+        for p in material.parameters:
+            assert p.name.isidentifier()
+            assert p.description.strip(), f"parameter '{p.name}' needs a description"
+            assert p.unit == ("MPa" if p.kind == "modulus" else ""), f"unit '{p.unit}' of a {p.kind}"
+
+    def test_refuses_the_wrong_number_of_parameters(self, material: Material, thetas: FloatArray) -> None:
+        material.check(thetas[0])
+        with pytest.raises(MaterialError):
+            material.check(thetas[0][:-1])
+
+    def test_conventions_convert_both_ways(self, material: Material, thetas: FloatArray) -> None:
+        for convention in ("textbook", *material.conventions):
+            there = material.from_textbook(thetas[0], convention)
+            np.testing.assert_allclose(material.to_textbook(there, convention), thetas[0], rtol=1e-15)
+        with pytest.raises(MaterialError, match="textbook"):
+            material.to_textbook(thetas[0], "no such convention")
+
+    def test_reference_state_is_sound(self, material: Material, thetas: FloatArray) -> None:
+        for theta in thetas:
+            mechanics.check_reference_state(material, theta)
+
+    def test_energy_of_a_stack_is_a_stack_of_energies(self, material: Material, thetas: FloatArray) -> None:
+        if not material.isotropic:
+            pytest.skip("an anisotropic energy takes one deformation gradient")
+        stretches = np.random.default_rng(2).uniform(0.9, 1.1, (2, 3, 3))
+        stacked = material.energy(stretches, thetas[-1])
+        assert stacked.shape == (2, 3)
+        one = material.energy(stretches[1, 2], thetas[-1])
+        np.testing.assert_allclose(stacked[1, 2], one, rtol=1e-13, atol=1e-16)
+
+    def test_energy_is_symmetric_in_the_stretches(self, material: Material, thetas: FloatArray) -> None:
+        if not material.isotropic:
+            pytest.skip("an anisotropic energy has no such symmetry")
+        stretches = np.array([1.0 + self.largest_strain, 1.05, 1.0 - self.largest_strain])
+        orders = np.array(list(itertools.permutations(stretches)))
+        for theta in thetas:
+            energy = material.energy(orders, theta)
+            np.testing.assert_allclose(energy, energy[0], rtol=1e-12)
+
+    def test_numpy_and_jax_agree(self, material: Material, thetas: FloatArray) -> None:
+        if not material.isotropic:
+            pytest.skip("an anisotropic energy is called by JAX only")
+        stretches = np.random.default_rng(3).uniform(0.9, 1.1, (5, 3))
+        for theta in thetas:
+            traced = jax.jit(material.energy)(jnp.asarray(stretches), jnp.asarray(theta))
+            np.testing.assert_allclose(traced, material.energy(stretches, theta), rtol=1e-11, atol=1e-15)
+
+    def test_rotating_the_specimen_rotates_the_stress(
+        self, material: Material, thetas: FloatArray, gradients: FloatArray
+    ) -> None:
+        Q, _ = np.linalg.qr(np.random.default_rng(4).standard_normal((3, 3)))
+        Q *= np.linalg.det(Q)
+        theta = thetas[-1]
+        before = self.energies(material, gradients, theta)
+        np.testing.assert_allclose(
+            self.energies(material, Q @ gradients, theta), before, rtol=1e-9, atol=1e-14
+        )
+        P = self.stress(material, gradients, theta)
+        rotated = self.stress(material, Q @ gradients, theta)
+        np.testing.assert_allclose(rotated, Q @ P, atol=1e-9 * np.abs(P).max())
+
+    def test_stress_is_the_slope_of_the_energy(
+        self, material: Material, thetas: FloatArray, gradients: FloatArray
+    ) -> None:
+        theta = thetas[-1]
+        P = self.stress(material, gradients, theta)
+        _, kappa = mechanics.initial_moduli(material, theta)
+        step = 1e-5
+        for i, j in np.ndindex(3, 3):
+            dF = np.zeros((3, 3))
+            dF[i, j] = step
+            rise = self.energies(material, gradients + dF, theta) - self.energies(
+                material, gradients - dF, theta
+            )
+            np.testing.assert_allclose(P[:, i, j], rise / (2 * step), atol=1e-6 * (kappa + np.abs(P).max()))
+
+    def test_tangent_is_the_slope_of_the_stress(
+        self, material: Material, thetas: FloatArray, gradients: FloatArray
+    ) -> None:
+        theta = thetas[-1]
+        _, A = _stress_and_tangent(material, gradients, theta)
+        step = 1e-6
+        for k, m in np.ndindex(3, 3):
+            dF = np.zeros((3, 3))
+            dF[k, m] = step
+            rise = self.stress(material, gradients + dF, theta) - self.stress(material, gradients - dF, theta)
+            np.testing.assert_allclose(A[..., k, m], rise / (2 * step), atol=1e-6 * float(np.abs(A).max()))
+
+    def test_moduli_scale_the_energy(
+        self, material: Material, thetas: FloatArray, gradients: FloatArray
+    ) -> None:
+        factors = np.array([2.5 if p.kind == "modulus" else 1.0 for p in material.parameters])
+        for theta in thetas:
+            energy = self.energies(material, gradients, theta)
+            scaled = self.energies(material, gradients, factors * theta)
+            np.testing.assert_allclose(scaled, 2.5 * energy, rtol=1e-12, atol=1e-15)
