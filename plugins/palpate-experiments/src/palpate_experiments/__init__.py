@@ -36,10 +36,6 @@ def __getattr__(name: str) -> object:
     return value
 
 
-def __dir__() -> list[str]:
-    return sorted(__all__)
-
-
 @hookimpl
 def palpate_experiment_loaders() -> "list[type[ExperimentLoader]]":
     """Provide the loaders of processed curves and of a robot's log."""
