@@ -285,6 +285,16 @@ class ParameterSpace:
         """Searched parameters with their full names, in design column order."""
         return tuple(replace(p, name=f"{r.region}.{p.name}") for r in self.regions for p in r.searched)
 
+    @property
+    def fixed_moduli(self) -> tuple[str, ...]:
+        """Full names of the moduli that are not searched."""
+        return tuple(
+            f"{r.region}.{p.name}"
+            for r in self.regions
+            for p in r.material.parameters
+            if p.kind == "modulus" and p.name in r.fixed
+        )
+
     def thetas(self, row: FloatArray) -> dict[str, FloatArray]:
         """Textbook parameters by region for one design row of shape (n_parameters,)."""
         values = dict(zip((p.name for p in self.parameters), map(float, row), strict=True))

@@ -7,7 +7,7 @@ written.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import polars as pl
@@ -20,6 +20,7 @@ from palpate.generalisation import generalise
 from palpate.limb import load_limbs
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
+from palpate.rays import best_on_rays
 from palpate.refinement import Refined, refine
 from palpate.report import Content, draw_presses, make_tables, write_report
 from palpate.run_directory import RunDirectory
@@ -57,11 +58,15 @@ class Selected:
         when no set succeeded at every spot.
     refinement : DataFrame
         Rows of the local search that started from each selected set; empty without one.
+    rays : DataFrame
+        Best multiple of any set by spot and scenario, as
+        :func:`palpate.rays.best_on_rays` returns it; empty unless asked for.
     """
 
     selection: pl.DataFrame
     generalisation: pl.DataFrame
     refinement: pl.DataFrame
+    rays: pl.DataFrame = field(default_factory=pl.DataFrame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -235,7 +240,7 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     """
     run = RunDirectory(run_folder)
     scores = run.scores()
-    checked = _from_files(study, run, with_limbs=study.refine)
+    checked = _from_files(study, run, with_limbs=study.refine or study.rays)
     progress.begin("select", 1)
     selected = _select(study, run, checked, scores, progress)
     run.begin(study, plugins.channels)
@@ -301,7 +306,17 @@ def _select(
         run.write_refinement(refined)
     else:
         run.drop_refinement()
-    return Selected(selection=chosen, generalisation=generalisation, refinement=refined.table)
+    rays = _rays(study, run, checked, progress)
+    run.write_rays(rays)
+    return Selected(selection=chosen, generalisation=generalisation, refinement=refined.table, rays=rays)
+
+
+def _rays(study: Study, run: RunDirectory, checked: Checked, progress: Progress) -> pl.DataFrame:
+    if not study.rays:
+        return pl.DataFrame()
+    design, limbs, measured = checked.design, checked.limbs, checked.measured
+    swept = simulation.stored(study, design, limbs, measured, run.folder)
+    return best_on_rays(study, swept, design, limbs, measured, progress)
 
 
 def _report(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins) -> Report:
@@ -321,6 +336,7 @@ def _report(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins)
         selection=chosen,
         generalisation=generalisation,
         refined=run.refinement(),
+        rays=run.rays(),
         responses={(s.job.spot, s.job.set_id): s.response for s in found if s.response is not None},
     )
     return Report(tables=make_tables(content), files=write_report(content, run.report))

@@ -228,17 +228,11 @@ class _Search:
         differences = np.where(covered, compared.values - curve.ordinate, 0.0)
         points = point_weights(curve, self.study.weights)
         points = np.ones(covered.size) if points is None else points
-        scale = np.sqrt(weight * points / points[covered].sum()) / normaliser_value(
-            curve.ordinate, self.study
+        scale = np.sqrt(weight * points / points[covered].sum()) / _core.normaliser(
+            curve.ordinate, self.study.normaliser.value
         )
         residuals: FloatArray = differences * scale
         return residuals
-
-
-def normaliser_value(ordinate: FloatArray, study: Study) -> float:
-    """Work out the study's normaliser of a measured curve, in the unit of its ordinate."""
-    # NMSE of an error of one unit everywhere is 1/normaliser².
-    return float(_core.nmse(ordinate + 1.0, ordinate, study.normaliser.value) ** -0.5)
 
 
 class _NoSlopeError(Exception):

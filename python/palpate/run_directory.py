@@ -10,6 +10,7 @@
     curves/<key>.parquet    its curves
     scores.parquet  selection.parquet  generalisation.parquet
     refinement.parquet  refined/<spot>/<scenario>.parquet
+    rays.parquet
     report/
 
 Files are written whole or not at all, and the folder moves freely.
@@ -198,6 +199,19 @@ class RunDirectory:
             responses={key: response_of(pl.read_parquet(file)) for key, file in found.items()},
         )
 
+    def write_rays(self, rays: pl.DataFrame) -> None:
+        """Write ``rays.parquet``, or remove that of an earlier selection where there are none."""
+        path = self.folder / "rays.parquet"
+        if rays.is_empty():
+            path.unlink(missing_ok=True)
+        else:
+            write_frame(path, rays)
+
+    def rays(self) -> pl.DataFrame:
+        """Best multiple by spot and scenario; empty when none was looked for."""
+        path = self.folder / "rays.parquet"
+        return pl.read_parquet(path) if path.exists() else pl.DataFrame()
+
     # ----------------------------------------------------------------------- paths
 
     def _measured(self, spot: str) -> Path:
@@ -273,6 +287,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "scenarios": {scenario.name: dict(scenario.weights) for scenario in study.scenarios},
         "generalise_by": study.generalise_by,
         "refine": study.refine,
+        "rays": study.rays,
         "truth": plain(study.truth),
         "channels": {name: asdict(channel) for name, channel in channels.items() if name in weighted},
     }

@@ -75,13 +75,13 @@ def _refilled(
 ) -> Design:
     """Double the points until as many as at first pass the filters."""
     n_sets = len(points)
-    accepted = _accepted_by_all(filters, space, _in_ranges(space, points))
+    accepted = accepted_by_all(filters, space, _in_ranges(space, points))
     while accepted.sum() < n_sets:
         if 2 * len(points) > refill * n_sets:
             raise _too_few(space, filters, int(accepted.sum()), len(points), n_sets)
         n_known = len(points)
         points = _extended(sampler, points, 2 * n_known, seed)
-        new = _accepted_by_all(filters, space, _in_ranges(space, points[n_known:]))
+        new = accepted_by_all(filters, space, _in_ranges(space, points[n_known:]))
         accepted = np.concatenate([accepted, new])
     kept = np.flatnonzero(accepted)[:n_sets]
     values = _in_ranges(space, points[kept])
@@ -143,7 +143,8 @@ def _in_range(parameter: Parameter, shares: FloatArray) -> FloatArray:
     return values
 
 
-def _accepted_by_all(filters: Sequence[SetFilter], space: ParameterSpace, values: FloatArray) -> BoolArray:
+def accepted_by_all(filters: Sequence[SetFilter], space: ParameterSpace, values: FloatArray) -> BoolArray:
+    """Whether each of the sets (n_sets, n_parameters) passes every filter: (n_sets,)."""
     accepted = np.ones(len(values), dtype=bool)
     for keep in filters:
         still = np.flatnonzero(accepted)

@@ -10,7 +10,7 @@ from palpate.domain import Normaliser, ParameterSpace, PointWeights, Protocol, S
 from palpate.errors import StudyError
 from palpate.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins import Plugins
-from palpate.study_build import Context, build_components, build_scenarios, check_solver_needs
+from palpate.study_build import Context, build_components, build_scenarios, check_rays, check_solver_needs
 from palpate.study_lines import KeyLines
 from palpate.study_model import Tables
 from palpate.study_problems import Problems, read_tables, settled
@@ -41,6 +41,8 @@ class Study:
         Name of the scenario whose mean over the spots decides the generalised set.
     refine : bool
         Whether a local search follows the sweep.
+    rays : bool
+        Whether the best multiple of each set is found too.
     truth : mapping of full parameter name to value
         Known answer of a simulated experiment, in the region's convention; empty otherwise.
     n_workers : int
@@ -70,6 +72,7 @@ class Study:
     scenarios: tuple[Scenario, ...]
     generalise_by: str
     refine: bool
+    rays: bool = False
     truth: Mapping[str, float]
     n_workers: int
     time_limit_s: float
@@ -151,6 +154,8 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     measured = {spot.spot.name: spot.measured.keys() for spot in spots}
     scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
     truth = build_truth(context, tables, space)
+    if selection and selection.rays:
+        check_rays(context, space)
     if parts.solver:
         check_solver_needs(context, parts.solver, tables)
     context.problems.raise_if_any()
@@ -176,6 +181,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         scenarios=scenarios,
         generalise_by=settled(selection).generalise_by or scenarios[0].name,
         refine=settled(selection).refine,
+        rays=settled(selection).rays,
         truth=truth,
         n_workers=settled(solving).n_workers,
         time_limit_s=settled(solving).time_limit,

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from palpate.domain import Scenario
+from palpate.domain import ParameterSpace, Scenario
 from palpate.errors import PalpateError
 from palpate.interfaces import Component, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins import Catalogue, Plugins
@@ -155,6 +155,15 @@ def _check_channels(
                 f"scenario '{scenario.name}' weighs channel '{missing[0]}', which spot "
                 f"'{spot}' does not measure; add its file or leave the scenario out",
             )
+
+
+def check_rays(context: Context, space: ParameterSpace) -> None:
+    """Refuse rays of sets that would leave the study: every modulus has to move with the others."""
+    if fixed := space.fixed_moduli:
+        context.problems.add(
+            ("selection", "rays"),
+            f"a ray scales every modulus, but {', '.join(fixed)} cannot move; search it or leave rays out",
+        )
 
 
 def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None:

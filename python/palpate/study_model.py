@@ -236,6 +236,10 @@ class SelectionTable(Table):
         default=None, description="Scenario whose mean over the spots decides; the first one if left out."
     )
     refine: bool = Field(default=False, description="Follow the sweep by a local search.")
+    rays: bool = Field(
+        default=False,
+        description="Also find each set's best multiple: all moduli scaled together, within their ranges.",
+    )
 
 
 class ScenarioTable(Table):

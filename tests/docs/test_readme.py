@@ -53,14 +53,17 @@ def test_the_plugin_of_the_readme_works(tmp_path: Path) -> None:
 def test_the_toml_of_the_readme_is_read() -> None:
     import tomllib
 
-    from palpate.study_model import RegionTable, SamplingTable
+    from palpate.study_model import RegionTable, SamplingTable, SelectionTable
 
-    regions, sampling = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL))
+    regions, sampling, selection = map(
+        tomllib.loads, re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)
+    )
     for region in regions["region"].values():
         assert set(RegionTable.model_validate(region).parameters) == {"c1", "kappa"}
     table = SamplingTable.model_validate(sampling["sampling"])
     sampler = Plugins.load(entry_points=False).samplers[table.sampler]
     assert sampler.Settings.model_validate(table.settings).criterion == "maximin"
+    assert SelectionTable.model_validate(selection["selection"]).rays
 
 
 def test_the_readme_lists_the_samplers() -> None:

@@ -7,9 +7,9 @@ import polars as pl
 import pytest
 
 from palpate import scoring, selection, simulation
-from palpate.domain import Normaliser, ParameterSpace, PointWeights, Response, Scenario, Simulation, Status
+from palpate.domain import ParameterSpace, PointWeights, Response, Scenario, Simulation, Status
 from palpate.experiment import load_measured
-from palpate.refinement import _Search, normaliser_value, refine
+from palpate.refinement import _Search, refine
 from palpate.sampling import draw_design
 
 
@@ -114,21 +114,6 @@ def test_a_start_that_fails_again_is_a_row_with_its_message(make_study, plugins,
     _, found = refined(study, plugins, tmp_path)
     assert all("could not be simulated again" in message for message in found.table["message"])
     assert found.responses == {}
-
-
-@pytest.mark.parametrize("normaliser", Normaliser)
-def test_the_normaliser_is_the_one_that_scores(make_study, normaliser):
-    ordinate = np.array([1.0, 2.0, 6.0])
-    expected = {
-        "mean_abs": 3.0,
-        "mean": 3.0,
-        "rms": np.sqrt(41 / 3),
-        "range": 5.0,
-        "std": np.sqrt(14 / 3),
-        "unit": 1.0,
-    }
-    value = normaliser_value(ordinate, make_study(normaliser=normaliser))
-    assert value == pytest.approx(expected[normaliser.value], rel=1e-12)
 
 
 def _is(spot, scenario):

@@ -52,6 +52,7 @@ def run_as_json(study: "Study", result: "RunResult") -> dict[str, object]:
         "selection": result.selected.selection.to_dicts(),
         "generalisation": result.selected.generalisation.to_dicts(),
         "refinement": result.selected.refinement.to_dicts(),
+        "rays": result.selected.rays.to_dicts(),
         "tables": {name: frame.to_dicts() for name, frame in result.report.tables.items()},
         "files": [str(file) for file in result.report.files],
     }

@@ -20,6 +20,7 @@ def select(context: typer.Context, study: StudyPath, out: OutFolder = None, as_j
         "selection": selected.selection,
         "generalisation": selected.generalisation,
         "refinement": selected.refinement,
+        "rays": selected.rays,
     }
     if as_json:
         session.json({name: frame.to_dicts() for name, frame in frames.items()})

@@ -1,7 +1,7 @@
 """What a report is made of."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import polars as pl
 
@@ -25,6 +25,8 @@ class Content:
         As :mod:`palpate.scoring`, :mod:`palpate.selection` and
         :mod:`palpate.generalisation` return them.
     refined : Refined
+    rays : DataFrame
+        As :func:`palpate.rays.best_on_rays` returns it.
     responses : mapping of (spot, set_id) to Response
         Simulated curves of every selected and of the generalised set.
     """
@@ -38,6 +40,7 @@ class Content:
     generalisation: pl.DataFrame
     refined: Refined
     responses: Mapping[tuple[str, int], Response]
+    rays: pl.DataFrame = field(default_factory=pl.DataFrame)
 
     @property
     def spots(self) -> tuple[str, ...]:

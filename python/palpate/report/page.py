@@ -18,6 +18,7 @@ _TITLES = {
     "cross_channel": "Error in every channel, fitted or not",
     "generalised": "One set for all spots",
     "refined": "Local search from the selected sets",
+    "rays": "Best multiple of a set, all moduli scaled together",
     "distance_to_truth": "Distance to the known answer",
     "failures": "Sets that could not be ranked",
 }

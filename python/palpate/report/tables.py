@@ -17,7 +17,7 @@ def make_tables(content: Content) -> dict[str, pl.DataFrame]:
 
     ``table1_coefficients`` and ``table2_nmse`` are the paper's; ``unfitted_channels``
     shows what a fit to some channels costs in the others, ``cross_channel`` the errors
-    behind it; ``generalised``, ``refined``, ``distance_to_truth`` and ``failures`` come
+    behind it; ``generalised``, ``refined``, ``rays``, ``distance_to_truth`` and ``failures`` come
     where there is one.
     """
     tables = {
@@ -27,6 +27,7 @@ def make_tables(content: Content) -> dict[str, pl.DataFrame]:
         "cross_channel": cross_channel(content),
         "generalised": generalised(content),
         "refined": content.refined.table,
+        "rays": content.rays,
         "distance_to_truth": distance_to_truth(content),
         "failures": failures(content.scores),
     }
