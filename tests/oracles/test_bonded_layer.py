@@ -1,60 +1,93 @@
-"""A flat punch glued to a layer on a rigid base: force and torque against the layer's thickness.
+"""A flat punch on a layer with a rigid base: force and torque against the layer's thickness.
 
-F = 2 E* a d κ and T = 16/3 G a³ β λ. κ is that of a punch without friction; glued, a
-half-space (κ = 1) would answer (1 − ν) ln(3 − 4ν)/(1 − 2ν) times as much: 1.003 at ν = 0.45
-and 1 at a half. Incompressible is ν = 0.4975 here, which takes off up to 1 % of κ.
+F = 2 E* a d κ of a punch that slides freely, T = 16/3 G a³ β λ of one that is glued on.
+Incompressible is ν = 0.4975 here, which takes off up to 1 % of κ. Glued, a thin
+incompressible layer is another problem: 4 to 5 % stiffer than κ at a/h = 0.8.
 """
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from palpate.specimens import layer
+from palpate_jax.contact import Law
+from palpate_jax.march import March, Stop
+from palpate_jax.model import Model
+from palpate_materials.neo_hookean import NeoHookean
 
 FORCE = {(0.4, 0.45): 1.5993, (0.4, 0.5): 1.6837, (0.8, 0.45): 2.5354, (0.8, 0.5): 2.8602}
 TORQUE = {0.4: 1.00558, 0.8: 1.03587}
 """κ by a/h and ν, and λ by a/h."""
 
-MESHES = [
-    {"n_radius": 5, "n_core": 4, "crowding": 1.8, "growth": 1.6},
-    {"n_radius": 9, "n_core": 8, "crowding": 1.8, "growth": 1.3},
-]
+EVEN = {4: {"n_radius": 4, "n_core": 4, "growth": 1.5}, 6: {"n_radius": 6, "n_core": 6, "growth": 1.31}}
+CROWDED = {"n_radius": 6, "n_core": 4, "crowding": 1.8, "growth": 1.5}
+"""Cells in the punch's radius: even ones, and such that shrink towards its edge, where stress is infinite."""
+
+DEPTH, DEGREES = 1e-3, 0.1
+PENALTY = 5000.0
 
 
-def glued(limb, a):
-    """The limb with the nodes of the upper face within ``a`` of the axis bonded to the indenter."""
-    points = limb.mesh.points_mm
-    inside = (points[:, 2] == 0.0) & (np.hypot(points[:, 0], points[:, 1]) <= a * (1.0 + 1e-9))
-    sets = {**limb.mesh.node_sets, "bonded": np.flatnonzero(inside)}
-    return replace(limb, mesh=replace(limb.mesh, node_sets=sets))
+class Plane:
+    """The flat end of a punch: all of the limb below it that may touch at all."""
+
+    def distance(self, points):
+        return -points[:, 2]
+
+    def normals(self, points):
+        return np.tile([0.0, 0.0, -1.0], (len(points), 1)), np.zeros((len(points), 3, 3))
 
 
-@pytest.fixture(scope="module", params=sorted(FORCE), ids=str)
-def errors(request, simulated):
-    """Relative errors (mesh, force or torque), coarse mesh first."""
-    ratio, nu = request.param
-    depth, degrees = 1e-3, 0.1
-    found = []
-    for mesh in MESHES:
-        limb = glued(layer("hex8", 1.0 / ratio, 1.0, extent=4.0, **mesh), 1.0)
-        rows = simulated(limb, [(depth, 0.0), (depth, degrees)], nu=min(nu, 0.4975))
-        force = 4.0 / (1.0 - nu) * depth * FORCE[request.param]
-        torque = 16.0 / 3.0 * np.deg2rad(degrees) * TORQUE[ratio]
-        found.append((rows["force_N"][1, 2] / force - 1.0, rows["moment_Nmm"][-1, 2] / torque - 1.0))
-    return np.array(found)
+def specimen(ratio, **mesh):
+    """A layer of thickness 1/ratio under a punch of radius 1 mm."""
+    return layer("hex8", 1.0 / ratio, 1.0, extent=4.0, **mesh)
 
 
-def test_errors_fall_with_the_mesh(errors):
-    assert (np.abs(errors[1]) < np.abs(errors[0])).all()
+@pytest.fixture(scope="module")
+def force_error(with_disc):
+    """Relative error of the force of a punch without friction."""
+
+    def of(ratio, nu, **mesh):
+        limb = with_disc(specimen(ratio, **mesh), "contact", 1.0)
+        near_half = min(nu, 0.4975)
+        theta = np.array([2.0 * (1.0 + near_half), near_half])
+        model = Model(limb, {"soft_tissue": NeoHookean()}, mean_dilatation=True)
+        march = March(model, {"soft_tissue": theta}, Law(Plane(), PENALTY, 0.0), 1e-6)
+        (station,) = march.along(np.array([[DEPTH, 0.0]]))
+        assert not isinstance(station, Stop)
+        return station.answer.force_N[2] / (4.0 / (1.0 - nu) * DEPTH * FORCE[ratio, nu]) - 1.0
+
+    return of
 
 
-def test_torque_is_the_layers(errors):
-    """Measured +1.1 to +1.2 %, from +3.2 to +4.2 % on the coarse mesh."""
-    assert abs(errors[1, 1]) < 0.015
+@pytest.fixture(scope="module")
+def torque_error(simulated, with_disc):
+    """Relative error of the torque of a punch that is glued on."""
+
+    def of(ratio, **mesh):
+        limb = with_disc(specimen(ratio, **mesh), "bonded", 1.0)
+        torque = simulated(limb, [(0.0, DEGREES)])["moment_Nmm"][-1, 2]
+        return torque / (16.0 / 3.0 * np.deg2rad(DEGREES) * TORQUE[ratio]) - 1.0
+
+    return of
 
 
-def test_force_is_the_layers(errors, request):
-    """Measured +1.0, +0.8, +2.0 % and, where an incompressible layer is thin, +4.7 %; coarse 2.9 to 8.9 %."""
-    thin_incompressible = "0.8, 0.5" in request.node.name
-    assert abs(errors[1, 0]) < (0.05 if thin_incompressible else 0.022)
+@pytest.mark.parametrize(("ratio", "nu"), sorted(FORCE))
+def test_force_is_the_layers(force_error, ratio, nu):
+    """Measured +1.3 and +0.6 % (a/h = 0.4, ν = 0.45 and 0.5), +0.9 and −0.04 % (a/h = 0.8)."""
+    assert force_error(ratio, nu, **CROWDED) == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("ratio", sorted(TORQUE))
+def test_torque_is_the_layers(torque_error, ratio):
+    """Measured +0.8 and +0.3 %: the cells are too stiff by more, and the inscribed rim too small by 3.8 %."""
+    assert torque_error(ratio, **CROWDED) == pytest.approx(0.0, abs=0.02)
+
+
+def test_errors_fall_with_the_mesh(force_error, torque_error, observed_order):
+    """Measured order 1.5 of the force (+7.6 to +4.1 %) and 1.2 of the torque (+15.4 to +9.6 %) on even cells.
+
+    Their edge is singular, which limits the order to one as cells shrink.
+    """
+    force = [force_error(0.4, 0.45, **mesh) for mesh in EVEN.values()]
+    torque = [torque_error(0.4, **mesh) for mesh in EVEN.values()]
+    assert 1.0 < observed_order("force of a punch on a layer", force, list(EVEN)) < 2.0
+    assert 0.8 < observed_order("torque of a punch on a layer", torque, list(EVEN)) < 2.0
