@@ -5,8 +5,12 @@ import pytest
 import scipy.sparse as sp
 
 from palpate._core import SparseFactor
-from palpate.errors import PalpateError
+from palpate.domain import Indentation, Job, Sphere
+from palpate.errors import PalpateError, StudyError
+from palpate.specimens import block
 from palpate_jax import pardiso
+from palpate_jax.solver import JaxSettings, JaxSolver
+from palpate_materials.yeoh import Yeoh
 
 installed = pytest.mark.skipif(not pardiso.is_installed(), reason="pypardiso is not installed")
 
@@ -75,3 +79,38 @@ def test_its_absence_is_said_with_what_to_do(stiffness, monkeypatch):
     monkeypatch.setattr(pardiso, "find_spec", lambda name: None)
     with pytest.raises(PalpateError, match=r"palpate-jax\[pardiso\]"):
         pardiso.PardisoFactor(stiffness.indptr, stiffness.indices)
+
+
+def press() -> Job:
+    path = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, -10.0)])
+    return Job(
+        spot="block",
+        set_id=0,
+        materials={"soft_tissue": Yeoh()},
+        thetas={"soft_tissue": np.array([0.0141, -0.0011, 1.05e-4, 0.4])},
+        protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=path, friction=0.6),
+    )
+
+
+SMALL = {"n_across": 4, "n_down": 2, "width_mm": 24.0, "height_mm": 10.0, "grading": 1.4}
+
+
+@installed
+def test_a_simulation_is_the_same_with_either_factor() -> None:
+    limb = block("hex8", **SMALL)
+    ours, theirs = (
+        JaxSolver(JaxSettings(factors=by, tolerance=1e-9, depth_steps=3)).simulate(press(), limb)
+        for by in ("palpate", "pardiso")
+    )
+    for channel in ("force", "torque"):
+        expected = ours.response[channel].ordinate
+        np.testing.assert_allclose(
+            theirs.response[channel].ordinate, expected, atol=1e-7 * np.abs(expected).max()
+        )
+
+
+def test_a_study_that_asks_for_it_is_told_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate_jax.solver.is_installed", lambda: False)
+    solver = JaxSolver(JaxSettings(factors="pardiso"))
+    with pytest.raises(StudyError, match=r"not installed: pip install .palpate-jax\[pardiso\]"):
+        solver.check(press(), block("hex8", **SMALL))

@@ -32,7 +32,7 @@ def explained(
         material = materials[block.region]
         if not material.isotropic:
             continue
-        stretches = np.linalg.svd(F[block.volumes > 0.0], compute_uv=False)
+        stretches: FloatArray = np.linalg.svd(F[block.volumes > 0.0], compute_uv=False).astype(np.float64)
         stiffness = _least_stiffness(material, stretches, thetas[block.region])
         if stiffness.min() <= 0.0:
             worst = ", ".join(f"{s:.2f}" for s in stretches[int(np.argmin(stiffness))])

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from palpate.domain import FloatArray, IntArray
+from palpate.domain import FloatArray
 from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 LARGEST_PROBE_ERROR = 1e-5
 """Relative error of a known solution beyond which a matrix counts as singular; as in ``SparseFactor``."""
+
+Integers = NDArray[np.int32] | NDArray[np.int64]
 
 _TYPES = {"lu": 11, "ldlt": -2, "llt": 2}
 _ANALYSE, _FACTORISE, _SOLVE, _RELEASE = 11, 22, 33, -1
@@ -51,9 +54,9 @@ class PardisoFactor:
     """
 
     def __init__(
-        self, indptr: IntArray, indices: IntArray, *, kind: Literal["lu", "ldlt", "llt"] = "ldlt"
+        self, indptr: Integers, indices: Integers, *, kind: Literal["lu", "ldlt", "llt"] = "ldlt"
     ) -> None:
-        self.kind = kind
+        self.kind, self.precision = kind, "double"
         self.n, self.n_data = len(indptr) - 1, len(indices)
         self._indptr, self._indices = np.asarray(indptr), np.asarray(indices)
         rows = np.repeat(np.arange(self.n), np.diff(indptr))
