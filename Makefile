@@ -44,6 +44,7 @@ format: $(VENV)/installed ## rewrite the sources in the project's format
 bench: $(VENV)/installed ## timings, each beside a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py
 	$(BIN)/python tests/benchmarks/bench_elements.py
+	$(BIN)/python tests/benchmarks/bench_reading.py
 
 bench-core: $(VENV)/installed ## the core's kernels beside their peers, and their instruction counts
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py

@@ -182,9 +182,9 @@ def _columns_table(log: RawLog, proposal: Proposal) -> InspectedTable:
         for column in stream.columns.values():
             facts = _facts(column)
             numbers = ("–" if facts[key] is None else f"{facts[key]:.6g}" for key in ("least", "largest"))
-            shown = _unit_shown(column) or "?"
-            missing = str(facts["n_missing"])
             role = roles.get(column.name, "")
+            shown = _unit_shown(column) or ("–" if role == "orientation" else "?")
+            missing = str(facts["n_missing"])
             rows.append((stream.name or "–", column.name, shown, *numbers, missing, role, column.note))
     return InspectedTable(
         title="Columns",

@@ -92,14 +92,18 @@ def pick(
     time_name = source.time or channels.time.column
     real = [bare(name) for name in columns if name != NO_COLUMN]
     stream = log.stream_of([time_name, *real], source.stream)
-    time, time_unit = _converted(log, channels, stream, time_name, channels.time.unit, "time")
+    factor, time_unit = _factor(log, channels, stream, time_name, channels.time.unit, "time")
+    time = stream.columns[time_name].values
+    # Series that share a column of time are known by sharing the array.
+    time = time if factor == 1.0 else factor * time
     table = np.zeros((time.size, len(columns)))
     unit = ""
     for index, name in enumerate(columns):
         if name == NO_COLUMN:
             continue
-        values, unit = _converted(log, channels, stream, bare(name), source.unit, kind)
-        table[:, index] = -values if name.startswith("-") else values
+        factor, unit = _factor(log, channels, stream, bare(name), source.unit, kind)
+        sign = -1.0 if name.startswith("-") else 1.0
+        np.multiply(stream.columns[bare(name)].values, sign * factor, out=table[:, index])
     return _complete(
         Series(
             source=log.source,
@@ -117,13 +121,14 @@ def pick(
     )
 
 
-def _converted(
+def _factor(
     log: RawLog, channels: ChannelMap, stream: Stream, name: str, unit: str | None, kind: Kind | None
-) -> tuple[FloatArray, str]:
+) -> tuple[float, str]:
+    """Factor from the file's unit to the recording's, and the file's unit."""
     column = stream.columns[name]
     where = f"{log.source}: column '{name}'"
     if kind is None:
-        return column.values, ""
+        return 1.0, ""
     found = _unit_shown(column) if channels.header_units else ""
     if not unit and not found:
         raise CurveError(
@@ -136,7 +141,7 @@ def _converted(
             f"{where} is in {found} as the file says, and in {unit} as the channel map says; remove unit "
             "there, or set header_units = false if the file is wrong"
         )
-    return (column.values if factor == 1.0 else column.values * factor), unit or found
+    return factor, unit or found
 
 
 def _unit_shown(column: Column) -> str:
