@@ -31,6 +31,7 @@ from palpate_experiments.processing.relaxation import Relaxation, relaxation
 from palpate_experiments.processing.rotation import mean_orientation, unrotated
 from palpate_experiments.processing.settings import ProcessingSettings, Window
 from palpate_experiments.processing.smoothing import Smoothed, smoothed
+from palpate_experiments.processing.spikes import without_spikes
 from palpate_experiments.processing.spot_frame import SpotWrench, unturned, wrench_at_spot
 from palpate_experiments.processing.tare import Bias, find_bias, tared
 from palpate_experiments.processing.thinning import thinned
@@ -64,12 +65,11 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
     """
     settings = settings or ProcessingSettings()
     used, block = _used(recording, settings)
-    located, lag, lag_taken = aligned(locate(used, settings.normal), settings)
+    calm, spikes = without_spikes(used) if settings.spikes.enabled else (used, np.array([], dtype=np.int64))
+    located, lag, lag_taken = aligned(locate(calm, settings.normal), settings)
     clean = _cleaned(located, settings)
     wrench = _at_spot(located, clean.recording, settings)
-    checks.check_torque(
-        used, located.motion, wrench.twisting, clean.recording.moment_Nmm, located.strokes.twists
-    )
+    checks.check_torque(calm, located.motion, wrench, located.strokes.twists, weighed=clean.tool is not None)
     onset = onset_of(located, wrench.pressing, settings.onset)
     touch, leave = instants(located, onset)
     phases = name_phases(located.motion.time_s, located.strokes, touch, leave)
@@ -97,7 +97,9 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         record={},
     )
     smoothings = {"force": [force_smoothed], "torque": torque_smoothed}
-    return record.with_record(processed, settings, block, lag_taken, smoothings)
+    return record.with_record(
+        processed, settings, record.Counts(block, used.rows[spikes], lag_taken), smoothings
+    )
 
 
 def _used(recording: Recording, settings: ProcessingSettings) -> tuple[Recording, int]:

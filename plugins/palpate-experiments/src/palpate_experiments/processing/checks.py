@@ -7,11 +7,15 @@ from palpate_experiments.processing.contact import Contact
 from palpate_experiments.processing.motion import Motion
 from palpate_experiments.processing.normal import Normal
 from palpate_experiments.processing.rotation import angle_between_deg, rotated, unrotated
+from palpate_experiments.processing.spot_frame import SpotWrench
 from palpate_experiments.processing.strokes import Stroke
 from palpate_experiments.recording import Recording
 
 LARGEST_FRICTION_ANGLE_DEG = 50.0
 """Between the contact force and the normal; a tool that sticks at friction 1 reaches 45 degrees."""
+
+LARGEST_PATH_ANGLE_DEG = 30.0
+"""Between a given normal and the path of the press."""
 
 LARGEST_TILT_SHARE = 0.3
 """Tilt of the tool over its turn about the normal."""
@@ -91,6 +95,22 @@ def check_direction(recording: Recording, contact: Contact, normal: Normal) -> N
         )
 
 
+def check_path(recording: Recording, contact: Contact, normal: Normal, path: Normal) -> None:
+    """Refuse a given normal (or the tool's axis) that is not the direction of the press.
+
+    Raises
+    ------
+    CurveError
+    """
+    angle = angle_between_deg(normal.vector, path.vector)
+    if angle > LARGEST_PATH_ANGLE_DEG:
+        raise recording.fault(
+            f"the tool presses {angle:.0f} degrees off the normal that is given; correct normal.vector (outward, in "
+            "the base frame), or give normal.method = 'path'",
+            contact.first,
+        )
+
+
 def check_turn_axis(recording: Recording, motion: Motion, twists: tuple[Stroke, ...]) -> None:
     """Refuse a twist whose axis is not the normal.
 
@@ -111,24 +131,20 @@ def check_turn_axis(recording: Recording, motion: Motion, twists: tuple[Stroke, 
 
 
 def check_torque(
-    recording: Recording,
-    motion: Motion,
-    torque_Nmm: FloatArray,
-    moments_Nmm: FloatArray,
-    twists: tuple[Stroke, ...],
+    recording: Recording, motion: Motion, wrench: SpotWrench, twists: tuple[Stroke, ...], *, weighed: bool
 ) -> None:
-    """Refuse a torque that does not resist the rotation.
+    """Refuse a torque that does not resist the rotation, or resists it less than another moment.
 
     Parameters
     ----------
     recording : Recording
         For messages.
     motion : Motion
-    torque_Nmm : (n,) array
-        Of the tool on the tissue, about the outward normal.
-    moments_Nmm : (n, 3) array
-        In the sensor's frame.
+    wrench : SpotWrench
+        Tared.
     twists : tuple of Stroke
+    weighed : bool
+        Whether the tool's weight is out; in it, tangential moments follow the rotation too.
 
     Raises
     ------
@@ -139,7 +155,7 @@ def check_torque(
         return
     rows = _rows(motion, twists)
     turn = motion.turn_deg[rows]
-    likeness = _correlation(turn, torque_Nmm[rows])
+    likeness = _correlation(turn, wrench.twisting[rows])
     if likeness < -LEAST_CORRELATION:
         raise recording.fault(
             f"torque and rotation are out of phase (correlation {likeness:.2f}): one of them is left-handed; "
@@ -147,13 +163,13 @@ def check_torque(
             "column map",
             rows.start,
         )
-    if likeness < LEAST_CORRELATION:
-        others = [abs(_correlation(turn, column)) for column in moments_Nmm[rows].T]
-        best = int(np.argmax(others))
-        hint = f"; of the sensor's moments, {'xyz'[best]} follows best ({others[best]:.2f})"
+    answers = [abs(_correlation(turn, column)) * float(column.std()) for column in wrench.moment_Nmm[rows].T]
+    others = float(np.hypot(answers[0], answers[1]))
+    if likeness < LEAST_CORRELATION or others > (1.5 if weighed else 4.0) * answers[2]:
         raise recording.fault(
-            f"the torque about the normal does not follow the rotation (correlation {likeness:.2f}){hint}: "
-            "check the order of the moment's columns and the moment's unit",
+            f"the torque about the normal answers the rotation by {answers[2]:.3g} N·mm (correlation "
+            f"{likeness:.2f}), tangential moments by {others:.3g} N·mm: axes of the moment are swapped, or the "
+            "tool's weight is not what gravity says; check the order of the moment's columns",
             rows.start,
         )
 

@@ -78,7 +78,8 @@ def _only_press(
     if len(runs) > 1:
         spans = ", ".join(f"{track.time_s[a]:.2f} to {track.time_s[b]:.2f} s" for a, b in runs)
         raise recording.fault(
-            f"{len(runs)} presses in one log ({spans}); give window.start and window.stop of one of them"
+            f"{len(runs)} presses in one log ({spans}); give window.start and window.stop of one of "
+            "them; a log must not start in contact"
         )
     first, last = runs[0]
     if first < 3:

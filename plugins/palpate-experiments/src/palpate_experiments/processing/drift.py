@@ -36,6 +36,12 @@ def find_drift(recording: Recording, before: IntArray, after: IntArray) -> Drift
     CurveError
         There are no rows in free air after the press.
     """
+    if before.size < FEWEST_ROWS:
+        raise recording.fault(
+            f"{before.size} rows in free air before the press; start the log earlier, so that the sensor's "
+            "drift and bias can be told, or give drift.enabled = false",
+            0,
+        )
     if after.size < FEWEST_ROWS:
         raise recording.fault(
             f"the log stops before the tool is clear of the limb ({after.size} rows in free air after the "

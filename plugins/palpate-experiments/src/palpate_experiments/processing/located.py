@@ -111,11 +111,13 @@ def instants(located: Located, onset: Onset) -> tuple[Transition, Transition | N
 
 
 def _normal(recording: Recording, contact: Contact, choice: NormalChoice) -> Normal:
-    if choice.vector is not None:
-        return described(recording, contact, np.array(choice.vector), 0.0)
-    if choice.method == "tool_axis":
-        return described(recording, contact, -tool_axis(recording, contact), 0.0)
-    return spot_normal(recording, contact)
+    path = spot_normal(recording, contact)
+    if choice.method == "path":
+        return path
+    vector = -tool_axis(recording, contact) if choice.vector is None else np.array(choice.vector)
+    normal = described(recording, contact, vector, 0.0)
+    checks.check_path(recording, contact, normal, path)
+    return normal
 
 
 def _estimated_lag(located: Located) -> Lag:

@@ -19,6 +19,9 @@ _LEAST_SHARE = 0.05
 _LEAST_DWELL_S = 0.02
 _WINDOW_SHARE = 0.25
 
+_LAST_ROWS = 20
+_AT_REST_SHARE = 0.002
+
 _AT_SURFACE_MM = 0.1
 """A change of speed so near the onset is where the press was meant to begin."""
 
@@ -52,8 +55,8 @@ def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Stro
     Raises
     ------
     CurveError
-        The press is not one stroke in and out, the log stops within the twist, or the twist
-        begins before the press has ended.
+        The press is not one stroke in and out, the log stops while the tool moves in contact,
+        or the twist begins before the press has ended.
     """
     rows = slice(max(contact.first - (contact.last - contact.first) // 20, 0), None)
     # What the tool does above the limb is of no concern: the travel there counts as none.
@@ -72,6 +75,7 @@ def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Stro
             "the log stops half-way: the tool still presses deeper at its end; log the whole press",
             recording.n_rows - 1,
         )
+    _check_at_rest(recording, motion, contact)
     twists = _twists(recording, motion, contact)
     if twists and twists[0].start.time_s < press.stop.time_s - max(3.0 * press.stop.std_s, _LEAST_DWELL_S):
         raise recording.fault(
@@ -131,13 +135,25 @@ def _twists(recording: Recording, motion: Motion, contact: Contact) -> tuple[Str
     if span < LEAST_TWIST_DEG:
         return ()
     twists = strokes_of(motion.time_s[rows], turn, max(_LEAST_SHARE * span, LEAST_TWIST_DEG / 2.0))
-    if twists and twists[-1].stop.kind == "cut" and contact.ends_in_contact:
-        raise recording.fault(
-            f"the log stops half-way: the tool still twists at its end ({turn[-1]:.1f} degrees); log the "
-            "whole twist and the retract",
-            recording.n_rows - 1,
-        )
     return twists
+
+
+def _check_at_rest(recording: Recording, motion: Motion, contact: Contact) -> None:
+    """Refuse a log that ends in contact while the tool moves."""
+    if not contact.ends_in_contact:
+        return
+    rows = slice(-max(_LAST_ROWS, motion.time_s.size // 200), None)
+    for name, values, unit in (("travels", motion.travel_mm, "mm"), ("twists", motion.turn_deg, "degrees")):
+        time, last = motion.time_s[rows] - motion.time_s[rows].mean(), values[rows]
+        slope = float(time @ last / (time @ time))
+        moved = abs(slope) * float(np.ptp(time))
+        noise = float(np.std(last - last.mean() - slope * time))
+        if moved > max(4.0 * noise, _AT_REST_SHARE * float(np.ptp(values[contact.first :]))):
+            raise recording.fault(
+                f"the log stops half-way: at its end the tool still {name} at {slope:.3g} {unit}/s and "
+                f"presses; log until the tool is clear of the limb",
+                recording.n_rows - 1,
+            )
 
 
 def _passage(time: FloatArray, travel: FloatArray, first: int, until_s: float, onset: Onset) -> Transition:

@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from palpate.domain import IntArray
 from palpate_experiments.processing.processed import Processed
 from palpate_experiments.processing.settings import ProcessingSettings
 from palpate_experiments.processing.smoothing import Smoothed
@@ -14,12 +15,22 @@ from palpate_experiments.processing.smoothing import Smoothed
 UNITS = "mm, N, N·mm, s, degrees"
 """Units of all numbers in the record."""
 
+_MOST_LISTED = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """Rows that thinning averaged, numbers of rows that had spikes, whether a lag was taken out."""
+
+    block: int
+    spiky_rows: IntArray
+    lag_taken: bool
+
 
 def with_record(
     processed: Processed,
     settings: ProcessingSettings,
-    block: int,
-    lag_taken: bool,
+    counts: Counts,
     smoothings: Mapping[str, Sequence[Smoothed]],
 ) -> Processed:
     """The same result with its record.
@@ -28,16 +39,14 @@ def with_record(
     ----------
     processed : Processed
     settings : ProcessingSettings
-    block : int
-        Rows that thinning averaged.
-    lag_taken : bool
-        Whether the lag was taken out.
+    counts : Counts
     smoothings : mapping of channel to sequence of Smoothed
     """
     found = {
         "window": _window(processed),
-        "thinning": {"rows_averaged": block},
-        "alignment": {**asdict(processed.lag), "taken_out": lag_taken},
+        "thinning": {"rows_averaged": counts.block},
+        "spikes": {"rows": counts.spiky_rows[:_MOST_LISTED], "count": counts.spiky_rows.size},
+        "alignment": {**asdict(processed.lag), "taken_out": counts.lag_taken},
         "normal": _plain_fields(processed.normal),
         "gravity": _plain_fields(processed.tool),
         "drift": _plain_fields(processed.drift),

@@ -34,6 +34,14 @@ class Thinning(Settings):
     max_rows: int = Field(default=100_000, ge=1000, description="Rows that are kept at most.")
 
 
+class Spikes(Settings):
+    """Single rows far off their neighbours."""
+
+    enabled: bool = Field(
+        default=True, description="Replace spikes of the wrench by their neighbours' median."
+    )
+
+
 class Alignment(Settings):
     """Lag of the wrench behind the pose."""
 
@@ -168,6 +176,7 @@ class ProcessingSettings(Settings):
 
     window: Window = Field(default_factory=Window, description="Part of the log that is used.")
     thinning: Thinning = Field(default_factory=Thinning, description="Averaging of very long logs.")
+    spikes: Spikes = Field(default_factory=Spikes, description="Single rows far off their neighbours.")
     alignment: Alignment = Field(default_factory=Alignment, description="Lag of the wrench behind the pose.")
     normal: NormalChoice = Field(default_factory=NormalChoice, description="Normal of the spot.")
     gravity: Gravity = Field(default_factory=Gravity, description="Weight of the tool.")

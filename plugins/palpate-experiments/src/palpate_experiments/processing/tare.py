@@ -8,6 +8,9 @@ from palpate.domain import FloatArray, IntArray
 from palpate_experiments.processing.noise import correlation_factor
 from palpate_experiments.recording import Recording
 
+FEWEST_ROWS = 10
+"""Rows in free air that are needed."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bias:
@@ -21,7 +24,19 @@ class Bias:
 
 
 def find_bias(recording: Recording, free: IntArray) -> Bias:
-    """Mean wrench over rows in free air, once weight and drift are out."""
+    """Mean wrench over rows in free air, once weight and drift are out.
+
+    Raises
+    ------
+    CurveError
+        There are too few rows in free air.
+    """
+    if free.size < FEWEST_ROWS:
+        raise recording.fault(
+            f"{free.size} rows in free air before the press, so the sensor's bias cannot be told; start the log "
+            "earlier, or give tare.enabled = false",
+            0,
+        )
     force, force_std = _mean(recording.force_N[free])
     moment, moment_std = _mean(recording.moment_Nmm[free])
     return Bias(
