@@ -134,10 +134,12 @@ def _interpolation(known: FloatArray, target: FloatArray) -> FloatArray:
     """
     m, d = known.shape
     if m < d + 2:
-        return np.eye(m)[0]
+        nearest: FloatArray = np.eye(m)[0]
+        return nearest
     distances = np.linalg.norm(known[:, None] - known[None], axis=2)
     plane = np.hstack([np.ones((m, 1)), known - target])
     system = np.block([[distances**3, plane], [plane.T, np.zeros((d + 1, d + 1))]])
     rhs = np.concatenate([np.linalg.norm(known - target, axis=1) ** 3, [1.0], np.zeros(d)])
     solution = np.linalg.lstsq(system, rhs, rcond=1e-12)[0]
-    return np.asarray(solution[:m], dtype=np.float64)
+    weights: FloatArray = np.asarray(solution[:m], dtype=np.float64)
+    return weights

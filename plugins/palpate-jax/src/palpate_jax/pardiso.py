@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from palpate.domain import FloatArray
+from palpate.domain import FloatArray, IntArray
 from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ class PardisoFactor:
         return sp.csr_array((data, self._indices, self._indptr), shape=(self.n, self.n))
 
     def _triangle(self, data: FloatArray) -> sp.csr_matrix:
-        indices = self._indices[self._kept]
+        indices: IntArray = self._indices[self._kept].astype(np.int64)
         rows = np.repeat(np.arange(self.n), np.diff(self._indptr))[self._kept]
         indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.n))])
         return sp.csr_matrix((data[self._kept], indices, indptr), shape=(self.n, self.n))
