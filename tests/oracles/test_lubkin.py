@@ -33,6 +33,8 @@ TABLE = np.array(
 STICK = (0.95, 0.8, 0.6, 0.4, 0.25)
 FRICTION, CONTACT = 0.3, 0.05
 
+COARSE, FINE = {"n_radius": 4, "n_core": 4}, {"n_radius": 6, "n_core": 4}
+
 
 def _difference(c):
     return ellipk(1.0 - c**2) - ellipe(1.0 - c**2)
@@ -64,35 +66,52 @@ def test_the_closed_form_ends_in_full_slip():
 
 
 @pytest.fixture(scope="module")
-def loop(simulated, radius_mm):
-    """βGa²/(μF) and T/(μFa): a twist by stages, back to its opposite, forth, and on into full slip.
+def twisted(simulated, radius_mm):
+    """βGa²/(μF), T/(μFa) and the share of sticking points at stages of x = βGa²/(μF), on a mesh.
 
     The solution takes the force as given, so a is Hertz's radius of the force that the sphere feels.
     Shear modulus 1 MPa; ν near a half, where pressing and twisting do not mix.
     """
-    depth = CONTACT**2 * radius_mm
+
+    def of(stages, **mesh):
+        depth = CONTACT**2 * radius_mm
+        limb = half_space("hex8", CONTACT * radius_mm, crowding=1.4, growth=1.5, extent=60.0, **mesh)
+        beta = stages * FRICTION * 16.0 / 3.0 * CONTACT
+        rows = simulated(limb, [(depth, 0.0), *((depth, b) for b in np.rad2deg(beta))], friction=FRICTION)
+        force, moment = rows["force_N"][2:, 2], rows["moment_Nmm"][2:, 2]
+        a = (3.0 * force * radius_mm / 16.0) ** (1.0 / 3.0)
+        return beta * a**2 / (FRICTION * force), moment / (FRICTION * force * a), rows["sticking"][2:]
+
+    return of
+
+
+@pytest.fixture(scope="module")
+def loop(twisted):
+    """A twist by stages, back to its opposite, forth, and on into full slip."""
     top = twist(STICK[-1])
     back = top - 2.0 * top * np.array([0.1, 0.3, 0.5, 0.75, 1.0])
     stages = np.array([*(twist(c) for c in STICK), *back, *(-back), 1.3])
-    limb = half_space(
-        "hex8", CONTACT * radius_mm, n_radius=6, n_core=6, crowding=1.4, growth=1.5, extent=60.0
-    )
-    beta = stages * FRICTION * 16.0 / 3.0 * CONTACT
-    rows = simulated(limb, [(depth, 0.0), *((depth, b) for b in np.rad2deg(beta))], friction=FRICTION)
-    force, moment = rows["force_N"][2:, 2], rows["moment_Nmm"][2:, 2]
-    a = (3.0 * force * radius_mm / 16.0) ** (1.0 / 3.0)
-    return beta * a**2 / (FRICTION * force), moment / (FRICTION * force * a), rows["sticking"][2:]
+    return twisted(stages, fine=1.2, **FINE)
 
 
 def test_partial_slip_is_lubkins(loop):
-    """Measured +2.4, +1.6, +0.8, +0.7 % from c/a = 0.8 on.
-
-    At 0.95 slip has crossed one cell and the torque is 6.3 % too great: 1 % of that of full slip.
-    """
+    """Measured +1.9, +1.7, +1.3, +1.2 and +0.2 % at the five c/a."""
     x, y, _ = (column[: len(STICK)] for column in loop)
-    expected = np.array([virgin(value) for value in x])
-    np.testing.assert_allclose(y[1:], expected[1:], rtol=0.03)
-    np.testing.assert_allclose(y[0], expected[0], atol=0.015 * FULL_SLIP)
+    np.testing.assert_allclose(y, [virgin(value) for value in x], rtol=0.03)
+
+
+def test_errors_fall_with_the_mesh(loop, twisted, observed_order):
+    """Measured 1.3 and 0.8 % of the torque of full slip (root of mean square): order 1.2.
+
+    From one family of meshes, of 16 cells around the axis; where the count around changes, the
+    inscribed edge of the contact moves and an error may cross zero.
+    """
+    stages = np.array([twist(c) for c in STICK])
+    errors = []
+    for x, y, _ in (twisted(stages, **COARSE), [column[: len(STICK)] for column in loop]):
+        misses = y - [virgin(value) for value in x]
+        errors.append(np.sqrt(np.mean(misses**2)) / FULL_SLIP)
+    assert observed_order("torque of partial slip", errors, (COARSE["n_radius"], FINE["n_radius"])) > 0.7
 
 
 def test_stick_shrinks_inwards(loop):
@@ -102,7 +121,7 @@ def test_stick_shrinks_inwards(loop):
 def test_reversal_is_masings(loop):
     """T(β) = T_m − 2 T(half the way back) from one end of the loop, and its mirror from the other.
 
-    Measured within 2.6 % of the torque at the ends.
+    Measured within 1.5 % of the torque at the ends.
     """
     x, y, _ = loop
     first = len(STICK)
@@ -115,5 +134,6 @@ def test_reversal_is_masings(loop):
 
 
 def test_full_slip(loop):
+    """Measured −0.03 %."""
     assert loop[1][-1] == pytest.approx(FULL_SLIP, rel=0.02)
     assert loop[2][-1] == 0.0
