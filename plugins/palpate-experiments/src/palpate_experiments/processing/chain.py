@@ -69,7 +69,7 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
     located, lag, lag_taken = aligned(locate(calm, settings.normal), settings)
     clean = _cleaned(located, settings)
     wrench = _at_spot(located, clean.recording, settings)
-    checks.check_torque(calm, located.motion, wrench, located.strokes.twists, weighed=clean.tool is not None)
+    checks.check_torque(calm, located.motion, wrench, located.strokes, weighed=clean.tool is not None)
     onset = onset_of(located, wrench.pressing, settings.onset)
     touch, leave = instants(located, onset)
     phases = name_phases(located.motion.time_s, located.strokes, touch, leave)
@@ -97,9 +97,8 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         record={},
     )
     smoothings = {"force": [force_smoothed], "torque": torque_smoothed}
-    return record.with_record(
-        processed, settings, record.Counts(block, used.rows[spikes], lag_taken), smoothings
-    )
+    counts = record.Counts(block, used.rows[spikes], lag_taken)
+    return record.with_record(processed, settings, counts, smoothings)
 
 
 def _used(recording: Recording, settings: ProcessingSettings) -> tuple[Recording, int]:

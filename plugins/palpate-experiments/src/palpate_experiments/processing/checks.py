@@ -5,7 +5,9 @@ import numpy as np
 from palpate.domain import FloatArray
 from palpate_experiments.processing.contact import Contact
 from palpate_experiments.processing.motion import Motion
+from palpate_experiments.processing.noise import noise_std
 from palpate_experiments.processing.normal import Normal
+from palpate_experiments.processing.phases import Strokes
 from palpate_experiments.processing.rotation import angle_between_deg, rotated, unrotated
 from palpate_experiments.processing.spot_frame import SpotWrench
 from palpate_experiments.processing.strokes import Stroke
@@ -26,6 +28,10 @@ LEAST_CORRELATION = 0.3
 DEPTHS_MM = (0.02, 300.0)
 """Depths that a press on a limb can have."""
 
+LEAST_TORQUE_NMM = 1.0
+"""Torque that may come and go without a twist."""
+
+_REST_PARTS = 30
 _LONGEST_GAP_ROWS = 25.0
 _LONGEST_GAP_S = 0.05
 
@@ -105,8 +111,8 @@ def check_path(recording: Recording, contact: Contact, normal: Normal, path: Nor
     angle = angle_between_deg(normal.vector, path.vector)
     if angle > LARGEST_PATH_ANGLE_DEG:
         raise recording.fault(
-            f"the tool presses {angle:.0f} degrees off the normal that is given; correct normal.vector (outward, in "
-            "the base frame), or give normal.method = 'path'",
+            f"the tool presses {angle:.0f} degrees off the normal that is given; correct normal.vector "
+            "(outward, in the base frame), or give normal.method = 'path'",
             contact.first,
         )
 
@@ -131,7 +137,7 @@ def check_turn_axis(recording: Recording, motion: Motion, twists: tuple[Stroke, 
 
 
 def check_torque(
-    recording: Recording, motion: Motion, wrench: SpotWrench, twists: tuple[Stroke, ...], *, weighed: bool
+    recording: Recording, motion: Motion, wrench: SpotWrench, strokes: Strokes, *, weighed: bool
 ) -> None:
     """Refuse a torque that does not resist the rotation, or resists it less than another moment.
 
@@ -142,18 +148,19 @@ def check_torque(
     motion : Motion
     wrench : SpotWrench
         Tared.
-    twists : tuple of Stroke
+    strokes : Strokes
     weighed : bool
         Whether the tool's weight is out; in it, tangential moments follow the rotation too.
 
     Raises
     ------
     CurveError
-        Naming handedness or swapped axes.
+        Naming handedness, swapped axes, or an orientation that stands still.
     """
-    if not twists:
+    if not strokes.twists:
+        _check_torque_at_rest(recording, motion, wrench, strokes)
         return
-    rows = _rows(motion, twists)
+    rows = _rows(motion, strokes.twists)
     turn = motion.turn_deg[rows]
     likeness = _correlation(turn, wrench.twisting[rows])
     if likeness < -LEAST_CORRELATION:
@@ -168,8 +175,27 @@ def check_torque(
     if likeness < LEAST_CORRELATION or others > (1.5 if weighed else 4.0) * answers[2]:
         raise recording.fault(
             f"the torque about the normal answers the rotation by {answers[2]:.3g} N·mm (correlation "
-            f"{likeness:.2f}), tangential moments by {others:.3g} N·mm: axes of the moment are swapped, or the "
-            "tool's weight is not what gravity says; check the order of the moment's columns",
+            f"{likeness:.2f}), tangential moments by {others:.3g} N·mm: axes of the moment are swapped, "
+            "or the tool's weight is not what gravity says; check the order of the moment's columns",
+            rows.start,
+        )
+
+
+def _check_torque_at_rest(recording: Recording, motion: Motion, wrench: SpotWrench, strokes: Strokes) -> None:
+    """Refuse a torque that comes and goes while the logged pose rests."""
+    end = motion.time_s[-1] if strokes.retract is None else strokes.retract.start.time_s
+    rows = slice(*(int(k) for k in np.searchsorted(motion.time_s, [strokes.press.stop.time_s, end])))
+    torque = wrench.twisting[rows]
+    if torque.size < _REST_PARTS:
+        return
+    means = np.array([part.mean() for part in np.array_split(torque, _REST_PARTS)])
+    noise = noise_std(torque) / np.sqrt(torque.size / _REST_PARTS)
+    # What relaxes goes one way; only what goes both ways needs a motion.
+    there_and_back = float(np.abs(np.diff(means)).sum() - abs(means[-1] - means[0])) / 2.0
+    if there_and_back > max(LEAST_TORQUE_NMM, _REST_PARTS * 3.0 * noise):
+        raise recording.fault(
+            f"the torque goes up and down by {there_and_back:.3g} N·mm while the tool rests in its "
+            "logged pose: the orientation is stuck or not that of the tool; check channels.orientation",
             rows.start,
         )
 

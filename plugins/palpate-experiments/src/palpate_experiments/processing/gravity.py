@@ -70,7 +70,7 @@ def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> Too
     std = noise / np.sqrt(power) if power > 0.0 else float("inf")
     if not std < max(_LARGEST_STD * abs(weight), 1e-3):
         raise recording.fault(
-            f"{free.size} rows in free air tell no weight of the tool ({weight:.3g} ± {std:.2g} N), "
+            f"{free.size} rows in free air tell no weight of the tool, "
             "since its orientation hardly changes there; give gravity.weight and gravity.centre, or log "
             "a few orientations in free air",
             int(free[0]),

@@ -134,8 +134,7 @@ def _twists(recording: Recording, motion: Motion, contact: Contact) -> tuple[Str
     span = float(np.ptp(turn))
     if span < LEAST_TWIST_DEG:
         return ()
-    twists = strokes_of(motion.time_s[rows], turn, max(_LEAST_SHARE * span, LEAST_TWIST_DEG / 2.0))
-    return twists
+    return strokes_of(motion.time_s[rows], turn, max(_LEAST_SHARE * span, LEAST_TWIST_DEG / 2.0))
 
 
 def _check_at_rest(recording: Recording, motion: Motion, contact: Contact) -> None:

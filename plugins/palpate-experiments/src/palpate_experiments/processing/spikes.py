@@ -32,8 +32,8 @@ def without_spikes(recording: Recording) -> tuple[Recording, IntArray]:
     hit = np.flatnonzero(force_hit | moment_hit)
     if hit.size > LARGEST_SHARE * recording.n_rows:
         raise recording.fault(
-            f"{hit.size} of {recording.n_rows} rows have a spike in force or moment; check the sensor's cable "
-            "and range, or give spikes.enabled = false",
+            f"{hit.size} of {recording.n_rows} rows have a spike in force or moment; check the "
+            "sensor's cable and range, or give spikes.enabled = false",
             int(hit[0]),
         )
     return (recording.changed(force_N=force, moment_Nmm=moment) if hit.size else recording), hit
@@ -44,8 +44,8 @@ def _repaired(values: FloatArray) -> tuple[FloatArray, BoolArray]:
     middle = median_filter(values, size=(_NEIGHBOURS, 1), mode="nearest")
     # A range without the spikes themselves.
     spans = np.ptp(middle, axis=0)
-    least = [
-        max(NOISE_MULTIPLE * noise_std(v), RANGE_SHARE * s) for v, s in zip(values.T, spans, strict=True)
-    ]
-    off = np.abs(values - middle) > np.maximum(least, 1e-300)
-    return np.where(off, middle, values), off.any(axis=1)
+    noises = np.array([noise_std(column) for column in values.T])
+    least = np.maximum(NOISE_MULTIPLE * noises, RANGE_SHARE * spans)
+    off: BoolArray = np.abs(values - middle) > np.maximum(least, 1e-300)
+    hit: BoolArray = np.any(off, axis=1)
+    return np.where(off, middle, values), hit

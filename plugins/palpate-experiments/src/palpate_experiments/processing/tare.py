@@ -33,8 +33,8 @@ def find_bias(recording: Recording, free: IntArray) -> Bias:
     """
     if free.size < FEWEST_ROWS:
         raise recording.fault(
-            f"{free.size} rows in free air before the press, so the sensor's bias cannot be told; start the log "
-            "earlier, or give tare.enabled = false",
+            f"{free.size} rows in free air before the press, so the sensor's bias cannot be told; start "
+            "the log earlier, or give tare.enabled = false",
             0,
         )
     force, force_std = _mean(recording.force_N[free])
