@@ -1,4 +1,4 @@
-"""Loaders of measured curves, and ready studies on real rubber and silicone.
+"""Loaders of measured curves, and ready studies on real rubber and silicone and on a robot's logs.
 
 Names are imported when they are first used: the process that reads a stranger's log
 imports this package too, and needs neither the loaders nor what they are made of.
@@ -47,7 +47,7 @@ def palpate_experiment_loaders() -> "list[type[ExperimentLoader]]":
 
 @hookimpl
 def palpate_studies() -> list[StudyTemplate]:
-    """Provide the two studies on measured data."""
+    """Provide two studies on measured data, and one on a robot's logs."""
     return [
         StudyTemplate(
             name="treloar",
@@ -58,6 +58,11 @@ def palpate_studies() -> list[StudyTemplate]:
             name="ecoflex",
             summary="compression of five Ecoflex 00-50 cylinders (measured)",
             directory=_directory("ecoflex"),
+        ),
+        StudyTemplate(
+            name="robot-log",
+            summary="the forearm phantom at four spots, from a robot's logs (simulated)",
+            directory=_directory("robot-log"),
         ),
     ]
 
