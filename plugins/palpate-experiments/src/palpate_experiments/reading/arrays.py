@@ -69,21 +69,22 @@ def log_of_arrays(
     if not columns:
         found = "; ".join([*notes, *passed_over]) or "it is empty"
         raise CurveError(f"{path}: no columns of numbers ({found}); save vectors or matrices of doubles")
-    streams = tuple(
-        Stream(
-            name="" if len(columns) == 1 else f"{n_rows} rows",
-            rows=np.arange(n_rows, dtype=np.int64),
-            columns={column.name: column for column in group},
-        )
-        for n_rows, group in columns.items()
-    )
     return RawLog(
         source=str(path),
         format=file_format,
         row_word="row",
-        streams=streams,
+        streams=tuple(_streams(columns)),
         notes=(*notes, *passed_over),
     )
+
+
+def _streams(columns: Mapping[int, list[Column]]) -> Iterable[Stream]:
+    for n_rows, group in columns.items():
+        yield Stream(
+            name="" if len(columns) == 1 else f"{n_rows} rows",
+            rows=np.arange(n_rows, dtype=np.int64),
+            columns={column.name: column for column in group},
+        )
 
 
 def _standing(array: np.ndarray) -> FloatArray | None:

@@ -96,14 +96,10 @@ def pick(
     time = stream.columns[time_name].values
     # Series that share a column of time are known by sharing the array.
     time = time if factor == 1.0 else factor * time
-    table = np.zeros((time.size, len(columns)))
-    unit = ""
-    for index, name in enumerate(columns):
-        if name == NO_COLUMN:
-            continue
-        factor, unit = _factor(log, channels, stream, bare(name), source.unit, kind)
-        sign = -1.0 if name.startswith("-") else 1.0
-        np.multiply(stream.columns[bare(name)].values, sign * factor, out=table[:, index])
+    factors = [
+        (0.0, "") if name == NO_COLUMN else _factor(log, channels, stream, bare(name), source.unit, kind)
+        for name in columns
+    ]
     return _complete(
         Series(
             source=log.source,
@@ -112,13 +108,23 @@ def pick(
             stream=stream.name,
             row_word=log.row_word,
             time_s=time,
-            values=table,
+            values=_table(stream, columns, [factor for factor, _ in factors]),
             rows=stream.rows,
-            units=(time_unit, unit),
+            units=(time_unit, next((unit for _, unit in factors if unit), "")),
         ),
         channels,
         time_name,
     )
+
+
+def _table(stream: Stream, columns: Sequence[str], factors: Sequence[float]) -> FloatArray:
+    """Columns side by side, each times its factor and with its sign; zero for one that is not there."""
+    table = np.zeros((stream.rows.size, len(columns)))
+    for index, (name, factor) in enumerate(zip(columns, factors, strict=True)):
+        if name != NO_COLUMN:
+            sign = -1.0 if name.startswith("-") else 1.0
+            np.multiply(stream.columns[bare(name)].values, sign * factor, out=table[:, index])
+    return table
 
 
 def _factor(
