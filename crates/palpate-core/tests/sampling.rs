@@ -149,6 +149,7 @@ proptest! {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "far too slow there")]
 fn designs_of_250_sets_are_as_good_as_promised() {
     let drawn = latin_hypercube(250, 3, 1, true).unwrap();
     let uniform = optimise(&drawn, 3, &Search::new(Criterion::CentredDiscrepancy, 1)).unwrap();
@@ -230,6 +231,7 @@ fn impossible_requests_are_errors() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "far too slow there")]
 fn a_search_of_a_large_design_is_bounded() {
     assert_eq!(default_swaps(250, 3), 15_000);
     assert!(default_swaps(1 << 14, 1 << 14) < 20);
