@@ -6,8 +6,21 @@ from palpate import hookimpl
 from palpate.domain import Channel, Scenario, StudyTemplate
 from palpate.interfaces import LimbSource
 from palpate_forearm.mesh_source import MeshioSettings, MeshioSource
+from palpate_forearm.phantom import InkMark, Phantom, PhantomBone, Scanner, Section, Surface, scan
+from palpate_forearm.phantom_files import write_phantom
 
-__all__ = ["MeshioSettings", "MeshioSource"]
+__all__ = [
+    "InkMark",
+    "MeshioSettings",
+    "MeshioSource",
+    "Phantom",
+    "PhantomBone",
+    "Scanner",
+    "Section",
+    "Surface",
+    "scan",
+    "write_phantom",
+]
 
 
 @hookimpl
