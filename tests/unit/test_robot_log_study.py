@@ -13,6 +13,7 @@ import pytest
 from palpate.cli.app import main
 from palpate.domain import Response
 from palpate.experiment import load_measured
+from palpate.limb import load_limbs
 from palpate.plugins import Plugins
 from palpate.study import Study, read_study
 
@@ -85,6 +86,14 @@ def test_the_study_is_simulated_says_so_and_is_small():
         moment = np.cumsum(stored["tz_Nm"], dtype=np.int64) / 10.0 ** decimals["tz_Nm"]
     log = pl.read_parquet(folder() / "logs" / "simulated_p3.parquet")
     np.testing.assert_allclose(log["tz_Nm"], moment[::2], rtol=1e-6, atol=1e-9)
+
+
+def test_the_sphere_may_touch_every_mesh_at_its_spot():
+    for limb in load_limbs(study()).values():
+        points = limb.mesh.points_mm
+        nearest = int(np.linalg.norm(points, axis=1).argmin())
+        assert np.abs(points[nearest]).max() < 1e-6
+        assert nearest in limb.mesh.node_sets["contact"]
 
 
 def write_study(target: Path, measured_toml: str, experiment_toml: str) -> None:
