@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PLUGINS := materials jax experiments forearm template
+PLUGINS := materials jax experiments forearm febio template
 EDITABLE := $(foreach p,$(PLUGINS),-e plugins/palpate-$(p))
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
 PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)

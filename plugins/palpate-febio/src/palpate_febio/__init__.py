@@ -1,0 +1,24 @@
+"""FEBio as a solver of palpate, decks as limbs, and a certificate that two solvers agree."""
+
+from collections.abc import Iterable
+
+import palpate
+from palpate.interfaces import LimbSource, Solver
+
+__version__ = "0.1.0"
+
+
+@palpate.hookimpl
+def palpate_limb_sources() -> Iterable[type[LimbSource]]:
+    """``febio_deck``."""
+    from palpate_febio.limb_source import FebioDeckSource
+
+    return [FebioDeckSource]
+
+
+@palpate.hookimpl
+def palpate_solvers() -> Iterable[type[Solver]]:
+    """``febio``."""
+    from palpate_febio.solver import FebioSolver
+
+    return [FebioSolver]

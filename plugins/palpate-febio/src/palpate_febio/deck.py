@@ -1,0 +1,329 @@
+"""Writes a FEBio 4.0 deck, the same bytes for the same problem.
+
+The frame is the spot's: the spot is the origin, its outward normal +z. FEBio's
+time counts steps (:mod:`palpate_febio.steps`), so a step that was asked for
+stands in the output at a whole number.
+"""
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.domain import FloatArray, IntArray, Mesh
+from palpate_febio.settings import FebioSettings, Rung
+from palpate_febio.skin import skin_faces
+from palpate_febio.spelling import DENSITY_T_PER_MM3, Written
+from palpate_febio.sphere import sphere_mesh
+from palpate_febio.steps import Steps
+
+DECK_NAME = "job.feb"
+LOG_NAME = "job.log"
+RECORD_NAME = "rigid.csv"
+RECORD_DATA = ("z", "thz", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
+INDENTER = "indenter"
+
+BROYDEN_UPDATES = 10
+SMALLEST_STEP = 1e-3
+"""Of one step: shorter ones are not tried."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Problem:
+    """Everything that decides a deck.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        In the spot's frame.
+    materials : mapping of region to Written
+    radius_mm : float
+        Of the sphere.
+    friction : float
+    steps : Steps
+    settings : FebioSettings
+    rung : str
+        How to solve; see :data:`palpate_febio.settings.Rung`.
+    """
+
+    mesh: Mesh
+    materials: Mapping[str, Written]
+    radius_mm: float
+    friction: float
+    steps: Steps
+    settings: FebioSettings
+    rung: Rung = "broyden"
+
+    @property
+    def bonded(self) -> bool:
+        """Whether the indenter is glued to the skin, by the node set ``bonded``, and touches nothing else."""
+        return bool(np.size(self.mesh.node_sets.get("bonded", ())))
+
+    @property
+    def augmented(self) -> bool:
+        """Whether contact is enforced by augmented Lagrangian: friction has no memory without it."""
+        return self.friction > 0.0 and self.settings.contact == "right"
+
+
+def write_deck(problem: Problem) -> bytes:
+    """The deck.
+
+    Returns
+    -------
+    bytes
+        ASCII; numbers to 12 digits, which is what FEBio prints.
+
+    Raises
+    ------
+    MeshError
+        The mesh has no face to touch.
+    """
+    root = ET.Element("febio_spec", version="4.0")
+    module = ET.SubElement(root, "Module", type="solid")
+    _leaf(module, "units", "mm-N-s")
+    _control(root, problem)
+    constants = ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
+    for name in ("T", "R", "Fc"):
+        _leaf(constants, name, 0)
+    _materials(root, problem)
+    _mesh(root, problem)
+    _boundary(root, problem)
+    _rigid(root, problem)
+    if not problem.bonded:
+        _contact(root, problem)
+    _load_data(root, problem.steps)
+    log = ET.SubElement(ET.SubElement(root, "Output"), "logfile")
+    data = {"data": ";".join(RECORD_DATA), "delim": ",", "file": RECORD_NAME}
+    _leaf(log, "rigid_body_data", rigid_id(problem), **data)
+    return to_bytes(root)
+
+
+def rigid_id(problem: Problem) -> int:
+    """Number of the indenter's material: FEBio prints zeros for any other, and ends well."""
+    return len(problem.mesh.regions) + 1
+
+
+def to_bytes(root: ET.Element) -> bytes:
+    """An element tree as FEBio's reader likes it: declaration, then one tag to a line."""
+    ET.indent(root, " ")
+    body: bytes = ET.tostring(root, encoding="us-ascii")
+    return b'<?xml version="1.0" encoding="ISO-8859-1"?>\n' + body + b"\n"
+
+
+def _leaf(parent: ET.Element, tag: str, value: object, **attributes: str) -> None:
+    ET.SubElement(parent, tag, attributes).text = str(value)
+
+
+def _number(value: float) -> str:
+    return format(value + 0.0, ".12g")
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return ",".join(map(_number, values))
+
+
+def safe_name(name: str) -> str:
+    """A region's name as FEBio may read it."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", name)
+
+
+def _material_name(problem: Problem, region: str) -> str:
+    return f"{problem.mesh.regions.index(region) + 1}_{safe_name(region)}"
+
+
+# -------------------------------------------------------------------- control
+
+
+def _control(root: ET.Element, problem: Problem) -> None:
+    control = ET.SubElement(root, "Control")
+    _leaf(control, "analysis", "STATIC")
+    _leaf(control, "time_steps", problem.steps.n)
+    _leaf(control, "step_size", 1)
+    _leaf(control, "plot_level", "PLOT_NEVER")
+    solver = ET.SubElement(control, "solver", type="solid")
+    for name, value in (
+        ("symmetric_stiffness", "non-symmetric"),
+        ("equation_scheme", "staggered"),
+        ("max_refs", 40),
+        ("diverge_reform", 1),
+        ("reform_each_time_step", 1),
+        ("dtol", 0.001),
+        ("etol", 0.01),
+        ("rtol", 0),
+        ("lstol", 0.9),
+        ("min_residual", 1e-14),
+        ("rhoi", 0),
+    ):
+        _leaf(solver, name, value)
+    if problem.rung.startswith("broyden"):
+        _leaf(ET.SubElement(solver, "qn_method", type="Broyden"), "max_ups", BROYDEN_UPDATES)
+    else:
+        ET.SubElement(solver, "qn_method", type="full Newton")
+    if problem.settings.linear_solver:
+        ET.SubElement(solver, "linear_solver", type=problem.settings.linear_solver)
+    stepper = ET.SubElement(control, "time_stepper", type="default")
+    for name, value in (
+        ("max_retries", 12),
+        ("opt_iter", 20),
+        ("dtmin", SMALLEST_STEP),
+        ("aggressiveness", 1),
+        ("cutback", 0.5),
+    ):
+        _leaf(stepper, name, value)
+    _leaf(stepper, "dtmax", 1, lc="3")
+
+
+def _materials(root: ET.Element, problem: Problem) -> None:
+    section = ET.SubElement(root, "Material")
+    for k, region in enumerate(problem.mesh.regions, start=1):
+        material = problem.materials[region]
+        element = ET.SubElement(
+            section, "material", id=str(k), name=_material_name(problem, region), type=material.febio_type
+        )
+        _leaf(element, "density", _number(DENSITY_T_PER_MM3))
+        for name, value in material.values:
+            _leaf(element, name, _number(value))
+    rigid = ET.SubElement(section, "material", id=str(rigid_id(problem)), name=INDENTER, type="rigid body")
+    _leaf(rigid, "density", _number(DENSITY_T_PER_MM3))
+    _leaf(rigid, "override_com", 1)
+    _leaf(rigid, "center_of_mass", _numbers((0.0, 0.0, problem.radius_mm)))
+
+
+# ----------------------------------------------------------------------- mesh
+
+
+def _mesh(root: ET.Element, problem: Problem) -> None:
+    section = ET.SubElement(root, "Mesh")
+    mesh, ball = problem.mesh, sphere_mesh(problem.radius_mm, problem.settings.facet_mm)
+    nodes = ET.SubElement(section, "Nodes", name="all")
+    points = np.vstack([mesh.points_mm, ball.points_mm + np.array([0.0, 0.0, problem.radius_mm])])
+    for k, point in enumerate(points.tolist(), start=1):
+        _leaf(nodes, "node", _numbers(point), id=str(k))
+    domains = [*_parts(mesh), ("tet4", INDENTER, ball.tets + mesh.n_nodes)]
+    first = 1
+    for kind, name, cells in domains:
+        element = ET.SubElement(section, "Elements", type=kind, name=name)
+        _cells(element, "elem", cells, first)
+        first += len(cells)
+    for name in ("fixed", "bonded"):
+        if np.size(chosen := mesh.node_sets.get(name, ())):
+            _leaf(section, "NodeSet", ",".join(map(str, np.asarray(chosen) + 1)), name=name)
+    if not problem.bonded:
+        _surfaces(section, skin_faces(mesh), ball.faces + mesh.n_nodes)
+    _domains(root, problem, domains)
+
+
+def _parts(mesh: Mesh) -> list[tuple[str, str, IntArray]]:
+    """Elements of one kind and region each, with the name of the part."""
+    return [
+        (kind, f"{r + 1}_{safe_name(region)}_{kind}", mesh.cells[kind][mesh.cell_regions[kind] == r])
+        for r, region in enumerate(mesh.regions)
+        for kind in sorted(mesh.cells)
+        if (mesh.cell_regions[kind] == r).any()
+    ]
+
+
+def _cells(parent: ET.Element, tag: str, cells: IntArray, first: int) -> None:
+    for k, cell in enumerate((cells + 1).tolist(), start=first):
+        _leaf(parent, tag, ",".join(map(str, cell)), id=str(k))
+
+
+def _surfaces(section: ET.Element, skin: Mapping[str, IntArray], ball: IntArray) -> None:
+    surface = ET.SubElement(section, "Surface", name="skin_surface")
+    first = 1
+    for kind, faces in skin.items():
+        _cells(surface, kind, faces, first)
+        first += len(faces)
+    _cells(ET.SubElement(section, "Surface", name="indenter_surface"), "tri3", ball, 1)
+    pair = ET.SubElement(section, "SurfacePair", name="contact")
+    _leaf(pair, "primary", "skin_surface")
+    _leaf(pair, "secondary", "indenter_surface")
+
+
+def _domains(root: ET.Element, problem: Problem, domains: list[tuple[str, str, IntArray]]) -> None:
+    section = ET.SubElement(root, "MeshDomains")
+    for _, name, _ in domains:
+        region = int(name.split("_")[0]) if name != INDENTER else 0
+        material = _material_name(problem, problem.mesh.regions[region - 1]) if region else INDENTER
+        ET.SubElement(section, "SolidDomain", name=name, mat=material)
+
+
+# -------------------------------------------------------- supports and motion
+
+
+def _boundary(root: ET.Element, problem: Problem) -> None:
+    section = ET.SubElement(root, "Boundary")
+    held = ET.SubElement(section, "bc", name="fixed", node_set="fixed", type="zero displacement")
+    for dof in ("x_dof", "y_dof", "z_dof"):
+        _leaf(held, dof, 1)
+    if problem.bonded:
+        glue = ET.SubElement(section, "bc", name="glue", node_set="bonded", type="rigid")
+        _leaf(glue, "rb", rigid_id(problem))
+
+
+def _rigid(root: ET.Element, problem: Problem) -> None:
+    section = ET.SubElement(root, "Rigid")
+    lock = ET.SubElement(section, "rigid_bc", name="lock", type="rigid_fixed")
+    _leaf(lock, "rb", rigid_id(problem))
+    for dof, fixed in (("Rx", 1), ("Ry", 1), ("Rz", 0), ("Ru", 1), ("Rv", 1), ("Rw", 0)):
+        _leaf(lock, f"{dof}_dof", fixed)
+    for name, kind, dof, curve, scale in (
+        ("press", "rigid_displacement", "z", "1", -1),
+        ("twist", "rigid_rotation", "Rw", "2", 1),
+    ):
+        motion = ET.SubElement(section, "rigid_bc", name=name, type=kind)
+        _leaf(motion, "rb", rigid_id(problem))
+        _leaf(motion, "dof", dof)
+        _leaf(motion, "value", scale, lc=curve)
+        _leaf(motion, "relative", 0)
+
+
+def _contact(root: ET.Element, problem: Problem) -> None:
+    section = ET.SubElement(root, "Contact")
+    contact = ET.SubElement(
+        section, "contact", name="contact", surface_pair="contact", type="sliding-elastic"
+    )
+    settings = problem.settings
+    # Without friction nothing needs a memory, and a stiff penalty converges where augmentation may not.
+    stiffer = 5.0 if problem.friction == 0.0 and settings.contact == "right" else 1.0
+    for name, value in (
+        ("laugon", "AUGLAG" if problem.augmented else "PENALTY"),
+        ("tolerance", _number(settings.augmentation_tolerance)),
+        ("gaptol", 0),
+        ("penalty", _number(stiffer * settings.penalty)),
+        ("auto_penalty", 1),
+        ("update_penalty", 0),
+        ("two_pass", 0),
+        ("minaug", 0),
+        ("maxaug", settings.max_augmentations),
+        ("knmult", 0),
+        ("search_tol", 0.01),
+        ("symmetric_stiffness", 0),
+        ("search_radius", _number(0.4 * problem.radius_mm)),
+        ("tension", 0),
+        ("fric_coeff", _number(problem.friction)),
+        ("node_reloc", 0),
+    ):
+        _leaf(contact, name, value)
+
+
+def _load_data(root: ET.Element, steps: Steps) -> None:
+    section = ET.SubElement(root, "LoadData")
+    for k, values, form in (
+        (1, steps.depth_mm, "LINEAR"),
+        (2, np.deg2rad(steps.rotation_deg), "LINEAR"),
+        (3, np.ones(steps.n + 1), "STEP"),
+    ):
+        curve = ET.SubElement(section, "load_controller", id=str(k), type="loadcurve")
+        _leaf(curve, "interpolate", form)
+        _leaf(curve, "extend", "CONSTANT")
+        points = ET.SubElement(curve, "points")
+        for line in points_of(values):
+            _leaf(points, "pt", line)
+
+
+def points_of(values: FloatArray) -> list[str]:
+    """A load curve's points: time and value."""
+    return [f"{k},{_number(value)}" for k, value in enumerate(values.tolist())]

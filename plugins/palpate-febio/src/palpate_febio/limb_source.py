@@ -1,0 +1,126 @@
+"""Limbs from decks of FEBio."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from palpate.domain import IntArray, Limb, Mesh, Spot
+from palpate.errors import MeshError
+from palpate.interfaces import LimbSource, Settings
+from palpate.units import convert
+from palpate_febio.deck_reader import Deck, read_deck
+
+
+class FebioDeckSettings(Settings):
+    """Settings of :class:`FebioDeckSource`."""
+
+    unit: Literal["mm", "cm", "m", "um"] = Field("mm", description="Unit of the deck's coordinates.")
+    regions: dict[str, str] = Field(
+        default_factory=dict,
+        description="Region by the deck's material or part; empty: each material is a region of its own "
+        "name.",
+    )
+    fixed: str = Field(
+        "",
+        description="Node set or surface that is held still; empty: those that the deck holds (zero "
+        "displacement).",
+    )
+    contact: str = Field(
+        "contact",
+        description="Node set or surface that is the outer skin; the primary surface is a good choice.",
+    )
+
+
+class FebioDeckSource(LimbSource):
+    """Limbs from ``.feb`` decks, versions 2.5 to 4.0: mesh, sets and materials; rigid bodies are left out.
+
+    What the deck says about its materials' coefficients comes with
+    ``palpate febio-deck FILE``.
+    """
+
+    name = "febio_deck"
+    summary = "decks of FEBio (.feb) with regions by material and node sets or surfaces"
+    Settings = FebioDeckSettings
+
+    def load(self, path: Path, spot: Spot) -> Limb:
+        """Read the mesh of one spot.
+
+        Raises
+        ------
+        MeshError
+            The deck cannot be read safely, or lacks a set; naming what it has.
+        """
+        deck = read_deck(path)
+        if not deck.parts:
+            raise MeshError(f"{path}: no deformable elements; palpate needs the limb, not only rigid bodies")
+        regions = self._regions(path, deck)
+        used = np.unique(np.concatenate([part.cells.ravel() for part in deck.parts]))
+        number = np.full(len(deck.points), -1)
+        number[used] = np.arange(len(used))
+        cells: dict[str, list[IntArray]] = {}
+        ids: dict[str, list[IntArray]] = {}
+        names = tuple(dict.fromkeys(regions.values()))
+        for part in deck.parts:
+            cells.setdefault(part.kind, []).append(number[part.cells])
+            region = names.index(regions[part.name])
+            ids.setdefault(part.kind, []).append(np.full(len(part.cells), region))
+        sets = {"fixed": self._fixed(path, deck), "contact": _nodes(path, deck, self.settings.contact)}
+        mesh = Mesh(
+            points_mm=deck.points[used] * convert(f"1 {self.settings.unit}", "mm"),
+            cells={kind: np.concatenate(blocks) for kind, blocks in cells.items()},
+            cell_regions={kind: np.concatenate(blocks) for kind, blocks in ids.items()},
+            regions=names,
+            node_sets={name: number[nodes][number[nodes] >= 0] for name, nodes in sets.items()},
+        )
+        return Limb(spot=spot, mesh=mesh)
+
+    def _regions(self, path: Path, deck: Deck) -> Mapping[str, str]:
+        """Region of each part."""
+        wanted: dict[str, str] = self.settings.regions
+        if not wanted:
+            return {part.name: deck.materials[part.material].name for part in deck.parts}
+        by_source = {source: region for region, source in wanted.items()}
+        found = {}
+        for part in deck.parts:
+            material = deck.materials[part.material].name
+            region = by_source.get(part.name) or by_source.get(material)
+            if region is None:
+                raise MeshError(
+                    f"{path}: part '{part.name}' with material '{material}' is named by no region of the "
+                    f"settings "
+                    f"({', '.join(f'{r} = {s}' for r, s in wanted.items())}); add it"
+                )
+            found[part.name] = region
+        return found
+
+    def _fixed(self, path: Path, deck: Deck) -> IntArray:
+        if self.settings.fixed:
+            return _nodes(path, deck, self.settings.fixed)
+        held = [name for name in deck.held if name in deck.node_sets]
+        if not held:
+            raise MeshError(
+                f"{path}: no boundary condition 'zero displacement' in x, y and z on a node set; name "
+                f"what is held "
+                f"in the setting fixed (there: {_there(deck)})"
+            )
+        return np.unique(np.concatenate([deck.node_sets[name] for name in held]))
+
+
+def _nodes(path: Path, deck: Deck, name: str) -> IntArray:
+    found = deck.node_sets.get(name)
+    if found is None:
+        found = deck.surfaces.get(name)
+    if found is None:
+        raise MeshError(
+            f"{path}: no node set or surface '{name}' (there: {_there(deck)}); name one of them in the "
+            f"settings "
+            "fixed and contact"
+        )
+    return found
+
+
+def _there(deck: Deck) -> str:
+    return ", ".join([*deck.node_sets, *deck.surfaces]) or "none"

@@ -1,0 +1,150 @@
+"""Reads what FEBio said: its log, and the last of what it printed."""
+
+import re
+from dataclasses import dataclass
+
+GOOD_BANNER = "N O R M A L   T E R M I N A T I O N"
+BAD_BANNER = "E R R O R   T E R M I N A T I O N"
+
+_VERSION = re.compile(r"^\s*version\s+(\d+\.\d+\S*)", re.MULTILINE)
+_BOX = re.compile(
+    r"^[ \t]*\*[ \t]+(ERROR|WARNING)[ \t]+\*[ \t]*\n((?:[ \t]*\*[^\n]*\*[ \t]*\n)+?)[ \t]*\*{10,}",
+    re.MULTILINE,
+)
+_CONVERGED = re.compile(r"^-+ converged at time : (\S+)", re.MULTILINE)
+_FAILED = re.compile(r"^-+ failed to converge at time : (\S+)", re.MULTILINE)
+
+_REASONS: tuple[tuple[re.Pattern[str], str, str], ...] = tuple(
+    (re.compile(pattern, re.IGNORECASE), name, remedy)
+    for pattern, name, remedy in (
+        (
+            r"negative jacobian[^\n]*",
+            "negative Jacobian",
+            "an element turned inside out: smaller steps, a finer mesh at the spot, or a stabler material",
+        ),
+        (
+            r"NAN detected in (?:residual|solution)[^\n]*",
+            "not a number",
+            "the material or the contact broke down: smaller steps",
+        ),
+        (
+            r"max(?:\.|imum)? ?(?:nr|number) of reformations reached[^\n]*",
+            "too many reformations",
+            "the step did not balance: another rung of the ladder, or smaller steps",
+        ),
+        (
+            r"(?:invalid|missing|unknown|unrecognized|duplicate)[^\n]*(?:tag|attribute|value|version|section)[^\n]*",
+            "deck refused",
+            "FEBio does not know something in the deck: compare its version with the deck's",
+        ),
+        (
+            r"(?:fatal error|xml error|syntax error|unmatched|failed (?:opening|reading))[^\n]*",
+            "deck not read",
+            "the deck is not what this FEBio can read: compare its version with the deck's",
+        ),
+        (
+            r"(?:license|licence)[^\n]*",
+            "licence",
+            "FEBio or one of its plugins has no licence: start it by hand to see which",
+        ),
+        (
+            r"(?:failed (?:to )?load(?:ing)?|error loading)[^\n]*plugin[^\n]*|plugin[^\n]*(?:failed|not "
+            r"found)[^\n]*",
+            "plugin",
+            "FEBio could not load a plugin: palpate starts it with -noconfig, so look at the deck",
+        ),
+        (
+            r"linear solver[^\n]*(?:failed|error|not)[^\n]*|(?:unknown|invalid) (?:linear )?solver "
+            r"type[^\n]*",
+            "linear solver",
+            "name a linear solver that this FEBio was built with, in the setting linear_solver",
+        ),
+        (
+            r"memory allocation failure[^\n]*|failed allocating[^\n]*|bad_alloc",
+            "out of memory",
+            "fewer jobs at once, or a coarser mesh",
+        ),
+        (
+            r"model initialization failed[^\n]*|no step defined[^\n]*|zero diagonal[^\n]*",
+            "model refused",
+            "FEBio read the deck and could not start: look at the deck and log that keep_folder keeps",
+        ),
+        (
+            r"max\.? nr of retries reached[^\n]*",
+            "too many retries",
+            "the step did not balance however short: another rung of the ladder, or a finer mesh",
+        ),
+    )
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why a run ended badly: what it is called, FEBio's own words, and what to try."""
+
+    name: str
+    words: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.words}); {self.remedy}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogSummary:
+    """What a log says.
+
+    ``finished`` is True after the good banner, False after the bad one, None
+    without any (FEBio was cut off) or with both (two runs, or a forgery).
+    """
+
+    version: str | None
+    finished: bool | None
+    reason: Reason | None
+    converged: tuple[float, ...]
+    failed_at: float | None
+    warnings: tuple[str, ...]
+
+
+def read_log(text: str) -> LogSummary:
+    """Summarise a log or what FEBio printed; any text will do, garbled or cut off."""
+    good, bad = GOOD_BANNER in text, BAD_BANNER in text
+    version = _VERSION.search(text)
+    failed = _FAILED.findall(text)
+    boxes = [(kind, _unboxed(body)) for kind, body in _BOX.findall(text)]
+    return LogSummary(
+        version=version.group(1) if version else None,
+        finished=None if good == bad else good,
+        reason=None if good and not bad else last_reason(text),
+        converged=tuple(t for word in _CONVERGED.findall(text) if (t := _time(word)) is not None),
+        failed_at=_time(failed[-1]) if failed else None,
+        warnings=tuple(dict.fromkeys(body for kind, body in boxes if kind == "WARNING")),
+    )
+
+
+def last_reason(text: str) -> Reason | None:
+    """The cause of failure that stands last, where a mere consequence counts less than its cause."""
+    found = []
+    for rank, (pattern, name, remedy) in enumerate(_REASONS):
+        if matches := list(pattern.finditer(text)):
+            words = " ".join(matches[-1].group(0).strip(" *\n").split())[:200]
+            reason = Reason(name, words, remedy)
+            found.append((name == "too many retries", -matches[-1].start(), rank, reason))
+    if found:
+        return min(found, key=lambda row: row[:3])[3]
+    errors = [_unboxed(body) for kind, body in _BOX.findall(text) if kind == "ERROR"]
+    if errors:
+        return Reason("error", errors[-1][:200], "FEBio's own words say what it is about")
+    return None
+
+
+def _unboxed(body: str) -> str:
+    lines = (line.strip().strip("*").strip() for line in body.splitlines())
+    return " ".join(line for line in lines if line)
+
+
+def _time(word: str) -> float | None:
+    try:
+        return float(word)
+    except ValueError:
+        return None

@@ -1,0 +1,219 @@
+"""Finds out what an installed FEBio really computes, with one element per deformation.
+
+A coefficient that is named alike may be read otherwise: FEBio 4.4 to 4.11 takes
+a Yeoh c_k for what is k c_k in the textbook, against its own manual. So the
+stress of a few deformations is compared with the derivative of palpate's energy
+in every convention that the material knows, and the one that fits is used.
+"""
+
+import re
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from palpate import mechanics
+from palpate.domain import FloatArray
+from palpate.errors import MaterialError
+from palpate.interfaces import Material
+from palpate_febio.deck import DECK_NAME, LOG_NAME, to_bytes
+from palpate_febio.log import read_log
+from palpate_febio.record import RecordError, read_record
+from palpate_febio.runner import Limits, run_program
+from palpate_febio.spelling import DENSITY_T_PER_MM3, Written, written
+
+TOLERANCE = 1e-6
+"""Of the stress, relative to its largest component; a right convention fits to 1e-9, a wrong one to 1e-2."""
+
+N_STEPS = 5
+STRESS_NAME = "stress.csv"
+STRESS_DATA = ("sx", "sy", "sz", "sxy", "syz", "sxz")
+COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+
+GRADIENTS = np.array(
+    [
+        [[0.8, 0.0, 0.0], [0.0, -0.25, 0.0], [0.0, 0.0, -0.25]],
+        [[0.0, 1.2, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
+        [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]],
+        [[0.5, 0.1, 0.0], [0.05, -0.15, 0.075], [0.0, 0.025, -0.125]],
+    ]
+)
+"""H of F = 1 + s H, s from 0 to 1: stretch, shear, volume and all at once."""
+GRADIENTS.setflags(write=False)
+
+_CUBE = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=np.float64
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """How well FEBio's stress fits each convention: largest deviation by its name, and the one that fits."""
+
+    convention: str
+    deviations: Mapping[str, float]
+
+
+def probe_theta(material: Material) -> FloatArray:
+    """Textbook values to probe with: the middle of each range, which is far from zero."""
+    return np.array([0.5 * (p.lower + p.upper) for p in material.parameters])
+
+
+def probe_deck(material: Written) -> bytes:
+    """Cubes, each deformed as a whole; one more, left alone, gives FEBio an equation to solve."""
+    root = ET.Element("febio_spec", version="4.0")
+    ET.SubElement(ET.SubElement(root, "Module", type="solid"), "units").text = "mm-N-s"
+    _control(root)
+    section = ET.SubElement(root, "Material")
+    element = ET.SubElement(section, "material", id="1", name="probed", type=material.febio_type)
+    for name, value in (("density", DENSITY_T_PER_MM3), *material.values):
+        ET.SubElement(element, name).text = format(value, ".17g")
+    n = len(GRADIENTS)
+    mesh = ET.SubElement(root, "Mesh")
+    nodes = ET.SubElement(mesh, "Nodes", name="all")
+    for k, point in enumerate(np.concatenate([_CUBE] * (n + 1)).tolist(), start=1):
+        ET.SubElement(nodes, "node", id=str(k)).text = ",".join(map(str, point))
+    cells = ET.SubElement(mesh, "Elements", type="hex8", name="cubes")
+    for k in range(n + 1):
+        ET.SubElement(cells, "elem", id=str(k + 1)).text = _list(range(8 * k + 1, 8 * k + 9))
+    for k in range(n):
+        ET.SubElement(mesh, "NodeSet", name=f"cube{k}").text = _list(range(8 * k + 1, 8 * k + 9))
+    ET.SubElement(mesh, "NodeSet", name="base").text = _list(range(8 * n + 1, 8 * n + 5))
+    ET.SubElement(ET.SubElement(root, "MeshDomains"), "SolidDomain", name="cubes", mat="probed")
+    _motion(root)
+    log = ET.SubElement(ET.SubElement(root, "Output"), "logfile")
+    for k in range(n):
+        wanted = {"data": ";".join(STRESS_DATA), "delim": ",", "file": f"{k}{STRESS_NAME}"}
+        ET.SubElement(log, "element_data", wanted).text = str(k + 1)
+    return to_bytes(root)
+
+
+def _list(numbers: range) -> str:
+    return ",".join(map(str, numbers))
+
+
+def _control(root: ET.Element) -> None:
+    control = ET.SubElement(root, "Control")
+    for name, value in (
+        ("analysis", "STATIC"),
+        ("time_steps", N_STEPS),
+        ("step_size", 1),
+        ("plot_level", "PLOT_NEVER"),
+    ):
+        ET.SubElement(control, name).text = str(value)
+    solver = ET.SubElement(control, "solver", type="solid")
+    ET.SubElement(solver, "symmetric_stiffness").text = "symmetric"
+    ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
+
+
+def _motion(root: ET.Element) -> None:
+    section = ET.SubElement(root, "Boundary")
+    for k, H in enumerate(GRADIENTS):
+        bc = ET.SubElement(
+            section, "bc", name=f"deform{k}", node_set=f"cube{k}", type="prescribed deformation"
+        )
+        ET.SubElement(bc, "scale", lc="1").text = "1"
+        ET.SubElement(bc, "F").text = ",".join(format(v, ".17g") for v in (np.eye(3) + H).ravel())
+    held = ET.SubElement(section, "bc", name="base", node_set="base", type="zero displacement")
+    for dof in ("x_dof", "y_dof", "z_dof"):
+        ET.SubElement(held, dof).text = "1"
+    curve = ET.SubElement(ET.SubElement(root, "LoadData"), "load_controller", id="1", type="loadcurve")
+    ET.SubElement(curve, "interpolate").text = "LINEAR"
+    points = ET.SubElement(curve, "points")
+    for k in (0, N_STEPS):
+        ET.SubElement(points, "pt").text = f"{k},{k / N_STEPS:g}"
+
+
+def read_stress(texts: list[str]) -> FloatArray:
+    """Cauchy stress (n_deformations, N_STEPS, 6) from the records of the cubes.
+
+    Raises
+    ------
+    RecordError
+        A record is malformed, cut off, or not finite.
+    """
+    found = []
+    for k, text in enumerate(texts):
+        record = read_record(text, len(STRESS_DATA))
+        keep = np.isin(record.times, np.arange(1.0, N_STEPS + 1))
+        if keep.sum() != N_STEPS or not np.isfinite(record.values[keep]).all():
+            raise RecordError(
+                f"deformation {k}: {keep.sum()} of {N_STEPS} states, or values that are not finite"
+            )
+        found.append(record.values[keep])
+    return np.array(found)
+
+
+def fit(material: Material, sent: FloatArray, stress: FloatArray) -> Fit:
+    """The convention in which the numbers that were sent give the stress that came back.
+
+    Parameters
+    ----------
+    material : Material
+    sent : (n_parameters,) array
+        As they stood in the deck, in the material's order.
+    stress : (n_deformations, N_STEPS, 6) array
+        As :func:`read_stress` returns it.
+
+    Raises
+    ------
+    MaterialError
+        None fits; with the figures.
+    """
+    s = np.arange(1, N_STEPS + 1)[:, None, None] / N_STEPS
+    F = np.eye(3) + GRADIENTS[:, None] * s
+    deviations = {}
+    for convention in ("textbook", *material.conventions):
+        theta = material.to_textbook(sent, convention)
+        cauchy = np.asarray(mechanics.cauchy_stress(material, F, theta))
+        expected = np.stack([cauchy[..., i, j] for i, j in COMPONENTS], axis=-1)
+        error = np.abs(stress - expected).max(axis=-1) / np.abs(expected).max(axis=-1)
+        deviations[convention] = float(error.max())
+    best = min(deviations, key=lambda name: deviations[name])
+    if not deviations[best] < TOLERANCE:
+        figures = ", ".join(f"{name} {value:.2e}" for name, value in deviations.items())
+        raise MaterialError(
+            f"material '{material.name}': what this FEBio computes fits no convention that it knows (largest "
+            f"deviation of the stress: {figures}; {TOLERANCE:g} would fit); add the convention to the "
+            f"material, "
+            "or use another solver"
+        )
+    return Fit(best, deviations)
+
+
+def run_probe(material: Material, command: list[str], limits: Limits) -> Fit:
+    """Run the probe and compare; a temporary folder holds it.
+
+    Parameters
+    ----------
+    command : list of str
+        The program with its options, to which the deck's name is added.
+
+    Raises
+    ------
+    MaterialError
+        FEBio could not run it, or computes something that is not known.
+    """
+    sent = probe_theta(material)
+    with tempfile.TemporaryDirectory(prefix="palpate-febio-") as name:
+        folder = Path(name)
+        (folder / DECK_NAME).write_bytes(probe_deck(written(material, sent, "textbook")))
+        ended = run_program([*command, "-i", DECK_NAME, "-o", LOG_NAME], folder, limits)
+        files = [folder / f"{k}{STRESS_NAME}" for k in range(len(GRADIENTS))]
+        texts = [file.read_text(errors="replace") for file in files if file.is_file()]
+    said = read_log(ended.tail)
+    if ended.exit_code != 0 or said.finished is not True or len(texts) < len(GRADIENTS):
+        why = ended.stopped or str(said.reason or f"exit code {ended.exit_code}")
+        raise MaterialError(
+            f"material '{material.name}': this FEBio could not run the probe of it "
+            f"({re.sub(r'[. ]+$', '', why)})"
+        )
+    try:
+        return fit(material, sent, read_stress(texts))
+    except RecordError as error:
+        raise MaterialError(
+            f"material '{material.name}': the probe's record: {error}; run it again"
+        ) from None

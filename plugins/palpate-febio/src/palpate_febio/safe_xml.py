@@ -1,0 +1,83 @@
+"""Reads XML that may come from anybody.
+
+No document type, so no entities, no bombs and no other files; no more than a
+certain size and depth. Every message has the line.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from xml.parsers import expat
+
+from palpate.errors import MeshError
+
+LARGEST_FILE_BYTES = 2_000_000_000
+DEEPEST = 64
+
+
+class _Builder:
+    """Hands expat's events to a tree builder, and refuses what a deck has no use for."""
+
+    def __init__(self, parser: expat.XMLParserType) -> None:
+        self.tree = ET.TreeBuilder()
+        self.depth = 0
+        parser.buffer_text = True
+        parser.StartElementHandler = self.start
+        parser.EndElementHandler = self.end
+        parser.CharacterDataHandler = self.tree.data
+        parser.StartDoctypeDeclHandler = self.refuse
+
+    def start(self, tag: str, attributes: Mapping[str, str]) -> None:
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise ValueError(f"elements are nested more than {DEEPEST} deep")
+        self.tree.start(tag, dict(attributes))
+
+    def end(self, tag: str) -> None:
+        self.depth -= 1
+        self.tree.end(tag)
+
+    def refuse(self, *_: object) -> None:
+        raise ValueError("a document type declaration, which could define entities; remove it")
+
+
+def parse_xml(path: Path, text: bytes) -> ET.Element:
+    """The root element of a document.
+
+    Parameters
+    ----------
+    path : Path
+        Named in messages.
+    text : bytes
+
+    Raises
+    ------
+    MeshError
+        Not well-formed, or with a document type; naming the line.
+    """
+    parser = expat.ParserCreate()
+    builder = _Builder(parser)
+    try:
+        parser.Parse(text, True)
+        root: ET.Element = builder.tree.close()
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        raise MeshError(
+            f"{path}: line {parser.CurrentLineNumber}: not XML that can be read safely ({error}); "
+            "write the deck anew"
+        ) from None
+    return root
+
+
+def read_xml(path: Path) -> ET.Element:
+    """The root element of a file.
+
+    Raises
+    ------
+    MeshError
+        The file is missing, too large, or :func:`parse_xml` refuses it.
+    """
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file; check the path of the deck")
+    if path.stat().st_size > LARGEST_FILE_BYTES:
+        raise MeshError(f"{path}: larger than {LARGEST_FILE_BYTES:,} bytes; is this a deck?")
+    return parse_xml(path, path.read_bytes())

@@ -1,0 +1,72 @@
+"""How palpate drives FEBio."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from palpate.interfaces import Settings
+
+Rung = Literal["broyden", "newton", "broyden_half_steps", "newton_half_steps"]
+"""One way to solve the same problem: the update of the stiffness, and how long a step is."""
+
+PAPER_CONTACT = (
+    'contact = "paper": FEBio\'s penalty friction has no memory of where a point stuck, so its torque is the '
+    "penalty times the slip of one step: it shrinks with the number of steps and decays in a hold. "
+    "Use it to reproduce the paper, not to identify a material by torque"
+)
+
+
+class FebioSettings(Settings):
+    """Where FEBio is, how finely and how strictly it solves, and when it is given up."""
+
+    executable: str = Field(
+        "",
+        description="path or name of febio4; empty: PATH, then the places where FEBio is usually installed",
+    )
+    threads: int = Field(1, ge=1, description="threads of one run; palpate runs several jobs side by side")
+    time_limit_s: float = Field(7200.0, gt=0.0, description="a run is stopped after this time [s]")
+    stall_limit_s: float = Field(
+        1200.0, gt=0.0, description="a run is stopped when nothing was written for so long [s]"
+    )
+    depth_steps: int = Field(20, ge=1, description="steps from the surface to the greatest depth")
+    rotation_step_deg: float = Field(2.25, gt=0.0, description="largest step of rotation [degrees]")
+    contact: Literal["right", "paper"] = Field(
+        "right",
+        description="right: augmented Lagrangian where there is friction, a stiff penalty without; "
+        "paper: the penalty form, whose friction has no memory",
+    )
+    penalty: float = Field(
+        20.0,
+        gt=0.0,
+        description="contact penalty in units of FEBio's automatic one; 1 sinks the sphere about 1 mm "
+        "into silicone",
+    )
+    augmentation_tolerance: float = Field(
+        0.01,
+        gt=0.0,
+        lt=1.0,
+        description="relative change of the contact tractions at which augmentation ends; what is left is "
+        "forgotten in the next step, and the gates show it",
+    )
+    max_augmentations: int = Field(30, ge=1, description="augmentations of one step at most")
+    facet_mm: float = Field(0.6, gt=0.0, description="longest edge of the facets of the sphere [mm]")
+    ladder: tuple[Rung, ...] = Field(
+        ("broyden", "newton", "broyden_half_steps", "newton_half_steps"),
+        min_length=1,
+        description="ways to solve, tried in turn while runs diverge; each try is recorded",
+    )
+    linear_solver: str = Field("", description="FEBio's name of the linear solver; empty: its default")
+    gates: bool = Field(
+        False,
+        description="prove the torque: run again up to the first turn with halved steps, then hold; "
+        "a set whose torque changes is marked. For chosen sets, since it doubles the time",
+    )
+    gate_tolerance: float = Field(
+        0.02, gt=0.0, description="relative change of the torque that a gate allows"
+    )
+    template: str = Field(
+        "", description="a deck of your own with placeholders, in place of the one that palpate writes"
+    )
+    keep_folder: str = Field(
+        "", description="where to keep decks and logs, in a folder per job; empty: nothing is left behind"
+    )

@@ -1,0 +1,331 @@
+"""FEBio, as palpate's pipeline sees it."""
+
+import os
+import shutil
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from pydantic import BaseModel
+
+from palpate.domain import Indentation, Job, Limb, Simulation, Status
+from palpate.errors import PalpateError, StudyError
+from palpate.interfaces import Material, Solver
+from palpate.limb import check_limb
+from palpate.mechanics import check_reference_state
+from palpate_febio import __version__
+from palpate_febio.binary import Binary, examine, find_binary
+from palpate_febio.conventions import remembered
+from palpate_febio.deck import DECK_NAME, LOG_NAME, RECORD_NAME, Problem, write_deck
+from palpate_febio.gates import Gates, check_torque
+from palpate_febio.probe import Fit, run_probe
+from palpate_febio.runner import Ended, Limits, run_program
+from palpate_febio.settings import PAPER_CONTACT, FebioSettings, Rung
+from palpate_febio.skin import in_spot_frame, skin_faces
+from palpate_febio.spelling import expected_convention, written
+from palpate_febio.steps import Steps, halved, steps_of
+from palpate_febio.template import fill_template
+from palpate_febio.verdict import Verdict, as_rows, judge, response_of
+
+OPTIONS = ("-noconfig", "-nosplash", "-no_title")
+"""Of febio4. Never -silent: it hides what is wrong with a deck."""
+
+USABLE = (Status.OK, Status.DIVERGED)
+"""Statuses whose curves, whole or partial, are FEBio's answer to what was asked."""
+
+PROBE_LIMITS = Limits(time_s=300.0, stall_s=300.0)
+
+
+class FebioWarning(UserWarning):
+    """A setting that is known to give wrong numbers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Try:
+    """One run of FEBio: which rung, and what became of it."""
+
+    rung: Rung
+    steps: Steps
+    verdict: Verdict
+    ended: Ended
+
+    def row(self) -> dict[str, Any]:
+        """For the diagnostics."""
+        return {
+            "rung": self.rung,
+            "status": self.verdict.status.value,
+            "message": self.verdict.message,
+            "n_steps": self.steps.n,
+            "n_balanced": self.verdict.n_steps,
+            "seconds": self.ended.seconds,
+        }
+
+
+class FebioSolver(Solver):
+    """Quasi-static finite elements by FEBio 4, a program of its own.
+
+    Each run has a folder and a process group of its own, and leaves neither
+    behind. The deck, the command and the reading of the answer are methods, so
+    that each can be looked at without the program.
+    """
+
+    name = "febio"
+    summary = "finite elements by FEBio 4 (a program of its own): decks, conventions probed, torque gated"
+    Settings = FebioSettings
+
+    def __init__(self, settings: BaseModel | None = None) -> None:
+        super().__init__(settings)
+        self._binary: Binary | None = None
+        self._fits: dict[str, Fit] = {}
+
+    # ------------------------------------------------------------ the program
+
+    def binary(self) -> Binary:
+        """The installed FEBio, found and examined once.
+
+        Raises
+        ------
+        PluginError
+            There is none, or it is not FEBio 4.
+        """
+        if self._binary is None:
+            self._binary = examine(find_binary(self.settings.executable))
+        return self._binary
+
+    def version(self) -> str:
+        """Versions of FEBio and of this plugin, and a digest of the binary."""
+        binary = self.binary()
+        return f"FEBio {binary.version} ({binary.digest[:12]}), palpate-febio {__version__}"
+
+    def command(self, folder: Path) -> list[str]:
+        """What is run in a folder that holds the deck; every name is relative to it."""
+        program = str(self.binary().path)
+        return [program, *OPTIONS, "-i", DECK_NAME, "-o", LOG_NAME]
+
+    def convention(self, material: Material) -> Fit:
+        """How the installed FEBio reads this material's coefficients, by a probe that is remembered.
+
+        Raises
+        ------
+        MaterialError
+            It computes something that is not known, or has no such material.
+        """
+        key = f"{type(material).__qualname__} {material.settings.model_dump_json()}"
+        if key not in self._fits:
+            binary = self.binary()
+            command = [str(binary.path), *OPTIONS]
+            self._fits[key] = remembered(
+                material, binary.digest, lambda: run_probe(material, command, PROBE_LIMITS)
+            )
+        return self._fits[key]
+
+    # --------------------------------------------------------------- the deck
+
+    def check(self, job: Job, limb: Limb | None) -> None:
+        """Refuse what FEBio could not run, before it starts, and probe the materials.
+
+        Raises
+        ------
+        StudyError
+            No limb, another protocol than an indentation, or a template that cannot be used.
+        MeshError
+            A mesh that FEBio would refuse.
+        MaterialError
+            Parameters out of range, or a material that FEBio does not have or reads in an unknown way.
+        PluginError
+            There is no FEBio.
+        """
+        limb = _limb(limb, job)
+        check_limb(limb, list(job.materials))
+        for region in limb.mesh.regions:
+            check_reference_state(job.materials[region], job.thetas[region])
+        problem = self.problem(job, limb, dict.fromkeys(job.materials, "textbook"))
+        if not problem.bonded:
+            skin_faces(problem.mesh)
+        if self.settings.template:
+            self._deck(problem)
+        for material in job.materials.values():
+            self.convention(material)
+
+    def problem(
+        self, job: Job, limb: Limb, conventions: Mapping[str, str] | None = None, rung: Rung | None = None
+    ) -> Problem:
+        """Everything that decides the deck of a job.
+
+        Parameters
+        ----------
+        job : Job
+        limb : Limb
+        conventions : mapping of region to convention, optional
+            How FEBio reads each material; default: as FEBio 4.4 to 4.11 was measured to.
+        rung : str, optional
+            Default: the first of the ladder.
+        """
+        protocol = _indentation(job)
+        rung = rung or self.settings.ladder[0]
+        steps = steps_of(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
+        known = conventions or {r: expected_convention(m) for r, m in job.materials.items()}
+        return Problem(
+            mesh=in_spot_frame(limb),
+            materials={r: written(m, job.thetas[r], known[r]) for r, m in job.materials.items()},
+            radius_mm=protocol.indenter.radius_mm,
+            friction=protocol.friction,
+            steps=halved(steps) if rung.endswith("half_steps") else steps,
+            settings=self.settings,
+            rung=rung,
+        )
+
+    def write_deck(self, job: Job, limb: Limb) -> bytes:
+        """The deck of a job as it is run first, with the measured conventions; needs no FEBio."""
+        return self._deck(self.problem(job, limb))
+
+    def _deck(self, problem: Problem) -> bytes:
+        if self.settings.template:
+            path = Path(self.settings.template)
+            return fill_template(path, problem.materials, problem.steps, problem.friction)
+        return write_deck(problem)
+
+    # ---------------------------------------------------------------- the run
+
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        """Climb the ladder until a run is sound; each run is in the diagnostics."""
+        started = time.perf_counter()
+        try:
+            limb = _limb(limb, job)
+            conventions = {region: self.convention(m).convention for region, m in job.materials.items()}
+            tries = self._climb(job, limb, conventions)
+            gates = self._gates(job, limb, conventions, tries[-1])
+        except PalpateError as error:
+            return Simulation(job=job, status=Status.CRASHED, response=None, message=str(error))
+        last = tries[-1]
+        rows = last.verdict.rows
+        if last.steps.n != tries[0].steps.n:
+            rows = rows[::2]
+        complaints = [last.verdict.message] if last.verdict.message else []
+        if gates is not None and not gates.passed:
+            complaints.append(str(gates))
+        return Simulation(
+            job=job,
+            status=last.verdict.status,
+            response=response_of(rows) if last.verdict.status in USABLE else None,
+            message=" · ".join(complaints),
+            seconds=time.perf_counter() - started,
+            diagnostics={
+                **as_rows(rows),
+                "tries": [t.row() for t in tries],
+                "conventions": conventions,
+                "contact": "augmented" if _indentation(job).friction > 0.0 and self._right else "penalty",
+                "gates": None if gates is None else gates.row(),
+                "remarks": self._remarks(last),
+            },
+        )
+
+    @property
+    def _right(self) -> bool:
+        return bool(self.settings.contact == "right")
+
+    def _remarks(self, last: Try) -> list[str]:
+        remarks = list(last.verdict.log.warnings)
+        if remark := self.binary().remark:
+            remarks.append(remark)
+        if not self._right:
+            remarks.append(PAPER_CONTACT)
+        return remarks
+
+    def _climb(self, job: Job, limb: Limb, conventions: Mapping[str, str]) -> Sequence[Try]:
+        if not self._right:
+            warnings.warn(PAPER_CONTACT, FebioWarning, stacklevel=3)
+        tries: list[Try] = []
+        for rung in self.settings.ladder:
+            tries.append(self._try(job, self.problem(job, limb, conventions, rung)))
+            if tries[-1].verdict.status is not Status.DIVERGED:
+                return tries
+        # All diverged: the longest answer, and each is on record.
+        best = max(tries, key=lambda t: t.verdict.n_steps / t.steps.n)
+        return [*(t for t in tries if t is not best), best]
+
+    def _try(self, job: Job, problem: Problem, label: str = "") -> Try:
+        with self._folder(job, label or problem.rung) as folder:
+            (folder / DECK_NAME).write_bytes(self._deck(problem))
+            self._beside_template(folder)
+            ended = run_program(self.command(folder), folder, self._limits, self._environment)
+            verdict = self.read_response(ended, folder, problem)
+        return Try(rung=problem.rung, steps=problem.steps, verdict=verdict, ended=ended)
+
+    def read_response(self, ended: Ended, folder: Path, problem: Problem) -> Verdict:
+        """Judge what a run left in its folder."""
+        log, record = (
+            file.read_text(errors="replace") if file.is_file() else None
+            for file in (folder / LOG_NAME, folder / RECORD_NAME)
+        )
+        return judge(ended, log, record, problem.steps, problem.radius_mm)
+
+    def _gates(self, job: Job, limb: Limb, conventions: Mapping[str, str], last: Try) -> Gates | None:
+        """Prove the torque of a sound run; None where nothing was asked for, or nothing twists."""
+        protocol = _indentation(job)
+        twisted = bool(protocol.path[:, 1].any()) and protocol.friction > 0.0
+        if not (self.settings.gates and twisted and last.verdict.status is Status.OK):
+            return None
+        problem = self.problem(job, limb, conventions, last.rung)
+
+        def run(steps: Steps) -> Verdict:
+            return self._try(job, replace(problem, steps=steps), "gates").verdict
+
+        return check_torque(problem.steps, last.verdict.rows, run, self.settings.gate_tolerance)
+
+    @property
+    def _limits(self) -> Limits:
+        return Limits(time_s=self.settings.time_limit_s, stall_s=self.settings.stall_limit_s)
+
+    @property
+    def _environment(self) -> dict[str, str]:
+        n = str(self.settings.threads)
+        return {"OMP_NUM_THREADS": n, "MKL_NUM_THREADS": n}
+
+    @contextmanager
+    def _folder(self, job: Job, label: str) -> Iterator[Path]:
+        """A folder for one run: removed afterwards, or kept under a name of its own."""
+        if not self.settings.keep_folder:
+            with tempfile.TemporaryDirectory(prefix="palpate-febio-") as name:
+                yield Path(name)
+            return
+        spot = quote(job.spot, safe=" ").replace(".", "%2E")
+        folder = Path(self.settings.keep_folder) / spot / f"set-{job.set_id}-{label}"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        yield folder
+
+    def _beside_template(self, folder: Path) -> None:
+        """Give FEBio the files that a template names beside itself."""
+        if not self.settings.template:
+            return
+        own = Path(self.settings.template)
+        for file in own.parent.iterdir():
+            named = file.is_file() and file != own and file.name.encode() in own.read_bytes()
+            if named and not (folder / file.name).exists():
+                os.link(file, folder / file.name) if _same_device(file, folder) else shutil.copy(file, folder)
+
+
+def _same_device(file: Path, folder: Path) -> bool:
+    return file.stat().st_dev == folder.stat().st_dev
+
+
+def _indentation(job: Job) -> Indentation:
+    if not isinstance(job.protocol, Indentation):
+        raise StudyError(
+            f"spot '{job.spot}': solver 'febio' simulates indentations; give the study a [protocol], "
+            "or use the solver 'homogeneous'"
+        )
+    return job.protocol
+
+
+def _limb(limb: Limb | None, job: Job) -> Limb:
+    if limb is None:
+        raise StudyError(f"spot '{job.spot}': solver 'febio' needs a mesh; give the spot one in the study")
+    return limb

@@ -1,0 +1,178 @@
+"""Decides what became of a run: nothing is believed because FEBio says so."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.domain import Curve, FloatArray, Response, Status, moving_span
+from palpate_febio.deck import RECORD_DATA
+from palpate_febio.log import LogSummary, read_log
+from palpate_febio.record import Record, RecordError, read_record
+from palpate_febio.runner import Ended
+from palpate_febio.steps import Steps
+
+POSITION_TOLERANCE_MM = 1e-4
+ROTATION_TOLERANCE_RAD = 1e-5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdict:
+    """What became of one run.
+
+    Parameters
+    ----------
+    status : Status
+    message : str
+        Empty when all is well.
+    rows : (k, 4) array
+        Depth [mm], rotation [degrees], force [N] and torque [N·mm] at the first k − 1 steps and at rest.
+    log : LogSummary
+    """
+
+    status: Status
+    message: str
+    rows: FloatArray
+    log: LogSummary
+
+    @property
+    def n_steps(self) -> int:
+        """Steps that balanced."""
+        return max(len(self.rows) - 1, 0)
+
+
+def judge(ended: Ended, log: str | None, record: str | None, steps: Steps, radius_mm: float) -> Verdict:
+    """Compare what was written with what was asked for.
+
+    A run is ``ok`` only with exit code 0, the good banner, every step present
+    where it was asked for, finite, and with reactions that are not zero.
+
+    Parameters
+    ----------
+    ended : Ended
+    log, record : str or None
+        Contents of the files; None where there is no such file.
+    steps : Steps
+    radius_mm : float
+        Height of the indenter's centre at rest.
+    """
+    said = read_log(log if log is not None else ended.tail)
+    if log is not None and said.reason is None and said.finished is not True:
+        said = _with_tail(said, ended.tail)
+    failure = _failure(ended, said)
+    try:
+        rows = _matched(_record(record), steps, radius_mm)
+    except RecordError as error:
+        message = _message(ended, said, f"record: {error}")
+        status = failure or Status.UNREADABLE
+        return Verdict(status=status, message=message, rows=np.zeros((0, 4)), log=said)
+    missing = steps.n + 1 - len(rows)
+    if failure is not None:
+        return Verdict(status=failure, message=_message(ended, said, ""), rows=rows, log=said)
+    if missing:
+        what = f"ended well with {missing} of {steps.n} steps missing from its record"
+        return Verdict(status=Status.UNREADABLE, message=f"FEBio {what}", rows=rows, log=said)
+    if not rows[:, 2:].any():
+        what = "every reaction is zero: the record is of another body, or nothing was touched"
+        return Verdict(status=Status.UNREADABLE, message=what, rows=rows, log=said)
+    return Verdict(status=Status.OK, message="", rows=rows, log=said)
+
+
+def _record(text: str | None) -> Record:
+    if text is None:
+        raise RecordError("there is none")
+    return read_record(text, len(RECORD_DATA))
+
+
+def _failure(ended: Ended, said: LogSummary) -> Status | None:
+    """What the end of the process and its words amount to; None when both claim success."""
+    if ended.stopped:
+        return Status.TIMED_OUT
+    if ended.exit_code == 0 and said.finished:
+        return None
+    if said.finished is False:
+        deck = said.reason is not None and said.reason.name in (
+            "deck refused",
+            "deck not read",
+            "model refused",
+        )
+        return Status.CRASHED if deck else Status.DIVERGED
+    if ended.exit_code == 0:
+        return Status.UNREADABLE
+    return Status.CRASHED
+
+
+def _message(ended: Ended, said: LogSummary, record: str) -> str:
+    parts = [ended.stopped] if ended.stopped else []
+    if said.reason is not None:
+        parts.append(f"FEBio: {said.reason}")
+    elif not ended.stopped and ended.exit_code:
+        parts.append(f"FEBio ended with code {ended.exit_code} and gave no reason")
+    elif not ended.stopped and said.finished is None:
+        parts.append("FEBio ended with code 0 and without its banner")
+    if said.failed_at is not None:
+        parts.append(f"no balance at step {said.failed_at:g}")
+    return " · ".join([*parts, record] if record else parts)
+
+
+def _with_tail(said: LogSummary, tail: str) -> LogSummary:
+    """Take the reason from what was printed where the log has none: XML errors come before the log."""
+    printed = read_log(tail)
+    return LogSummary(
+        version=said.version or printed.version,
+        finished=said.finished,
+        reason=printed.reason,
+        converged=said.converged,
+        failed_at=said.failed_at,
+        warnings=said.warnings,
+    )
+
+
+def _matched(record: Record, steps: Steps, radius_mm: float) -> FloatArray:
+    """Rows (k, 4) of the steps from rest up to the first that is missing.
+
+    Raises
+    ------
+    RecordError
+        Not finite, or the indenter was not where it was sent.
+    """
+    places = np.searchsorted(record.times, np.arange(steps.n + 1) - 1e-6)
+    there = places < len(record.times)
+    there[there] = np.abs(record.times[places[there]] - np.flatnonzero(there)) < 1e-6
+    n = len(there) if there.all() else int(np.argmin(there))
+    values = record.values[places[:n]]
+    depth, turn = steps.depth_mm[:n], np.deg2rad(steps.rotation_deg[:n])
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if bad.size:
+        raise RecordError(f"step {bad[0]} holds a value that is not finite")
+    off = np.abs(radius_mm - values[:, 0] - depth) > POSITION_TOLERANCE_MM
+    around = np.abs((values[:, 1] - turn + np.pi) % (2.0 * np.pi) - np.pi) > ROTATION_TOLERANCE_RAD
+    if (off | around).any():
+        k = int(np.flatnonzero(off | around)[0])
+        raise RecordError(
+            f"at step {k} the indenter is at {radius_mm - values[k, 0]:.6g} mm, "
+            f"{np.rad2deg(values[k, 1]):.6g} "
+            f"degrees, and was sent to {depth[k]:.6g} mm, {steps.rotation_deg[k]:.6g} degrees"
+        )
+    # FEBio prints what moves the indenter: downwards is negative, and a moment about +z is the tool's own.
+    return np.column_stack([depth, steps.rotation_deg[:n], -values[:, 4] + 0.0, values[:, 7]])
+
+
+def response_of(rows: FloatArray) -> Response | None:
+    """The curves over the parts of the path that move; None where nothing moved yet."""
+    curves = {}
+    for channel, abscissa, ordinate in (
+        ("force", rows[:, 0], rows[:, 2]),
+        ("torque", rows[:, 1], rows[:, 3]),
+    ):
+        if len(rows) > 1 and np.ptp(abscissa) > 0.0:
+            span = moving_span(abscissa)
+            curves[channel] = Curve(channel=channel, abscissa=abscissa[span], ordinate=ordinate[span])
+    return Response(curves=curves) if curves else None
+
+
+def as_rows(rows: FloatArray) -> Mapping[str, Any]:
+    """The rows by name, for the diagnostics."""
+    names = ("depth_mm", "rotation_deg", "force_N", "torque_Nmm")
+    return {name: rows[:, k].tolist() for k, name in enumerate(names)}
