@@ -19,6 +19,7 @@ from palpate_experiments.reading.raw import RawLog
 
 _LONGEST_HEAD = 1 << 24
 _START_S = 60.0
+_PIPE_BYTES = 1 << 20
 
 
 def read_log(path: Path, request: Request) -> RawLog:
@@ -87,6 +88,7 @@ def _child(
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=messages,
+            pipesize=_PIPE_BYTES,
             env={**os.environ, **_environment(), "TMPDIR": scratch},
         )
 
