@@ -1,0 +1,64 @@
+"""What the guide on logs says is so."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from palpate.plugins import Plugins
+from palpate.study_model import ScoringTable, SpotTable
+from palpate_experiments import RobotLogLoader, RobotLogSettings
+
+GUIDE = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
+LOADER, CONTRACT = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
+READING, SPOTS = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL))
+
+
+def test_the_loader_is_short_and_is_found(tmp_path: Path) -> None:
+    assert len(LOADER.splitlines()) <= 40
+    (tmp_path / "press_log.py").write_text(LOADER, encoding="utf-8")
+    plugins = Plugins.load([tmp_path / "press_log.py"], entry_points=False)
+    assert plugins.broken == ()
+    good = tmp_path / "good.jsonl"
+    good.write_text('{"um": 0, "mN": 0}\n{"um": 500, "mN": 40}\n')
+    force = plugins.loaders["press_log"]().load(good)["force"]
+    assert (force.abscissa.tolist(), force.ordinate.tolist()) == ([0.0, 0.5], [0.0, 0.04])
+    assert force.std.tolist() == [0.02, 0.02]
+
+
+def test_the_loader_keeps_the_contract(tmp_path: Path) -> None:
+    (tmp_path / "press_log.py").write_text(LOADER, encoding="utf-8")
+    (tmp_path / "test_press_log.py").write_text(CONTRACT, encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--import-mode=prepend", "."]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(r"\b10 passed, 1 skipped", done.stdout), done.stdout
+
+
+def test_the_tables_are_read() -> None:
+    settings = READING["experiment"]["settings"]
+    assert READING["experiment"]["loader"] == RobotLogLoader.name
+    assert RobotLogSettings.model_validate(settings).gravity.method == "known"
+    one, small = map(SpotTable.model_validate, SPOTS["spot"])
+    assert [len(files) for files in (one.measured[""], small.measured[""])] == [3, 1]
+    assert small.protocol.indenter.radius == 5.0
+    assert RobotLogSettings.model_validate(settings | small.settings).gravity.weight == pytest.approx(0.61)
+    assert ScoringTable.model_validate(SPOTS["scoring"]).weights == "std"
+
+
+def test_the_steps_are_those_of_the_loader() -> None:
+    listed = re.search(r"robot_log` lists the settings\): (.*?)\.\n", GUIDE, flags=re.DOTALL)[1]
+    assert re.findall(r"`(\w+)`", listed) == [
+        name for name in RobotLogSettings.model_fields if name not in ("channels", "text", "limits")
+    ]
+
+
+def test_the_pictures_are_those_that_are_drawn() -> None:
+    source = (
+        Path(__file__).parents[2] / "plugins/palpate-experiments/src/palpate_experiments/pictures.py"
+    ).read_text()
+    listed = re.findall(r"^\| `(\d_\w+)`", GUIDE, flags=re.MULTILINE)
+    assert listed == sorted(set(re.findall(r'folder / "(\d_\w+)\.png"', source)))
