@@ -205,7 +205,7 @@ class FebioSolver(Solver):
             return Simulation(job=job, status=Status.CRASHED, response=None, message=str(error))
         last = tries[-1]
         rows = last.verdict.rows
-        if last.steps.n != tries[0].steps.n:
+        if last.rung.endswith("half_steps"):
             rows = rows[::2]
         complaints = [last.verdict.message] if last.verdict.message else []
         if gates is not None and not gates.passed:
