@@ -1,9 +1,13 @@
 """FEBio as a solver of palpate, decks as limbs, and a certificate that two solvers agree."""
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import palpate
 from palpate.interfaces import LimbSource, Solver
+
+if TYPE_CHECKING:
+    import typer
 
 __version__ = "0.1.0"
 
@@ -22,3 +26,13 @@ def palpate_solvers() -> Iterable[type[Solver]]:
     from palpate_febio.solver import FebioSolver
 
     return [FebioSolver]
+
+
+@palpate.hookimpl
+def palpate_commands(app: "typer.Typer") -> None:
+    """``certify`` and ``febio-deck``."""
+    from palpate_febio.certify import certify
+    from palpate_febio.deck_command import febio_deck
+
+    app.command()(certify)
+    app.command(name="febio-deck")(febio_deck)

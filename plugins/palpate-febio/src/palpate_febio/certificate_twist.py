@@ -1,0 +1,98 @@
+"""Frictional twist: a solver must agree with itself, then with others; a record would be no reference."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.domain import FloatArray, Limb, Simulation
+from palpate.interfaces import Material
+from palpate_febio.certificate import Case, Contender, Row, answer
+
+DEPTH_MM = 2.0
+TWIST_DEG = -22.5
+STEP_DEG = 2.25
+N_HELD = 5
+TORQUE_TOLERANCE = 0.02
+PAIR_TOLERANCE = {"force": 0.01, "torque": 0.05}
+"""Between two solvers, of which one has a faceted sphere and both another contact."""
+
+
+def _path(step_deg: float, n_held: int) -> FloatArray:
+    """Down, twist with a waypoint at each step, hold, and a little back so that the hold is on the curve."""
+    n = round(abs(TWIST_DEG) / step_deg)
+    down = [(0.0, 0.0), (DEPTH_MM / 2, 0.0), (DEPTH_MM, 0.0)]
+    twist = [(DEPTH_MM, TWIST_DEG * (k + 1) / n) for k in range(n)]
+    held = [(DEPTH_MM, TWIST_DEG)] * n_held
+    return np.array([*down, *twist, *held, (DEPTH_MM, TWIST_DEG + step_deg)])
+
+
+def twist_rows(
+    limb: Limb, material: Material, theta: FloatArray, contenders: Mapping[str, Contender]
+) -> Iterator[Row]:
+    """Step halving and a hold for every solver, and each against the first.
+
+    Parameters
+    ----------
+    limb : Limb
+        Every region gets the same material.
+    """
+    case = Case(
+        problem="frictional twist",
+        name=material.name,
+        limb=limb,
+        materials=dict.fromkeys(limb.mesh.regions, material),
+        thetas=dict.fromkeys(limb.mesh.regions, theta),
+        path=_path(STEP_DEG, 0),
+        friction=1.0,
+        mean_dilatation=True,
+    )
+    first: dict[str, FloatArray] = {}
+    first_name = next(iter(contenders))
+    for name, make in contenders.items():
+        solver = make(case.mean_dilatation)
+        coarse = case.run(solver)
+        fine = replace(case, path=_path(STEP_DEG / 2, N_HELD)).run(solver)
+        about = {"problem": case.problem, "material": case.name, "solver": name}
+        before, why = answer(coarse, "torque", [TWIST_DEG])
+        after, why_fine = answer(fine, "torque", [TWIST_DEG])
+        for what, change in _changes(fine, before, after).items():
+            yield Row(
+                **about,
+                quantity=f"torque: {what}",
+                against="itself",
+                difference=change,
+                tolerance=TORQUE_TOLERANCE,
+                note=why or why_fine,
+            )
+        for channel, place in (("force", DEPTH_MM), ("torque", TWIST_DEG)):
+            values, why = answer(coarse, channel, [place])
+            if values is None:
+                continue
+            if name == first_name:
+                first[channel] = values
+            elif channel in first:
+                yield Row(
+                    **about,
+                    quantity=channel,
+                    against=first_name,
+                    difference=float(abs(values[0] / first[channel][0] - 1.0)),
+                    tolerance=PAIR_TOLERANCE[channel],
+                    note=why,
+                )
+
+
+def _changes(
+    fine: Simulation, before: FloatArray | None, after: FloatArray | None
+) -> dict[str, float | None]:
+    """What halving the steps and holding change, relative to the torque."""
+    if before is None or after is None:
+        return {"steps halved": None, "hold": None}
+    assert fine.response is not None
+    curve = fine.response["torque"]
+    at_end = curve.ordinate[np.abs(curve.abscissa - TWIST_DEG) < 1e-6]
+    peak = abs(float(before[0]))
+    return {
+        "steps halved": abs(float(after[0] - before[0])) / peak,
+        "hold": abs(float(at_end[-1] - at_end[0])) / peak,
+    }

@@ -1,0 +1,174 @@
+"""``palpate certify``: whether the installed solvers agree with each other and with FEBio."""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palpate.cli.options import AsJson
+from palpate.cli.session import Session
+from palpate.domain import Limb, Spot
+from palpate.errors import PalpateError, StudyError
+from palpate.interfaces import Material, Solver
+from palpate.plugins import Plugins
+
+FAILED = 1
+
+
+def certify(
+    context: typer.Context,
+    material: Annotated[
+        str | None, typer.Argument(help="A material; without it all that were recorded.")
+    ] = None,
+    mesh: Annotated[
+        Path | None,
+        typer.Option(
+            "--mesh",
+            metavar="FILE",
+            help="Also on this mesh (.feb, .vtu …): spot at the origin, normal +z, regions all of MATERIAL.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Write the JSON there too.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare every installed solver with FEBio's recorded curves, and with FEBio where it is installed."""
+    from palpate_febio.certificate import Certificate
+
+    session = Session.of(context)
+    solvers, contenders, missing = _contenders(session.plugins)
+    rows = []
+    for row in _rows(session, material, mesh, contenders, solvers):
+        session.note(f"{row.problem}, {row.material}, {row.quantity}, {row.solver}: {row.verdict}")
+        rows.append(row)
+    versions = {name: _version(make(True)) for name, make in contenders.items()}
+    certificate = Certificate(rows=tuple(rows), solvers=versions, missing=tuple(missing))
+    if out is not None:
+        out.write_text(json.dumps(certificate.as_json(), indent=1) + "\n")
+    if as_json:
+        session.json(certificate.as_json())
+    else:
+        _show(session, certificate)
+    if not certificate.passed:
+        raise typer.Exit(FAILED)
+
+
+def _version(solver: Solver) -> str:
+    try:
+        return solver.version()
+    except PalpateError as error:
+        return str(error)
+
+
+def _contenders(plugins: Plugins) -> tuple[Any, dict[str, Any], list[str]]:
+    """The installed FEBio or None, a maker for each solver that takes a limb, and what is missing."""
+    from palpate_febio.solver import FebioSolver
+
+    installed = FebioSolver()
+    febio: FebioSolver | None = installed
+    missing = []
+    try:
+        installed.binary()
+    except PalpateError as error:
+        febio = None
+        missing.append(f"FEBio itself: {error}. Its recorded curves stand in for it")
+    makers: dict[str, Any] = {}
+    for name in plugins.solvers:
+        solver = plugins.solvers[name]
+        if not solver.needs_limb or (issubclass(solver, FebioSolver) and febio is None):
+            continue
+        makers[name] = _maker(solver)
+    return febio, makers, missing
+
+
+def _maker(solver: type[Solver]) -> Any:  # noqa: ANN401 -- a Contender
+    """Make the solver for a case; one with a choice of element formulation is given FEBio's."""
+
+    def make(mean_dilatation: bool | tuple[str, ...]) -> Solver:
+        if "mean_dilatation" in solver.Settings.model_fields:
+            return solver(solver.Settings.model_validate({"mean_dilatation": mean_dilatation or False}))
+        return solver()
+
+    return make
+
+
+def _rows(
+    session: Session,
+    wanted: str | None,
+    mesh: Path | None,
+    contenders: Mapping[str, Any],
+    febio: Any,  # noqa: ANN401
+) -> Iterator[Any]:
+    from palpate_febio.certificate_block import NAMES, block_rows
+    from palpate_febio.certificate_element import RECORDED_VALUES, one_element
+    from palpate_febio.certificate_twist import twist_rows
+
+    materials = session.plugins.materials
+    names = list(RECORDED_VALUES) if wanted is None else [wanted]
+    for name in names:
+        yield from one_element(materials[name](), febio)
+    if contenders:
+        for case in NAMES if wanted is None else [n for n in NAMES if n == wanted]:
+            yield from block_rows(case, materials, contenders)
+        name = wanted or "ogden"
+        material = materials[name]()
+        yield from twist_rows(_twist_limb(), material, _middle(material), contenders)
+        if mesh is not None:
+            limb = _read(session.plugins, mesh)
+            yield from twist_rows(limb, material, _middle(material), contenders)
+    elif mesh is not None:
+        raise StudyError(f"{mesh}: no solver that takes a mesh is installed; install palpate-jax")
+
+
+def _middle(material: Material) -> Any:  # noqa: ANN401 -- an array
+    from palpate_febio.probe import probe_theta
+
+    return probe_theta(material)
+
+
+def _twist_limb() -> Limb:
+    from palpate.specimens import block
+
+    return block(n_across=8, n_down=4, grading=1.3)
+
+
+def _read(plugins: Plugins, mesh: Path) -> Limb:
+    source = plugins.limb_sources["febio_deck" if mesh.suffix == ".feb" else "meshio"]
+    return source().load(mesh, Spot(name=mesh.stem))
+
+
+def _show(session: Session, certificate: Any) -> None:  # noqa: ANN401 -- a Certificate
+    rows = [
+        [
+            row.problem,
+            row.material,
+            row.quantity,
+            row.solver,
+            row.against,
+            "" if row.difference is None else f"{row.difference:.1e}",
+            f"{row.tolerance:.0e}",
+            row.verdict,
+            row.note,
+        ]
+        for row in certificate.rows
+    ]
+    heads = [
+        "problem",
+        "material",
+        "quantity",
+        "solver",
+        "against",
+        "difference",
+        "tolerance",
+        "verdict",
+        "note",
+    ]
+    session.table("Certificate", heads, rows)
+    for name, version in certificate.solvers.items():
+        session.say(f"{name}: {version}")
+    for line in certificate.missing:
+        session.say(f"missing: {line}")
+    session.say("verdict: the solvers agree" if certificate.passed else "verdict: NOT certified")

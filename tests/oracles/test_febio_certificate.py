@@ -1,0 +1,201 @@
+"""The certificate: agrees where solvers agree, and says so where they do not."""
+
+import json
+
+import numpy as np
+import pytest
+
+from palpate.cli.app import main
+from palpate.domain import Curve, Response, Simulation, Status
+from palpate.interfaces import Solver
+from palpate.specimens import block
+from palpate_febio.binary import find_binary
+from palpate_febio.certificate import Case, Certificate, at, compared
+from palpate_febio.certificate_block import block_rows
+from palpate_febio.certificate_element import RECORDED_VALUES, one_element, recorded_deviation
+from palpate_febio.certificate_twist import TWIST_DEG, twist_rows
+from palpate_materials import NeoHookean, Ogden, Yeoh
+
+MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
+
+
+def test_the_embedded_solver_is_certified_against_febios_curves(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert main(["certify", "yeoh", "--out", str(tmp_path / "certificate.json")]) == 0
+    shown = capsys.readouterr().out
+    assert "the solvers agree" in shown
+    assert "missing: FEBio itself" in shown
+    found = json.loads((tmp_path / "certificate.json").read_text())
+    assert found["passed"]
+    assert {(r["problem"], r["quantity"]) for r in found["rows"]} == {
+        ("one element", "stress"),
+        ("bonded punch", "force"),
+        ("bonded punch", "torque"),
+        ("frictionless press", "force"),
+        ("frictional twist", "torque: steps halved"),
+        ("frictional twist", "torque: hold"),
+    }
+    assert all(r["verdict"] == "agrees" for r in found["rows"])
+    assert list(found["solvers"]) == ["jax"]
+
+
+@pytest.mark.parametrize("name", RECORDED_VALUES)
+def test_one_element_has_the_recorded_stress_in_one_convention(name):
+    (row,) = one_element(MATERIALS[name](), None)
+    assert row.difference < 1e-8
+    assert ("febio4" in row.note) == (name == "yeoh")
+    rows_of, sent = RECORDED_VALUES[name]
+    assert recorded_deviation(MATERIALS[name](), rows_of, 1.01 * np.array(sent)) > 1e-3
+
+
+class Echo(Solver):
+    """Answers with given curves, whatever is asked."""
+
+    name = "echo"
+    summary = "answers with given curves"
+
+    def __init__(self, respond):
+        super().__init__()
+        self.respond = respond
+
+    def version(self):
+        return "1"
+
+    def simulate(self, job, limb):
+        return self.respond(job)
+
+
+def case_of(path):
+    limb = block(n_across=2, n_down=1)
+    return Case(
+        problem="press",
+        name="ogden",
+        limb=limb,
+        materials={"soft_tissue": Ogden()},
+        thetas={"soft_tissue": np.array([0.06, 3.0, 1.0])},
+        path=np.array(path),
+        friction=1.0,
+        mean_dilatation=True,
+    )
+
+
+def answering(factor, status=Status.OK, message=""):
+    def respond(job):
+        depth = job.protocol.path[:, 0]
+        curve = Curve(channel="force", abscissa=depth, ordinate=factor * depth)
+        response = Response(curves={"force": curve})
+        return Simulation(job=job, status=status, response=response, message=message)
+
+    return lambda _: Echo(respond)
+
+
+REFERENCES = {"force": ([1.0, 2.0], np.array([1.0, 2.0]), 2.0)}
+
+
+@pytest.mark.parametrize(
+    ("contender", "verdict", "difference"),
+    [
+        (answering(1.0), "agrees", 0.0),
+        (answering(1.02), "differs", 0.02),
+        (answering(1.0, Status.DIVERGED, "no balance"), "open", None),
+    ],
+)
+def test_verdicts(contender, verdict, difference):
+    case = case_of([(0, 0), (1, 0), (2, 0)])
+    (row,) = compared(case, {"echo": contender}, REFERENCES, 0.01)
+    assert row.verdict == verdict
+    assert row.difference == (None if difference is None else pytest.approx(difference))
+    assert row.note == ("no balance" if verdict == "open" else "")
+    certificate = Certificate(rows=(row,), solvers={}, missing=())
+    assert certificate.passed == (verdict == "agrees")
+    assert certificate.as_json()["rows"][0]["verdict"] == verdict
+
+
+def test_an_answer_that_does_not_come_there_is_open():
+    (row,) = compared(case_of([(0, 0), (1, 0)]), {"echo": answering(1.0)}, REFERENCES, 0.01)
+    assert (row.verdict, row.note) == ("open", "its force does not come to 2")
+
+
+def test_places_are_taken_in_the_order_of_the_path():
+    curve = Curve(channel="torque", abscissa=[0, -1, 0, 1, 0], ordinate=[0.0, -2.0, 0.5, 2.0, -0.5])
+    np.testing.assert_array_equal(at(curve, [-1, 0, 0]), [-2.0, 0.5, 0.5])
+    np.testing.assert_array_equal(at(curve, [1, 0]), [2.0, -0.5])
+    assert np.isnan(at(curve, [3.0])).all()
+
+
+def forgetful(steps_matter):
+    """A torque that shrinks with the steps and decays in a hold, as penalty friction's does."""
+
+    def respond(job):
+        turn = job.protocol.path[:, 1]
+        slip = np.diff(turn, prepend=0.0)
+        torque = slip if steps_matter else turn
+        curves = {
+            "torque": Curve(channel="torque", abscissa=turn, ordinate=torque),
+            "force": Curve(channel="force", abscissa=job.protocol.path[:3, 0], ordinate=[0.0, 1.0, 2.0]),
+        }
+        return Simulation(job=job, status=Status.OK, response=Response(curves=curves))
+
+    return lambda _: Echo(respond)
+
+
+def test_friction_without_memory_is_found_out():
+    limb = block(n_across=2, n_down=1)
+    contenders = {"right": forgetful(False), "forgetful": forgetful(True)}
+    rows = list(twist_rows(limb, Ogden(), np.array([0.06, 3.0, 1.0]), contenders))
+    by = {(r.solver, r.quantity): r for r in rows}
+    for quantity in ("torque: steps halved", "torque: hold"):
+        assert by["right", quantity].verdict == "agrees"
+        assert by["forgetful", quantity].verdict == "differs"
+    assert by["forgetful", "torque"].against == "right"
+    assert by["forgetful", "torque"].difference == pytest.approx(0.9)
+    assert by["forgetful", "force"].verdict == "agrees"
+    assert TWIST_DEG == -22.5
+
+
+def test_the_recorded_block_is_the_one_that_is_simulated():
+    asked = []
+
+    def respond(job):
+        asked.append(job)
+        return Simulation(job=job, status=Status.CRASHED, response=None, message="only looking")
+
+    rows = list(block_rows("layered", MATERIALS, {"echo": lambda _: Echo(respond)}))
+    assert [r.verdict for r in rows] == ["open"] * 3
+    bonded, pressed = asked
+    np.testing.assert_allclose(bonded.protocol.path[-1], [3.0, 22.5])
+    np.testing.assert_allclose(pressed.protocol.path, [(0, 0), (2, 0), (4, 0)])
+    assert set(bonded.materials) == {"skin", "soft_tissue"}
+
+
+# ----------------------------------------------------------- the real program
+
+
+def _febio():
+    try:
+        return find_binary()
+    except Exception:
+        return None
+
+
+needs_febio = pytest.mark.skipif(
+    _febio() is None, reason="no febio4 on this machine: its recorded curves stand in"
+)
+
+
+@needs_febio
+@pytest.mark.parametrize("name", MATERIALS)
+def test_the_installed_febio_reads_coefficients_in_a_known_way(name):
+    from palpate_febio.solver import FebioSolver
+
+    found = FebioSolver().convention(MATERIALS[name]())
+    assert found.deviations[found.convention] < 1e-6
+
+
+@needs_febio
+def test_the_installed_febio_agrees_with_its_own_record():
+    from palpate_febio.solver import FebioSolver
+
+    rows = list(block_rows("ogden", MATERIALS, {"febio": lambda _: FebioSolver()}))
+    assert [r.verdict for r in rows] == ["agrees"] * 3, [r.note for r in rows]
