@@ -30,9 +30,11 @@ def palpate_solvers() -> Iterable[type[Solver]]:
 
 @palpate.hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
-    """``certify`` and ``febio-deck``."""
+    """``certify``, ``febio-deck`` and ``friction-memory``."""
     from palpate_febio.certify import certify
     from palpate_febio.deck_command import febio_deck
+    from palpate_febio.friction_command import friction_memory
 
     app.command()(certify)
     app.command(name="febio-deck")(febio_deck)
+    app.command(name="friction-memory")(friction_memory)

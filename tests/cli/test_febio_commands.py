@@ -1,0 +1,151 @@
+"""``palpate febio-deck`` and ``palpate friction-memory``."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.domain import Curve, Response
+from palpate_febio.friction_memory import SCENARIOS, best_multiple, outcomes, recorded, resampled
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def fake_on_path(tmp_path, monkeypatch):
+    program = tmp_path / "bin" / "febio4"
+    program.parent.mkdir()
+    source = ROOT / "data" / "febio_fake" / "fake_febio.py"
+    program.write_text(f"#!{sys.executable}\n{source.read_text()}")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(program.parent))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("FAKE_FEBIO", "")
+    return program
+
+
+DECK = """<febio_spec version="4.0"><Material>
+<material id="1" name="silicone" type="Yeoh"><c1>0.0129</c1><c2>-2.016e-3</c2>
+<c3>2.7623e-4</c3><k>0.6</k></material>
+<material id="2" name="skin" type="Ogden"><c1>0.1</c1><m1>2</m1><c2>0.1</c2><m2>-2</m2><k>1</k></material>
+<material id="3" name="odd" type="lung"><E>1</E></material>
+<material id="4" name="tool" type="rigid body"/></Material>
+<Mesh><Nodes name="n"><node id="1">0,0,0</node><node id="2">1,0,0</node><node id="3">0,1,0</node>
+<node id="4">0,0,1</node></Nodes><Elements type="tet4" name="part"><elem id="1">1,2,3,4</elem></Elements>
+<NodeSet name="base">1,2,3</NodeSet></Mesh>
+<MeshDomains><SolidDomain name="part" mat="silicone"/></MeshDomains></febio_spec>"""
+
+
+def test_a_decks_coefficients_come_as_lines_of_a_study(call, tmp_path):
+    (tmp_path / "limb.feb").write_text(DECK)
+    found = call("febio-deck", "limb.feb", "--json", plugin=None).json
+    assert found["parts"] == {"part": 1}
+    assert found["node_sets"] == {"base": 3}
+    assert set(found["materials"]) == {"silicone", "skin", "odd"}
+    assert found["materials"]["silicone"]["study"].splitlines() == [
+        "[region.silicone]",
+        'material = "yeoh"',
+        'convention = "febio4"',
+        "settings = { terms = 3 }",
+        "[region.silicone.parameters]",
+        'c1 = "0.0129 MPa"',
+        'c2 = "-0.002016 MPa"',
+        'c3 = "0.00027623 MPa"',
+        'kappa = "0.6 MPa"',
+    ]
+    assert "terms = 2" in found["materials"]["skin"]["study"]
+    assert found["materials"]["odd"]["study"] is None
+    shown = call("febio-deck", "limb.feb", plugin=None)
+    assert shown.code == 0
+    assert "no material of palpate is FEBio's lung" in shown.out
+
+
+def test_a_deck_that_cannot_be_read_ends_with_code_2(call, tmp_path):
+    (tmp_path / "bad.feb").write_text("<febio_spec")
+    assert call("febio-deck", "bad.feb", plugin=None).code == 2
+    assert "bad.feb" in call("febio-deck", "bad.feb", plugin=None).err
+
+
+# ------------------------------------------------------------ friction-memory
+
+
+def curves(factor=1.0, n=8, memory=True):
+    turn = np.concatenate([np.linspace(0, -20, n + 1), np.linspace(-20, 20, 2 * n + 1)[1:]])
+    torque = turn if memory else np.diff(turn, prepend=0.0)
+    depth = np.linspace(0.0, 2.0, 5)
+    return Response(
+        curves={
+            "force": Curve(channel="force", abscissa=depth, ordinate=depth**1.5),
+            "torque": Curve(channel="torque", abscissa=turn, ordinate=factor * torque),
+        }
+    )
+
+
+def test_a_stiffness_found_by_torque_makes_up_for_the_torque_that_is_missing():
+    right, half = curves(), curves(0.5)
+    assert best_multiple(half, right, SCENARIOS["II"]) == pytest.approx(2.0)
+    assert best_multiple(half, right, SCENARIOS["III"]) == pytest.approx(1.0)
+    assert 1.0 < best_multiple(half, right, SCENARIOS["I"]) < 2.0
+    assert best_multiple(right, right, SCENARIOS["I"]) == pytest.approx(1.0)
+
+
+def test_the_best_multiple_is_the_best():
+    right, other = curves(), curves(0.7)
+    s = best_multiple(other, right, SCENARIOS["I"])
+
+    def misfit(multiple):
+        return sum(
+            np.mean((multiple * other[k].ordinate - right[k].ordinate) ** 2)
+            * len(right[k].ordinate)
+            / np.abs(right[k].ordinate).mean() ** 2
+            for k in ("force", "torque")
+        )
+
+    assert misfit(s) < min(misfit(0.99 * s), misfit(1.01 * s))
+
+
+def test_paths_are_compared_by_what_was_travelled():
+    fine, coarse = curves(n=16), curves(n=4)
+    np.testing.assert_allclose(resampled(fine["torque"], coarse["torque"]), coarse["torque"].ordinate)
+    with pytest.raises(ValueError, match="not the same protocol"):
+        resampled(fine["torque"], fine["force"])
+
+
+def test_without_memory_more_steps_find_a_stiffer_tissue():
+    runs = {("penalty", n): (curves(n=n, memory=False), "") for n in (4, 8, 16)}
+    runs["penalty", 32] = (None, "no balance")
+    found = list(outcomes("a block", runs, curves()))
+    stiffness = [o.stiffness["II"] for o in found[:3]]
+    assert stiffness[1] / stiffness[0] == pytest.approx(2.0, rel=0.2)
+    assert stiffness[2] / stiffness[1] == pytest.approx(2.0, rel=0.2)
+    assert all(o.stiffness["III"] == pytest.approx(1.0) for o in found[:3])
+    assert (found[3].torque_Nmm, found[3].note) == (None, "no balance")
+
+
+def test_the_record_shows_it():
+    found = [o for o in recorded() if o.problem.startswith("one hex8")]
+    penalty = [o.stiffness["II"] for o in found if o.form == "penalty"]
+    augmented = [o.stiffness["II"] for o in found if o.form == "augmented"]
+    np.testing.assert_allclose(penalty, [2.26, 4.11, 8.33], rtol=0.01)
+    assert max(augmented) - min(augmented) < 0.01
+
+
+def test_with_febio_every_form_is_run_and_without_it_is_missed(call, fake_on_path, monkeypatch, tmp_path):
+    monkeypatch.setattr("palpate_febio.friction_command.DEMO", ("no such study", ""))
+    with pytest.warns(UserWarning, match="no memory"):
+        found = call("friction-memory", "--steps", "2", "--steps", "4", "--json", plugin=None).json
+    ran = [o for o in found["outcomes"] if o["problem"] == "a block"]
+    assert [(o["form"], o["n_steps"]) for o in ran] == [
+        (form, n) for form in ("embedded", "augmented", "penalty") for n in (2, 4)
+    ]
+    torque = {(o["form"], o["n_steps"]): o["torque_Nmm"] for o in ran}
+    assert torque["penalty", 4] == pytest.approx(torque["penalty", 2] / 2)
+    assert torque["augmented", 4] == pytest.approx(torque["augmented", 2])
+    assert found["missing"] == []
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    shown = call("friction-memory", "--steps", "2", plugin=None)
+    assert shown.code == 0
+    assert "missing: FEBio's two forms" in shown.out
+    assert "recorded with FEBio 4.11" in shown.out
