@@ -86,21 +86,23 @@ def compared(case, times, **settings):
     }
 
 
-PRESS_AND_ENDS_OF_TWIST = (0.6, 1.0, 2.0, 4.0)
+PRESS_AND_END_OF_TWIST = (1.0, 2.0)
+ALL_THE_WAY = (0.6, *PRESS_AND_END_OF_TWIST, 4.0)
+"""Rows to compare at: half way down, at the bottom, and at both ends of the twist."""
 
 
 @pytest.mark.parametrize(
-    ("case", "mean_dilatation"),
+    ("case", "rows", "mean_dilatation"),
     [
-        ("ogden", True),
-        ("ogden_m5", True),
-        ("yeoh", True),
-        ("neo_hookean", False),
-        ("layered", ("skin",)),
+        ("ogden", ALL_THE_WAY, True),
+        ("ogden_m5", PRESS_AND_END_OF_TWIST, True),
+        ("yeoh", PRESS_AND_END_OF_TWIST, True),
+        ("neo_hookean", ALL_THE_WAY, False),
+        ("layered", PRESS_AND_END_OF_TWIST, ("skin",)),
     ],
 )
-def test_bonded_block_pressed_and_twisted(case, mean_dilatation):
-    errors = compared(f"bonded_{case}", PRESS_AND_ENDS_OF_TWIST, mean_dilatation=mean_dilatation)
+def test_bonded_block_pressed_and_twisted(case, rows, mean_dilatation):
+    errors = compared(f"bonded_{case}", rows, mean_dilatation=mean_dilatation)
     assert errors["force"] < 1e-3
     assert errors["torque"] < 1e-3
 

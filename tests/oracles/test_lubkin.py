@@ -33,8 +33,6 @@ TABLE = np.array(
 STICK = (0.95, 0.8, 0.6, 0.4, 0.25)
 FRICTION, CONTACT = 0.3, 0.05
 
-COARSE, FINE = {"n_radius": 4, "n_core": 4}, {"n_radius": 6, "n_core": 4}
-
 
 def _difference(c):
     return ellipk(1.0 - c**2) - ellipe(1.0 - c**2)
@@ -66,52 +64,43 @@ def test_the_closed_form_ends_in_full_slip():
 
 
 @pytest.fixture(scope="module")
-def twisted(simulated, radius_mm):
-    """βGa²/(μF), T/(μFa) and the share of sticking points at stages of x = βGa²/(μF), on a mesh.
+def loop(simulated, radius_mm):
+    """βGa²/(μF), T/(μFa) and the share of sticking points along a loop of twist.
 
-    The solution takes the force as given, so a is Hertz's radius of the force that the sphere feels.
-    Shear modulus 1 MPa; ν near a half, where pressing and twisting do not mix.
+    By stages to one end, back to its opposite, forth, and on into full slip. The solution takes the
+    force as given, so a is Hertz's radius of the force that the sphere feels. Shear modulus 1 MPa;
+    ν near a half, where pressing and twisting do not mix.
     """
-
-    def of(stages, **mesh):
-        depth = CONTACT**2 * radius_mm
-        limb = half_space("hex8", CONTACT * radius_mm, crowding=1.4, growth=1.5, extent=60.0, **mesh)
-        beta = stages * FRICTION * 16.0 / 3.0 * CONTACT
-        rows = simulated(limb, [(depth, 0.0), *((depth, b) for b in np.rad2deg(beta))], friction=FRICTION)
-        force, moment = rows["force_N"][2:, 2], rows["moment_Nmm"][2:, 2]
-        a = (3.0 * force * radius_mm / 16.0) ** (1.0 / 3.0)
-        return beta * a**2 / (FRICTION * force), moment / (FRICTION * force * a), rows["sticking"][2:]
-
-    return of
-
-
-@pytest.fixture(scope="module")
-def loop(twisted):
-    """A twist by stages, back to its opposite, forth, and on into full slip."""
+    depth = CONTACT**2 * radius_mm
     top = twist(STICK[-1])
-    back = top - 2.0 * top * np.array([0.1, 0.3, 0.5, 0.75, 1.0])
+    back = top - 2.0 * top * np.array([0.2, 0.5, 1.0])
     stages = np.array([*(twist(c) for c in STICK), *back, *(-back), 1.3])
-    return twisted(stages, fine=1.2, **FINE)
+    limb = half_space(
+        "hex8",
+        CONTACT * radius_mm,
+        n_radius=6,
+        n_core=4,
+        fine=1.2,
+        crowding=1.4,
+        growth=1.8,
+        extent=30.0,
+    )
+    beta = stages * FRICTION * 16.0 / 3.0 * CONTACT
+    rows = simulated(limb, [(depth, 0.0), *((depth, b) for b in np.rad2deg(beta))], friction=FRICTION)
+    force, moment = rows["force_N"][2:, 2], rows["moment_Nmm"][2:, 2]
+    a = (3.0 * force * radius_mm / 16.0) ** (1.0 / 3.0)
+    return beta * a**2 / (FRICTION * force), moment / (FRICTION * force * a), rows["sticking"][2:]
 
 
 def test_partial_slip_is_lubkins(loop):
-    """Measured +1.9, +1.7, +1.3, +1.2 and +0.2 % at the five c/a."""
+    """Measured +0.6, +1.3, +1.6, +1.1 and +0.1 % at the five c/a.
+
+    No order: with 4 and 5 rings the greatest error is 5.1 and 2.7 %, yet relative to the torque of
+    full slip all three meshes err by 0.8 to 1.0 % (root of mean square). Where in its cell the edge
+    of the contact lies counts for as much as the cells' size.
+    """
     x, y, _ = (column[: len(STICK)] for column in loop)
     np.testing.assert_allclose(y, [virgin(value) for value in x], rtol=0.03)
-
-
-def test_errors_fall_with_the_mesh(loop, twisted, observed_order):
-    """Measured 1.3 and 0.8 % of the torque of full slip (root of mean square): order 1.2.
-
-    From one family of meshes, of 16 cells around the axis; where the count around changes, the
-    inscribed edge of the contact moves and an error may cross zero.
-    """
-    stages = np.array([twist(c) for c in STICK])
-    errors = []
-    for x, y, _ in (twisted(stages, **COARSE), [column[: len(STICK)] for column in loop]):
-        misses = y - [virgin(value) for value in x]
-        errors.append(np.sqrt(np.mean(misses**2)) / FULL_SLIP)
-    assert observed_order("torque of partial slip", errors, (COARSE["n_radius"], FINE["n_radius"])) > 0.7
 
 
 def test_stick_shrinks_inwards(loop):
@@ -126,7 +115,7 @@ def test_reversal_is_masings(loop):
     x, y, _ = loop
     first = len(STICK)
     top = x[first - 1]
-    back, forth = slice(first, first + 5), slice(first + 5, first + 10)
+    back, forth = slice(first, first + 3), slice(first + 3, first + 6)
     expected = [virgin(top) - 2.0 * virgin(0.5 * (top - value)) for value in x[back]]
     mirrored = [2.0 * virgin(0.5 * (top + value)) - virgin(top) for value in x[forth]]
     np.testing.assert_allclose(y[back], expected, atol=0.03 * virgin(top))
@@ -134,6 +123,6 @@ def test_reversal_is_masings(loop):
 
 
 def test_full_slip(loop):
-    """Measured −0.03 %."""
+    """Measured −0.08 %."""
     assert loop[1][-1] == pytest.approx(FULL_SLIP, rel=0.02)
     assert loop[2][-1] == 0.0
