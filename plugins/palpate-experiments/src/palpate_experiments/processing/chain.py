@@ -37,6 +37,9 @@ from palpate_experiments.processing.tare import Bias, find_bias, tared
 from palpate_experiments.processing.thinning import thinned
 from palpate_experiments.recording import Recording
 
+_ABSCISSA = 0.1
+"""What smoothing may do to depth and rotation, over what it may do to force and torque."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Clean:
@@ -202,7 +205,7 @@ def _force(
     """Force over depth of the press."""
     time = located.recording.time_s
     rows = next(phase for phase in phases if phase.name == "press").rows(time)
-    abscissa = _smooth(settings, time[rows], depth[rows], float(np.ptp(depth[rows])))
+    abscissa = _smooth(settings, time[rows], depth[rows], _ABSCISSA * float(np.ptp(depth[rows])))
     ordinate = _smooth(settings, time[rows], pressing[rows], float(np.abs(pressing[rows]).max()))
     points = settings.resampling.points if settings.resampling.enabled else None
     part = branch(abscissa.values, ordinate, zero_std[rows], points, start=0.0)
@@ -226,7 +229,7 @@ def _torque(
     peak, span = float(np.abs(twisting[whole]).max()), float(np.ptp(turn[whole]))
     branches, smooths = [], []
     for rows in (phase.rows(time) for phase in twists):
-        abscissa = _smooth(settings, time[rows], turn[rows], span)
+        abscissa = _smooth(settings, time[rows], turn[rows], _ABSCISSA * span)
         smooths.append(_smooth(settings, time[rows], twisting[rows], peak))
         branches.append(branch(abscissa.values, smooths[-1], zero_std[rows], points))
     return joined("torque", branches), smooths

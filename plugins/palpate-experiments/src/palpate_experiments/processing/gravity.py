@@ -76,6 +76,8 @@ def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> Too
             int(free[0]),
         )
     centre, centre_std = _fit_centre(part, lever, weight)
+    # A weight that is off by a share puts the centre off by the same share.
+    centre_std = float(np.hypot(centre_std, np.linalg.norm(centre) * std / weight))
     tool = ToolLoad(weight_N=weight, centre_mm=centre, weight_std_N=std, centre_std_mm=centre_std)
     check_plausible(recording, tool)
     return tool

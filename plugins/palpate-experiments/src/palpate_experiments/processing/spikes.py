@@ -41,7 +41,7 @@ def without_spikes(recording: Recording) -> tuple[Recording, IntArray]:
 
 def _repaired(values: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Columns (n, 3) with their spikes replaced, and which rows had one."""
-    middle = median_filter(values, size=(_NEIGHBOURS, 1), mode="nearest")
+    middle = median_filter(values, size=(_NEIGHBOURS, 1), mode="mirror")
     # A range without the spikes themselves.
     spans = np.ptp(middle, axis=0)
     noises = np.array([noise_std(column) for column in values.T])

@@ -10,6 +10,7 @@ Of two descriptions the smoother one is kept unless the other explains the data
 significantly better, since a free kink imitates a smooth end at another instant.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -17,6 +18,9 @@ import numpy as np
 
 from palpate.domain import FloatArray
 from palpate_experiments.processing.change_point import Design, Fit, profile
+from palpate_experiments.processing.noise import noise_std
+
+_Again = Callable[[FloatArray, FloatArray, tuple[float, float]], Fit]
 
 MAX_ROWS = 300
 """Rows that a fit needs at most; more are averaged in blocks."""
@@ -78,7 +82,11 @@ def stroke_end(
             break
     least = min(_variance(fit) for fit in tried)
     chosen = next(fit for fit in tried if _variance(fit) <= _NO_WORSE * least)
-    return _as_transition(_sharpened(chosen, time_s, values))
+
+    def again(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
+        return _ending(time, value, between_s, float(chosen.at - time[0]))
+
+    return _as_transition(_sharpened(chosen, time_s, values, again))
 
 
 def _variance(fit: Fit) -> float:
@@ -96,19 +104,22 @@ def _ending(time: FloatArray, value: FloatArray, between_s: tuple[float, float],
     return _smoothest(fits, parameters=_N_FREE)
 
 
-def _sharpened(fit: Fit, time_s: FloatArray, values: FloatArray) -> Fit:
-    """A sharp end sought again among single rows: averages round a kink off."""
-    if fit.kind == "smooth" or time_s.size <= MAX_ROWS:
+def _sharpened(fit: Fit, time_s: FloatArray, values: FloatArray, again: _Again) -> Fit:
+    """A sharp place sought again among single rows: averages round a kink off.
+
+    Where noise leaves the place less certain than an average is long, there is nothing to gain.
+    """
+    block_s = float(np.ptp(time_s)) / MAX_ROWS
+    if fit.kind == "smooth" or time_s.size <= MAX_ROWS or fit.std > block_s:
         return fit
     middle = int(np.searchsorted(time_s, fit.at))
     near = slice(max(middle - MAX_ROWS // 2, 0), middle + MAX_ROWS // 2)
     time, value = time_s[near], values[near]
-    block_s = float(np.ptp(time_s)) / MAX_ROWS
     between_s = (fit.at - 3.0 * block_s, fit.at + 3.0 * block_s)
     if time.size < _FEWEST or not time[0] < between_s[0] < between_s[1] < time[-1]:
         return fit
-    again = _ending(time, value, between_s, float(fit.at - time[0]))
-    return again if _explains(again.squares, value) else fit
+    found = again(time, value, between_s)
+    return found if abs(found.at - fit.at) < 2.9 * block_s else fit
 
 
 def turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Transition:
@@ -116,7 +127,18 @@ def turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, floa
 
     Parameters are those of :func:`stroke_end`.
     """
-    return _as_transition(_bend(time_s, values, between_s))
+    return _as_transition(_found(time_s, values, between_s, _turned))
+
+
+def is_turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> bool:
+    """Whether a turn without a rest describes a motion to within its noise.
+
+    Parameters are those of :func:`stroke_end`.
+    """
+    time, value = _averaged(time_s, values)
+    noise = noise_std(value)
+    fit = _turned(time, value, between_s)
+    return fit.squares / max(fit.n_rows - 8, 1) <= _NO_WORSE * noise**2
 
 
 def speed_change(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Transition | None:
@@ -126,13 +148,24 @@ def speed_change(time_s: FloatArray, values: FloatArray, between_s: tuple[float,
     """
     if time_s.size < _FEWEST:
         return None
-    found = _bend(time_s, values, between_s)
+    found = _found(time_s, values, between_s, _bent)
     return _as_transition(found) if found.kind == "kink" else None
 
 
-def _bend(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Fit:
-    time, value = _averaged(time_s, values)
-    kink = replace(profile(time, value, between_s, _kinked), kind="kink")
+def _found(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float], seek: _Again) -> Fit:
+    return _sharpened(seek(*_averaged(time_s, values), between_s), time_s, values, seek)
+
+
+def _turned(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
+    """A turn: one polynomial, both sides slowing down to rest and going on, or a kink."""
+    fits = [_vertex(time, value, between_s), profile(time, value, between_s, _two_sided(2))]
+    fits.append(replace(profile(time, value, between_s, _two_sided(1)), kind="kink"))
+    return _smoothest(fits, parameters=8)
+
+
+def _bent(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
+    """A change of speed: none in one polynomial, or a kink."""
+    kink = replace(profile(time, value, between_s, _two_sided(1)), kind="kink")
     return _smoothest([_vertex(time, value, between_s), kink], parameters=8)
 
 
@@ -184,11 +217,13 @@ def _braked(brake: float) -> Design:
     return design
 
 
-def _kinked(time: FloatArray, at: FloatArray) -> FloatArray:
-    before = np.maximum(at[:, None] - time, 0.0)
-    after = np.maximum(time - at[:, None], 0.0)
-    columns = [np.ones_like(before), *(side**k for side in (before, after) for k in (1, 2, 3))]
-    return np.stack(columns, axis=-1)
+def _two_sided(order: int) -> Design:
+    def design(time: FloatArray, at: FloatArray) -> FloatArray:
+        sides = (np.maximum(at[:, None] - time, 0.0), np.maximum(time - at[:, None], 0.0))
+        powers = [side**k for side in sides for k in range(order, order + 3)]
+        return np.stack([np.ones_like(sides[0]), *powers], axis=-1)
+
+    return design
 
 
 def _vertex(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
