@@ -30,11 +30,13 @@ def palpate_solvers() -> Iterable[type[Solver]]:
 
 @palpate.hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
-    """``certify``, ``febio-deck`` and ``friction-memory``."""
+    """``certify``, ``friction-memory``, ``febio-deck`` and ``febio-prove``."""
     from palpate_febio.certify import certify
     from palpate_febio.deck_command import febio_deck
     from palpate_febio.friction_command import friction_memory
+    from palpate_febio.prove_command import febio_prove
 
     app.command()(certify)
     app.command(name="febio-deck")(febio_deck)
     app.command(name="friction-memory")(friction_memory)
+    app.command(name="febio-prove")(febio_prove)
