@@ -172,6 +172,28 @@ def test_an_array_that_does_not_fit_is_refused():
         deformation.add_stiffness(psi, second(deformation.stretches), np.zeros(5))
 
 
+def test_axes_in_another_order_are_refused():
+    """Their number of values is right, so only the shape tells."""
+    nodes, corner = np.tile([0, 1, 2, 3], (3, 1)), np.vstack([-np.ones(3), np.eye(3)])
+    gradients, volumes = np.tile(corner, (3, 2, 1, 1)), np.full((3, 2), 1.0 / 12.0)
+    swapped = np.ascontiguousarray(gradients.swapaxes(1, 2))
+    with pytest.raises(ValueError, match=r"gradients has shape \[3, 4, 2, 3\] where \[3, 2, 4, 3\]"):
+        _core.ElementBlock(nodes, swapped, volumes)
+    with pytest.raises(ValueError, match=r"places has shape \[12, 3, 12\] where \[3, 12, 12\]"):
+        _core.ElementBlock(nodes, gradients, volumes, places=np.zeros((12, 3, 12), dtype=np.int64))
+    block = _core.ElementBlock(nodes, gradients, volumes, places=np.zeros((3, 12, 12), dtype=np.int64))
+    with pytest.raises(ValueError, match=r"displacements has shape \[3, 4\] where \[3, 3\]"):
+        block.deform(np.zeros((3, 4)))
+    deformation = block.deform(np.zeros((4, 3)))
+    psi_i, psi_ij = np.zeros((3, 2, 3)), np.zeros((3, 2, 3, 3))
+    with pytest.raises(ValueError, match="psi_i has shape"):
+        deformation.add_force(psi_i.swapaxes(0, 1), np.zeros((4, 3)))
+    with pytest.raises(ValueError, match="total has shape"):
+        deformation.add_force(psi_i, np.zeros((3, 4)))
+    with pytest.raises(ValueError, match="psi_ij has shape"):
+        deformation.add_stiffness(psi_i, psi_ij.swapaxes(0, 1), np.zeros(1))
+
+
 def test_a_block_without_places_has_no_stiffness():
     nodes, gradients = np.array([[0, 1, 2, 3]]), np.vstack([-np.ones(3), np.eye(3)])
     bare = _core.ElementBlock(nodes, gradients[None, None], np.array([[1.0 / 6.0]]))

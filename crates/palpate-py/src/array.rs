@@ -2,9 +2,11 @@
 
 use std::borrow::Cow;
 
-use numpy::{Element, PyReadonlyArray, PyReadwriteArray, ndarray::Dimension};
+use numpy::{
+    Element, PyReadonlyArray, PyReadwriteArray, PyUntypedArrayMethods, ndarray::Dimension,
+};
 use pyo3::PyResult;
-use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 
 /// The values in C order: borrowed where they lie that way, copied where they do not.
 pub(crate) fn values<'a, T, D>(array: &'a PyReadonlyArray<'_, T, D>) -> Cow<'a, [T]>
@@ -17,6 +19,24 @@ where
         Ok(slice) if view.is_standard_layout() => Cow::Borrowed(slice),
         _ => Cow::Owned(view.iter().copied().collect()),
     }
+}
+
+/// Checks the shape, where the number of values alone would let axes pass in another order.
+pub(crate) fn shaped<T, D>(
+    name: &str,
+    array: &PyReadonlyArray<'_, T, D>,
+    expected: &[usize],
+) -> PyResult<()>
+where
+    T: Element,
+    D: Dimension,
+{
+    let found = array.shape();
+    if found == expected {
+        return Ok(());
+    }
+    let message = format!("{name} has shape {found:?} where {expected:?} was expected");
+    Err(PyValueError::new_err(message))
 }
 
 /// The values in C order, to be changed in place.

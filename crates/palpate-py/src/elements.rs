@@ -7,7 +7,7 @@ use numpy::{PyReadonlyArray4, PyReadwriteArray1, PyReadwriteArray2, PyUntypedArr
 use palpate_elements as core;
 use pyo3::prelude::*;
 
-use crate::array::{values, writable};
+use crate::array::{shaped, values, writable};
 use crate::error::Raised;
 
 /// Elements of one kind with their reference geometry.
@@ -25,28 +25,35 @@ impl ElementBlock {
         volumes: PyReadonlyArray2<'_, f64>,
         mean_dilatation: bool,
         places: Option<PyReadonlyArray3<'_, i64>>,
-    ) -> Result<Self, Raised> {
+    ) -> PyResult<Self> {
         let shape = core::Shape {
             elements: nodes.shape()[0],
             points: volumes.shape()[1],
             nodes: nodes.shape()[1],
         };
+        let core::Shape { elements: e, points: q, nodes: n } = shape;
+        shaped("gradients", &gradients, &[e, q, n, 3])?;
+        shaped("volumes", &volumes, &[e, q])?;
+        if let Some(places) = &places {
+            shaped("places", places, &[e, shape.freedoms(), shape.freedoms()])?;
+        }
         let (nodes, gradients, volumes) = (values(&nodes), values(&gradients), values(&volumes));
         let places = places.as_ref().map(values);
         let block = py.detach(|| {
             let places = places.as_deref();
             core::ElementBlock::new(shape, &nodes, &gradients, &volumes, mean_dilatation, places)
-        })?;
-        Ok(Self(Arc::new(block)))
+        });
+        Ok(Self(Arc::new(block.map_err(Raised::from)?)))
     }
 
     fn deform(
         &self,
         py: Python<'_>,
         displacements: PyReadonlyArray2<'_, f64>,
-    ) -> Result<Deformation, Raised> {
+    ) -> PyResult<Deformation> {
+        shaped("displacements", &displacements, &[displacements.shape()[0], 3])?;
         let (displacements, block) = (values(&displacements), Arc::clone(&self.0));
-        Ok(Deformation(py.detach(|| block.deform(&displacements))?))
+        Ok(Deformation(py.detach(|| block.deform(&displacements)).map_err(Raised::from)?))
     }
 
     fn __repr__(&self) -> String {
@@ -78,6 +85,9 @@ impl Deformation {
         psi_i: PyReadonlyArray3<'_, f64>,
         mut total: PyReadwriteArray2<'_, f64>,
     ) -> PyResult<()> {
+        let core::Shape { elements, points, .. } = self.0.shape();
+        shaped("psi_i", &psi_i, &[elements, points, 3])?;
+        shaped("total", &total, &[total.shape()[0], 3])?;
         let (psi_i, total) = (values(&psi_i), writable("total", &mut total)?);
         Ok(py.detach(|| self.0.add_force(&psi_i, total)).map_err(Raised::from)?)
     }
@@ -89,6 +99,9 @@ impl Deformation {
         psi_ij: PyReadonlyArray4<'_, f64>,
         mut values: PyReadwriteArray1<'_, f64>,
     ) -> PyResult<()> {
+        let core::Shape { elements, points, .. } = self.0.shape();
+        shaped("psi_i", &psi_i, &[elements, points, 3])?;
+        shaped("psi_ij", &psi_ij, &[elements, points, 3, 3])?;
         let sums = writable("values", &mut values)?;
         let (psi_i, psi_ij) = (crate::array::values(&psi_i), crate::array::values(&psi_ij));
         Ok(py.detach(|| self.0.add_stiffness(&psi_i, &psi_ij, sums)).map_err(Raised::from)?)
