@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from palpate import _core
 from palpate.domain import Design, FloatArray, Limb, Response, Scenario, Simulation, Status
 from palpate.progress import SILENT, Progress
-from palpate.scoring import compare, point_weights, score
+from palpate.scoring import compare, is_enough, point_weights, score
 from palpate.selection import objectives
 from palpate.simulation import job_for
 from palpate.study import Study
@@ -223,12 +223,15 @@ class _Search:
         curve = self.measured[channel]
         compared = compare(simulation, curve)
         covered = np.isfinite(compared.values)
-        if compared.status is not Status.OK or covered.mean() < self.study.minimum_coverage:
-            return None
-        differences = np.where(covered, compared.values - curve.ordinate, 0.0)
         points = point_weights(curve, self.study.weights)
         points = np.ones(covered.size) if points is None else points
-        scale = np.sqrt(weight * points / points[covered].sum()) / _core.normaliser(
+        reached = points[covered].sum()
+        if compared.status is not Status.OK or not is_enough(
+            reached / points.sum(), self.study.minimum_coverage
+        ):
+            return None
+        differences = np.where(covered, compared.values - curve.ordinate, 0.0)
+        scale = np.sqrt(weight * points / reached) / _core.normaliser(
             curve.ordinate, self.study.normaliser.value
         )
         residuals: FloatArray = differences * scale

@@ -23,7 +23,6 @@ SCHEMA = {
     "r2": pl.Float64,
     "coverage": pl.Float64,
     "status": pl.String,
-    "seconds": pl.Float64,
     "message": pl.String,
 }
 """Columns of the scores. ``nmse`` is null where a set is not to be ranked."""
@@ -55,6 +54,11 @@ def point_weights(curve: Curve, weights: PointWeights) -> FloatArray | None:
     if scale == 0.0:
         raise ScoringError('every standard deviation is zero; set scoring.weights = "equal"')
     return 1.0 / np.maximum(curve.std / scale, LEAST_STD_SHARE) ** 2
+
+
+def is_enough(coverage: float, minimum_coverage: float) -> bool:
+    """Whether a coverage suffices; a share of counted points is exact only up to rounding."""
+    return coverage >= minimum_coverage - 1e-12
 
 
 def check_scorable(
@@ -91,7 +95,8 @@ def score(
     measured : mapping of spot name to Response
     normaliser : Normaliser
     minimum_coverage : float
-        Smallest share of measured points that a simulated curve must reach to be ranked.
+        Smallest share of measured points, each counted with its weight, that a simulated curve
+        must reach to be ranked.
     weights : PointWeights
 
     Returns
@@ -227,10 +232,9 @@ def _row(
     r2: float,
 ) -> dict[str, object]:
     nmse, coverage, message = scored.nmse, scored.coverage, scored.message
-    # A share of counted points is exact only up to rounding.
-    if scored.status is Status.OK and coverage < minimum_coverage - 1e-12:
+    if scored.status is Status.OK and not is_enough(coverage, minimum_coverage):
         message = f"covers {coverage:.3f} of the measured '{channel}', less than {minimum_coverage:g}"
-    ranked = scored.status is Status.OK and coverage >= minimum_coverage - 1e-12 and np.isfinite(nmse)
+    ranked = scored.status is Status.OK and is_enough(coverage, minimum_coverage) and np.isfinite(nmse)
     return {
         "spot": simulation.job.spot,
         "set_id": simulation.job.set_id,
@@ -239,6 +243,5 @@ def _row(
         "r2": r2 if ranked and np.isfinite(r2) else None,
         "coverage": coverage,
         "status": scored.status.value,
-        "seconds": simulation.seconds,
         "message": message,
     }

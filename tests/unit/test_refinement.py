@@ -70,6 +70,37 @@ def test_the_squares_that_are_minimised_sum_to_fopt(make_study, plugins, weights
         assert residuals @ residuals == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize(("std", "ranked"), [((0.1, 0.3), True), ((0.3, 0.1), False)])
+def test_whoever_is_ranked_is_searched_from(make_study, plugins, tissue, std, ranked):
+    """A curve that stops early covers more of the weight than of the points, or less."""
+
+    class Short(tissue.Analytic):
+        def simulate(self, job, limb):
+            whole = super().simulate(job, limb)
+            force = whole.response["force"]
+            n = int(0.9 * force.abscissa.size)
+            short = replace(force, abscissa=force.abscissa[:n], ordinate=force.ordinate[:n])
+            return replace(whole, response=Response(curves={"force": short}))
+
+    scenario = Scenario(name="III", weights={"force": 1.0})
+    study = make_study(solver=Short(), scenarios=(scenario,), weights=PointWeights.STD, minimum_coverage=0.9)
+    whole = load_measured(study, plugins.channels)["p1"]["force"]
+    force = replace(whole, std=np.linspace(*std, whole.abscissa.size))
+    measured = Response(curves={"force": force})
+    search = _Search(study=study, spot="p1", scenario=scenario, limb=None, measured=measured)
+    design = draw_design(study.space, study.sampler, 1, study.seed)
+    job = simulation.jobs(study, design, {"p1": measured})[0]
+    scores = scoring.score(
+        [study.solver.simulate(job, None)],
+        {"p1": measured},
+        normaliser=study.normaliser,
+        minimum_coverage=study.minimum_coverage,
+        weights=study.weights,
+    )
+    assert scores["nmse"].is_not_null().to_list() == [ranked]
+    assert (search.residuals(design.values[0]) is not None) == ranked
+
+
 def test_a_channel_without_weight_does_not_pull(make_study, plugins, tmp_path):
     chosen, found = refined(make_study(), plugins, tmp_path)
     start = chosen.row(by_predicate=_is("p1", "III"), named=True)
