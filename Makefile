@@ -2,13 +2,13 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PLUGINS := materials jax experiments forearm febio template
+PLUGINS := materials jax experiments forearm limb febio template
 EDITABLE := $(foreach p,$(PLUGINS),-e plugins/palpate-$(p))
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
 PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-core bench-sparse clean
+.PHONY: help demo test lint format bench bench-core bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -44,12 +44,16 @@ format: $(VENV)/installed ## rewrite the sources in the project's format
 bench: $(VENV)/installed ## timings, each beside a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py
 	$(BIN)/python tests/benchmarks/bench_elements.py
+	@echo "more: make bench-core, bench-solver, bench-sparse"
 	$(BIN)/python tests/benchmarks/bench_reading.py
 
 bench-core: $(VENV)/installed ## the core's kernels beside their peers, and their instruction counts
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core_sampling.py
 	cargo bench -p palpate-core --bench instructions
+
+bench-solver: $(VENV)/installed ## whole simulations: by size, many sets together, with derivatives
+	$(BIN)/python tests/benchmarks/bench_solver.py
 
 bench-sparse: $(VENV)/installed ## factors of real tangents beside PARDISO's, CHOLMOD's and SuperLU's
 	$(BIN)/python tests/benchmarks/bench_sparse.py

@@ -1,0 +1,386 @@
+"""Times of whole simulations of the embedded solver: ``make bench-solver``.
+
+Every simulation is a sphere that presses 10 mm deep into Ogden's material with friction 1 and
+twists 0 → −22.5° → 22.5° → 0, with the solver's default settings. Every figure comes from a
+process of its own on one thread, one after the other. Times are processor seconds unless they
+say otherwise.
+
+``--sizes``
+    One path on blocks of tet10 and on meshes of a forearm, beside the same solver with new factors
+    for every linear system; peak memory; the exponent of cost ∝ n^p.
+``--many N``
+    N sets of parameters in one process, where finished sets guide the next, beside cold runs:
+    each in a process that imports, prepares the limb and solves. Five cold runs stand for all N.
+    Then the same with two worker processes, by wall clock. Where a guided set spends its time.
+``--sensitivities``
+    One path with the derivatives in the three parameters and the friction, beside without.
+
+Without any of them, all three. ``--mesh FILE`` takes a mesh of yours (point data ``fixed`` and
+``contact``, cell data ``region`` of 0) instead of those that palpate carries.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+DEPTH_MM, RADIUS_MM = 10.0, 7.5
+PATH = [(0.0, 0.0), (DEPTH_MM, 0.0), (DEPTH_MM, -22.5), (DEPTH_MM, 22.5), (DEPTH_MM, 0.0)]
+THETA = (0.06, 3.0, 1.0)
+LOWER, UPPER = np.array([0.03, 1.0, 0.25]), np.array([0.2, 8.0, 2.5])
+BLOCKS = ((6, 2), (8, 4), (10, 5), (12, 6), (14, 7))
+"""Cells across and down: about 2, 7, 12, 20 and 33 thousand unknowns."""
+
+FOREARMS = ("forearm-demo", "forearm")
+"""Studies with a mesh of the spot p2."""
+
+N_COLD = 5
+"""Cold runs that stand for all."""
+
+N_TURNS = 3
+"""Runs of a path without and with derivatives."""
+
+N_EARLY = 10
+"""Sets that have few finished ones to be guided by."""
+
+MOST_WITH_PEER = 15_000
+"""Unknowns beyond which the peer, with new factors for every system, is left out."""
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+WANTED_MANY, WANTED_EXTRA, WANTED_EXPONENT = 15.0, 0.30, 1.5
+
+
+def forearm(study: str) -> str:
+    """A mesh file that palpate carries."""
+    return str(Path(str(files("palpate_forearm"))) / "studies" / study / "meshes" / "p2.vtu")
+
+
+def load(mesh: str) -> Any:
+    """The limb of a mesh file, or of ``block:across:down``."""
+    from palpate.domain import Spot
+    from palpate.specimens import block
+    from palpate_forearm.mesh_source import MeshioSource
+
+    if not mesh.startswith("block:"):
+        return MeshioSource().load(Path(mesh), Spot(name="p2"))
+    across, down = map(int, mesh.split(":")[1:])
+    return block("tet10", n_across=across, n_down=down, width_mm=60.0, height_mm=30.0, grading=1.4)
+
+
+def jobs(thetas: Any, limb: Any, path: Any = PATH) -> list[Any]:
+    """A job for each set of parameters."""
+    from palpate.domain import Indentation, Job, Sphere
+    from palpate_materials.ogden import Ogden
+
+    protocol = Indentation(indenter=Sphere(radius_mm=RADIUS_MM), path=np.array(path), friction=1.0)
+    materials = {region: Ogden() for region in limb.mesh.regions}
+    return [
+        Job(
+            spot=limb.spot.name,
+            set_id=k,
+            materials=materials,
+            thetas={region: np.array(t) for region in materials},
+            protocol=protocol,
+        )
+        for k, t in enumerate(thetas)
+    ]
+
+
+def designed(n_sets: int) -> np.ndarray:
+    """Sets (n, 3) in the ranges of a study."""
+    from palpate._core import latin_hypercube
+
+    return LOWER + (UPPER - LOWER) * latin_hypercube(n_sets, 3, 1)
+
+
+class Clock:
+    """Processor seconds by share: what a part takes counts neither for what it was called from."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._parts = ["Python and the rest"]
+        self._since = time.process_time()
+
+    def _tick(self) -> None:
+        now = time.process_time()
+        self.seconds[self._parts[-1]] = self.seconds.get(self._parts[-1], 0.0) + now - self._since
+        self._since = now
+
+    @contextmanager
+    def within(self, part: str) -> Iterator[None]:
+        """Count for a part."""
+        self._tick()
+        self._parts.append(part)
+        try:
+            yield
+        finally:
+            self._tick()
+            self._parts.pop()
+
+    def watch(self, owner: type, name: str, part: str) -> None:
+        """Count every call of a method for a part."""
+        method: Callable[..., object] = getattr(owner, name)
+
+        def timed(*args: object, **options: object) -> object:
+            with self.within(part):
+                return method(*args, **options)
+
+        setattr(owner, name, timed)
+
+    def shares(self) -> dict[str, float]:
+        """Seconds by part since the last call."""
+        self._tick()
+        found, self.seconds = self.seconds, {}
+        return found
+
+
+def watched() -> Clock:
+    """A clock on the parts of a simulation."""
+    from palpate_jax.body import Body
+    from palpate_jax.contact import Contact
+    from palpate_jax.neighbours import Guide, Neighbours
+    from palpate_jax.sparse import LinearSolver, Pattern
+
+    clock = Clock()
+    parts: dict[str, tuple[type, tuple[str, ...]]] = {
+        "Krylov steps": (LinearSolver, ("_iterate",)),
+        "factors": (LinearSolver, ("_factorise",)),
+        "element kernels": (Body, ("force", "tangent")),
+        "contact": (Contact, ("touched", "force", "stiffness", "drag", "remember", "answer", "along")),
+        "sparse values": (Pattern, ("add", "symmetric_part", "matrix")),
+    }
+    for part, (owner, names) in parts.items():
+        for name in names:
+            clock.watch(owner, name, part)
+    clock.watch(Guide, "hints", "guesses")
+    clock.watch(Neighbours, "guide", "guesses")
+    return clock
+
+
+def peak() -> float:
+    """Largest memory of this process so far [MB]; Linux tells it in kB."""
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def one_path(mesh: str, **settings: Any) -> dict[str, Any]:
+    """The figures of one path, after a short press that compiles and prepares."""
+    from palpate_jax import sparse
+    from palpate_jax.solver import JaxSettings, JaxSolver
+
+    if settings.pop("factors_always", False):
+        sparse.PATIENCE = 0
+    limb = load(mesh)
+    solver = JaxSolver(JaxSettings(**settings))
+    solver.simulate(jobs([THETA], limb, [(0.0, 0.0), (0.5, 0.0)])[0], limb)
+    ready = time.process_time()
+    simulation = solver.simulate(jobs([THETA], limb)[0], limb)
+    rows = simulation.diagnostics
+    return {
+        "status": simulation.status.value,
+        "unknowns": 3 * (limb.mesh.n_nodes - len(limb.mesh.node_sets["fixed"])),
+        "ready_s": ready,
+        "path_s": time.process_time() - ready,
+        "iterations": rows["n_iterations"],
+        "factors": rows["n_factorisations"],
+        "cuts": rows["n_cuts"],
+        "peak_MB": peak(),
+    }
+
+
+def cold(mesh: str, n_sets: int, k: int) -> dict[str, Any]:
+    """Set k as a stranger to those before, from the start of the process on."""
+    from palpate_jax.solver import JaxSolver
+
+    limb = load(mesh)
+    simulation = JaxSolver().simulate(jobs(designed(n_sets), limb)[k], limb)
+    return {"seconds": time.process_time(), "status": simulation.status.value}
+
+
+def guided(mesh: str, n_sets: int) -> dict[str, Any]:
+    """All sets in one process, and where the time goes: of the first few, and of those after them."""
+    from palpate_jax.solver import JaxSolver
+
+    limb, clock = load(mesh), watched()
+    work = jobs(designed(n_sets), limb)
+    clock.shares()
+    ready, spent = time.process_time(), {}
+    found = []
+    for simulation in JaxSolver().simulate_many(work, limb):
+        found.append(simulation)
+        if len(found) in (N_EARLY, n_sets):
+            spent["early" if len(found) == N_EARLY else "late"] = clock.shares()
+    late = found[N_EARLY:]
+    return {
+        "seconds": time.process_time(),
+        "ready_s": ready,
+        "spent": spent,
+        "ok": sum(s.status.value == "ok" for s in found),
+        "iterations": float(np.mean([s.diagnostics["n_iterations"] for s in late])),
+        "factors": float(np.mean([s.diagnostics["n_factorisations"] for s in late])),
+        "peak_MB": peak(),
+    }
+
+
+def with_slopes(mesh: str) -> dict[str, Any]:
+    """Processor seconds and factors of a path without and with derivatives: in turns, the least."""
+    from palpate_jax.solver import JaxSettings, JaxSolver
+
+    limb = load(mesh)
+    solvers = {k: JaxSolver(JaxSettings(sensitivities=k == "slopes")) for k in ("plain", "slopes")}
+    for solver in solvers.values():
+        solver.simulate(jobs([THETA], limb, [(0.0, 0.0), (0.5, 0.0)])[0], limb)
+    best = dict.fromkeys(solvers, (np.inf, 0))
+    for name in list(solvers) * N_TURNS:
+        before = time.process_time()
+        simulation = solvers[name].simulate(jobs([THETA], limb)[0], limb)
+        spent = time.process_time() - before
+        best[name] = min(best[name], (spent, simulation.diagnostics["n_factorisations"]))
+    return best
+
+
+def two_workers(mesh: str, n_sets: int) -> dict[str, Any]:
+    """All sets on two worker processes, by wall clock."""
+    from palpate.executors import run
+    from palpate_jax.solver import JaxSolver
+
+    limb = load(mesh)
+    work = jobs(designed(n_sets), limb)
+    started = time.perf_counter()
+    found = list(run(JaxSolver(), work, {limb.spot.name: limb}, n_workers=2, time_limit_s=3600.0))
+    return {"wall_s": time.perf_counter() - started, "n": len(found)}
+
+
+CHILDREN = {f.__name__: f for f in (one_path, cold, guided, with_slopes, two_workers)}
+
+
+def in_own_process(what: Callable[..., dict[str, Any]], *arguments: Any, **options: Any) -> dict[str, Any]:
+    """The figures of a function of this module that runs in a new process, and ``wall_s`` of it all."""
+    command = [sys.executable, __file__, "--child", what.__name__, json.dumps([arguments, options])]
+    started = time.perf_counter()
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, env=os.environ | ONE_THREAD, check=True)
+    figures: dict[str, Any] = {"wall_s": time.perf_counter() - started}
+    return figures | json.loads(done.stdout)
+
+
+def write(*cells: object) -> None:
+    """Print a row of a table."""
+    sys.stdout.write("| " + " | ".join(map(str, cells)) + " |\n")
+    sys.stdout.flush()
+
+
+def heading(*names: str) -> None:
+    """Print the first two rows of a table."""
+    sys.stdout.write("\n")
+    write(*names)
+    sys.stdout.write("|" + "---|" * len(names) + "\n")
+
+
+def sizes(meshes: dict[str, str]) -> None:
+    """Print a row for each mesh, and how the cost grows over the blocks."""
+    heading(
+        *("limb", "unknowns", "ready s", "path s", "iterations", "factors", "cuts", "peak MB"),
+        *("new factors always s", "ratio"),
+    )
+    costs: dict[str, list[tuple[int, float]]] = {}
+    for name, mesh in meshes.items():
+        own, peer = in_own_process(one_path, mesh), ("–", "–")
+        if own["unknowns"] <= MOST_WITH_PEER:
+            always = in_own_process(one_path, mesh, factors_always=True)["path_s"]
+            peer = (f"{always:.1f}", f"{always / own['path_s']:.1f}")
+        if own["status"] == "ok":
+            costs.setdefault(name.split(",")[0], []).append((own["unknowns"], own["path_s"]))
+        write(
+            f"{name}" + ("" if own["status"] == "ok" else f" ({own['status']})"),
+            *(f"{own['unknowns']:,}", f"{own['ready_s']:.1f}", f"{own['path_s']:.1f}", own["iterations"]),
+            *(own["factors"], own["cuts"], f"{own['peak_MB']:.0f}", *peer),
+        )
+    for name, cost in costs.items():
+        if len(cost) > 1:
+            slope = np.polyfit(*np.log(np.array(cost)).T, 1)[0]
+            sys.stdout.write(f"{name}: cost ∝ n^{slope:.2f}, wanted n^{WANTED_EXPONENT}\n")
+
+
+def many(name: str, mesh: str, n_sets: int) -> None:
+    """Print what N sets cost together, beside what they cost alone, and why."""
+    sample = np.unique(np.linspace(0, n_sets - 1, N_COLD).astype(int)).tolist()
+    alone = [in_own_process(cold, mesh, n_sets, k) for k in sample]
+    cold_s, cold_wall_s = (n_sets * float(np.mean([a[k] for a in alone])) for k in ("seconds", "wall_s"))
+    together = in_own_process(guided, mesh, n_sets)
+    pair = in_own_process(two_workers, mesh, n_sets)
+    heading(f"{n_sets} sets, {name}", "seconds", f"× faster than cold, wanted {WANTED_MANY:.0f}")
+    write(f"cold, cpu ({len(sample)} runs scaled)", f"{cold_s:.0f}", 1)
+    write("guided, one process, cpu", f"{together['seconds']:.0f}", f"{cold_s / together['seconds']:.1f}")
+    write(f"cold, one after the other, wall ({len(sample)} runs scaled)", f"{cold_wall_s:.0f}", 1)
+    write("guided, two workers, wall", f"{pair['wall_s']:.0f}", f"{cold_wall_s / pair['wall_s']:.1f}")
+    sys.stdout.write(
+        f"{together['ok']} of {n_sets} ok; a late set takes {together['iterations']:.0f} iterations and "
+        f"{together['factors']:.1f} factors; peak {together['peak_MB']:.0f} MB; "
+        f"imports and the mesh take {together['ready_s']:.1f} s of a process\n"
+    )
+    profile(together["spent"], n_sets)
+
+
+def profile(spent: dict[str, dict[str, float]], n_sets: int) -> None:
+    """Print where the time of a set goes."""
+    late, early = spent["late"], spent["early"]
+    n_late = n_sets - N_EARLY
+    total = sum(late.values())
+    heading("part", f"ms per set, first {N_EARLY}", "ms per later set", "share of it")
+    for part, seconds in sorted(late.items(), key=lambda item: -item[1]):
+        before = 1e3 * early.get(part, 0.0) / N_EARLY
+        write(part, f"{before:.0f}", f"{1e3 * seconds / n_late:.0f}", f"{seconds / total:.0%}")
+    write("all", f"{1e3 * sum(early.values()) / N_EARLY:.0f}", f"{1e3 * total / n_late:.0f}", "100%")
+
+
+def sensitivities(meshes: dict[str, str]) -> None:
+    """Print what the derivatives add."""
+    heading(
+        *("limb", "path s", "factors", "with derivatives s", "factors"),
+        *("extra, three parameters and friction", f"wanted ≤ {WANTED_EXTRA:.0%} for three"),
+    )
+    for name, mesh in meshes.items():
+        found = in_own_process(with_slopes, mesh)
+        (plain, n_plain), (slopes, n_slopes) = found["plain"], found["slopes"]
+        extra = slopes / plain - 1.0
+        within = "yes" if extra <= WANTED_EXTRA else "no"
+        write(name, f"{plain:.2f}", n_plain, f"{slopes:.2f}", n_slopes, f"{extra:.0%}", within)
+
+
+def main() -> None:
+    if sys.argv[1:2] == ["--child"]:
+        arguments, options = json.loads(sys.argv[3])
+        json.dump(CHILDREN[sys.argv[2]](*arguments, **options), sys.stdout)
+        return
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--sizes", action="store_true")
+    parser.add_argument("--many", type=int, metavar="N", default=0, help=f"more than {N_EARLY}")
+    parser.add_argument("--sensitivities", action="store_true")
+    parser.add_argument("--mesh", action="append", default=[], metavar="FILE")
+    given = parser.parse_args()
+    if given.many and given.many <= N_EARLY:
+        parser.error(f"--many {given.many}: give more than {N_EARLY} sets, or a late set has no guide")
+    everything = not (given.sizes or given.many or given.sensitivities)
+    forearms = {f"forearm, {Path(mesh).stem}": mesh for mesh in given.mesh}
+    forearms = forearms or {f"forearm, {study}": forearm(study) for study in FOREARMS}
+    blocks = {} if given.mesh else {f"block, {a} × {d}": f"block:{a}:{d}" for a, d in BLOCKS}
+    if given.sizes or everything:
+        sizes(blocks | forearms)
+    if given.sensitivities or everything:
+        sensitivities(forearms)
+    if given.many or everything:
+        many(*next(iter(forearms.items())), given.many or 25)
+
+
+if __name__ == "__main__":
+    main()
