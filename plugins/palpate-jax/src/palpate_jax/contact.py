@@ -380,7 +380,7 @@ class Contact:
             for skin, faces, part in self._by_skin(touched, jacobians)
         ]
 
-    def drag(self, displacements: FloatArray, load: Load, motion: "Motion") -> FloatArray:
+    def drag(self, displacements: FloatArray, load: Load, motion: Motion) -> FloatArray:
         """Change of the nodal forces (n_nodes, 3) [N] as the indenter moves and the tissue does not."""
         touched, turn = self.touched(displacements, load), load.pose.rotation
         jacobians = turn @ touched.points.jacobian(coupled=True) @ turn.T

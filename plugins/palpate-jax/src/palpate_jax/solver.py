@@ -163,8 +163,10 @@ class JaxSolver(Solver):
     def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
         """Walk the same path with every set, guided by the sets before it.
 
-        Guesses never enter a result: it stays the same to within the tolerance. A set
-        whose moduli are a multiple of a finished set's is that set's answer, scaled.
+        Guesses never enter a result: it stays the same to within the tolerance, as long as
+        ``n_cuts`` is 0 without them too. Where a guess saves a step from being cut, friction
+        goes the way of the longer step. A set whose moduli are a multiple of a finished set's
+        is that set's answer, scaled.
         """
         for job in jobs:
             yield self._simulate(job, _limb(limb, job), guided=True)

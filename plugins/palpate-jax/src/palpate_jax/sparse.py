@@ -62,13 +62,6 @@ class Pattern:
         m = self._sizes[group]
         return self._places[group].reshape(-1, m, m)
 
-    def values(self, stiffnesses: Sequence[FloatArray], first_group: int = 0) -> FloatArray:
-        """Sum element stiffnesses (e, m, m) of consecutive groups into the order of ``indices``."""
-        places = np.concatenate(self._places[first_group : first_group + len(stiffnesses)])
-        entries = np.concatenate([k.ravel() for k in stiffnesses])
-        sums = np.bincount(places, entries, minlength=len(self.indices) + 1)
-        return np.asarray(sums[:-1], dtype=np.float64)
-
     def add(self, values: FloatArray, group: int, elements: IntArray, stiffnesses: FloatArray) -> None:
         """Add stiffnesses (e', m, m) of some elements of a group to values in the order of ``indices``."""
         if len(elements):
