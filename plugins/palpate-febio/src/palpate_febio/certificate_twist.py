@@ -28,7 +28,11 @@ def _path(step_deg: float, n_held: int) -> FloatArray:
 
 
 def twist_rows(
-    limb: Limb, material: Material, theta: FloatArray, contenders: Mapping[str, Contender]
+    limb: Limb,
+    material: Material,
+    theta: FloatArray,
+    contenders: Mapping[str, Contender],
+    problem: str = "frictional twist",
 ) -> Iterator[Row]:
     """Step halving and a hold for every solver, and each against the first.
 
@@ -36,9 +40,11 @@ def twist_rows(
     ----------
     limb : Limb
         Every region gets the same material.
+    problem : str
+        What the rows call it.
     """
     case = Case(
-        problem="frictional twist",
+        problem=problem,
         name=material.name,
         limb=limb,
         materials=dict.fromkeys(limb.mesh.regions, material),
@@ -48,38 +54,50 @@ def twist_rows(
         mean_dilatation=True,
     )
     first: dict[str, FloatArray] = {}
-    first_name = next(iter(contenders))
     for name, make in contenders.items():
         solver = make(case.mean_dilatation)
         coarse = case.run(solver)
         fine = replace(case, path=_path(STEP_DEG / 2, N_HELD)).run(solver)
-        about = {"problem": case.problem, "material": case.name, "solver": name}
-        before, why = answer(coarse, "torque", [TWIST_DEG])
-        after, why_fine = answer(fine, "torque", [TWIST_DEG])
-        for what, change in _changes(fine, before, after).items():
+        yield from _with_itself(case, name, coarse, fine)
+        yield from _with_first(case, name, coarse, first, next(iter(contenders)))
+
+
+def _with_itself(case: Case, name: str, coarse: Simulation, fine: Simulation) -> Iterator[Row]:
+    before, why = answer(coarse, "torque", [TWIST_DEG])
+    after, why_fine = answer(fine, "torque", [TWIST_DEG])
+    for what, change in _changes(fine, before, after).items():
+        yield Row(
+            problem=case.problem,
+            material=case.name,
+            solver=name,
+            quantity=f"torque: {what}",
+            against="itself",
+            difference=change,
+            tolerance=TORQUE_TOLERANCE,
+            note=why or why_fine,
+        )
+
+
+def _with_first(
+    case: Case, name: str, coarse: Simulation, first: dict[str, FloatArray], first_name: str
+) -> Iterator[Row]:
+    """Rows against the first solver, whose own answers are kept in ``first``."""
+    for channel, place in (("force", DEPTH_MM), ("torque", TWIST_DEG)):
+        values, _ = answer(coarse, channel, [place])
+        if values is None:
+            continue
+        if name == first_name:
+            first[channel] = values
+        elif channel in first:
             yield Row(
-                **about,
-                quantity=f"torque: {what}",
-                against="itself",
-                difference=change,
-                tolerance=TORQUE_TOLERANCE,
-                note=why or why_fine,
+                problem=case.problem,
+                material=case.name,
+                solver=name,
+                quantity=channel,
+                against=first_name,
+                difference=float(abs(values[0] / first[channel][0] - 1.0)),
+                tolerance=PAIR_TOLERANCE[channel],
             )
-        for channel, place in (("force", DEPTH_MM), ("torque", TWIST_DEG)):
-            values, why = answer(coarse, channel, [place])
-            if values is None:
-                continue
-            if name == first_name:
-                first[channel] = values
-            elif channel in first:
-                yield Row(
-                    **about,
-                    quantity=channel,
-                    against=first_name,
-                    difference=float(abs(values[0] / first[channel][0] - 1.0)),
-                    tolerance=PAIR_TOLERANCE[channel],
-                    note=why,
-                )
 
 
 def _changes(

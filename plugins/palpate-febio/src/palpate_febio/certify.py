@@ -118,7 +118,7 @@ def _rows(
         yield from twist_rows(_twist_limb(), material, _middle(material), contenders)
         if mesh is not None:
             limb = _read(session.plugins, mesh)
-            yield from twist_rows(limb, material, _middle(material), contenders)
+            yield from twist_rows(limb, material, _middle(material), contenders, f"twist of {mesh.name}")
     elif mesh is not None:
         raise StudyError(f"{mesh}: no solver that takes a mesh is installed; install palpate-jax")
 
