@@ -101,7 +101,14 @@ def replace_settings(settings, **change):
     return settings.model_copy(update=change)
 
 
-def test_decks_of_febio_3_and_2_5(tmp_path):
+@pytest.mark.parametrize(
+    "held",
+    [
+        '<bc type="fix" node_set="base"><dofs>x,y,z</dofs></bc>',
+        '<fix bc="x,y,z" node_set="base"/><fix bc="x" node_set="top"/>',
+    ],
+)
+def test_decks_of_febio_3_and_2_5(tmp_path, held):
     file = tmp_path / "old.feb"
     file.write_text(
         """<febio_spec version="2.5"><Material><material id="3" name="fat" type="neo-Hookean"><E>0.1</E>
@@ -110,7 +117,9 @@ def test_decks_of_febio_3_and_2_5(tmp_path):
         <Elements type="tet4" mat="3" name="p"><elem id="1">5,6,7,9</elem></Elements>
         <NodeSet name="base"><node id="5"/><node id="6"/><node id="7"/></NodeSet>
         <NodeSet name="top"><node id="9"/></NodeSet></Geometry>
-        <Boundary><bc type="fix" node_set="base"><dofs>x,y,z</dofs></bc></Boundary></febio_spec>"""
+        <Boundary>"""
+        + held
+        + "</Boundary></febio_spec>"
     )
     limb = FebioDeckSource(FebioDeckSettings(contact="top")).load(file, SPOT)
     assert limb.mesh.regions == ("fat",)

@@ -160,6 +160,9 @@ class _Reader:
         return np.array(sorted(found), dtype=np.int64)
 
     def held(self) -> Iterator[str]:
+        for fix in self.root.iterfind("Boundary/fix"):  # FEBio 2.5
+            if fix.get("bc", "").replace(" ", "") == "x,y,z":
+                yield fix.get("node_set", "")
         for bc in self.root.iterfind("Boundary/bc"):
             if bc.get("type") == "zero displacement":
                 fixed = [bc.findtext(f"{axis}_dof", "0").strip() for axis in "xyz"]
