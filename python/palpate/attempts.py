@@ -1,52 +1,31 @@
 """Jobs of one limb through a solver, whatever the solver does."""
 
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
 from time import perf_counter
-from typing import Any
 
-from palpate.domain import Job, Limb, Response, Simulation, Status
+from palpate.domain import Job, Limb, Simulation, Status
 from palpate.interfaces import Solver
 from palpate.results import plain
+from palpate.work import Outcome
 
 Task = tuple[int, Job]
 """A job and its place among all jobs of the sweep."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """What became of the job at ``index``; a :class:`Simulation` that can leave its process."""
-
-    index: int
-    status: Status
-    response: Response | None = None
-    message: str = ""
-    seconds: float = 0.0
-    diagnostics: Mapping[str, Any] = field(default_factory=dict)
-
-    def simulation(self, job: Job) -> Simulation:
-        """Put the outcome together with its job."""
-        return Simulation(
-            job=job,
-            status=self.status,
-            response=self.response,
-            message=self.message,
-            seconds=self.seconds,
-            diagnostics=self.diagnostics,
-        )
-
-
 class _InFlight:
     """The jobs that a solver has taken and not yet answered, in order."""
 
-    def __init__(self, tasks: Sequence[Task], started: Callable[[int], None]) -> None:
+    def __init__(
+        self, tasks: Sequence[Task], started: Callable[[int], None], going_on: Callable[[], bool]
+    ) -> None:
         self._waiting = list(tasks)
         self._started = started
+        self._going_on = going_on
         self.taken: dict[tuple[str, int], tuple[int, Job, float]] = {}
 
     def feed(self) -> Iterator[Job]:
-        while self._waiting:
+        while self._waiting and self._going_on():
             index, job = self._waiting.pop(0)
             self.taken[job.spot, job.set_id] = (index, job, perf_counter())
             self._started(index)
@@ -73,7 +52,11 @@ class _InFlight:
 
 
 def attempt(
-    solver: Solver, limb: Limb | None, tasks: Sequence[Task], started: Callable[[int], None]
+    solver: Solver,
+    limb: Limb | None,
+    tasks: Sequence[Task],
+    started: Callable[[int], None],
+    going_on: Callable[[], bool] = lambda: True,
 ) -> Iterator[Outcome]:
     """Outcomes of jobs of one limb, each as it ends and exactly one for each job.
 
@@ -84,6 +67,8 @@ def attempt(
     tasks : sequence of (index, Job)
     started : callable
         Told the index of a job when the solver takes it.
+    going_on : callable
+        Asked before the solver takes a job; where it says no the rest has no outcome.
 
     Notes
     -----
@@ -91,8 +76,8 @@ def attempt(
     the others go on. If it worked on several, each is tried alone to find the culprit.
     """
     left = list(tasks)
-    while left:
-        flight = _InFlight(left, started)
+    while left and going_on():
+        flight = _InFlight(left, started, going_on)
         try:
             for simulation in solver.simulate_many(flight.feed(), limb):
                 if (outcome := flight.answer(simulation)) is not None:
@@ -109,13 +94,15 @@ def attempt(
                 return
             left = flight.left
         else:
-            unanswered = [(index, job) for index, job, _ in flight.taken.values()] + flight.left
+            unanswered = [(index, job) for index, job, _ in flight.taken.values()]
+            if going_on():
+                unanswered += flight.left
             yield from (_unanswered(index) for index, _ in unanswered)
             return
 
 
 def _attempt_alone(solver: Solver, limb: Limb | None, task: Task, started: Callable[[int], None]) -> Outcome:
-    flight = _InFlight([task], started)
+    flight = _InFlight([task], started, lambda: True)
     job = next(flight.feed())
     begun = perf_counter()
     try:

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from palpate import _core, hookimpl
 from palpate.domain import FloatArray
-from palpate.interfaces import Sampler, Settings
+from palpate.interfaces import Executor, Sampler, Settings
 
 
 class LatinHypercubeSettings(Settings):
@@ -112,3 +112,11 @@ class Sobol(Sampler):
 def palpate_samplers() -> list[type[Sampler]]:
     """Provide the sampler of the paper and those that cover its box more evenly."""
     return [LatinHypercube, OptimisedLatinHypercube, Sobol]
+
+
+@hookimpl
+def palpate_executors() -> list[type[Executor]]:
+    """Provide the places on this machine, and Dask's clusters."""
+    from palpate.executors import InProcess, Processes
+
+    return [InProcess, Processes]

@@ -40,5 +40,17 @@ class PluginError(PalpateError):
     """A plugin is broken, unknown, or clashes with another."""
 
 
+class LedgerError(PalpateError):
+    """The results on disk are in use, damaged, of another version, or cannot be written."""
+
+
+class ExecutorError(PalpateError):
+    """Jobs cannot be handed to where they are to run: no scheduler, other versions, no workers."""
+
+
+class StoppedError(PalpateError):
+    """The user asked to stop; everything finished is kept (exit code 130)."""
+
+
 class NothingSelectableError(PalpateError):
     """Every simulation failed, so no set can be chosen (exit code 1)."""

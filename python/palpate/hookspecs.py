@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING
 import pluggy
 
 from palpate.domain import Channel, Scenario, StudyTemplate
-from palpate.interfaces import ExperimentLoader, LimbSource, Material, Sampler, SetFilter, Solver
+from palpate.interfaces import (
+    Executor,
+    ExperimentLoader,
+    LimbSource,
+    Material,
+    Sampler,
+    SetFilter,
+    Solver,
+)
 
 if TYPE_CHECKING:
     import typer
@@ -58,6 +66,11 @@ def palpate_set_filters() -> Iterable[type[SetFilter]]:  # type: ignore[empty-bo
 @hookspec
 def palpate_solvers() -> Iterable[type[Solver]]:  # type: ignore[empty-body]
     """Solvers."""
+
+
+@hookspec
+def palpate_executors() -> Iterable[type[Executor]]:  # type: ignore[empty-body]
+    """Places where jobs can run."""
 
 
 @hookspec

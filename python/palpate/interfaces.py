@@ -7,10 +7,10 @@ checks: every field there needs a description.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -28,6 +28,9 @@ from palpate.domain import (
 )
 from palpate.errors import CurveError, MaterialError
 from palpate.inspection import Inspection
+
+if TYPE_CHECKING:
+    from palpate.work import Outcome, Work
 
 Array = Any
 """An array of the array API: numpy in checks, JAX under differentiation."""
@@ -280,6 +283,13 @@ class Solver(Component):
         """Names of the material's parameters that cannot change an answer; a study has to fix them."""
         return ()
 
+    def ladder(self) -> Sequence[BaseModel]:
+        """Settings to try in turn on a job that diverged, such as smaller steps; none by itself.
+
+        Together with :meth:`version` they decide a result, so a change of them is a new version.
+        """
+        return ()
+
     @abstractmethod
     def version(self) -> str:
         """Version of whatever computes the numbers; part of each simulation's key."""
@@ -301,3 +311,20 @@ class Solver(Component):
         """Simulate jobs of one limb, yielding each as it ends; override to share work."""
         for job in jobs:
             yield self.simulate(job, limb)
+
+
+class Executor(Component):
+    """Runs jobs somewhere, and hands every outcome back to this process, which alone keeps them."""
+
+    @abstractmethod
+    def outcomes(self, work: "Work") -> "Iterator[Outcome]":
+        """Yield the outcome of each job as it comes, exactly one for each.
+
+        A job that fails, hangs or ends its worker has an outcome too. When ``work.going_on()``
+        turns false no further job is begun, and those begun are finished.
+
+        Raises
+        ------
+        ExecutorError
+            There is nowhere to run them.
+        """

@@ -6,7 +6,7 @@ them in a row. Whatever can be checked is checked before the first file is
 written.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -138,21 +138,21 @@ def run_study(study: Study, run_folder: Path, plugins: Plugins, progress: Progre
     """
     checked = check(study, plugins)
     run = RunDirectory(run_folder)
-    run.begin(study, plugins.channels)
-    run.write_measured(checked.measured)
-    run.write_design(checked.design)
-    simulations = _simulate(study, run, checked, progress)
-    scores = _score(study, run, checked, simulations)
-    selected = _select(study, run, checked, scores, progress)
-    return RunResult(
-        folder=run_folder,
-        measured=checked.measured,
-        design=checked.design,
-        simulations=simulations,
-        scores=scores,
-        selected=selected,
-        report=_report(study, run, checked, plugins),
-    )
+    with run.begun(study, plugins.channels) as check_lock:
+        run.write_measured(checked.measured)
+        run.write_design(checked.design)
+        simulations = _simulate(study, run, checked, progress, check_lock)
+        scores = _score(study, run, checked, simulations)
+        selected = _select(study, run, checked, scores, progress)
+        return RunResult(
+            folder=run_folder,
+            measured=checked.measured,
+            design=checked.design,
+            simulations=simulations,
+            scores=scores,
+            selected=selected,
+            report=_report(study, run, checked, plugins),
+        )
 
 
 # --------------------------------------------------------------- one by one
@@ -211,8 +211,8 @@ def simulate(
     run = RunDirectory(run_folder)
     checked = _from_files(study, run)
     simulation.check_jobs(study, simulation.jobs(study, checked.design, checked.measured), checked.limbs)
-    run.begin(study, plugins.channels)
-    return _simulate(study, run, checked, progress)
+    with run.begun(study, plugins.channels) as check_lock:
+        return _simulate(study, run, checked, progress, check_lock)
 
 
 def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:
@@ -274,9 +274,11 @@ def _from_files(study: Study, run: RunDirectory, *, with_limbs: bool = True) -> 
 
 
 def _simulate(
-    study: Study, run: RunDirectory, checked: Checked, progress: Progress
+    study: Study, run: RunDirectory, checked: Checked, progress: Progress, check_lock: Callable[[], None]
 ) -> tuple[Simulation, ...]:
-    return simulation.simulate(study, checked.design, checked.limbs, checked.measured, run.folder, progress)
+    return simulation.simulate(
+        study, checked.design, checked.limbs, checked.measured, run.folder, progress, check_lock
+    )
 
 
 def _score(

@@ -25,6 +25,7 @@ from palpate.domain import Channel, Scenario, StudyTemplate
 from palpate.errors import PalpateError, PluginError
 from palpate.interfaces import (
     Component,
+    Executor,
     ExperimentLoader,
     LimbSource,
     Material,
@@ -59,6 +60,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "samplers": Kind("palpate_samplers", "sampler", Sampler),
         "set_filters": Kind("palpate_set_filters", "set filter", SetFilter),
         "solvers": Kind("palpate_solvers", "solver", Solver),
+        "executors": Kind("palpate_executors", "executor", Executor),
         "scenarios": Kind("palpate_scenarios", "scenario", Scenario),
     }
 )

@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from palpate.domain import Channel, Scenario, StudyTemplate
 from palpate.errors import PluginError
-from palpate.interfaces import ExperimentLoader, LimbSource, Material, Sampler, SetFilter, Solver
+from palpate.interfaces import (
+    Executor,
+    ExperimentLoader,
+    LimbSource,
+    Material,
+    Sampler,
+    SetFilter,
+    Solver,
+)
 from palpate.plugin_registry import (
     HOOKS,
     KINDS,
@@ -115,6 +123,7 @@ class Plugins:
     samplers: Catalogue[type[Sampler]]
     set_filters: Catalogue[type[SetFilter]]
     solvers: Catalogue[type[Solver]]
+    executors: Catalogue[type[Executor]]
     scenarios: Catalogue[Scenario]
 
     def __init__(self, registry: Registry, files: Sequence[Path]) -> None:

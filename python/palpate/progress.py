@@ -12,6 +12,12 @@ class Progress(Protocol):
     def step(self, note: str = "") -> None:
         """Count one step of the running stage; ``note`` says how it ended where that matters."""
 
+    def note(self, text: str) -> None:
+        """Take notice of something that happened on the way and was dealt with."""
+
+    def going_on(self) -> bool:
+        """Whether to begin another simulation; False finishes those begun and stops."""
+
 
 class Silent:
     """A :class:`Progress` that keeps quiet."""
@@ -21,6 +27,13 @@ class Silent:
 
     def step(self, note: str = "") -> None:
         """Say nothing."""
+
+    def note(self, text: str) -> None:
+        """Say nothing."""
+
+    def going_on(self) -> bool:
+        """Go on to the end."""
+        return True
 
 
 SILENT = Silent()

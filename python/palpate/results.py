@@ -1,11 +1,6 @@
-"""Simulations on disk: one line and one file of curves each, by the key of the job.
+"""Results as files: curves as rows of a table, and files that are absent or complete."""
 
-``simulations.jsonl`` gets a line, flushed to the disk, once the curves of a
-simulation lie complete in ``curves/<key>.parquet``; a run that is killed at any
-moment loses at most the simulation that it was storing.
-"""
-
-import json
+import io
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Curve, FloatArray, Job, Response, Simulation, Status
+from palpate.domain import Curve, FloatArray, Response
 
 
 def frame_of(response: Response) -> pl.DataFrame:
@@ -72,104 +67,62 @@ _CURVES = pl.Schema(
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that is either absent or complete, whatever happens meanwhile."""
+    """Write a file that is either absent or complete, whatever happens meanwhile, power included."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, content)
+
+
+def write_whole(path: Path, content: bytes, *, durable: bool = True) -> None:
+    """Write a file beside its place and move it there.
+
+    Parameters
+    ----------
+    path : Path
+        In a folder that exists.
+    content : bytes
+    durable : bool
+        Whether to wait until the file, and its name, are on the disk.
+
+    Raises
+    ------
+    OSError
+        Nothing is left behind then.
+    """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    with part.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
+    try:
+        with part.open("wb") as file:
+            file.write(content)
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
+        os.replace(part, path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+    if durable:
+        _sync_folder(path.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    if os.name != "posix":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def write_frame(path: Path, frame: pl.DataFrame) -> None:
     """Write a Parquet file atomically."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    frame.write_parquet(part)
-    part.replace(path)
+    write_atomically(path, parquet(frame))
 
 
-class Results:
-    """The simulations in a run directory.
-
-    Parameters
-    ----------
-    folder : Path
-        The run directory; written to on the first :meth:`store`.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._lines = folder / "simulations.jsonl"
-        self._curves = folder / "curves"
-        self._known = _read_lines(self._lines)
-
-    def load(self, key: str, job: Job) -> Simulation | None:
-        """Read the simulation of ``job``; None if it is not there or not readable."""
-        line = self._known.get(key)
-        if line is None:
-            return None
-        response = None
-        if line["curves"]:
-            try:
-                response = response_of(pl.read_parquet(self._path(key)))
-            except (OSError, ValueError, pl.exceptions.PolarsError):
-                return None
-        return Simulation(
-            job=job,
-            status=Status(line["status"]),
-            response=response,
-            message=line["message"],
-            seconds=line["seconds"],
-            diagnostics=line["diagnostics"],
-        )
-
-    def store(self, key: str, simulation: Simulation) -> None:
-        """Keep a simulation; a later one of the same key takes its place."""
-        response = simulation.response
-        if response is not None:
-            write_frame(self._path(key), frame_of(response))
-        line = {
-            "key": key,
-            "spot": simulation.job.spot,
-            "set_id": simulation.job.set_id,
-            "status": simulation.status.value,
-            "message": simulation.message,
-            "seconds": simulation.seconds,
-            "curves": response is not None,
-            "diagnostics": plain(simulation.diagnostics),
-        }
-        _append_line(self._lines, json.dumps(line, allow_nan=False))
-        self._known[key] = line
-
-    def _path(self, key: str) -> Path:
-        return self._curves / f"{key}.parquet"
-
-
-def _read_lines(path: Path) -> dict[str, dict[str, Any]]:
-    """Lines by key, the last of each; a line that a kill cut short is passed over."""
-    known: dict[str, dict[str, Any]] = {}
-    if not path.exists():
-        return known
-    for text in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            line = json.loads(text)
-            known[line["key"]] = line
-        except (ValueError, KeyError, TypeError):
-            continue
-    return known
-
-
-def _append_line(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("ab+") as file:
-        if file.tell() > 0:
-            file.seek(-1, os.SEEK_END)
-            if file.read(1) != b"\n":
-                file.write(b"\n")
-        file.write(text.encode() + b"\n")
-        file.flush()
-        os.fsync(file.fileno())
+def parquet(frame: pl.DataFrame) -> bytes:
+    """Content of a Parquet file."""
+    buffer = io.BytesIO()
+    frame.write_parquet(buffer)
+    return buffer.getvalue()
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a solver reports

@@ -6,8 +6,7 @@
     manifest.json           versions, hashes of the inputs, units, normaliser, conventions, seed
     measured/<spot>.parquet  measured/<spot>.json  measured/plots/<spot>/
     design.parquet
-    simulations.jsonl       one line per simulation: status, message, seconds
-    curves/<key>.parquet    its curves
+    ledger.sqlite  curves/  simulations: states, attempts, timings, reasons, and their curves
     scores.parquet  selection.parquet  generalisation.parquet
     refinement.parquet  refined/<spot>/<scenario>.parquet
     rays.parquet
@@ -16,12 +15,13 @@
 Files are written whole or not at all, and the folder moves freely.
 """
 
+import contextlib
 import hashlib
 import importlib.metadata
 import json
 import platform
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ import polars as pl
 from palpate.domain import Channel, Design, Indentation, Parameter, Protocol, Response
 from palpate.errors import StudyError
 from palpate.interfaces import Component
+from palpate.locking import locked
 from palpate.plugins import answering_for
 from palpate.refinement import Refined
 from palpate.results import frame_of, plain, response_of, write_atomically, write_frame
@@ -86,6 +87,23 @@ class RunDirectory:
             raise StudyError(
                 f"{self.folder}: cannot be a run directory ({error.strerror}); name another folder"
             ) from None
+
+    @contextlib.contextmanager
+    def begun(self, study: Study, channels: Mapping[str, Channel]) -> Iterator[Callable[[], None]]:
+        """Begin, and keep every other runner out; yields what raises where the lock is lost.
+
+        Raises
+        ------
+        StudyError
+            The folder cannot be made.
+        LedgerError
+            Another runner is at work in the folder.
+        """
+        manifest(study, channels)  # what cannot be told is refused before there is a folder
+        self._make_folder()
+        with locked(self.folder) as check:
+            self.begin(study, channels)
+            yield check
 
     def manifest(self) -> dict[str, Any]:
         """Content of ``manifest.json``."""

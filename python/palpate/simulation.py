@@ -2,8 +2,7 @@
 
 import hashlib
 import json
-from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,15 +18,14 @@ from palpate.domain import (
     Protocol,
     Response,
     Simulation,
-    Status,
 )
 from palpate.errors import StudyError
-from palpate.executors import Outcome, run
 from palpate.interfaces import Component, Solver
+from palpate.ledger import Ledger
 from palpate.plugins import answering_for
 from palpate.progress import SILENT, Progress
-from palpate.results import Results
 from palpate.study import Study
+from palpate.sweep import Sweep, run_sweep
 
 
 def jobs(study: Study, design: Design, measured: Mapping[str, Response]) -> list[Job]:
@@ -175,12 +173,18 @@ def simulate(
     measured: Mapping[str, Response],
     folder: Path,
     progress: Progress = SILENT,
+    check: Callable[[], None] = lambda: None,
 ) -> tuple[Simulation, ...]:
     """Simulate every job whose result is not yet in ``folder``.
 
-    Each result is on disk before the next is awaited, so an interrupted sweep goes on
-    where it stopped. What had crashed is tried again, and what had run out of time when
-    there is more of it now.
+    Each result is on its way to the disk before the next is awaited, so an interrupted sweep
+    goes on where it stopped. What had crashed is tried again, and what had run out of time
+    when there is more of it now.
+
+    Parameters
+    ----------
+    check : callable
+        Raises where the lock on the folder is lost.
 
     Returns
     -------
@@ -191,32 +195,15 @@ def simulate(
     ------
     PalpateError
         A job cannot be simulated at all; nothing has been written then.
+    StoppedError
+        ``progress`` said to stop; what is finished is kept.
     """
     to_do = jobs(study, design, measured)
     check_jobs(study, to_do, limbs)
     keys = _keys(study, to_do, limbs)
-    results = Results(folder)
-    done = {
-        key: kept
-        for job, key in zip(to_do, keys, strict=True)
-        if (kept := results.load(key, job)) is not None and not _worth_retrying(kept, study)
-    }
-    progress.begin("simulate", len(to_do))
-    for key in keys:
-        if key in done:
-            progress.step(done[key].status.value)
-    # Jobs with one key, such as the same test at two spots, are simulated once.
-    missing: dict[str, Job] = {}
-    for key, job in zip(keys, to_do, strict=True):
-        if key not in done:
-            missing.setdefault(key, job)
-    missing_keys, n_jobs = list(missing), Counter(keys)
-    for outcome in _outcomes(study, list(missing.values()), limbs):
-        key = missing_keys[outcome.index]
-        done[key] = simulation = outcome.simulation(missing[key])
-        results.store(key, simulation)
-        for _ in range(n_jobs[key]):
-            progress.step(simulation.status.value)
+    done = run_sweep(
+        Sweep(study=study, jobs=to_do, keys=keys, limbs=limbs, folder=folder, progress=progress, check=check)
+    )
     return tuple(_of_job(done[key], job) for key, job in zip(keys, to_do, strict=True))
 
 
@@ -234,32 +221,16 @@ def stored(
     """
     every = jobs(study, design, measured)
     to_do = [job for job in every if wanted is None or (job.spot, job.set_id) in wanted]
-    results = Results(folder)
-    found = (results.load(key, job) for key, job in zip(_keys(study, to_do, limbs), to_do, strict=True))
-    return tuple(simulation for simulation in found if simulation is not None)
+    keys = _keys(study, to_do, limbs)
+    with Ledger(folder) as ledger:
+        found = ledger.simulations(dict(zip(keys, to_do, strict=True)))
+    return tuple(_of_job(found[key], job) for key, job in zip(keys, to_do, strict=True) if key in found)
 
 
 def _keys(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> list[str]:
     meshes = {spot.spot.name: limb_key(limbs.get(spot.spot.name)) for spot in study.spots}
     solver = solver_key(study.solver)
     return [_job_key(job, meshes[job.spot], solver) for job in to_do]
-
-
-def _worth_retrying(kept: Simulation, study: Study) -> bool:
-    if kept.status is Status.TIMED_OUT:
-        return study.time_limit_s > kept.seconds
-    return kept.status is Status.CRASHED
-
-
-def _outcomes(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> Iterator[Outcome]:
-    return run(
-        study.solver,
-        to_do,
-        limbs,
-        n_workers=study.n_workers,
-        time_limit_s=study.time_limit_s,
-        plugin_files=study.plugin_files,
-    )
 
 
 def _of_job(simulation: Simulation, job: Job) -> Simulation:

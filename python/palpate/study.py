@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 from palpate.domain import Normaliser, ParameterSpace, PointWeights, Protocol, Scenario
 from palpate.errors import StudyError
-from palpate.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
+from palpate.interfaces import Executor, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins import Plugins
 from palpate.study_build import Context, build_components, build_scenarios, check_rays, check_solver_needs
 from palpate.study_lines import KeyLines
-from palpate.study_model import Tables
+from palpate.study_model import ExecutorTable, Tables
 from palpate.study_problems import Problems, read_tables, settled
 from palpate.study_regions import build_space, build_truth
 from palpate.study_spots import StudySpot, build_protocol, build_spots
@@ -49,6 +49,16 @@ class Study:
         Local worker processes; 0 means one per core.
     time_limit_s : float
         Longest time that one simulation may take.
+    executor : Executor, optional
+        Where the simulations run; by itself on this machine, as ``n_workers`` says.
+    memory_limit_MB : float
+        Most memory that one simulation may take; 0: no limit.
+    n_attempts : int
+        How often a job may end its worker before it is given up.
+    cache : Path, optional
+        Folder of results shared with other studies.
+    n_total : int
+        Sets that the design of ``n_sets`` is extended to; 0: not extended.
     """
 
     name: str
@@ -77,6 +87,11 @@ class Study:
     n_workers: int
     time_limit_s: float
     plugin_files: tuple[Path, ...]
+    executor: Executor | None = None
+    memory_limit_MB: float = 0.0
+    n_attempts: int = 2
+    cache: Path | None = None
+    n_total: int = 0
 
     @property
     def folder(self) -> Path:
@@ -159,6 +174,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     if parts.solver:
         check_solver_needs(context, parts.solver, tables)
     context.problems.raise_if_any()
+    running = tables.executor or ExecutorTable()
     return Study(
         name=settled(header).name,
         description=settled(header).description,
@@ -186,4 +202,8 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         n_workers=settled(solving).n_workers,
         time_limit_s=settled(solving).time_limit,
         plugin_files=context.plugins.files,
+        executor=parts.executor,
+        memory_limit_MB=running.memory_limit or 0.0,
+        n_attempts=running.attempts,
+        cache=context.file.parent / running.cache if running.cache else None,
     )

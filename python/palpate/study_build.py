@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from palpate.domain import ParameterSpace, Scenario
 from palpate.errors import PalpateError
-from palpate.interfaces import Component, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
+from palpate.interfaces import Component, Executor, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins import Catalogue, Plugins
 from palpate.study_lines import Key
 from palpate.study_model import ScenarioTable, SelectionTable, Tables
@@ -39,11 +39,13 @@ class Components:
     sampler: Sampler | None
     filters: tuple[SetFilter, ...]
     solver: Solver | None
+    executor: Executor | None
 
 
 def build_components(context: Context, tables: Tables) -> Components:
     """Build every component that the file names, except the materials."""
     experiment, limb, sampling, solver = tables.experiment, tables.limb, tables.sampling, tables.solver
+    running = tables.executor
     catalogues, build = context.plugins, partial(build_component, context)
     filters = [
         build(catalogues.set_filters, name, settings, (*FILTERS, name), (*FILTERS, name))
@@ -62,6 +64,9 @@ def build_components(context: Context, tables: Tables) -> Components:
         filters=tuple(built for built in filters if built is not None),
         solver=build(catalogues.solvers, solver.name, solver.settings, ("solver", "name"))
         if solver
+        else None,
+        executor=build(catalogues.executors, running.name, running.settings, ("executor", "name"))
+        if running and running.name
         else None,
     )
 

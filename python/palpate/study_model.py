@@ -19,6 +19,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]
 Seconds = Annotated[float, Quantity("s")]
+Megabytes = Annotated[float, Quantity("MB")]
 
 
 class Table(BaseModel):
@@ -213,6 +214,24 @@ class SolverTable(Table):
     settings: dict[str, Any] = Field(default={}, description="Settings of the solver.")
 
 
+class ExecutorTable(Table):
+    """Where simulations run, and how they are held to their limits."""
+
+    name: str | None = Field(
+        default=None, description="Name of an executor; if left out this machine, as solver.n_workers says."
+    )
+    settings: dict[str, Any] = Field(default={}, description="Settings of the executor.")
+    memory_limit: Megabytes | None = Field(
+        default=None, gt=0.0, description="Most memory that one simulation may take; if left out no limit."
+    )
+    attempts: int = Field(
+        default=2, ge=1, le=10, description="How often a job may end its worker before it is given up."
+    )
+    cache: str | None = Field(
+        default=None, description="Folder of finished simulations that is shared with other studies."
+    )
+
+
 class ScoringTable(Table):
     """How a simulated curve is compared with a measured one."""
 
@@ -261,6 +280,7 @@ class StudyFile(Table):
     region: dict[Name, RegionTable] = Field(min_length=1, description="Material of each region, by its name.")
     sampling: SamplingTable
     solver: SolverTable
+    executor: ExecutorTable | None = Field(default=None, description="Leave out to use this machine.")
     scoring: ScoringTable = ScoringTable()
     selection: SelectionTable
     scenario: list[ScenarioTable] = Field(default=[], description="Scenarios of this study's own.")
@@ -285,6 +305,7 @@ class Tables:
     region: Mapping[str, RegionTable] = field(default_factory=dict)
     sampling: SamplingTable | None = None
     solver: SolverTable | None = None
+    executor: ExecutorTable | None = None
     scoring: ScoringTable | None = None
     selection: SelectionTable | None = None
     scenario: Sequence[ScenarioTable] = ()

@@ -7,6 +7,7 @@ that it cannot garble the answers.
 import io
 import os
 import pickle
+import signal
 import struct
 import sys
 import threading
@@ -91,14 +92,18 @@ def _end_with(parent: int) -> None:
     """End this process once its parent has: a job may still be running then, for nobody."""
     while os.getppid() == parent:
         time.sleep(1.0)
+    if os.name == "posix" and os.getpgid(0) == os.getpid():
+        os.killpg(0, signal.SIGKILL)  # with everything that the solver has started
     os._exit(1)
 
 
 def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
     try:
-        plugin_files, solver_pickle = receive(inbox)
+        plugin_files, solver_pickle, memory_MB = receive(inbox)
         _load_plugins(plugin_files)
         solver = pickle.loads(solver_pickle)
+        if memory_MB:
+            _limit_memory(memory_MB)
     except EOFError:
         raise
     except Exception as error:
@@ -121,6 +126,15 @@ def _work(solver: Solver, limbs: Mapping[str, Limb], tasks_pickle: bytes, tell: 
     for outcome in attempt(solver, limb, tasks, lambda index: tell("started", index)):
         tell("done", outcome)
     tell("idle")
+
+
+def _limit_memory(memory_MB: float) -> None:
+    """Let what follows take this much beside what the process has mapped by now."""
+    import resource
+
+    mapped_pages = int(Path("/proc/self/statm").read_text().split()[0])
+    limit = mapped_pages * resource.getpagesize() + int(memory_MB * 1e6)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
 def _load_plugins(files: tuple[Path, ...]) -> None:

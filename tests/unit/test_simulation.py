@@ -1,16 +1,18 @@
 """The sweep: the same sets everywhere, a key of what decides, nothing computed twice."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 
 from palpate import simulation
-from palpate.domain import HomogeneousTests, Indentation, Job, Limb, Mesh, Spot, Status
+from palpate.domain import HomogeneousTests, Indentation, Limb, Mesh, Spot, Status
 from palpate.errors import MaterialError, MeshError, StudyError
 from palpate.experiment import load_measured
+from palpate.ledger import Entry, Ledger
 from palpate.sampling import draw_design
+from palpate.sweep import is_final
 
 
 @pytest.fixture
@@ -89,25 +91,19 @@ def test_an_interrupted_sweep_goes_on(sweep, tissue):
     assert {s.status for s in found} == {Status.OK}
 
 
-def test_a_torn_line_and_a_lost_curve_cost_one_simulation_each(sweep, tmp_path):
+def test_a_lost_file_of_curves_costs_its_simulations_and_no_others(sweep, tmp_path):
     sweep()
-    lines = tmp_path / "run" / "simulations.jsonl"
-    text = lines.read_text()
-    lines.write_text(text[:-30])
-    key = json.loads(text.splitlines()[3])["key"]
-    (tmp_path / "run" / "curves" / f"{key}.parquet").write_bytes(b"PAR1 torn")
-    found, computed = sweep()
-    assert sorted(computed) == [("p1", "11"), ("p1", "3")]
+    sweep(offset=1.0)
+    with Ledger(tmp_path / "run") as ledger:
+        rows = ledger.frame("simulations")
+    file = rows["curves"][-1]
+    lost = set(rows.filter(pl.col("curves") == file)["set_id"])
+    (tmp_path / "run" / "curves" / file).unlink()
     assert sweep()[1] == []
+    found, computed = sweep(offset=1.0)
+    assert {int(set_id) for _, set_id in computed} == lost
+    assert sweep(offset=1.0)[1] == []
     assert {s.status for s in found} == {Status.OK}
-
-
-def test_a_line_after_a_torn_one_is_not_lost(sweep, tmp_path):
-    sweep()
-    lines = tmp_path / "run" / "simulations.jsonl"
-    lines.write_text(lines.read_text()[:-30])
-    assert sweep()[1] == [("p1", "11")]
-    assert sweep()[1] == []
 
 
 def test_failures_keep_their_partial_curves_and_crashes_are_tried_again(sweep, tissue):
@@ -128,14 +124,10 @@ def test_failures_keep_their_partial_curves_and_crashes_are_tried_again(sweep, t
     assert second[4].response["force"].abscissa.size == 8
 
 
-def test_more_time_gives_a_timed_out_job_another_chance(make_study, tmp_path):
-    from palpate.domain import Simulation
-    from palpate.simulation import _worth_retrying
-
-    job = Job(spot="p", set_id=0, materials={}, thetas={}, protocol=None)
-    kept = Simulation(job=job, status=Status.TIMED_OUT, response=None, seconds=60.5)
-    assert not _worth_retrying(kept, make_study(time_limit_s=60.0))
-    assert _worth_retrying(kept, make_study(time_limit_s=120.0))
+def test_more_time_gives_a_timed_out_job_another_chance(make_study):
+    kept = Entry(Status.TIMED_OUT, 60.5, quarantined=False, rung=0)
+    assert is_final(kept, make_study(time_limit_s=60.0), 1)
+    assert not is_final(kept, make_study(time_limit_s=120.0), 1)
 
 
 def test_odd_diagnostics_are_kept_as_text(sweep, tissue):

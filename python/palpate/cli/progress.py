@@ -73,3 +73,11 @@ class StageProgress:
     def _tenth_done(self) -> bool:
         tenth = max(1, self._total // 10)
         return self._total >= 10 and (self._done % tenth == 0 or self._done == self._total)
+
+    def note(self, text: str) -> None:
+        """Tell of something on the way."""
+        self._console.print(text, markup=False)
+
+    def going_on(self) -> bool:
+        """Go on until the user asks to stop."""
+        return True

@@ -1,0 +1,78 @@
+"""Finished simulations that several studies share: a folder of files by key.
+
+A file is written whole and never changed, so that any number of runs may read and write the
+folder at once, on any file system. Only what would end the same way again is shared: a
+time-out or a crash says something about a machine.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+
+from palpate.curve_files import pack, unpack
+from palpate.domain import Job, Simulation, Status
+from palpate.errors import LedgerError
+from palpate.results import plain, write_atomically
+
+_SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)
+
+
+class ResultCache:
+    """Results by key, shared between studies.
+
+    Parameters
+    ----------
+    folder : Path
+        Made on the first :meth:`store`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def store(self, key: str, simulation: Simulation) -> None:
+        """Share a simulation, unless it is there already.
+
+        Raises
+        ------
+        LedgerError
+            The folder cannot be written.
+        """
+        path = self._path(key)
+        if simulation.status not in _SHARED or path.exists():
+            return
+        curves = b"" if simulation.response is None else pack({key: simulation.response})
+        told = {
+            "status": simulation.status.value,
+            "message": simulation.message,
+            "seconds": simulation.seconds,
+            "diagnostics": plain(simulation.diagnostics),
+            "sha256": hashlib.sha256(curves).hexdigest(),
+        }
+        try:
+            write_atomically(path, json.dumps(told, allow_nan=False).encode() + b"\n" + curves)
+        except OSError as error:
+            raise LedgerError(
+                f"{path}: cannot be written ({error.strerror}); mend it, or take executor.cache out"
+                " of the study"
+            ) from error
+
+    def load(self, key: str, job: Job) -> Simulation | None:
+        """Read the simulation of a job; None where nobody shared it, or the file is not whole."""
+        try:
+            head, curves = self._path(key).read_bytes().split(b"\n", 1)
+            told = json.loads(head)
+        except (OSError, ValueError):
+            return None
+        if hashlib.sha256(curves).hexdigest() != told["sha256"]:
+            return None
+        return Simulation(
+            job=job,
+            status=Status(told["status"]),
+            response=unpack(curves, [key])[key] if curves else None,
+            message=told["message"],
+            seconds=told["seconds"],
+            diagnostics=told["diagnostics"],
+        )
+
+    def _path(self, key: str) -> Path:
+        return self.folder / key[:2] / f"{key}.simulation"

@@ -1,0 +1,328 @@
+"""Worker processes that may crash or hang without taking the sweep along.
+
+Each worker loads the plugin files first and stays warm: it is handed many jobs of one
+limb, so that what a solver compiles or factorises serves all of them.
+"""
+
+import contextlib
+import os
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from palpate.domain import Job, Status
+from palpate.errors import PluginError
+from palpate.work import Outcome, Work
+from palpate.worker import packed, receive, send
+
+LARGEST_CHUNK = 16
+"""Most jobs that a worker is handed at once."""
+
+START_LIMIT_S = 300.0
+"""Longest time that a worker may take to import the solver."""
+
+_THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "RAYON_NUM_THREADS",
+    "POLARS_MAX_THREADS",
+    "NPROC",  # read by XLA for the size of its thread pools
+)
+
+
+def n_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def thread_limits(n_threads: int) -> dict[str, str]:
+    """Environment that holds numerical libraries to ``n_threads`` threads, set before they load."""
+    limits = dict.fromkeys(_THREAD_VARIABLES, str(n_threads))
+    if n_threads == 1:
+        flags = os.environ.get("XLA_FLAGS", "")
+        limits["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()
+    return limits
+
+
+def by_spot(jobs: Sequence[Job]) -> dict[str, deque[int]]:
+    """Indices of the jobs of each spot."""
+    groups: dict[str, deque[int]] = {}
+    for index, job in enumerate(jobs):
+        groups.setdefault(job.spot, deque()).append(index)
+    return groups
+
+
+class Pool:
+    """Hands jobs to workers and replaces the workers that die."""
+
+    def __init__(self, work: Work, n_processes: int) -> None:
+        self._jobs = work.jobs
+        self._limbs = work.limbs
+        self._limits = work.limits
+        self._going_on = work.going_on
+        self._n_processes = n_processes
+        solver = _packed_or_refused(work.solver, f"solver '{work.solver.name}'")
+        _packed_or_refused(work.jobs[0], "a material of the study")
+        self._setup = (tuple(work.plugin_files), solver, work.limits.memory_MB)
+        self._pending = by_spot(work.jobs)
+        self._alone: deque[int] = deque()
+        self._crashes: Counter[int] = Counter()
+        self._events: queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]] = queue.SimpleQueue()
+        self._workers: list[_Worker] = []
+
+    def outcomes(self) -> Iterator[Outcome]:
+        """Outcomes as they come, one for each job; fewer once the work is not to go on."""
+        n_left = len(self._jobs)
+        while n_left:
+            if self._going_on():
+                self._staff()
+            elif not self._let_go():
+                return
+            for outcome in self._next_outcomes():
+                n_left -= 1
+                yield outcome
+
+    def _let_go(self) -> bool:
+        """Dismiss the workers that are between two jobs; returns whether any is left."""
+        for worker in list(self._workers):
+            if not worker.started:
+                self._dismiss(worker)
+        return bool(self._workers)
+
+    def close(self) -> None:
+        """Stop every worker, whatever it does."""
+        for worker in self._workers:
+            worker.stop()
+
+    # ---------------------------------------------------------------- handing out
+
+    def _staff(self) -> None:
+        """Start missing workers and give the idle ones something to do."""
+        n_waiting = len(self._alone) + sum(map(len, self._pending.values()))
+        n_free = sum(not worker.assigned for worker in self._workers)
+        for _ in range(min(self._n_processes - len(self._workers), n_waiting - n_free)):
+            self._workers.append(_Worker(self._setup, self._n_threads(), self._events))
+        for worker in self._workers:
+            if worker.ready and not worker.assigned:
+                self._assign(worker)
+
+    def _n_threads(self) -> int:
+        return max(1, n_cores() // self._n_processes)
+
+    def _assign(self, worker: "_Worker") -> None:
+        indices = self._take(worker)
+        if not indices:
+            return
+        spot = self._jobs[indices[0]].spot
+        if worker.spot != spot and spot in self._limbs:
+            worker.tell("limb", spot, packed(self._limbs[spot]))
+        worker.spot = spot
+        worker.assigned = indices
+        worker.tell("jobs", packed([(i, self._jobs[i]) for i in indices]))
+        worker.heard()
+
+    def _take(self, worker: "_Worker") -> list[int]:
+        """Take the next jobs for a worker, all of one limb: best of the one that it already holds."""
+        if self._alone:
+            return [self._alone.popleft()]
+        waiting = {spot: indices for spot, indices in self._pending.items() if indices}
+        if not waiting:
+            return []
+        served = {w.spot for w in self._workers if w is not worker and w.assigned}
+        spot = max(waiting, key=lambda s: (s == worker.spot, s not in served, len(waiting[s])))
+        n_waiting = sum(map(len, waiting.values()))
+        n_taken = min(LARGEST_CHUNK, -(-n_waiting // (2 * self._n_processes)), len(waiting[spot]))
+        return [waiting[spot].popleft() for _ in range(n_taken)]
+
+    # ------------------------------------------------------------------ listening
+
+    def _next_outcomes(self) -> list[Outcome]:
+        """Wait for one message, or for the next time limit to pass, and act on it."""
+        deadline = min(self._deadline(worker) for worker in self._workers)
+        try:
+            worker, message = self._events.get(timeout=max(0.0, deadline - monotonic()))
+        except queue.Empty:
+            late = min(self._workers, key=self._deadline)
+            return self._timed_out(late)
+        if worker not in self._workers:
+            return []
+        worker.heard()
+        return self._handle(worker, *message)
+
+    def _handle(self, worker: "_Worker", kind: str, *content: Any) -> list[Outcome]:  # noqa: ANN401 - each kind has its own
+        if kind == "ready":
+            worker.ready = True
+        elif kind == "started":
+            worker.started.add(content[0])
+        elif kind == "done":
+            (outcome,) = content
+            worker.started.discard(outcome.index)
+            worker.assigned.remove(outcome.index)
+            return [outcome]
+        elif kind == "unable":
+            raise PluginError(f"a worker process cannot load the study's plugins: {content[0]}")
+        elif kind == "gone":
+            return self._gone(worker)
+        return []
+
+    def _deadline(self, worker: "_Worker") -> float:
+        if not worker.ready:
+            return worker.last_heard + START_LIMIT_S
+        if not worker.assigned:
+            return float(threading.TIMEOUT_MAX) / 2
+        return worker.last_heard + self._limits.time_s * max(1, len(worker.started))
+
+    # -------------------------------------------------------------------- failing
+
+    def _timed_out(self, worker: "_Worker") -> list[Outcome]:
+        suspects = self._dismiss(worker)
+        if not worker.ready:
+            raise PluginError(
+                f"a worker process did not load the solver within {START_LIMIT_S:g} s; last output: "
+                f"{worker.last_output or 'none'}"
+            )
+        if len(suspects) > 1:
+            self._alone.extend(suspects)
+            return []
+        seconds = monotonic() - worker.last_heard
+        message = f"stopped after {seconds:.1f} s (limit {self._limits.time_s:g} s)"
+        return [
+            Outcome(index=index, status=Status.TIMED_OUT, message=message, seconds=seconds)
+            for index in suspects
+        ]
+
+    def _gone(self, worker: "_Worker") -> list[Outcome]:
+        """Try the jobs of a worker that died again, alone, before they are quarantined."""
+        worker.await_end()
+        suspects = self._dismiss(worker)
+        if not worker.ready:
+            raise PluginError(
+                f"a worker process ended before it was ready ({worker.how_it_ended()}); "
+                "check that the plugins import in a fresh Python"
+            )
+        self._crashes.update(suspects)
+        n_attempts = self._limits.n_attempts
+        final = [index for index in suspects if self._crashes[index] >= n_attempts]
+        self._alone.extend(index for index in suspects if self._crashes[index] < n_attempts)
+        return [
+            Outcome(
+                index=index,
+                status=Status.CRASHED,
+                message=f"the worker process ended {_times(n_attempts)} on this job: {worker.how_it_ended()}",
+                seconds=monotonic() - worker.begun,
+                quarantined=True,
+            )
+            for index in final
+        ]
+
+    def _dismiss(self, worker: "_Worker") -> list[int]:
+        """Stop a worker, take back the jobs that it had not begun, and return those it had."""
+        worker.stop()
+        self._workers.remove(worker)
+        suspects = [i for i in worker.assigned if i in worker.started] or worker.assigned[:1]
+        for index in reversed(worker.assigned):
+            if index not in suspects:
+                self._pending[self._jobs[index].spot].appendleft(index)
+        return suspects
+
+
+def _times(n: int) -> str:
+    return {1: "once", 2: "twice"}.get(n, f"{n} times")
+
+
+def _packed_or_refused(value: object, what: str) -> bytes:
+    try:
+        return packed(value)
+    except Exception as error:
+        raise PluginError(
+            f"{what} cannot be sent to a worker process ({type(error).__name__}: {error}); define it in an "
+            "importable module or a plugin file, or set one worker"
+        ) from error
+
+
+class _Worker:
+    """One worker process, and the thread that listens to it."""
+
+    def __init__(
+        self,
+        setup: tuple[tuple[Path, ...], bytes, float],
+        n_threads: int,
+        events: "queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]]",
+    ) -> None:
+        self.ready = False
+        self.spot: str | None = None
+        self.assigned: list[int] = []
+        self.started: set[int] = set()
+        self.begun = self.last_heard = monotonic()
+        self.last_output = ""
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed in stop()
+        search_path = os.pathsep.join(path or os.getcwd() for path in sys.path)
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", "from palpate.worker import main; main()"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._output,
+            env={**os.environ, **thread_limits(n_threads), "PYTHONPATH": search_path},
+            start_new_session=True,  # Ctrl-C is for this process, which then stops the workers
+        )
+        self._listener = threading.Thread(target=self._listen, args=(events,), daemon=True)
+        self._listener.start()
+        self.tell(*setup)
+
+    def _listen(self, events: "queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]]") -> None:
+        assert self._process.stdout is not None
+        with contextlib.suppress(EOFError, OSError, ValueError):
+            while True:
+                events.put((self, receive(self._process.stdout)))
+        events.put((self, ("gone",)))
+
+    def heard(self) -> None:
+        self.last_heard = monotonic()
+
+    def tell(self, *message: object) -> None:
+        assert self._process.stdin is not None
+        # A worker that has died is reported by its listener.
+        with contextlib.suppress(BrokenPipeError):
+            send(self._process.stdin, message)
+
+    def await_end(self) -> None:
+        """Let a process that has closed its end finish by itself, so that its exit code is its own."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout=5.0)
+
+    def stop(self) -> None:
+        """End the process with everything that it started, and keep its last words."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            if hasattr(os, "killpg"):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            else:
+                self._process.kill()
+        self._process.wait()
+        self._listener.join()
+        for stream in (self._process.stdin, self._process.stdout):
+            with contextlib.suppress(BrokenPipeError):
+                if stream is not None:
+                    stream.close()
+        self._output.seek(0)
+        lines = self._output.read().decode(errors="replace").splitlines()
+        self.last_output = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        self._output.close()
+
+    def how_it_ended(self) -> str:
+        """Exit code or signal, and the last line of output."""
+        code = self._process.returncode
+        how = f"signal {signal.Signals(-code).name}" if code and code < 0 else f"exit code {code}"
+        return f"{how}; last output: {self.last_output}" if self.last_output else how

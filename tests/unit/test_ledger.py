@@ -1,0 +1,362 @@
+"""The ledger: what it took is on the disk, what is damaged is named, what is old is taken over."""
+
+import errno
+import json
+import os
+import sqlite3
+
+import numpy as np
+import polars as pl
+import pytest
+
+from palpate.curve_files import pack, unpack
+from palpate.domain import Curve, Job, Response, Simulation, Status
+from palpate.errors import LedgerError
+from palpate.ledger import Entry, Ledger
+from palpate.ledger_takeover import take_over
+from palpate.ledger_writer import Finished, Writer
+from palpate.result_cache import ResultCache
+from palpate.results import frame_of, write_frame
+
+
+def job(set_id=0, spot="p1"):
+    return Job(spot=spot, set_id=set_id, materials={}, thetas={}, protocol=None)
+
+
+def response(scale=1.0, n=50, std=None):
+    x = np.linspace(0.0, 10.0, n)
+    return Response(
+        curves={
+            "torque": Curve(channel="torque", abscissa=x, ordinate=scale * np.sin(x), std=std),
+            "force": Curve(channel="force", abscissa=x, ordinate=scale * x**1.5),
+        }
+    )
+
+
+def finished(set_id, status=Status.OK, **more):
+    answer = response(1.0 + set_id) if status in (Status.OK, Status.DIVERGED) else None
+    simulation = Simulation(
+        job=job(set_id), status=status, response=answer, message=f"set {set_id}", seconds=0.5 + set_id
+    )
+    return Finished(key=f"key{set_id}", simulation=simulation, **more)
+
+
+def write(folder, *every):
+    with Writer(folder) as writer:
+        for each in every:
+            writer.store(each)
+
+
+def read(folder, *set_ids):
+    with Ledger(folder) as ledger:
+        return ledger.simulations({f"key{i}": job(i) for i in set_ids})
+
+
+def same(one, other):
+    assert list(one) == list(other)
+    for name in one:
+        assert np.array_equal(one[name].abscissa, other[name].abscissa)
+        assert np.array_equal(one[name].ordinate, other[name].ordinate)
+        assert (one[name].std is None) == (other[name].std is None)
+
+
+def test_what_was_stored_comes_back_to_the_last_bit(tmp_path):
+    write(tmp_path, *(finished(i) for i in range(5)), finished(5, Status.CRASHED, quarantined=True))
+    found = read(tmp_path, *range(7))
+    assert list(found) == [f"key{i}" for i in range(6)]
+    for i in range(5):
+        simulation = found[f"key{i}"]
+        assert (simulation.status, simulation.message, simulation.seconds) == (Status.OK, f"set {i}", 0.5 + i)
+        same(simulation.response, response(1.0 + i))
+    assert found["key5"].response is None
+    with Ledger(tmp_path) as ledger:
+        assert ledger.entries()["key5"] == Entry(Status.CRASHED, 5.5, quarantined=True, rung=0)
+
+
+def test_curves_of_many_keys_share_a_file_and_stay_apart():
+    std = np.linspace(0.1, 1.0, 50)
+    every = {
+        "a": response(2.0, std=std),
+        "none": Response(curves={}),
+        "b": Response(curves={"torque": response(3.0)["torque"]}),
+    }
+    found = unpack(pack(every), ["b", "none", "a"])
+    for key, expected in every.items():
+        same(found[key], expected)
+    assert np.array_equal(found["a"]["torque"].std, std)
+    assert unpack(pack({}), []) == {}
+
+
+def test_each_attempt_stays_on_record_and_the_last_counts(tmp_path):
+    write(tmp_path, finished(1, Status.DIVERGED))
+    write(tmp_path, finished(1, Status.OK, rung=1, settings='{"steps": 40}'))
+    with Ledger(tmp_path) as ledger:
+        (row,) = ledger.frame("simulations").to_dicts()
+        attempts = ledger.frame("attempts").sort("attempt")
+    assert (row["state"], row["n_attempts"], row["rung"]) == ("ok", 2, 1)
+    assert attempts["state"].to_list() == ["diverged", "ok"]
+    assert attempts["settings"].to_list() == ["", '{"steps": 40}']
+
+
+def test_others_read_it_without_palpate(tmp_path):
+    write(tmp_path, finished(0), finished(1))
+    with sqlite3.connect(tmp_path / "ledger.sqlite") as connection:
+        rows = pl.read_database("SELECT key, state, seconds FROM simulations ORDER BY key", connection)
+    connection.close()
+    assert rows.rows() == [("key0", "ok", 0.5), ("key1", "ok", 1.5)]
+    curves = pl.scan_parquet(tmp_path / "curves" / "*.parquet").filter(pl.col("key") == "key1").collect()
+    assert curves.columns == ["key", "channel", "point", "abscissa", "ordinate", "std"]
+    assert curves.height == 100
+
+
+def test_a_reader_sees_whole_groups_while_a_writer_writes(tmp_path):
+    with Writer(tmp_path) as writer:
+        writer.store(finished(0))
+        writer.flush()
+        assert list(read(tmp_path, 0, 1)) == ["key0"]
+        writer.store(finished(1))
+        writer.flush()
+        assert list(read(tmp_path, 0, 1)) == ["key0", "key1"]
+
+
+def test_a_folder_of_which_nothing_may_be_written_is_read(tmp_path, monkeypatch):
+    """SQLite reads a journalled file only where it can write beside it; root can everywhere."""
+
+    class Refusing(sqlite3.Connection):
+        def execute(self, *_):
+            raise sqlite3.OperationalError("unable to open database file")
+
+    connect = sqlite3.connect
+
+    def refuse(location, **options):
+        kind = sqlite3.Connection if "immutable" in location else Refusing
+        return connect(location, factory=kind, **options)
+
+    write(tmp_path, finished(0))
+    monkeypatch.setattr(sqlite3, "connect", refuse)
+    assert list(read(tmp_path, 0)) == ["key0"]
+    (tmp_path / "ledger.sqlite-wal").write_bytes(b"groups that only a writer can bring in")
+    with pytest.raises(LedgerError, match="unable to open"):
+        read(tmp_path, 0)
+
+
+def test_the_sweep_is_planned_and_counted(tmp_path):
+    with Writer(tmp_path) as writer:
+        writer.plan(["key0", "key1", "key0"], [job(0), job(1), job(0, "p2")])
+        writer.store(finished(0))
+    with Ledger(tmp_path) as ledger:
+        assert ledger.counts() == {"left": 1, "ok": 1}
+    with Writer(tmp_path) as writer:
+        writer.plan(["key1"], [job(1)])
+    with Ledger(tmp_path) as ledger:
+        assert ledger.counts() == {"left": 1}
+
+
+# ----------------------------------------------------------------------- damage
+
+
+def test_a_flipped_bit_of_a_row_is_named(tmp_path):
+    write(tmp_path, *(finished(i) for i in range(3)))
+    with sqlite3.connect(tmp_path / "ledger.sqlite") as connection:
+        connection.execute("UPDATE simulations SET seconds = 0.25 WHERE key = 'key1'")
+    connection.close()
+    assert list(read(tmp_path, 0, 2)) == ["key0", "key2"]
+    with pytest.raises(LedgerError, match=r"ledger\.sqlite: damaged: the row of simulation key1 .*Restore"):
+        read(tmp_path, 0, 1)
+
+
+def test_flipped_bytes_are_refused_or_harmless_but_never_read_as_other_numbers(tmp_path):
+    write(tmp_path, *(finished(i) for i in range(40)))
+    path = tmp_path / "ledger.sqlite"
+    whole, expected = path.read_bytes(), {f"key{i}": 0.5 + i for i in range(40)}
+    n_refused = 0
+    for place in np.random.default_rng(1).integers(0, len(whole), 60):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x10]) + whole[place + 1 :])
+        try:
+            found = read(tmp_path, *range(40))
+            with Writer(tmp_path):
+                pass
+        except LedgerError as error:
+            n_refused += 1
+            assert "ledger.sqlite" in str(error)  # noqa: PT017 - it may also be read
+        else:
+            assert all(s.seconds == expected[key] for key, s in found.items())
+    assert n_refused > 5
+
+
+@pytest.mark.parametrize("where", [30, 0.5, -20])
+def test_a_flipped_bit_of_the_curves_is_named(tmp_path, where):
+    write(tmp_path, finished(0))
+    path = tmp_path / "curves" / "000001.parquet"
+    content = bytearray(path.read_bytes())
+    content[int(where * len(content)) if isinstance(where, float) else where] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(
+        LedgerError, match=r"000001\.parquet: not as it was written.*delete the file to have its 1 sim"
+    ):
+        read(tmp_path, 0)
+
+
+def test_curves_cut_short_are_to_be_done_again(tmp_path):
+    write(tmp_path, finished(0))
+    write(tmp_path, finished(1))
+    path = tmp_path / "curves" / "000001.parquet"
+    path.write_bytes(path.read_bytes()[:-1])
+    with Ledger(tmp_path) as ledger:
+        assert ledger.without_curves() == {"key0"}
+    assert list(read(tmp_path, 0, 1)) == ["key1"]
+
+
+def test_a_torn_journal_costs_its_last_groups_only(tmp_path):
+    """What a power cut leaves of the journal: a file that ends in the middle of a page."""
+    with Writer(tmp_path) as writer:
+        for i in range(6):
+            writer.store(finished(i))
+            writer.flush()
+        copy = tmp_path / "copy"
+        copy.mkdir()
+        for name in ("ledger.sqlite", "ledger.sqlite-wal"):
+            content = (tmp_path / name).read_bytes()
+            (copy / name).write_bytes(content[:-1000] if name.endswith("wal") else content)
+        (copy / "curves").mkdir()
+        for path in (tmp_path / "curves").iterdir():
+            (copy / "curves" / path.name).write_bytes(path.read_bytes())
+    assert list(read(copy, *range(6))) == [f"key{i}" for i in range(5)]
+    write(copy, finished(5))
+    assert len(read(copy, *range(6))) == 6
+
+
+def test_an_emptied_ledger_beside_its_curves_is_refused(tmp_path):
+    for i in range(3):
+        write(tmp_path, finished(i))
+    (tmp_path / "ledger.sqlite").write_bytes(b"")
+    with pytest.raises(LedgerError, match=r"holds nothing, but .*curves holds 3 files .*Restore"):
+        write(tmp_path)
+    assert len(list((tmp_path / "curves").iterdir())) == 3
+
+
+def test_what_is_no_ledger_or_another_version_is_refused(tmp_path):
+    (tmp_path / "ledger.sqlite").write_text("not a database, and long enough to be none " * 5)
+    for use in (write, read):
+        with pytest.raises(LedgerError, match=r"ledger\.sqlite: damaged: file is not a database"):
+            use(tmp_path)
+    (tmp_path / "ledger.sqlite").unlink()
+    with sqlite3.connect(tmp_path / "ledger.sqlite") as connection:
+        connection.execute("CREATE TABLE birds (name)")
+    connection.close()
+    with pytest.raises(LedgerError, match="not a ledger of palpate"):
+        read(tmp_path)
+    (tmp_path / "ledger.sqlite").unlink()
+    write(tmp_path)
+    with sqlite3.connect(tmp_path / "ledger.sqlite") as connection:
+        connection.execute("PRAGMA user_version = 99")
+    connection.close()
+    for use in (write, read):
+        with pytest.raises(LedgerError, match="of version 99, while this palpate reads version 1"):
+            use(tmp_path)
+
+
+# -------------------------------------------------------------- the disk says no
+
+
+@pytest.mark.parametrize(
+    ("code", "told"),
+    [
+        (errno.ENOSPC, "no space is left on the disk; make room"),
+        (errno.EIO, r"cannot be written or read \(Input/output error\); check the disk"),
+        (errno.EROFS, "give write permission"),
+    ],
+)
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_disk_that_fails_stops_the_sweep_and_keeps_what_was(tmp_path, monkeypatch, code, told, call):
+    write(tmp_path, finished(0))
+
+    def failing(*_):
+        raise OSError(code, os.strerror(code))
+
+    with monkeypatch.context() as broken:
+        broken.setattr(os, call, failing)
+        with pytest.raises(LedgerError, match=rf"{told}.*; everything finished before is kept"):
+            write(tmp_path, finished(1))
+    assert list(read(tmp_path, 0, 1)) == ["key0"]
+    assert [path.suffix for path in (tmp_path / "curves").iterdir()].count(".part") == 0
+    write(tmp_path, finished(1))
+    assert list(read(tmp_path, 0, 1)) == ["key0", "key1"]
+
+
+def test_a_full_database_stops_the_sweep(tmp_path):
+    write(tmp_path, finished(0))
+    with pytest.raises(LedgerError, match="no space is left"), Writer(tmp_path) as writer:  # noqa: PT012
+        (pages,) = writer._connection.execute("PRAGMA page_count").fetchone()
+        writer._connection.execute(f"PRAGMA max_page_count = {pages}")
+        for i in range(1, 100):
+            writer.store(finished(i, Status.CRASHED))
+    found = read(tmp_path, *range(100))
+    assert "key0" in found
+    assert len(found) < 100
+
+
+def test_the_caller_hears_of_a_failure_at_the_next_store(tmp_path):
+    def lost():
+        raise LedgerError("lock lost")
+
+    with pytest.raises(LedgerError, match="lock lost"), Writer(tmp_path, lost) as writer:  # noqa: PT012
+        writer.store(finished(0))
+        writer.flush()
+    assert not read(tmp_path, 0)
+
+
+# ------------------------------------------------------------------ old versions
+
+
+def old_run(folder, n=3):
+    """Write results as palpate did before it had a ledger."""
+    lines = []
+    for i in range(n):
+        write_frame(folder / "curves" / f"key{i}.parquet", frame_of(response(1.0 + i)))
+        line = {"key": f"key{i}", "spot": "p1", "set_id": i, "status": "ok", "message": "", "seconds": 1.5,
+                "curves": True, "diagnostics": {"n": 1}}  # fmt: skip
+        lines.append(json.dumps(line))
+    lines.append('{"key": "torn", "sp')
+    (folder / "simulations.jsonl").write_text("\n".join(lines))
+
+
+def test_results_of_an_earlier_version_are_taken_over(tmp_path):
+    old_run(tmp_path)
+    (tmp_path / "curves" / "key1.parquet").write_bytes(b"PAR1 torn")
+    with pytest.raises(LedgerError, match=r"simulations\.jsonl: written by an earlier version.*simulate"):
+        read(tmp_path, 0)
+    with Writer(tmp_path) as writer:
+        assert take_over(tmp_path, writer) == 3
+        assert take_over(tmp_path, writer) == 0
+    found = read(tmp_path, *range(3))
+    assert list(found) == ["key0", "key2"]
+    same(found["key2"].response, response(3.0))
+    assert found["key2"].diagnostics == {"n": 1}
+    assert not (tmp_path / "simulations.jsonl").exists()
+    assert [path.name for path in (tmp_path / "curves").iterdir() if path.stem.startswith("key")] == []
+
+
+# ------------------------------------------------------------------------- cache
+
+
+def test_studies_share_what_would_end_the_same_way_again(tmp_path):
+    cache = ResultCache(tmp_path)
+    for i, status in enumerate(Status):
+        cache.store(f"key{i}", finished(i, status).simulation)
+    found = {status: cache.load(f"key{i}", job(9)) for i, status in enumerate(Status)}
+    assert {s for s, simulation in found.items() if simulation} == {
+        Status.OK, Status.DIVERGED, Status.UNREADABLE,
+    }  # fmt: skip
+    same(found[Status.DIVERGED].response, response(2.0))
+    assert found[Status.OK].job.set_id == 9
+
+
+def test_a_spoilt_file_of_the_cache_is_as_none(tmp_path):
+    cache = ResultCache(tmp_path)
+    cache.store("key0", finished(0).simulation)
+    (path,) = tmp_path.rglob("*.simulation")
+    whole = path.read_bytes()
+    for spoilt in (b"", whole[:20], whole[:-1], whole[:-9] + b"x" + whole[-8:]):
+        path.write_bytes(spoilt)
+        assert cache.load("key0", job()) is None

@@ -1,0 +1,115 @@
+"""One runner in a folder, whatever the file system makes of locks."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from palpate import locking
+from palpate.errors import LedgerError
+from palpate.locking import RunLock, living_runner_of, locked, runner_of
+
+HOLD = (
+    "import sys, time, pathlib\n"
+    "from palpate.locking import locked\n"
+    "with locked(pathlib.Path(sys.argv[1])):\n"
+    "    print('held', flush=True)\n"
+    "    time.sleep(60)\n"
+)
+
+
+@pytest.fixture
+def other_process(tmp_path):
+    """Another process that holds the lock on tmp_path."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, start_new_session=True
+    )
+    assert process.stdout.readline() == b"held\n"
+    yield process
+    process.kill()
+    process.wait()
+    process.stdout.close()
+
+
+def test_a_second_runner_is_refused_by_host_pid_and_start(tmp_path, other_process):
+    said = rf"in use by process {other_process.pid} on \S+, since \d{{4}}-.* UTC; .*palpate status .*--watch"
+    with pytest.raises(LedgerError, match=said):
+        RunLock(tmp_path).acquire()
+    assert living_runner_of(tmp_path).pid == other_process.pid
+
+
+def test_a_killed_runner_holds_nothing(tmp_path, other_process):
+    os.kill(other_process.pid, signal.SIGKILL)
+    other_process.wait()
+    assert runner_of(tmp_path).pid == other_process.pid
+    assert living_runner_of(tmp_path) is None
+    begun = time.monotonic()
+    with locked(tmp_path) as check:
+        check()
+        assert runner_of(tmp_path).pid == os.getpid()
+    assert time.monotonic() - begun < 5.0
+    assert runner_of(tmp_path) is None
+
+
+def test_a_lock_is_taken_and_let_go_again_and_again(tmp_path):
+    for _ in range(3):
+        with locked(tmp_path):
+            with pytest.raises(LedgerError, match="in use by"):
+                RunLock(tmp_path).acquire()
+            assert living_runner_of(tmp_path) is not None
+        assert living_runner_of(tmp_path) is None
+
+
+# ------------------------------------- a file system whose locks reach no other machine
+
+
+@pytest.fixture
+def network(monkeypatch):
+    """Locks of the operating system that say yes to everyone, and short leases."""
+    monkeypatch.setattr(locking, "BEAT_S", 0.05)
+    monkeypatch.setattr(locking, "LEASE_S", 0.6)
+    monkeypatch.setattr(locking.fcntl, "flock", lambda *_: None)
+
+
+def elsewhere(folder, beat=0):
+    """Leave the record of a runner of another machine."""
+    record = {"host": "node7", "pid": 1, "since": "2026-01-01 00:00:00 UTC", "token": "t", "beat": beat}
+    (folder / "runner.json").write_text(json.dumps(record))
+
+
+@pytest.mark.usefixtures("network")
+def test_a_runner_of_another_machine_that_beats_is_refused(tmp_path, monkeypatch):
+    elsewhere(tmp_path)
+    slept = iter(range(1, 1000))
+    monkeypatch.setattr(locking.time, "sleep", lambda _: elsewhere(tmp_path, beat=next(slept)))
+    with pytest.raises(LedgerError, match=re.escape("process 1 on node7, since 2026-01-01 00:00:00 UTC")):
+        RunLock(tmp_path).acquire()
+
+
+@pytest.mark.usefixtures("network")
+def test_a_runner_of_another_machine_that_stands_still_is_dead_whatever_its_clock(tmp_path):
+    elsewhere(tmp_path)
+    os.utime(tmp_path / "runner.json", (4e9, 4e9))  # a clock far ahead
+    begun = time.monotonic()
+    with locked(tmp_path):
+        assert time.monotonic() - begun >= 0.6
+        assert runner_of(tmp_path).pid == os.getpid()
+
+
+@pytest.mark.usefixtures("network")
+def test_who_was_taken_for_dead_stops_when_it_wakes(tmp_path):
+    lock = RunLock(tmp_path)
+    lock.acquire()
+    elsewhere(tmp_path, beat=3)
+    deadline = time.monotonic() + 10.0
+    with pytest.raises(LedgerError, match=r"process 1 on node7.* took over while this"):  # noqa: PT012
+        while time.monotonic() < deadline:
+            lock.check()
+            time.sleep(0.02)
+    lock.release()
+    assert runner_of(tmp_path).host == "node7"

@@ -1,0 +1,196 @@
+"""What becomes of jobs that fail, of jobs that others have done, and of a sweep that is to stop."""
+
+import os
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from palpate import simulation
+from palpate.domain import Simulation, Status
+from palpate.errors import StoppedError
+from palpate.executors import Processes
+from palpate.experiment import load_measured
+from palpate.ledger import Ledger
+from palpate.plugins import load_file
+from palpate.sampling import draw_design
+from palpate.work import Limits, Work
+
+
+class Following:
+    """Progress that stops after some steps and keeps what it was told."""
+
+    def __init__(self, n_steps=10**9):
+        self.n_steps, self.steps, self.notes = n_steps, [], []
+
+    def begin(self, stage, total):
+        self.total = total
+
+    def step(self, note=""):
+        self.steps.append(note)
+
+    def note(self, text):
+        self.notes.append(text)
+
+    def going_on(self):
+        return len(self.steps) < self.n_steps
+
+
+@pytest.fixture
+def sweep(make_study, plugins, tmp_path):
+    def run(solver, folder="run", progress=None, n_sets=6, **changes):
+        study = make_study(solver=solver, n_sets=n_sets, **changes)
+        design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
+        measured = load_measured(study, plugins.channels)
+        return simulation.simulate(study, design, {}, measured, tmp_path / folder, progress or Following())
+
+    return run
+
+
+def rows(folder, table="simulations"):
+    with Ledger(folder) as ledger:
+        return ledger.frame(table)
+
+
+@pytest.fixture
+def stiff(tissue):
+    """A solver that needs smaller steps for odd sets, and finds no answer for set 5."""
+
+    class Stiff(tissue.Analytic):
+        def ladder(self):
+            return [self.Settings(offset=1e-9), self.Settings(offset=2e-9)]
+
+        def behave(self, job):
+            offset = self.settings.offset
+            self.tried.append((job.set_id, offset))
+            if job.set_id % 2 and (offset == 0.0 or job.set_id == 5):
+                return Simulation(job=job, status=Status.DIVERGED, response=None, message=f"at {offset}")
+            return super().behave(job)
+
+    Stiff.tried = []
+    return Stiff
+
+
+def test_what_diverged_climbs_the_ladder_of_the_solver(sweep, stiff, tmp_path):
+    progress = Following()
+    found = sweep(stiff(), progress=progress)
+    assert [s.status for s in found[:6]] == [Status.OK] * 5 + [Status.DIVERGED]
+    assert found[5].message == "at 2e-09"
+    assert stiff.tried[6:] == [(1, 1e-9), (3, 1e-9), (5, 1e-9), (5, 2e-9)]
+    assert len(progress.steps) == progress.total == 12
+    attempts = rows(tmp_path / "run", "attempts")
+    assert attempts.height == 10
+    assert sorted(rows(tmp_path / "run")["rung"]) == [0, 0, 0, 1, 1, 2]
+    stiff.tried.clear()
+    again = sweep(stiff())
+    assert stiff.tried == []
+    assert [s.status for s in again] == [s.status for s in found]
+
+
+def test_a_sweep_that_is_stopped_goes_on_at_the_rung_where_it_was(sweep, stiff):
+    with pytest.raises(StoppedError, match=r"stopped with 3 of 6 simulations finished.*palpate resume .*run"):
+        sweep(stiff(), progress=Following(n_steps=6))
+    n_tried = len(stiff.tried)
+    sweep(stiff())
+    tried = stiff.tried
+    assert len(set(tried)) == len(tried) > n_tried
+
+
+def test_a_key_of_another_study_is_not_computed_again(sweep, tissue, tmp_path):
+    log = tmp_path / "log.txt"
+    solver = tissue.Analytic(tissue.AnalyticSettings(log=str(log)))
+    first = sweep(solver, "one", cache=tmp_path / "cache")
+    assert len(log.read_text().splitlines()) == 6
+    second = sweep(solver, "two", cache=tmp_path / "cache", name="another")
+    assert len(log.read_text().splitlines()) == 6
+    for a, b in zip(first, second, strict=True):
+        assert np.array_equal(a.response["torque"].ordinate, b.response["torque"].ordinate)
+    sweep(solver, "three")
+    assert len(log.read_text().splitlines()) == 12
+
+
+def test_a_job_that_kills_its_worker_twice_is_left_alone_from_then_on(sweep, tmp_path, tissue):
+    log = tmp_path / "log.txt"
+    solver = tissue.Faulty(tissue.Faulty.Settings(log=str(log)))
+    found = sweep(solver, n_sets=2, n_workers=2, time_limit_s=30.0)
+    assert found[1].status is Status.CRASHED
+    assert "ended twice on this job: exit code 17" in found[1].message
+    assert rows(tmp_path / "run")["quarantined"].sum() == 1
+    n_lines = len(log.read_text().splitlines())
+    again = sweep(solver, n_sets=2, n_workers=2, time_limit_s=30.0)
+    assert len(log.read_text().splitlines()) == n_lines
+    assert again[1].message == found[1].message
+
+
+def jobs_for(study, n_sets):
+    design = SimpleNamespace(n_sets=n_sets, values=np.linspace([0.2, 10.0], [0.8, 40.0], n_sets))
+    return simulation.jobs(replace(study, spots=study.spots[:1]), design, {})
+
+
+def test_the_attempts_are_the_study_s_to_say(make_study, tissue, tmp_path):
+    log = tmp_path / "log.txt"
+    study = make_study(solver=tissue.Faulty(tissue.Faulty.Settings(log=str(log))))
+    work = Work(
+        solver=study.solver,
+        jobs=jobs_for(study, 2)[1:],
+        limbs={},
+        limits=Limits(time_s=30.0, n_attempts=1),
+        plugin_files=study.plugin_files,
+    )
+    (outcome,) = Processes().outcomes(work)
+    assert outcome.quarantined
+    assert "ended once" in outcome.message
+    assert len(log.read_text().splitlines()) == 1
+
+
+GREEDY = """
+import os
+import numpy as np
+from palpate import Simulation, Solver, Status
+class Greedy(Solver):
+    name, summary = "greedy", "takes memory"
+    def version(self): return "1"
+    def simulate(self, job, limb):
+        room = np.ones(int((1 if job.set_id else 400) * 1e6 / 8))
+        return Simulation(job=job, status=Status.OK, response=None, message=str(room.size))
+"""
+
+
+def test_a_job_that_takes_too_much_memory_fails_alone(make_study, tmp_path):
+    path = tmp_path / "greedy.py"
+    path.write_text(GREEDY)
+    study = make_study(solver=load_file(path).Greedy())
+    work = Work(
+        solver=study.solver,
+        jobs=jobs_for(study, 3),
+        limbs={},
+        limits=Limits(time_s=30.0, memory_MB=200.0),
+        n_workers=1,
+        plugin_files=(*study.plugin_files, path),
+    )
+    found = {o.index: o for o in Processes().outcomes(work)}
+    assert [found[i].status for i in range(3)] == [Status.CRASHED, Status.OK, Status.OK]
+    assert "MemoryError" in found[0].message
+
+
+def test_workers_finish_what_they_began_and_begin_nothing_more(make_study, tissue, tmp_path):
+    log = tmp_path / "log.txt"
+    study = make_study(solver=tissue.Analytic(tissue.AnalyticSettings(log=str(log))))
+    outcomes = []
+    work = Work(
+        solver=study.solver,
+        jobs=jobs_for(study, 200),
+        limbs={},
+        limits=Limits(time_s=30.0),
+        n_workers=2,
+        plugin_files=study.plugin_files,
+        going_on=lambda: len(outcomes) < 5,
+    )
+    for outcome in Processes().outcomes(work):
+        outcomes.append(outcome)  # noqa: PERF402 - going_on looks at how many there are
+    assert 5 <= len(outcomes) < 100
+    assert {o.status for o in outcomes} == {Status.OK}
+    for pid in {int(line.split()[-1]) for line in log.read_text().splitlines()}:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
