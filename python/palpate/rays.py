@@ -24,7 +24,7 @@ from palpate.domain import (
     Status,
 )
 from palpate.progress import SILENT, Progress
-from palpate.sampling import accepted_by_all
+from palpate.sampling import NO_ROW, accepted_by_all
 from palpate.scoring import score
 from palpate.selection import objectives
 from palpate.simulation import job_for
@@ -138,7 +138,7 @@ class _Winner:
 
     def row(self, found: Mapping[str, Any], limb: Limb | None) -> pl.DataFrame:
         promised = self._scored(next(_scaled([self.simulation], self.scale)))
-        again = job_for(self.study, found["spot"], found["set_id"], self.values, self.measured)
+        again = job_for(self.study, found["spot"], NO_ROW, self.values, self.measured)
         simulation = self.study.solver.simulate(again, limb)
         kept = self._scored(simulation)
         head = {name: found[name] for name in (*_KEYS, "scale")}

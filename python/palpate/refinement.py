@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 from palpate import _core
 from palpate.domain import Design, FloatArray, Limb, Response, Scenario, Simulation, Status
 from palpate.progress import SILENT, Progress
+from palpate.sampling import NO_ROW
 from palpate.scoring import compare, is_enough, point_weights, score
 from palpate.selection import objectives
 from palpate.simulation import job_for
@@ -201,7 +202,7 @@ class _Search:
         return self._seen[key]
 
     def _simulated_residuals(self, values: FloatArray) -> FloatArray | None:
-        job = job_for(self.study, self.spot, 0, values, {self.spot: self.measured})
+        job = job_for(self.study, self.spot, NO_ROW, values, {self.spot: self.measured})
         self.n_simulations += 1
         simulation = self.study.solver.simulate(job, self.limb)
         if simulation.status is not Status.OK:

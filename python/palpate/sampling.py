@@ -15,6 +15,12 @@ from palpate.errors import SamplingError
 from palpate.interfaces import Sampler, SetFilter
 from palpate.plugins import answering_for
 
+NO_ROW = -1
+"""The ``set_id`` of a set that is no row of the design, such as a step of a local search.
+
+What a solver files under a ``set_id`` stays that of the design's row.
+"""
+
 
 def draw_design(
     space: ParameterSpace,

@@ -184,6 +184,20 @@ def test_a_solver_out_of_proportion_is_told(swept, tissue):
     assert (best["fopt"] > best["fopt_on_ray"]).all()
 
 
+def test_a_multiple_does_not_take_the_number_of_its_set(swept, tissue):
+    of = swept()
+
+    class Noting(tissue.Analytic):
+        def simulate(self, job, limb):
+            numbers.append(job.set_id)
+            return super().simulate(job, limb)
+
+    numbers = []
+    of.study = replace(of.study, solver=Noting())
+    assert len(of.best()) == len(numbers) > 0
+    assert max(numbers) < 0
+
+
 def test_a_multiple_that_fails_is_a_row_with_its_reason(swept, tissue):
     of = swept()
 

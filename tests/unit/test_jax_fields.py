@@ -12,8 +12,8 @@ from palpate.errors import StudyError
 from palpate.mechanics import stress
 from palpate.specimens import block
 from palpate_jax.body import Body, blocks, points_of_cells
-from palpate_jax.skin import skins
 from palpate_jax.fields import cell_fields, nodal_tractions
+from palpate_jax.skin import skins
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.yeoh import Yeoh
@@ -37,10 +37,10 @@ def turned(limb):
     return Limb(spot=Spot(name="../p 1", position_mm=SHIFT, normal=turn[:, 2]), mesh=moved), turn
 
 
-def simulated(limb, folder, **settings):
+def simulated(limb, folder, set_id=12, **settings):
     job = Job(
         spot=limb.spot.name,
-        set_id=12,
+        set_id=set_id,
         materials={"soft_tissue": Yeoh()},
         thetas={"soft_tissue": YEOH},
         protocol=Indentation(
@@ -123,6 +123,11 @@ def test_fields_are_written_as_asked(fields, names, tmp_path):
     if names:
         assert 'name="depth 2 mm, rotation -10 degrees"' in (folder / "path.pvd").read_text()
         assert meshio.read(folder / "000.vtu").point_data["contact_pressure_MPa"].max() > 0.0
+
+
+def test_a_set_beside_the_design_writes_none(tmp_path):
+    simulated(block("tet10", **(SMALL | {"n_across": 2, "n_down": 1})), tmp_path, set_id=-1, fields="end")
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
 def test_a_folder_that_cannot_be_made_is_refused_before_the_first_step(tmp_path):

@@ -109,6 +109,20 @@ def test_a_channel_without_weight_does_not_pull(make_study, plugins, tmp_path):
     assert end["soft_tissue.grip"] == pytest.approx(start["soft_tissue.grip"], rel=1e-12)
 
 
+def test_no_step_of_the_search_takes_the_number_of_a_set(make_study, plugins, tmp_path, tissue):
+    class Noting(tissue.Analytic):
+        def simulate(self, job, limb):
+            numbers.append(job.set_id)
+            return super().simulate(job, limb)
+
+    numbers = []
+    study = make_study(solver=Noting())
+    refined(study, plugins, tmp_path)
+    # The spots have the same jobs, so the sweep does each once.
+    assert sorted(number for number in numbers if number >= 0) == [*range(study.n_sets)]
+    assert len(numbers) > 2 * study.n_sets
+
+
 def test_the_search_stays_in_the_ranges(make_study, plugins, tmp_path, space):
     region = space.regions[0]
     narrow = (replace(region.searched[0], upper=0.35), region.searched[1])

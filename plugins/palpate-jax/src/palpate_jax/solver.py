@@ -82,7 +82,7 @@ class JaxSettings(Settings):
     fields: Literal["none", "end", "all"] = Field(
         "none",
         description="VTU files with displacement, stress, stretches and contact tractions: of no balanced "
-        "state, of the last one of each simulation, or of all",
+        "state, of the last one of each set of the design, or of all",
     )
     fields_folder: str = Field(
         "fields",
@@ -186,7 +186,8 @@ class JaxSolver(Solver):
             return Simulation(job=job, status=Status.DIVERGED, response=None, message=str(error))
         guide = neighbours.guide(job.thetas, modulus) if guided else None
         march, reached, stop = self._walk(prepared, protocol, job.thetas, modulus, guide)
-        if self.settings.fields != "none" and reached:
+        # A negative number is that of a set beside the design, which has no folder.
+        if self.settings.fields != "none" and reached and job.set_id >= 0:
             self._write_fields(prepared, job, reached)
         simulation = Simulation(
             job=job,
