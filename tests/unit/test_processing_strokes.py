@@ -38,7 +38,7 @@ def path(marks, values, profile):
     return found
 
 
-@pytest.mark.parametrize("noise_deg", [1e-4, 0.02])
+@pytest.mark.parametrize("noise_deg", [1e-4, 0.01])
 @pytest.mark.parametrize("dwell_s", [0.3, 1.0])
 @pytest.mark.parametrize("profile", PROFILES)
 def test_starts_and_stops_are_found_within_20_ms(profile, dwell_s, noise_deg):

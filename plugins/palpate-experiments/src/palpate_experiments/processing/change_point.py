@@ -5,7 +5,7 @@ one with the least squared residual, found on grids that close in on it. Its sta
 deviation is that of the linearised problem, with the noise that the residual shows.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +13,11 @@ import numpy as np
 
 from palpate.domain import FloatArray
 
-_ZOOM = (31, 9, 9, 9)
+FINE = (31, 9, 9, 9)
+"""Places on each grid, from the whole interval to the last step."""
+
+COARSE = (31, 9, 5)
+"""Enough to compare descriptions."""
 
 Design = Callable[[FloatArray, FloatArray], FloatArray]
 """Columns (m, n, k) of the description at n abscissae for m candidate places."""
@@ -30,7 +34,13 @@ class Fit:
     kind: Literal["kink", "smooth"] = "smooth"
 
 
-def profile(abscissa: FloatArray, values: FloatArray, between: tuple[float, float], design: Design) -> Fit:
+def profile(
+    abscissa: FloatArray,
+    values: FloatArray,
+    between: tuple[float, float],
+    design: Design,
+    zoom: Sequence[int] = FINE,
+) -> Fit:
     """Place of the change, sought in an interval.
 
     Parameters
@@ -41,12 +51,14 @@ def profile(abscissa: FloatArray, values: FloatArray, between: tuple[float, floa
     design : callable
         Columns of the description. It is called with the abscissae scaled to a range of
         length 1, and with candidate places on that scale.
+    zoom : sequence of int
+        Places on each of the grids that close in.
     """
     middle, scale = float(abscissa.mean()), float(np.ptp(abscissa)) or 1.0
     x, y = (abscissa - middle) / scale, values - values.mean()
     low, high = ((place - middle) / scale for place in between)
     best = (low + high) / 2.0
-    for n_places in _ZOOM:
+    for n_places in zoom:
         grid = np.linspace(low, high, n_places)
         squares = _residuals(design(x, grid), y)[1]
         best = float(grid[int(np.argmin(squares))])

@@ -31,7 +31,7 @@ class Thinning(Settings):
     """Averages of neighbouring rows in very long logs."""
 
     enabled: bool = Field(default=True, description="Average neighbouring rows of a log with too many.")
-    max_rows: int = Field(default=100_000, ge=1000, description="Rows that are kept at most.")
+    max_rows: int = Field(default=50_000, ge=1000, description="Rows that are kept at most.")
 
 
 class Spikes(Settings):

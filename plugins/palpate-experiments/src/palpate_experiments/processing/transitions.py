@@ -10,14 +10,14 @@ Of two descriptions the smoother one is kept unless the other explains the data
 significantly better, since a free kink imitates a smooth end at another instant.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from palpate.domain import FloatArray
-from palpate_experiments.processing.change_point import Design, Fit, profile
+from palpate_experiments.processing.change_point import COARSE, FINE, Design, Fit, profile
 from palpate_experiments.processing.noise import noise_std
 
 _Again = Callable[[FloatArray, FloatArray, tuple[float, float]], Fit]
@@ -196,15 +196,15 @@ def _stopping(order: int) -> Design:
 def _braking(time: FloatArray, value: FloatArray, between_s: tuple[float, float], moving_s: float) -> Fit:
     """Stop after a constant deceleration whose length is sought too."""
 
-    def fit(brake_s: float) -> Fit:
-        return profile(time, value, between_s, _braked(brake_s / (float(np.ptp(time)) or 1.0)))
+    def fit(brake_s: float, zoom: Sequence[int] = COARSE) -> Fit:
+        return profile(time, value, between_s, _braked(brake_s / (float(np.ptp(time)) or 1.0)), zoom)
 
     lengths = moving_s * np.geomspace(0.008, 0.8, 9)
     best = min((float(length) for length in lengths), key=lambda length: fit(length).squares)
     for ratio in (1.3, 1.12):
         best = min((best / ratio, best, best * ratio), key=lambda length: fit(length).squares)
     row_s = float(np.ptp(time)) / max(time.size - 1, 1)
-    return replace(fit(best), kind="kink" if best < 8.0 * row_s else "smooth")
+    return replace(fit(best, FINE), kind="kink" if best < 8.0 * row_s else "smooth")
 
 
 def _braked(brake: float) -> Design:
