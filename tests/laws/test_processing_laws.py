@@ -111,6 +111,46 @@ def test_weight_and_centre_are_fitted_from_poses_in_free_air(seed, weight, centr
     assert clean.force_N.mean(axis=0) == pytest.approx(bias, abs=0.05)
 
 
+def with_poses_before(spot, weight_N):
+    """A log that starts with four orientations of the tool high above the spot, 4 s each."""
+    whole, true, random = logs.recording(spot), logs.truth(spot), np.random.default_rng(9)
+    n_rows, tilts = 3200, np.array([[0, 0, 0], [60, 0, 0], [0, -70, 0], [-50, 40, 0]])
+    first = Rotation.from_quat(whole.quaternion[0].copy())
+    turn = first * Rotation.from_euler("xyz", tilts[np.arange(n_rows) * 4 // n_rows], degrees=True)
+    time_s = whole.time_s[0] - 16.0 + 0.005 * np.arange(n_rows)
+    pull = weight_N * turn.apply(-UP, inverse=True)
+    elapsed = time_s[:, None]
+    force = true.force_bias_N + elapsed * true.force_drift_N_per_s + pull
+    moment = true.moment_bias_Nmm + elapsed * true.moment_drift_Nmm_per_s + np.cross([0.0, 0.0, -30.0], pull)
+    before = {
+        "time_s": time_s,
+        "position_mm": np.tile(whole.position_mm[0] + 60.0 * true.normal, (n_rows, 1)),
+        "quaternion": turn.as_quat(),
+        "force_N": force + random.normal(0.0, 0.04, (n_rows, 3)),
+        "moment_Nmm": moment + random.normal(0.0, 0.25, (n_rows, 3)),
+        "rows": np.arange(n_rows),
+    }
+    return Recording(
+        source=whole.source,
+        **{name: np.concatenate([values, getattr(whole, name)]) for name, values in before.items()},
+    )
+
+
+def test_a_log_with_poses_in_free_air_tells_its_tool():
+    whole = with_poses_before("p4", 0.8829)
+    processed, true = process(whole, logs.settings(gravity={"method": "fit"})), logs.truth("p4")
+    assert processed.tool.weight_N == pytest.approx(0.8829, abs=0.01)
+    assert processed.tool.centre_mm == pytest.approx([0.0, 0.0, -30.0], abs=0.5)
+    at_start = whole.time_s[0]
+    assert processed.bias.force_N == pytest.approx(
+        true.force_bias_N + at_start * true.force_drift_N_per_s, abs=0.02
+    )
+    assert processed.bias.moment_Nmm == pytest.approx(
+        true.moment_bias_Nmm + at_start * true.moment_drift_Nmm_per_s, abs=0.2
+    )
+    same_curves(logs.processed("p4"), processed, 5e-3)
+
+
 @settings(max_examples=20, deadline=None)
 @given(seeds)
 def test_drift_and_bias_are_found_to_their_standard_deviations(seed):
