@@ -106,7 +106,9 @@ def _control(root: ET.Element) -> None:
         ET.SubElement(control, name).text = str(value)
     solver = ET.SubElement(control, "solver", type="solid")
     ET.SubElement(solver, "symmetric_stiffness").text = "symmetric"
-    ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
+    constants = ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
+    for name in ("T", "R", "Fc"):  # FEBio loses its way after an empty section
+        ET.SubElement(constants, name).text = "0"
 
 
 def _motion(root: ET.Element) -> None:
