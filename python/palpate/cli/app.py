@@ -1,13 +1,14 @@
 """The application: global options, the commands, and what becomes of an error.
 
 Exit codes: 0 done, 1 every simulation failed so that nothing can be selected,
-2 a mistake in the input. Anything else that escapes is a bug and keeps its
+2 a mistake in the input, 130 stopped by the user. Anything else that escapes is a bug and keeps its
 traceback.
 """
 
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated
 
 import typer
@@ -18,20 +19,24 @@ from palpate.cli.demo import demo
 from palpate.cli.experiment import experiment
 from palpate.cli.init import init
 from palpate.cli.inspect import experiment_commands
-from palpate.cli.limb import limb
+from palpate.cli.limb import limb, limb_commands
 from palpate.cli.plugins import plugins
 from palpate.cli.report import report
+from palpate.cli.resume import resume
 from palpate.cli.run import run
 from palpate.cli.sample import sample
 from palpate.cli.score import score
 from palpate.cli.select import select
 from palpate.cli.session import Session
 from palpate.cli.simulate import simulate
+from palpate.cli.status import status
 from palpate.cli.synthesise import synthesise
-from palpate.errors import NothingSelectableError, PalpateError
+from palpate.errors import NothingSelectableError, PalpateError, StoppedError
 
-COMMANDS = (init, check, run, demo, plugins, synthesise)
+COMMANDS = (init, check, run, resume, status, demo, plugins, synthesise)
 STAGES = (experiment, limb, sample, simulate, score, select, report)
+GROUPS = MappingProxyType({experiment: experiment_commands, limb: limb_commands})
+"""Stages with commands of their own, some of which plugins add."""
 
 
 def _show_version(wanted: bool) -> None:
@@ -69,8 +74,8 @@ def build_app() -> typer.Typer:
     for command in COMMANDS:
         app.command()(command)
     for stage in STAGES:
-        if stage is experiment:
-            app.add_typer(experiment_commands(), name="experiment", rich_help_panel="Stages")
+        if stage in GROUPS:
+            app.add_typer(GROUPS[stage](), name=stage.__name__, rich_help_panel="Stages")
         else:
             app.command(rich_help_panel="Stages")(stage)
     return app
@@ -90,6 +95,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         app(list(given), obj=session, prog_name="palpate")
     except NothingSelectableError as error:
         return _fail(error, 1)
+    except StoppedError as error:
+        return _fail(error, 130)
     except PalpateError as error:
         return _fail(error, 2)
     except SystemExit as stop:
@@ -119,9 +126,8 @@ def split_plugin_files(arguments: Sequence[str]) -> tuple[list[str], list[Path]]
 
 def _is_core_command(arguments: Sequence[str]) -> bool:
     # Only a plugin's command, or the list of all commands, needs plugins this early.
-    return bool(arguments) and (
-        arguments[0] in {command.__name__ for command in (*COMMANDS, *STAGES)} or arguments[0] == "--version"
-    )
+    own = {command.__name__ for command in (*COMMANDS, *STAGES)} - {limb.__name__}
+    return bool(arguments) and (arguments[0] in own or arguments[0] == "--version")
 
 
 def _fail(error: PalpateError, code: int) -> int:

@@ -1,7 +1,11 @@
-"""``palpate limb``: the meshes of a study, read and checked."""
+"""``palpate limb``: the meshes of a study, read and checked, or made from a scan."""
+
+from pathlib import PurePath
+from typing import Any
 
 import typer
 
+from palpate.cli.inspect import STAGE, StageGroup
 from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.session import Session
 
@@ -28,3 +32,30 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
         session.table("Limbs", list(rows[0]), [list(map(str, row.values())) for row in rows])
     else:
         session.say("No limb: the study's solver makes homogeneous tests.")
+
+
+SCAN = "scan"
+SCAN_SUFFIXES = frozenset({".ply", ".obj", ".glb"})
+
+
+class LimbGroup(StageGroup):
+    """The stage, whose first word may also be a scan where a plugin makes limbs of one."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - as in StageGroup
+        """Put the command for scans before a file that is one."""
+        if args and SCAN in self.commands and PurePath(args[0]).suffix.lower() in SCAN_SUFFIXES:
+            args = [SCAN, *args]
+        return super().parse_args(ctx, args)
+
+
+def limb_commands() -> typer.Typer:
+    """``palpate limb STUDY``, and what plugins add to it under names of their own."""
+    group = typer.Typer(
+        cls=LimbGroup,
+        no_args_is_help=True,
+        rich_markup_mode=None,
+        subcommand_metavar="STUDY | SCAN",
+        help=limb.__doc__,
+    )
+    group.command(STAGE)(limb)
+    return group

@@ -1,0 +1,185 @@
+"""Bone models: read, closed if need be, and placed in the frame of the scan."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from palpate.domain import FloatArray
+from palpate.errors import MeshError
+from palpate_limb.surface_checks import BONE_MM, check_size, outwards, repaired
+from palpate_limb.surface_files import read_surface
+from palpate_limb.surfaces import Surface
+
+IN_PLACE: FloatArray = np.eye(4)
+IN_PLACE.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Placement:
+    """A rigid motion, and how well it fits what it was found from.
+
+    Parameters
+    ----------
+    motion : (4, 4) array
+        From the bones' frame to the scan's.
+    residual_mm : float
+        Root mean square distance of landmarks, or of the reference from the scan.
+    """
+
+    motion: FloatArray
+    residual_mm: float
+
+
+def read_bone(path: Path, unit: str = "mm") -> Surface:
+    """Read a bone; holes are closed and crossing faces removed.
+
+    Raises
+    ------
+    MeshError
+        It cannot be read or repaired, or is of no plausible size.
+    """
+    surface = read_surface(path, unit)
+    check_size(surface, BONE_MM, unit)
+    closed = repaired(outwards(surface))
+    return Surface(name=path.stem, points_mm=closed.points_mm, faces=closed.faces)
+
+
+def read_motion(path: Path) -> Placement:
+    """Read a rigid motion: four rows of four numbers, as text.
+
+    Raises
+    ------
+    MeshError
+        Not such a matrix, or not rigid.
+    """
+    try:
+        matrix = np.loadtxt(path, delimiter="," if "," in path.read_text() else None)
+    except (OSError, ValueError) as error:
+        raise MeshError(f"{path}: not four rows of four numbers ({error}); write the motion so") from error
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise MeshError(f"{path}: a matrix of shape {matrix.shape}; write four rows of four finite numbers")
+    turn = matrix[:3, :3]
+    if (
+        np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3
+        or np.linalg.det(turn) < 0.0
+        or matrix[3].tolist() != [0, 0, 0, 1]
+    ):
+        raise MeshError(
+            f"{path}: not a rigid motion; give a rotation, a translation in mm and the row 0 0 0 1"
+        )
+    return Placement(motion=matrix, residual_mm=0.0)
+
+
+def by_landmarks(source_mm: FloatArray, target_mm: FloatArray) -> Placement:
+    """The motion that brings landmarks of the bones onto those of the scan, by least squares.
+
+    Parameters
+    ----------
+    source_mm, target_mm : (n, 3) array
+        The same landmarks in both frames; three or more, not on one line.
+
+    Raises
+    ------
+    MeshError
+        Too few, or on a line.
+    """
+    from trimesh.registration import procrustes
+
+    if source_mm.shape != target_mm.shape or source_mm.ndim != 2 or source_mm.shape[0] < 3:
+        raise MeshError(
+            f"landmarks: {len(source_mm)} and {len(target_mm)}; give three or more in both frames"
+        )
+    spread = np.linalg.svd(source_mm - source_mm.mean(axis=0), compute_uv=False)
+    if spread[1] < 1e-3 * spread[0]:
+        raise MeshError("landmarks: all on one line, so the bones could turn about it; add one beside it")
+    motion, _, _ = procrustes(source_mm, target_mm, reflection=False, scale=False)
+    motion = np.asarray(motion, dtype=np.float64)
+    off = source_mm @ motion[:3, :3].T + motion[:3, 3] - target_mm
+    return Placement(motion=motion, residual_mm=float(np.sqrt((off**2).sum(axis=1).mean())))
+
+
+def read_landmarks(path: Path) -> Placement:
+    """Read landmarks: six numbers a line, a point in the bones' frame and in the scan's [mm].
+
+    Raises
+    ------
+    MeshError
+        Not such a table.
+    """
+    try:
+        table = np.loadtxt(path, delimiter=",", ndmin=2)
+    except (OSError, ValueError) as error:
+        raise MeshError(f"{path}: not six numbers a line ({error}); write x,y,z,x,y,z") from error
+    if table.shape[1] != 6 or not np.isfinite(table).all():
+        raise MeshError(
+            f"{path}: {table.shape[1]} numbers a line; write x,y,z in the bones' frame and the scan's"
+        )
+    return by_landmarks(table[:, :3], table[:, 3:])
+
+
+def by_icp(
+    reference: Surface, scan: Surface, start: FloatArray = IN_PLACE, n_points: int = 1500
+) -> Placement:
+    """The motion that lays a reference, known in the bones' frame, onto the scan (iterative closest points).
+
+    Parameters
+    ----------
+    reference : Surface
+        The limb's skin or mould as the bones' models know it.
+    scan : Surface
+    start : (4, 4) array
+        A first guess, within some 20 degrees.
+    n_points : int
+        Points of the scan that are matched.
+
+    Raises
+    ------
+    MeshError
+        The two do not match: the residual is above 2 mm.
+    """
+    from trimesh.registration import icp
+
+    points = scan.points_mm[:: max(1, len(scan.points_mm) // n_points)]
+    # Matched from the scan to the reference: a scan may lack a part of the limb.
+    motion, _, _ = icp(  # type: ignore[no-untyped-call]
+        points,
+        reference.trimesh,
+        initial=np.linalg.inv(start),
+        threshold=1e-4,
+        max_iterations=10,
+        reflection=False,
+        scale=False,
+    )
+    motion, residual = _slid(np.asarray(motion, dtype=np.float64), points, reference)
+    if not residual < 2.0:
+        raise MeshError(
+            f"{reference.name}: lies {residual:.2g} mm from {scan.name} after matching; give landmarks to "
+            "start from, or check that both show the same limb"
+        )
+    return Placement(motion=np.asarray(np.linalg.inv(motion), dtype=np.float64), residual_mm=residual)
+
+
+def _slid(motion: FloatArray, points: FloatArray, reference: Surface) -> tuple[FloatArray, float]:
+    """Go on from point to plane, which lets a limb slide along itself: Chen and Medioni's ICP.
+
+    Each step solves Σ (n · (p + ω × p + t − q))² = min for the small turn ω and the shift t.
+    """
+    from scipy.spatial.transform import Rotation
+    from trimesh.proximity import closest_point
+
+    body = reference.trimesh
+    for _ in range(12):
+        moved = points @ motion[:3, :3].T + motion[:3, 3]
+        nearest, _, faces = closest_point(body, moved)  # type: ignore[no-untyped-call]
+        normals, off = np.asarray(body.face_normals)[faces], moved - nearest
+        columns = np.hstack([np.cross(moved, normals), normals])
+        step = np.linalg.lstsq(columns, -np.einsum("ij,ij->i", normals, off), rcond=None)[0]
+        change = np.eye(4)
+        change[:3, :3] = Rotation.from_rotvec(step[:3]).as_matrix()
+        change[:3, 3] = step[3:]
+        motion = change @ motion
+        if np.abs(step[3:]).max() < 1e-3 and np.abs(step[:3]).max() < 1e-5:
+            break
+    _, distances = reference.nearest(points @ motion[:3, :3].T + motion[:3, 3])
+    return motion, float(np.sqrt((distances**2).mean()))

@@ -1,0 +1,60 @@
+"""A limb's mesh as VTU, with regions and node sets, and a JSON note of what it was made from."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.domain import Limb
+from palpate_limb.from_scan import ReadScan, ScannedLimb
+
+VTU_TYPES = {"tet4": "tetra", "tet10": "tetra10", "hex8": "hexahedron"}
+
+
+def write_limb(path: Path, limb: Limb) -> None:
+    """Write a mesh for the limb source ``meshio``: cell data ``region``, point data of each node set."""
+    import meshio
+
+    mesh = limb.mesh
+    point_data = {}
+    for name, nodes in mesh.node_sets.items():
+        point_data[name] = np.zeros(mesh.n_nodes, dtype=np.uint8)
+        point_data[name][nodes] = 1
+    meshio.Mesh(
+        mesh.points_mm,
+        [(VTU_TYPES[kind], cells) for kind, cells in mesh.cells.items()],
+        point_data=point_data,
+        cell_data={"region": [mesh.cell_regions[kind].astype(np.int32) for kind in mesh.cells]},
+    ).write(path)
+
+
+def note(scan: ReadScan, made: ScannedLimb) -> dict[str, Any]:
+    """What is known of a limb beside its mesh, as plain values."""
+    found = made.found
+    return {
+        "spot": found.spot.name,
+        "position_in_scan_mm": found.spot.position_mm.tolist(),
+        "normal_in_scan": found.spot.normal.tolist(),
+        "std_across_mm": found.across_mm,
+        "std_along_normal_mm": found.along_normal_mm,
+        "std_normal_deg": found.normal_deg,
+        "scan_to_mesh": made.segment.to_spot.tolist(),
+        "moved_to_touch_mm": made.rise_mm,
+        "bones": [bone.name for bone in scan.bones],
+        "bones_to_scan": scan.placement.motion.tolist(),
+        "bones_residual_mm": scan.placement.residual_mm,
+        "quality": made.quality.record(),
+    }
+
+
+def write_note(path: Path, content: dict[str, Any]) -> None:
+    """Write a note beside a mesh."""
+    path.write_text(json.dumps(content, indent=1) + "\n")
+
+
+def study_tables(names: list[str], regions: tuple[str, ...], folder: Path) -> str:
+    """The tables of study.toml that read the meshes."""
+    spots = [f'[[spot]]\nname = "{name}"\nmesh = "{(folder / name).as_posix()}.vtu"\n' for name in names]
+    numbers = ", ".join(f"{region} = {i}" for i, region in enumerate(regions))
+    return "\n".join([*spots, f'[limb]\nsource = "meshio"\n\n[limb.settings]\nregions = {{ {numbers} }}\n'])

@@ -1,0 +1,183 @@
+"""How good the elements of a limb's mesh are, and whether a solver would choke on them.
+
+The scaled Jacobian of a tetrahedron's corner is √2 det(e₁, e₂, e₃) / (|e₁||e₂||e₃|), one for
+a regular tetrahedron; an element has the least of its corners'. A curved element
+counts with its corners' own edges and with its Jacobian at the corners and in the middle.
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.domain import FloatArray, IntArray, Limb
+from palpate.errors import MeshError
+from palpate_limb.segment import Segment
+
+LEAST_SCALED_JACOBIAN = 0.02
+LARGEST_VOLUME_ERROR = 0.01
+_CORNERS = ((0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 0, 2, 1))
+_PAIRS = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quality:
+    """Figures of one mesh.
+
+    Parameters
+    ----------
+    n_nodes, n_cells : int
+    least_scaled_jacobian, median_scaled_jacobian : float
+    least_dihedral_deg, largest_dihedral_deg : float
+        Of the straight-edged elements.
+    contact_edge_mm : float
+        Mean edge of the contact faces within ``near_mm`` of the spot.
+    near_mm : float
+    volume_mm3 : float
+    volume_error : float
+        Against the volume between the scan, the bones and the cuts, as a share of it.
+    spot_gap_mm : float
+        From the spot to the nearest contact node.
+    regions : mapping of region to its share of the volume
+    """
+
+    n_nodes: int
+    n_cells: int
+    least_scaled_jacobian: float
+    median_scaled_jacobian: float
+    least_dihedral_deg: float
+    largest_dihedral_deg: float
+    contact_edge_mm: float
+    near_mm: float
+    volume_mm3: float
+    volume_error: float
+    spot_gap_mm: float
+    regions: dict[str, float]
+
+    def record(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+
+def assess(limb: Limb, segment: Segment, near_mm: float) -> Quality:
+    """Figures of a limb's mesh against the segment that it fills."""
+    mesh = limb.mesh
+    ((kind, cells),) = mesh.cells.items()
+    points = mesh.points_mm
+    scaled = scaled_jacobians(points, cells)
+    angles = dihedral_angles_deg(points, cells)
+    volumes = cell_volumes(points, cells)
+    whole = segment.tissue.volume_mm3
+    ids = mesh.cell_regions[kind]
+    return Quality(
+        n_nodes=mesh.n_nodes,
+        n_cells=mesh.n_cells,
+        least_scaled_jacobian=float(scaled.min()),
+        median_scaled_jacobian=float(np.median(scaled)),
+        least_dihedral_deg=float(angles.min()),
+        largest_dihedral_deg=float(angles.max()),
+        contact_edge_mm=_contact_edge(points, cells, mesh.node_sets["contact"], near_mm),
+        near_mm=near_mm,
+        volume_mm3=float(volumes.sum()),
+        volume_error=float(volumes.sum() / whole - 1.0),
+        spot_gap_mm=float(np.linalg.norm(points[mesh.node_sets["contact"]], axis=1).min()),
+        regions={name: float(volumes[ids == i].sum() / volumes.sum()) for i, name in enumerate(mesh.regions)},
+    )
+
+
+def check_quality(quality: Quality, spot: str, wanted_mm: float) -> None:
+    """Refuse a mesh on which a solver would choke, or that is not the scan's.
+
+    Raises
+    ------
+    MeshError
+        Saying which figure is bad, and what to change.
+    """
+    if quality.least_scaled_jacobian < LEAST_SCALED_JACOBIAN:
+        raise MeshError(
+            f"spot '{spot}': an element with scaled Jacobian {quality.least_scaled_jacobian:.3g} "
+            f"(at least {LEAST_SCALED_JACOBIAN} is needed); use smaller elements or another mesher"
+        )
+    if abs(quality.volume_error) > LARGEST_VOLUME_ERROR:
+        raise MeshError(
+            f"spot '{spot}': the mesh has {100 * quality.volume_error:+.2g} % more volume than the scan; use "
+            "smaller elements or a smaller tolerance"
+        )
+    if quality.contact_edge_mm > 2.0 * wanted_mm:
+        raise MeshError(
+            f"spot '{spot}': edges under the indenter are {quality.contact_edge_mm:.3g} mm long where "
+            f"{wanted_mm:g} mm were asked for; use a slower growth or another mesher"
+        )
+
+
+def scaled_jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Least scaled Jacobian of each tetrahedron of 4 or 10 nodes: (n,), 1 at best, ≤ 0 where it is folded."""
+    corners = points[cells[:, :4]]
+    scaled = np.stack([_at_corner(corners, order) for order in _CORNERS], axis=1).min(axis=1)
+    if cells.shape[1] == 4:
+        return np.asarray(scaled)
+    # The determinant of a curved element against that of its straight one: 1 where nothing is bent.
+    straight = np.linalg.det(np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2))
+    ratio = np.stack([_determinant(points[cells], at) for at in _SAMPLES], axis=1) / straight[:, None]
+    return np.asarray(np.where(straight > 0.0, scaled * np.minimum(ratio.min(axis=1), 1.0), -np.abs(scaled)))
+
+
+def _at_corner(corners: FloatArray, order: tuple[int, int, int, int]) -> FloatArray:
+    origin, *others = (corners[:, i] for i in order)
+    a, b, c = (other - origin for other in others)
+    det = np.einsum("ij,ij->i", np.cross(a, b), c)
+    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(c, axis=1)
+    value: FloatArray = np.sqrt(2.0) * det / np.maximum(lengths, 1e-300)
+    return value
+
+
+_LINEAR = np.array([[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+_LINEAR.setflags(write=False)
+_SAMPLES = (
+    *(tuple(float(i == k) for i in range(4)) for k in range(4)),
+    *(tuple(0.5854101966249685 if i == k else 0.1381966011250105 for i in range(4)) for k in range(4)),
+)
+"""Corners and Gauss points, in barycentric coordinates."""
+
+
+def _determinant(nodes: FloatArray, at: tuple[float, ...]) -> FloatArray:
+    """Jacobian determinant (n,) of quadratic tetrahedra (n, 10, 3) at barycentric coordinates."""
+    b = np.array(at)
+    slopes = [(4.0 * b[i] - 1.0) * _LINEAR[i] for i in range(4)]
+    slopes += [4.0 * (b[i] * _LINEAR[j] + b[j] * _LINEAR[i]) for i, j in _PAIRS]
+    determinant: FloatArray = np.linalg.det(np.einsum("ak,cai->cik", np.array(slopes), nodes))
+    return determinant
+
+
+def cell_volumes(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Volumes [mm³] of tetrahedra of 4 or 10 nodes: (n,)."""
+    if cells.shape[1] == 4:
+        corners = points[cells]
+        volumes: FloatArray = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+        return volumes
+    return np.asarray(sum(_determinant(points[cells], at) for at in _SAMPLES[4:]) / 24.0)
+
+
+def dihedral_angles_deg(points: FloatArray, cells: IntArray) -> FloatArray:
+    """The six angles between faces (n, 6) of straight tetrahedra."""
+    corners = points[cells[:, :4]]
+    faces = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
+    normals = np.stack(
+        [np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a]) for a, b, c in faces], axis=1
+    )
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-300)
+    cosines = [-np.einsum("ij,ij->i", normals[:, i], normals[:, j]) for i in range(4) for j in range(i)]
+    return np.asarray(np.rad2deg(np.arccos(np.clip(np.stack(cosines, axis=1), -1.0, 1.0))))
+
+
+def _contact_edge(points: FloatArray, cells: IntArray, contact: IntArray, near_mm: float) -> float:
+    """Mean length of the edges of contact faces near the spot."""
+    on = np.zeros(len(points), dtype=np.bool_)
+    on[contact] = True
+    ends = np.sort(np.concatenate([cells[:, list(pair)] for pair in _PAIRS]), axis=1)
+    ends = np.unique(ends[on[ends].all(axis=1)], axis=0)
+    middles = points[ends].mean(axis=1)
+    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    order = np.argsort(np.linalg.norm(middles, axis=1))
+    near = np.linalg.norm(middles, axis=1) <= near_mm
+    return float(lengths[near].mean() if near.any() else lengths[order[:6]].mean())

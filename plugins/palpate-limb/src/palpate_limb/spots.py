@@ -1,0 +1,109 @@
+"""The spot under a mark: position and outward normal from a smooth patch, with their uncertainty."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.domain import FloatArray, Spot
+from palpate.errors import MeshError
+from palpate_limb.marks import Mark
+from palpate_limb.surfaces import Surface
+
+N_COEFFICIENTS = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FoundSpot:
+    """A spot, and how well it is known.
+
+    Parameters
+    ----------
+    spot : Spot
+        In the frame of the scan.
+    across_mm : float
+        Standard deviation of the position along the surface, from the mark's edge between points.
+    along_normal_mm : float
+        Standard deviation of the position along the normal, from the scan's noise.
+    normal_deg : float
+        Standard deviation of the normal's direction, from the scan's noise and from ``across_mm``.
+    """
+
+    spot: Spot
+    across_mm: float
+    along_normal_mm: float
+    normal_deg: float
+
+
+def locate(name: str, mark: Mark, surface: Surface, patch_radius_mm: float = 8.0) -> FoundSpot:
+    """Fit z = c₀ + c₁x + c₂y + c₃x² + c₄xy + c₅y² to the scan around a mark, by least squares.
+
+    The position is the patch's point over the mark's centre and the normal the patch's
+    there; z is the mean normal of the faces around.
+
+    Raises
+    ------
+    MeshError
+        The scan has too few points there, or its edge runs through the mark.
+    """
+    centre = mark.centre_mm
+    near = np.flatnonzero(np.linalg.norm(surface.points_mm - centre, axis=1) <= patch_radius_mm)
+    up = _mean_normal(surface, near)
+    near = near[(surface.points_mm[near] - centre) @ up > -0.5 * patch_radius_mm]
+    if len(near) < 3 * N_COEFFICIENTS:
+        raise MeshError(
+            f"{surface.name}: {len(near)} points within {patch_radius_mm:g} mm of mark '{name}' at "
+            f"{np.round(centre, 1).tolist()} mm; scan finer, or fit a larger patch"
+        )
+    u = np.linalg.svd(up[None])[2][1]
+    frame = np.stack([u, np.cross(up, u), up])
+    local = (surface.points_mm[near] - centre) @ frame.T
+    if (np.abs(local[:, :2].mean(axis=0)) > 0.25 * patch_radius_mm).any():
+        raise MeshError(
+            f"{surface.name}: mark '{name}' at {np.round(centre, 1).tolist()} mm lies at an edge of the "
+            "scan; scan further around it"
+        )
+    return _fitted(name, mark, centre, frame, local)
+
+
+def _fitted(name: str, mark: Mark, centre: FloatArray, frame: FloatArray, local: FloatArray) -> FoundSpot:
+    x, y, z = local.T
+    columns = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    solution, *_ = np.linalg.lstsq(columns, z, rcond=None)
+    residual = z - columns @ solution
+    variance = float(residual @ residual) / (len(z) - N_COEFFICIENTS)
+    covariance = variance * np.linalg.inv(columns.T @ columns)
+    normal = frame.T @ np.array([-solution[1], -solution[2], 1.0])
+    bend = 2.0 * float(
+        np.abs(np.linalg.eigvalsh([[solution[3], solution[4] / 2], [solution[4] / 2, solution[5]]])).max()
+    )
+    across = _across(mark)
+    tilt = np.sqrt(covariance[1, 1] + covariance[2, 2] + (bend * across) ** 2)
+    return FoundSpot(
+        spot=Spot(name=name, position_mm=centre + solution[0] * frame[2], normal=normal),
+        across_mm=across,
+        along_normal_mm=float(np.sqrt(covariance[0, 0])),
+        normal_deg=float(np.rad2deg(tilt)),
+    )
+
+
+def _across(mark: Mark) -> float:
+    """Standard deviation of a disc's centre when its n points are cut out of a grid.
+
+    Each of the about 2√(πn) points of the rim is in or out by chance; a rim point of area A/n
+    moved at radius r shifts the centre by r/n.
+    """
+    n = len(mark.points)
+    radius = np.sqrt(mark.area_mm2 / np.pi)
+    return float(radius / n * np.sqrt(0.25 * 2.0 * np.sqrt(np.pi * n)))
+
+
+def _mean_normal(surface: Surface, points: np.ndarray) -> FloatArray:
+    near = np.zeros(len(surface.points_mm), dtype=np.bool_)
+    near[points] = True
+    corners = surface.points_mm[surface.faces[near[surface.faces].any(axis=1)]]
+    total = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
+    length = float(np.linalg.norm(total))
+    if not length > 0.0:
+        raise MeshError(f"{surface.name}: no surface at a mark; export the scan with its triangles")
+    normal: FloatArray = total / length
+    return normal

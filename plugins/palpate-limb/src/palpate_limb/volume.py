@@ -1,0 +1,236 @@
+"""From a segment to a mesh that can be simulated: regions, node sets, elements on the true surfaces."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
+from palpate.errors import MeshError
+from palpate.specimens.blocks import with_midpoints
+from palpate_limb.curving import curved
+from palpate_limb.layers import below_skin
+from palpate_limb.meshing import MeshingTask, SizeField, mesh_in_child
+from palpate_limb.segment import Segment
+from palpate_limb.surfaces import Surface, solid, surface_of
+
+TISSUE = "soft_tissue"
+NO_LAYERS: Mapping[str, float] = MappingProxyType({})
+FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
+"""Faces of a tetrahedron, outward; the k-th lies opposite of node k."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshPlan:
+    """How a segment is meshed.
+
+    Parameters
+    ----------
+    size : SizeField
+    kind : {"tet10", "tet4"}
+    layers_mm : mapping of region to thickness, from the skin inwards
+        Below them everything is ``soft_tissue``.
+    tolerance_mm : float
+        How far elements may leave the surfaces before they are bent onto them.
+    mesher : str
+    time_limit_s : float
+    """
+
+    size: SizeField
+    kind: Literal["tet10", "tet4"] = "tet10"
+    layers_mm: Mapping[str, float] = field(default_factory=lambda: NO_LAYERS)
+    tolerance_mm: float = 0.4
+    mesher: str = "ftetwild"
+    time_limit_s: float = 300.0
+
+    def __post_init__(self) -> None:
+        if any(not thickness > 0.0 for thickness in self.layers_mm.values()) or TISSUE in self.layers_mm:
+            raise MeshError(
+                f"layers {dict(self.layers_mm)}: give thicknesses > 0 mm; what lies below them is '{TISSUE}'"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Boundary:
+    """Boundary triangles (n, 3) of tetrahedra by what they lie on.
+
+    Parameters
+    ----------
+    faces : mapping of name to (n, 3) integer array
+        ``skin``, ``cut`` and each bone.
+    """
+
+    faces: Mapping[str, IntArray]
+
+
+def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
+    """Mesh a segment in the frame of its spot.
+
+    Raises
+    ------
+    MeshError
+        The mesher fails, or what it made has not the surfaces of the segment.
+    """
+    interfaces = _interfaces(segment, plan.layers_mm)
+    points, tets = _filled(segment, interfaces, plan)
+    regions = _regions(points, tets, interfaces)
+    boundary = classify(points, tets, segment)
+    points, tets, on = (
+        _quadratic(points, tets, boundary) if plan.kind == "tet10" else (points, tets, _nodes(boundary))
+    )
+    inner = {name: _shared(tets[:, :4], regions, i, points, tets) for i, name in enumerate(interfaces)}
+    points = curved(
+        points, tets, on, segment, {name: (nodes, interfaces[name]) for name, nodes in inner.items()}
+    )
+    bones = [on[bone.name] for bone in segment.bones if bone.name in on]
+    mesh = Mesh(
+        points_mm=points,
+        cells={plan.kind: tets},
+        cell_regions={plan.kind: regions},
+        regions=(*interfaces, TISSUE),
+        node_sets={
+            "fixed": np.unique(np.concatenate([on["cut"], *bones])),
+            "contact": on["skin"],
+            "cut": on["cut"],
+            **{bone.name: on[bone.name] for bone in segment.bones if bone.name in on},
+        },
+    )
+    return Limb(spot=Spot(name=segment.name), mesh=mesh)
+
+
+def _interfaces(segment: Segment, layers_mm: Mapping[str, float]) -> dict[str, Surface]:
+    """The lower surface of each layer."""
+    depths = np.cumsum(list(layers_mm.values()))
+    return {name: below_skin(segment, float(depth)) for name, depth in zip(layers_mm, depths, strict=True)}
+
+
+def _filled(
+    segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan
+) -> tuple[FloatArray, IntArray]:
+    surfaces = [surface_of(solid(segment.tissue).simplify(0.5 * plan.tolerance_mm), "tissue")]
+    half = 0.5 * segment.length_mm
+    for name, interface in interfaces.items():
+        body = solid(interface).simplify(0.5 * plan.tolerance_mm)
+        for sign in (1.0, -1.0):
+            body = body.trim_by_plane((sign * segment.axis).tolist(), -half)
+        surfaces.append(_without_ends(surface_of(body, name), segment, half))
+    offsets = np.cumsum([0, *(len(s.points_mm) for s in surfaces)])
+    points = np.concatenate([s.points_mm for s in surfaces])
+    background = plan.size.background(points.min(axis=0), points.max(axis=0))
+    task = MeshingTask(
+        points_mm=points,
+        faces=np.concatenate([s.faces + at for s, at in zip(surfaces, offsets[:-1], strict=True)]),
+        nested=len(surfaces) > 1,
+        size_points_mm=background[0],
+        size_cells=background[1],
+        sizes_mm=background[2],
+        tolerance_mm=plan.tolerance_mm,
+    )
+    points, tets = mesh_in_child(plan.mesher, task, plan.time_limit_s)
+    if task.nested:
+        tets = tets[segment.tissue.contains(points[tets].mean(axis=1))]
+    return _largest(points, _positive(points, tets))
+
+
+def _without_ends(surface: Surface, segment: Segment, half: float) -> Surface:
+    """A layer's surface without the flat faces on the cuts, where the segment has its own."""
+    at_end = (np.abs(np.abs(surface.points_mm @ segment.axis) - half) < 1e-6)[surface.faces].all(axis=1)
+    return Surface(name=surface.name, points_mm=surface.points_mm, faces=surface.faces[~at_end])
+
+
+def _positive(points: FloatArray, tets: IntArray) -> IntArray:
+    a, b, c, d = np.moveaxis(points[tets], 1, 0)
+    negative = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0.0
+    return np.where(negative[:, None], tets[:, [0, 2, 1, 3]], tets)
+
+
+def _largest(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray]:
+    """The largest part that hangs together by faces, and its nodes alone."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    if not len(tets):
+        raise MeshError("the mesher filled nothing inside of the tissue; use smaller elements")
+    faces, owners = _all_faces(tets)
+    _, inverse = np.unique(faces, axis=0, return_inverse=True)
+    links = coo_array(
+        (np.ones(len(owners)), (owners, len(tets) + inverse.ravel())), shape=(len(tets) + len(faces),) * 2
+    )
+    labels = connected_components(links, directed=False)[1][: len(tets)]
+    kept = tets[labels == np.bincount(labels).argmax()]
+    used, cells = np.unique(kept, return_inverse=True)
+    return points[used], cells.reshape(-1, 4)
+
+
+def _all_faces(tets: IntArray) -> tuple[IntArray, IntArray]:
+    """Faces (4 n, 3) by ascending nodes, and the tetrahedron of each."""
+    faces = np.concatenate([np.sort(tets[:, list(face)], axis=1) for face in FACES])
+    return faces, np.tile(np.arange(len(tets)), 4)
+
+
+def _regions(points: FloatArray, tets: IntArray, interfaces: Mapping[str, Surface]) -> IntArray:
+    """Number of the layer of each tetrahedron: how many interfaces it lies below."""
+    middles = points[tets].mean(axis=1)
+    below = np.zeros(len(tets), dtype=np.int64)
+    for interface in interfaces.values():
+        below += interface.contains(middles)
+    return below
+
+
+def classify(points: FloatArray, tets: IntArray, segment: Segment) -> Boundary:
+    """What each boundary face lies on.
+
+    Raises
+    ------
+    MeshError
+        A surface of the segment has no face in the mesh.
+    """
+    corners = np.concatenate([tets[:, list(face)] for face in FACES])
+    _, first, counts = np.unique(np.sort(corners, axis=1), axis=0, return_index=True, return_counts=True)
+    faces = corners[first[counts == 1]]
+    vertices = points[faces]
+    middles = vertices.mean(axis=1)
+    normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    half = 0.5 * segment.length_mm
+    flat = (np.abs(middles @ segment.axis) > half - 0.6) & (np.abs(normals @ segment.axis) > 0.9)
+    surfaces = [segment.skin, *segment.bones]
+    distances = np.stack([surface.nearest(middles)[1] for surface in surfaces], axis=1)
+    nearest = np.where(flat, -1, distances.argmin(axis=1))
+    found = {"cut": faces[nearest == -1], "skin": faces[nearest == 0]}
+    found |= {bone.name: faces[nearest == i + 1] for i, bone in enumerate(segment.bones)}
+    for name in ("cut", "skin"):
+        if not len(found[name]):
+            raise MeshError(
+                f"spot '{segment.name}': the mesh has no face on the {name}; use smaller elements"
+            )
+    return Boundary(faces={name: f for name, f in found.items() if len(f)})
+
+
+def _nodes(boundary: Boundary) -> dict[str, IntArray]:
+    return {name: np.unique(faces) for name, faces in boundary.faces.items()}
+
+
+def _quadratic(
+    points: FloatArray, tets: IntArray, boundary: Boundary
+) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
+    """Points and cells with a node on every edge, and the nodes on each surface."""
+    n = len(points)
+    points, cells, ends = with_midpoints(points, tets)
+    key = ends[:, 0] * n + ends[:, 1]  # ascending, for ends are unique rows in order
+    on = {}
+    for name, faces in boundary.faces.items():
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        middle = n + np.searchsorted(key, edges[:, 0] * n + edges[:, 1])
+        on[name] = np.unique(np.concatenate([faces.ravel(), middle]))
+    return points, cells, on
+
+
+def _shared(
+    corners: IntArray, regions: IntArray, layer: int, points: FloatArray, cells: IntArray
+) -> IntArray:
+    """Nodes of the faces between a layer and what lies below it."""
+    upper, lower = np.unique(cells[regions <= layer]), np.unique(cells[regions > layer])
+    return np.intersect1d(upper, lower)
