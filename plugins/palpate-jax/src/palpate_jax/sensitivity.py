@@ -209,6 +209,7 @@ def curve_slopes(simulation: Simulation) -> dict[str, dict[str, FloatArray]]:
         if channel in simulation.response.curves:
             span = moving_span(np.array([0.0, *rows[way]]))
             slopes[channel] = {
-                name: np.array([0.0, *(v[2] for v in vectors)])[span] for name, vectors in rows[what].items()
+                name: np.array([0.0, *(v[2] for v in vectors)], dtype=np.float64)[span]
+                for name, vectors in rows[what].items()
             }
     return slopes
