@@ -19,6 +19,8 @@ import contextlib
 import errno
 import hashlib
 import json
+import os
+import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -82,6 +84,8 @@ class Ledger:
     ----------
     folder : Path
         The run directory. One without a ledger reads as one with nothing in it.
+    take_old : bool
+        Whether one that an earlier version wrote reads so too, since it is about to be taken over.
 
     Raises
     ------
@@ -89,10 +93,10 @@ class Ledger:
         Not a ledger, of another version, or damaged.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, take_old: bool = False) -> None:
         self.folder = folder
         self.path = folder / LEDGER
-        self._connection = self._open()
+        self._connection = self._open(take_old=take_old)
 
     def __enter__(self) -> "Ledger":
         return self
@@ -100,9 +104,10 @@ class Ledger:
     def __exit__(self, *_: object) -> None:
         self._connection.close()
 
-    def _open(self) -> sqlite3.Connection:
+    def _open(self, *, take_old: bool) -> sqlite3.Connection:
         if not self.path.exists():
-            refuse_old(self.folder)
+            if not take_old:
+                refuse_old(self.folder)
             return _empty()
         with told(self.path):
             connection = _read_only(self.path)
@@ -124,6 +129,44 @@ class Ledger:
             }
         except ValueError as error:
             raise _damaged(self.path, f"a row of 'simulations' holds no state ({error})") from None
+
+    def finished_of_last_sweep(self) -> set[str]:
+        """Keys of the sweep begun last that are finished."""
+        return {key for (key,) in self._all("SELECT key FROM jobs JOIN simulations USING (key)")}
+
+    def frame_of_last_sweep(self) -> pl.DataFrame:
+        """One row for each job of the sweep begun last that is finished."""
+        texts = ("spot", "key", "state", "message", "curves", "finished_at")
+        names = [*texts, "set_id", "seconds", "n_attempts"]
+        query = f"SELECT jobs.spot, {', '.join(names[1:]).replace('set_id', 'jobs.set_id')} FROM jobs "
+        rows = self._all(f"{query} JOIN simulations USING (key) ORDER BY jobs.spot, jobs.set_id")
+        schema = dict.fromkeys(texts, pl.String)
+        return pl.DataFrame(list(map(tuple, rows)), schema=names, schema_overrides=schema, orient="row")
+
+    def copy_to(self, folder: Path) -> None:
+        """Copy the ledger and its curves, as they stand at one moment, even while somebody writes.
+
+        Parameters
+        ----------
+        folder : Path
+            Made where it is missing; without a ledger.
+
+        Raises
+        ------
+        LedgerError
+        """
+        if (folder / LEDGER).exists():
+            raise LedgerError(f"{folder / LEDGER}: already there; name a folder without a run")
+        with told(folder):
+            (folder / CURVES).mkdir(parents=True, exist_ok=True)
+            part = folder / f".{LEDGER}.part"
+            part.unlink(missing_ok=True)
+            with contextlib.closing(sqlite3.connect(part)) as copy:
+                self._connection.backup(copy)
+                names = [name for (name,) in copy.execute("SELECT name FROM curve_files")]
+            for name in names:
+                _link(self.folder / CURVES / name, folder / CURVES / name)
+            part.replace(folder / LEDGER)
 
     def counts(self) -> dict[str, int]:
         """Simulations of the sweep begun last by state; ``left`` counts those to be done.
@@ -341,6 +384,16 @@ def check_sound(connection: sqlite3.Connection, path: Path) -> None:
 def digest(row: Sequence[object]) -> str:
     """Short hash of the columns of ``simulations`` before ``digest``."""
     return hashlib.blake2b(json.dumps(row).encode(), digest_size=8).hexdigest()
+
+
+def _link(source: Path, target: Path) -> None:
+    """Let a second name stand for a file that nobody ever changes; copy it where that cannot be."""
+    if not source.exists():
+        return  # done again in the copy, as it would be here
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
 
 
 def _size(path: Path) -> int:

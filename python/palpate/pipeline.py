@@ -13,17 +13,19 @@ from pathlib import Path
 import polars as pl
 
 from palpate import scoring, selection, simulation
+from palpate.changes import Changed, changed
 from palpate.domain import Design, Limb, Response, Simulation
 from palpate.errors import StudyError
 from palpate.experiment import draw_files, load_measured, load_presses, mean
 from palpate.generalisation import generalise
+from palpate.ledger import Ledger
 from palpate.limb import load_limbs
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.rays import best_on_rays
 from palpate.refinement import Refined, refine
 from palpate.report import Content, draw_presses, make_tables, write_report
-from palpate.run_directory import RunDirectory
+from palpate.run_directory import RunDirectory, manifest
 from palpate.sampling import draw_design
 from palpate.study import Study
 
@@ -114,11 +116,25 @@ def check(study: Study, plugins: Plugins) -> Checked:
 
 def _draw(study: Study) -> Design:
     return draw_design(
-        study.space, study.sampler, study.n_sets, study.seed, study.filters, refill=study.refill
+        study.space,
+        study.sampler,
+        study.n_sets,
+        study.seed,
+        study.filters,
+        refill=study.refill,
+        n_total=study.n_total,
     )
 
 
-def run_study(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> RunResult:
+def run_study(
+    study: Study,
+    run_folder: Path,
+    plugins: Plugins,
+    progress: Progress = SILENT,
+    *,
+    forked_from: Path | None = None,
+    confirm: Callable[[Changed], None] = lambda changed: None,
+) -> RunResult:
     """From measured curves to identified parameters.
 
     Parameters
@@ -128,6 +144,11 @@ def run_study(study: Study, run_folder: Path, plugins: Plugins, progress: Progre
         Made where it is missing; simulations already in it are not computed again.
     plugins : Plugins
     progress : Progress
+    forked_from : Path, optional
+        A run directory whose finished simulations are copied to this one first.
+    confirm : callable
+        Told how the study differs from what the folder holds, before anything is written;
+        raises to stop there.
 
     Raises
     ------
@@ -138,6 +159,10 @@ def run_study(study: Study, run_folder: Path, plugins: Plugins, progress: Progre
     """
     checked = check(study, plugins)
     run = RunDirectory(run_folder)
+    confirm(_changed(study, checked, RunDirectory(forked_from or run_folder), plugins))
+    if forked_from is not None:
+        with Ledger(forked_from) as ledger:
+            ledger.copy_to(run_folder)
     with run.begun(study, plugins.channels) as check_lock:
         run.write_measured(checked.measured)
         run.write_design(checked.design)
@@ -153,6 +178,16 @@ def run_study(study: Study, run_folder: Path, plugins: Plugins, progress: Progre
             selected=selected,
             report=_report(study, run, checked, plugins),
         )
+
+
+def _changed(study: Study, checked: Checked, run: RunDirectory, plugins: Plugins) -> Changed:
+    """How the study differs from the one that a folder was written for."""
+    if not run.is_begun:
+        return Changed(changes=(), n_finished=0, n_valid=0)
+    to_do = simulation.jobs(study, checked.design, checked.measured)
+    keys = simulation.keys(study, to_do, checked.limbs)
+    with Ledger(run.folder, take_old=True) as ledger:
+        return changed(ledger, run.manifest(), manifest(study, plugins.channels), keys)
 
 
 # --------------------------------------------------------------- one by one

@@ -19,6 +19,7 @@ import contextlib
 import hashlib
 import importlib.metadata
 import json
+import os
 import platform
 import shutil
 from collections.abc import Callable, Iterator, Mapping
@@ -72,13 +73,20 @@ class RunDirectory:
         StudyError
             The folder cannot be made.
         """
-        told = manifest(study, channels) | {"measured": self._records(study)}
+        told = manifest(study, channels) | {"measured": self._records(study)} | self._origin(study)
         text = _json(told)
         self._make_folder()
         as_run = self.folder / "study.toml"
         if study.file.is_file() and study.file.resolve() != as_run.resolve():
             write_atomically(as_run, study.file.read_bytes())
         write_atomically(self.folder / "manifest.json", text)
+
+    def _origin(self, study: Study) -> dict[str, Any]:
+        """Where `palpate resume` finds the study: from this folder, so that both move together."""
+        return {
+            "study_file": _from(self.folder, study.file),
+            "plugin_files": [_from(self.folder, file) for file in study.plugin_files],
+        }
 
     def _make_folder(self) -> None:
         try:
@@ -104,6 +112,11 @@ class RunDirectory:
         with locked(self.folder) as check:
             self.begin(study, channels)
             yield check
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether a study was run here, or began to be."""
+        return (self.folder / "manifest.json").exists()
 
     def manifest(self) -> dict[str, Any]:
         """Content of ``manifest.json``."""
@@ -264,6 +277,13 @@ def _json(value: object) -> bytes:
     return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False).encode() + b"\n"
 
 
+def _from(folder: Path, file: Path) -> str:
+    try:
+        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # on another drive
+        return str(file.resolve())
+
+
 def file_name(name: str) -> str:
     """Make a file name of a name: whatever could lead out of a folder is escaped."""
     return quote(name, safe=" ").replace(".", "%2E")
@@ -296,6 +316,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         ],
         "sampler": _component(study.sampler),
         "n_sets": study.n_sets,
+        "n_total": study.n_total,
         "refill": study.refill,
         "seed": study.seed,
         "filters": [_component(keep) for keep in study.filters],

@@ -30,6 +30,7 @@ def draw_design(
     filters: Sequence[SetFilter] = (),
     *,
     refill: int = 0,
+    n_total: int = 0,
 ) -> Design:
     """Draw parameter sets and keep those that every filter accepts.
 
@@ -46,6 +47,10 @@ def draw_design(
         Draw on until ``n_sets`` sets are kept, at most to this many times ``n_sets``,
         rounded down to a power of 2; 0 draws once. ``n_drawn`` of the design then
         counts the sets up to the last one kept.
+    n_total : int
+        Extend the design of ``n_sets`` to this many, which begin with the same sets: the points
+        are doubled until there are enough, so that a further extension begins with them too.
+        0 does not extend.
 
     Raises
     ------
@@ -56,10 +61,17 @@ def draw_design(
     parameters = space.parameters
     if not parameters:
         raise SamplingError("design: every parameter is fixed; give at least one a range to search")
+    if 0 < n_total < n_sets:
+        raise SamplingError(
+            f"design: cannot be extended to {n_total} sets, it has {n_sets} already; ask for more"
+        )
     points = _unit_points(sampler, n_sets, len(parameters), seed)
+    n_wanted = n_total or n_sets
     if refill:
-        return _refilled(space, sampler, points, seed, filters, refill)
-    values = _in_ranges(space, points)
+        return _refilled(space, sampler, points, seed, filters, refill, n_wanted)
+    while len(points) < n_wanted:
+        points = _extended(sampler, points, 2 * len(points), seed)
+    values = _in_ranges(space, points[:n_wanted])
     for keep in filters:
         accepted = _accepted(keep, space, values)
         if not accepted.any():
@@ -68,7 +80,7 @@ def draw_design(
                 f"{', '.join(p.name for p in parameters)}, draw more sets, or drop the filter"
             )
         values = values[accepted]
-    return Design(parameters=parameters, values=values, seed=seed, n_drawn=n_sets)
+    return Design(parameters=parameters, values=values, seed=seed, n_drawn=n_wanted)
 
 
 def _refilled(
@@ -78,9 +90,9 @@ def _refilled(
     seed: int,
     filters: Sequence[SetFilter],
     refill: int,
+    n_sets: int,
 ) -> Design:
-    """Double the points until as many as at first pass the filters."""
-    n_sets = len(points)
+    """Double the points until ``n_sets`` of them pass the filters."""
     accepted = accepted_by_all(filters, space, _in_ranges(space, points))
     while accepted.sum() < n_sets:
         if 2 * len(points) > refill * n_sets:

@@ -200,11 +200,13 @@ def simulate(
     """
     to_do = jobs(study, design, measured)
     check_jobs(study, to_do, limbs)
-    keys = _keys(study, to_do, limbs)
+    job_keys = keys(study, to_do, limbs)
     done = run_sweep(
-        Sweep(study=study, jobs=to_do, keys=keys, limbs=limbs, folder=folder, progress=progress, check=check)
+        Sweep(
+            study=study, jobs=to_do, keys=job_keys, limbs=limbs, folder=folder, progress=progress, check=check
+        )
     )
-    return tuple(_of_job(done[key], job) for key, job in zip(keys, to_do, strict=True))
+    return tuple(_of_job(done[key], job) for key, job in zip(job_keys, to_do, strict=True))
 
 
 def stored(
@@ -221,13 +223,14 @@ def stored(
     """
     every = jobs(study, design, measured)
     to_do = [job for job in every if wanted is None or (job.spot, job.set_id) in wanted]
-    keys = _keys(study, to_do, limbs)
+    job_keys = keys(study, to_do, limbs)
     with Ledger(folder) as ledger:
-        found = ledger.simulations(dict(zip(keys, to_do, strict=True)))
-    return tuple(_of_job(found[key], job) for key, job in zip(keys, to_do, strict=True) if key in found)
+        found = ledger.simulations(dict(zip(job_keys, to_do, strict=True)))
+    return tuple(_of_job(found[key], job) for key, job in zip(job_keys, to_do, strict=True) if key in found)
 
 
-def _keys(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> list[str]:
+def keys(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> list[str]:
+    """Key of each job, as :func:`job_key` makes it."""
     meshes = {spot.spot.name: limb_key(limbs.get(spot.spot.name)) for spot in study.spots}
     solver = solver_key(study.solver)
     return [_job_key(job, meshes[job.spot], solver) for job in to_do]

@@ -360,3 +360,19 @@ def test_a_spoilt_file_of_the_cache_is_as_none(tmp_path):
     for spoilt in (b"", whole[:20], whole[:-1], whole[:-9] + b"x" + whole[-8:]):
         path.write_bytes(spoilt)
         assert cache.load("key0", job()) is None
+
+
+def test_a_copy_taken_while_somebody_writes_is_whole(tmp_path):
+    with Writer(tmp_path / "run") as writer:
+        for i in range(30):
+            writer.store(finished(i))
+            if i == 15:
+                with Ledger(tmp_path / "run") as ledger:
+                    ledger.copy_to(tmp_path / "copy")
+    with Ledger(tmp_path / "copy") as ledger:
+        entries = ledger.entries()
+        found = ledger.simulations({key: job() for key in entries})
+    assert set(found) == set(entries) <= {f"key{i}" for i in range(16)}
+    write(tmp_path / "copy", *(finished(i) for i in range(16, 30)))
+    with Ledger(tmp_path / "run") as ledger, pytest.raises(LedgerError, match="already there"):
+        ledger.copy_to(tmp_path / "copy")

@@ -1,6 +1,7 @@
 """Designs: inside the ranges, the same for the same seed, and filtered."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -207,3 +208,14 @@ def test_a_log_scale_spreads_the_logarithm(space):
 def test_a_log_scale_keeps_off_zero(space):
     with pytest.raises(SamplingError, match=r"no log scale spans -1\.0 to 2\.0; keep 0 out"):
         replace(space.parameters[0], lower=-1.0, upper=2.0, physical_lower=-5.0, scale="log")
+
+
+@pytest.mark.parametrize("sampler", ["lhs", "optimised_lhs", "sobol"])
+def test_a_design_is_extended_with_every_set_in_its_place(space, plugins, sampler):
+    sampler = plugins.samplers[sampler]()
+    designs = [draw_design(space, sampler, 12, 1, n_total=n) for n in (0, 20, 30, 96)]
+    assert [design.n_sets for design in designs] == [12, 20, 30, 96]
+    for shorter, longer in pairwise(designs):
+        np.testing.assert_array_equal(longer.values[: shorter.n_sets], shorter.values)
+    with pytest.raises(SamplingError, match="cannot be extended to 11 sets, it has 12 already"):
+        draw_design(space, sampler, 12, 1, n_total=11)

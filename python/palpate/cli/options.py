@@ -11,4 +11,16 @@ StudyPath: TypeAlias = Annotated[
 OutFolder: TypeAlias = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Run directory; default: runs/<study>.")
 ]
+NumberOfSets: TypeAlias = Annotated[
+    int | None,
+    typer.Option("--n", min=2, help="Extend the design to this many sets; those it has stay as they are."),
+]
+GoOn: TypeAlias = Annotated[
+    bool,
+    typer.Option("--go-on", help="Go on in a run whose study has changed, with what is still valid of it."),
+]
+ForkTo: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--fork", metavar="FOLDER", help="Leave the run as it is, and go on in a copy of it."),
+]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON for a script.")]

@@ -1,13 +1,20 @@
 """Progress on stderr: a bar for people, a few lines for a log."""
 
+import signal
+import threading
 from collections import Counter
-from types import TracebackType
-from typing import TYPE_CHECKING
+from types import FrameType, TracebackType
+from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
+from palpate.errors import StoppedError
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+
+
+_ASKING = (signal.SIGINT, signal.SIGTERM)
+"""Signals that ask to stop; batch systems send the second before they kill."""
 
 
 class StageProgress:
@@ -21,9 +28,18 @@ class StageProgress:
         self._total = 0
         self._done = 0
         self._notes: Counter[str] = Counter()
+        self._stopping = False
+        self._handlers: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> "StageProgress":
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
 
         if self._console.is_terminal:
             self._bars = Progress(
@@ -31,10 +47,14 @@ class StageProgress:
                 BarColumn(),
                 MofNCompleteColumn(),
                 TimeElapsedColumn(),
+                TextColumn("left"),
+                TimeRemainingColumn(),
                 TextColumn("{task.fields[notes]}"),
                 console=self._console,
             )
             self._bars.start()
+        if threading.current_thread() is threading.main_thread():
+            self._handlers = {each: signal.signal(each, self._stop) for each in _ASKING}
         return self
 
     def __exit__(
@@ -43,10 +63,12 @@ class StageProgress:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
         if self._bars is not None:
             self._bars.stop()
         if kind is not None and issubclass(kind, KeyboardInterrupt):
-            self._console.print("stopped; what is simulated is kept, and the same command goes on from there")
+            raise StoppedError("stopped; what is simulated is kept, and the same command goes on from there")
 
     def begin(self, stage: str, total: int) -> None:
         """Show a new stage of ``total`` steps."""
@@ -80,4 +102,13 @@ class StageProgress:
 
     def going_on(self) -> bool:
         """Go on until the user asks to stop."""
-        return True
+        return not self._stopping
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        """Finish what runs when asked once, stop at once when asked again."""
+        if self._stopping or self._stage != "simulate":
+            raise KeyboardInterrupt
+        self._stopping = True
+        self._console.print(
+            "finishing the simulations that are running; once more (Ctrl-C) stops at once", markup=False
+        )

@@ -1,26 +1,86 @@
 """``palpate run``: from measured curves to identified parameters."""
 
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import typer
 
-from palpate.cli.options import AsJson, OutFolder, StudyPath
+from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, OutFolder, StudyPath
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import run_as_json, show_run
 from palpate.cli.session import Session, run_folder
+from palpate.errors import StudyError
+
+if TYPE_CHECKING:
+    from palpate.changes import Changed
+    from palpate.study import Study
+
+MAX_CHANGES = 20
+"""Most changes of a study that are listed."""
 
 
-def run(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False) -> None:
+def run(
+    context: typer.Context,
+    study: StudyPath,
+    out: OutFolder = None,
+    n_sets: NumberOfSets = None,
+    go_on: GoOn = False,
+    fork: ForkTo = None,
+    as_json: AsJson = False,
+) -> None:
     """Run every stage of a study; what is already simulated is not simulated again."""
+    session = Session.of(context)
+    checked = replace(session.study(study), n_total=n_sets or 0)
+    folder = go(session, checked, run_folder(checked, out), go_on=go_on, fork=fork, as_json=as_json)
+    if not as_json:
+        session.next(
+            f"run {study} --out {folder}", "change the study and run it again; what is simulated is kept; "
+        )
+
+
+def go(
+    session: Session, study: "Study", folder: Path, *, go_on: bool, fork: Path | None, as_json: bool
+) -> Path:
+    """Run a study in a folder, or in a copy of it, show what it found, and return that folder."""
     from palpate import pipeline
 
-    session = Session.of(context)
-    checked = session.study(study)
-    folder = run_folder(checked, out)
+    where = folder if fork is None else fork
     with StageProgress(session) as progress:
-        result = pipeline.run_study(checked, folder, session.plugins, progress)
+        result = pipeline.run_study(
+            study,
+            where,
+            session.plugins,
+            progress,
+            forked_from=None if fork is None else folder,
+            confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
+        )
     if as_json:
-        session.json(run_as_json(checked, result))
+        session.json(run_as_json(study, result))
+    else:
+        show_run(session, study, result)
+    return where
+
+
+def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) -> None:
+    """Show how a study has changed, and ask where finished simulations are not valid any more."""
+    if not changed.changes:
         return
-    show_run(session, checked, result)
-    session.next(
-        f"run {study} --out {folder}", "change the study and run it again; what is simulated is kept; "
-    )
+    shown = [f"  {change}" for change in changed.changes[:MAX_CHANGES]]
+    more = len(changed.changes) - len(shown)
+    lines = [f"the study has changed since {folder} was written:", *shown]
+    lines += [f"  … and {more} more"] if more else []
+    lines.append(f"  {changed.n_valid} of {changed.n_finished} finished simulations are still valid")
+    if changed.loses and not sure:
+        said = "\n".join(lines)
+        if not (sys.stdin.isatty() and session.stderr.is_terminal):
+            raise StudyError(
+                f"{said}\nuse --fork FOLDER to leave the run as it is and go on in a copy, "
+                "or --go-on to go on in it"
+            )
+        typer.confirm(
+            f"{said}\ngo on in this folder? (no finished simulation is removed)", abort=True, err=True
+        )
+        return
+    session.stderr.print("\n".join(lines), markup=False)

@@ -1,0 +1,84 @@
+"""``palpate status``: how far a run is, from another terminal or after the fact."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli.options import AsJson
+from palpate.cli.session import Session
+
+if TYPE_CHECKING:
+    from palpate.run_status import RunStatus
+
+INTERVAL_S = 2.0
+"""Seconds between two looks."""
+
+
+def status(
+    context: typer.Context,
+    run: Annotated[Path, typer.Argument(help="A run directory.", show_default=False)],
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Look again every two seconds until the run ends.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show how far a run is, why simulations failed, and the best set so far."""
+    from palpate.run_status import Watcher
+
+    session, watcher = Session.of(context), Watcher(run)
+    seen = watcher.look()
+    while watch and seen.runner is not None:
+        session.note(_line(seen))
+        time.sleep(INTERVAL_S)
+        seen = watcher.look()
+    if as_json:
+        session.json(_as_json(seen))
+        return
+    _show(session, seen)
+
+
+def _show(session: Session, seen: "RunStatus") -> None:
+    session.say(_line(seen))
+    for title, frame in (("Best so far", seen.best), ("Failures", seen.failures)):
+        if not frame.is_empty():
+            session.frame(title, frame)
+    if seen.runner is None and seen.n_finished < seen.n_simulations:
+        session.next(f"resume {seen.folder}")
+
+
+def _line(seen: "RunStatus") -> str:
+    states = ", ".join(f"{n} {state}" for state, n in seen.states.items()) or "none finished"
+    line = f"{seen.folder}: {seen.n_finished} of {seen.n_simulations} simulations ({states})"
+    if seen.runner is not None:
+        line += f"; running: {seen.runner}"
+    elif seen.n_finished < seen.n_simulations:
+        line += "; not running"
+    if seen.seconds_left is not None:
+        line += f"; about {duration(seen.seconds_left)} left"
+    return line
+
+
+def duration(seconds: float) -> str:
+    """Tell a time in two units at most."""
+    minutes, hours = round(seconds / 60), int(seconds // 3600)
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min" if hours == 0 else f"{hours} h {minutes - 60 * hours} min"
+
+
+def _as_json(seen: "RunStatus") -> dict[str, object]:
+    runner = seen.runner
+    return {
+        "folder": str(seen.folder),
+        "running": None
+        if runner is None
+        else {"host": runner.host, "pid": runner.pid, "since": runner.since},
+        "n_simulations": seen.n_simulations,
+        "n_finished": seen.n_finished,
+        "states": dict(seen.states),
+        "seconds_left": seen.seconds_left,
+        "failures": seen.failures.to_dicts(),
+        "best": seen.best.to_dicts(),
+    }

@@ -1,0 +1,190 @@
+"""Stop and go: resume, status, a changed study, more sets."""
+
+import json
+import os
+import re
+import shutil
+import signal
+
+import polars as pl
+import pytest
+
+from palpate.cli.progress import StageProgress
+from palpate.errors import StoppedError
+from palpate.ledger import Ledger
+from palpate.locking import locked
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+TABLES = ("scores.parquet", "selection.parquet", "generalisation.parquet", "design.parquet")
+
+
+def tables(folder):
+    reports = sorted((folder / "report" / "tables").iterdir())
+    return {path.name: path.read_bytes() for path in [*(folder / name for name in TABLES), *reports]}
+
+
+@pytest.fixture
+def press(monkeypatch):
+    """Press Ctrl-C so many times while the seventh simulation is being counted."""
+
+    def arrange(presses):
+        step, steps = StageProgress.step, []
+
+        def pressing(self, note=""):
+            step(self, note)
+            steps.append(note)
+            if len(steps) == 7:
+                for _ in range(presses):
+                    signal.raise_signal(signal.SIGINT)
+
+        monkeypatch.setattr(StageProgress, "step", pressing)
+        return lambda: monkeypatch.setattr(StageProgress, "step", step)
+
+    return arrange
+
+
+@pytest.mark.parametrize(
+    ("presses", "said"),
+    [(1, r"stopped with \d+ of 20 simulations"), (2, "stopped; what is simulated is kept")],
+)
+def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
+    call, study, tmp_path, press, presses, said
+):
+    assert call("run", study, "--out", "whole").code == 0
+    release = press(presses)
+    stopped = call("run", study, "--out", "stopped")
+    release()
+    assert stopped.code == 130
+    assert re.search(said, stopped.err), stopped.err
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    status = call("status", "stopped", "--json").json
+    assert status["running"] is None
+    assert 4 <= status["n_finished"] < status["n_simulations"] == 20
+    assert "next: palpate" in call("status", "stopped").err
+    resumed = call("resume", "stopped", plugin=None)
+    assert resumed.code == 0, resumed.err
+    assert tables(tmp_path / "stopped") == tables(tmp_path / "whole")
+    assert call("status", "stopped", "--json").json["n_finished"] == status["n_simulations"]
+
+
+def test_a_signal_outside_the_sweep_stops_at_once(call, study):
+    from palpate.cli.session import Session
+
+    progress = StageProgress(Session())
+    with pytest.raises(StoppedError), progress:  # noqa: PT012
+        progress.begin("refine", 3)
+        signal.raise_signal(signal.SIGTERM)
+
+
+def test_status_tells_the_best_so_far_and_why_simulations_failed(call, study):
+    ran = call("run", study, "--json").json
+    best = call("status", "runs/toy", "--json").json["best"]
+    chosen = {(row["spot"], row["scenario"]): row for row in ran["selection"]}
+    assert len(best) == len(chosen)
+    for row in best:
+        assert row["set_id"] == chosen[row["spot"], row["scenario"]]["set_id"]
+        assert row["fopt"] == pytest.approx(chosen[row["spot"], row["scenario"]]["fopt"], rel=1e-12)
+    shown = call("status", "runs/toy").out
+    assert "runs/toy: 20 of 20 simulations (20 ok)" in shown
+    assert "Best so far" in shown
+
+
+def test_status_of_a_run_at_work_names_the_runner(call, study, tmp_path):
+    call("run", study)
+    with locked(tmp_path / "runs" / "toy"):
+        seen = call("status", "runs/toy", "--json").json
+        assert seen["running"]["pid"] == os.getpid()
+        refused = call("run", study)
+    assert refused.code == 2
+    assert f"in use by process {os.getpid()} on " in refused.err
+    assert call("status", "elsewhere").code == 2
+
+
+def test_failures_are_grouped_by_reason_whatever_its_numbers():
+    from palpate.run_status import failures
+
+    messages = ["step 3 of 10 at 1.5e-3 mm", "step 4 of 10 at 2 mm", "no licence", ""]
+    frame = pl.DataFrame(
+        {
+            "key": list("abcd"),
+            "spot": ["p1"] * 4,
+            "set_id": [3, 4, 5, 6],
+            "state": ["diverged", "diverged", "crashed", "ok"],
+            "message": messages,
+        }
+    )
+    rows = failures(frame).to_dicts()
+    assert [(r["reason"], r["n"], r["example"]) for r in rows] == [
+        ("step … of … at … mm", 2, "p1/3"),
+        ("no licence", 1, "p1/5"),
+    ]
+    assert all(r["remedy"] for r in rows)
+
+
+def test_more_sets_keep_those_that_are_done(call, study, tmp_path):
+    call("run", study)
+    more = call("resume", "runs/toy", "--n", "30", "--json", plugin=None)
+    assert more.code == 0, more.err
+    assert more.json["n_sets"] == 30
+    with Ledger(tmp_path / "runs" / "toy") as ledger:
+        rows = ledger.frame("simulations")
+    assert rows.height == 30
+    assert rows["n_attempts"].max() == 1
+    even_more = call("run", study, "--n", "50", "--json", "--out", "other").json
+    assert even_more["n_sets"] == 50
+    design = pl.read_parquet(tmp_path / "runs" / "toy" / "design.parquet")
+    assert design.equals(pl.read_parquet(tmp_path / "other" / "design.parquet").head(30))
+    again = call("resume", "runs/toy", "--json", plugin=None).json
+    assert again["n_sets"] == 30
+    refused = call("resume", "runs/toy", "--n", "10", "--study", study)
+    assert refused.code == 0  # a run is never made smaller
+    assert "extended to 10 sets, it has 20" in call("run", study, "--n", "10", "--out", "small").err
+
+
+def test_a_changed_study_shows_what_changed_and_forks_or_goes_on(call, study, tmp_path):
+    call("run", study)
+    path = study / "study.toml"
+    path.write_text(path.read_text().replace('"3 MPa"', '"4 MPa"'))
+    refused = call("run", study)
+    assert refused.code == 2
+    assert "materials.rubber.searched.k.upper: 3.0 → 4.0" in refused.err
+    assert "0 of 20 finished simulations are still valid" in refused.err
+    assert "--fork FOLDER" in refused.err
+    before = tables(tmp_path / "runs" / "toy")
+    assert call("resume", "runs/toy", "--fork", "forked", plugin=None).code == 0
+    assert tables(tmp_path / "runs" / "toy") == before
+    with Ledger(tmp_path / "forked") as ledger:
+        assert ledger.frame("simulations").height == 40
+        assert sum(ledger.counts().values()) == 20
+    assert call("run", study, "--go-on").code == 0
+    assert tables(tmp_path / "runs" / "toy") == tables(tmp_path / "forked")
+    assert "already there; name a folder without a run" in call("run", study, "--fork", "forked").err
+
+
+def test_a_change_that_costs_nothing_is_told_and_gone_on_with(call, study):
+    call("run", study)
+    path = study / "study.toml"
+    path.write_text(path.read_text() + '\n[scoring]\nnormaliser = "rms"\n')
+    ran = call("run", study)
+    assert ran.code == 0
+    assert 'normaliser: "mean_abs" → "rms"' in ran.err
+    assert "20 of 20 finished simulations are still valid" in ran.err
+
+
+def test_a_run_and_its_study_move_together_and_a_lost_study_is_asked_for(call, study, tmp_path):
+    call("run", study, "--out", study / "run")
+    moved = tmp_path / "moved"
+    shutil.move(study, moved)
+    assert call("resume", moved / "run", plugin=None).code == 0
+    shutil.move(moved / "run", tmp_path / "alone")
+    lost = call("resume", "alone", plugin=None)
+    assert lost.code == 2
+    assert "--study FILE" in lost.err or "a plugin file of this run is not there" in lost.err
+    assert call("resume", "nowhere").code == 2
+
+
+def test_the_manifest_holds_no_place_of_this_machine(call, study, tmp_path):
+    call("run", study)
+    manifest = json.loads((tmp_path / "runs" / "toy" / "manifest.json").read_text())
+    assert manifest["study_file"] == "../../study/study.toml"
