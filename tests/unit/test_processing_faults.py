@@ -48,7 +48,7 @@ FAULTS: dict[str, tuple[Callable[[], Recording], str]] = {
     "force y z": (lambda: log().changed(force_N=log().force_N[:, SWAPPED["yz"]]), "axes are swapped"),
     "left-handed": (
         lambda: log().changed(moment_Nmm=log().moment_Nmm * [1.0, 1.0, -1.0]),
-        r"row 130\d \(t = 6.500 s\).*out of phase.*left-handed",
+        r"row 130\d \(t = 6.50\d s\).*out of phase.*left-handed",
     ),
     "moment x z": (
         lambda: log().changed(moment_Nmm=log().moment_Nmm[:, SWAPPED["xz"]]),

@@ -129,6 +129,8 @@ def _cleaned(located: Located, settings: ProcessingSettings) -> _Clean:
     weighed = settings.gravity.method != "off"
     before, after = free_rows(located, onset, *instants(located, onset), any_orientation=weighed)
     free = np.concatenate([before, after]) if settings.drift.enabled else before
+    if free.size == 0:
+        raise recording.fault("no row in free air before the press; start the log earlier", 0)
     tool = _tool(recording, free, settings)
     if tool is not None:
         recording = without_weight(recording, tool, np.array(settings.gravity.direction))

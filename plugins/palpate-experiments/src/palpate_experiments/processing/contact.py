@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from palpate.domain import BoolArray, FloatArray
 from palpate_experiments.processing.noise import noise_std
@@ -18,6 +18,8 @@ NOISE_MULTIPLE = 12.0
 """A change of force below this multiple of its noise is no contact."""
 
 _PRESS_SHARE = 0.2
+_DRIFT_SHARE = 0.15
+_CALM_SHARE = 0.005
 _TRACK_ROWS = 20_000
 
 
@@ -44,9 +46,10 @@ def rough_contact(recording: Recording) -> Contact:
     # In the base frame the weight stands still while the tool turns.
     force = rotated(track.quaternion, track.force_N)
     head = max(5, track.n_rows // 50)
-    change = np.linalg.norm(force - np.median(force[:head], axis=0), axis=1)
+    change = np.linalg.norm(force - _at_rest(force, head), axis=1)
     change = median_filter(change, size=5, mode="nearest")
     noise = float(np.linalg.norm([noise_std(column) for column in track.force_N.T]))
+    change = uniform_filter1d(change, _calming_rows(change, noise), mode="nearest")
     peak = float(change.max())
     if peak < NOISE_MULTIPLE * noise or peak == 0.0:
         raise recording.fault(
@@ -63,6 +66,23 @@ def rough_contact(recording: Recording) -> Contact:
         noise_N=noise,
         ends_in_contact=bool(last >= track.n_rows - 2),
     )
+
+
+def _at_rest(force: FloatArray, n_ends: int) -> FloatArray:
+    """What the sensor shows in free air (n, 3): a line where the log ends there too, else its start."""
+    first, last = np.median(force[:n_ends], axis=0), np.median(force[-n_ends:], axis=0)
+    peak = float(np.linalg.norm(force - first, axis=1).max())
+    if float(np.linalg.norm(last - first)) > _DRIFT_SHARE * peak:
+        return first[None, :]
+    line: FloatArray = first + np.linspace(0.0, 1.0, force.shape[0])[:, None] * (last - first)
+    return line
+
+
+def _calming_rows(change: FloatArray, noise: float) -> int:
+    """Rows to average so that noise is small beside the threshold."""
+    peak = float(change.max())
+    rows = (noise / (_CALM_SHARE * peak)) ** 2 if peak > 0.0 else 1.0
+    return int(np.clip(rows, 1, max(change.size // 50, 1)))
 
 
 def _only_press(

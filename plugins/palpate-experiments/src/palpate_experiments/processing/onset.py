@@ -3,7 +3,7 @@
 The force over the travel s is described by  F = b + k₁ τ^p + k₂ τ^(p+1),  τ = max(s - s₀, 0):
 a flat baseline, Hertz's law for a paraboloid (p = 3/2; 1 for a flat punch, 2 for a cone), and
 its first correction for a limb that is no half-space. The onset s₀ minimises the squared
-residual, without the few rows that lie far off.
+residual.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +20,9 @@ _FITS = ((0.2, 2), (0.1, 2), (0.4, 2), (0.05, 1), (0.1, 1))
 """Shares of the peak force up to which the law is fitted, and its terms; the first gives the onset."""
 
 _FEWEST = 8
-_OUTLIER = 4.5
+_LEAST_REACH_MM = 1.0
+_CLEAR = 5.0
+_ZOOM = (121, 9, 9, 9)
 _ROWS = 1500
 
 
@@ -60,8 +62,10 @@ def find_onset(
         Too few rows in free air, or a force that does not rise with the travel.
     """
     travel, force = travel_mm[press], normal_force_N[press]
-    found, *others = (_fit(recording, travel, force, share, _law(exponent, n)) for share, n in _FITS)
-    spread = float(np.sqrt(np.mean([(other.at - found.at) ** 2 for other in others])))
+    size = abs(float(np.median(force[-_FEWEST:]) - np.median(force[:_FEWEST])))
+    shares = [(share, n) for share, n in _FITS if share * size > _CLEAR * noise_std(force)] or [_FITS[2]]
+    found, *others = (_fit(recording, travel, force, share, _law(exponent, n)) for share, n in shares)
+    spread = float(np.sqrt(np.mean([(other.at - found.at) ** 2 for other in others] or [0.0])))
     n_free = int(np.count_nonzero(travel < found.at))
     if n_free < _FEWEST:
         raise recording.fault(
@@ -84,29 +88,21 @@ def _fit(recording: Recording, travel: FloatArray, force: FloatArray, share: flo
             "check the sign and the axes of the wrench"
         )
     until = float(np.median(travel[beyond[:_FEWEST]]))
-    # The approach may come from far away; rows as far before the onset as behind it are enough.
-    reach = max(2.0 * (until - float(np.quantile(travel, 0.02))), 1.0)
+    # The approach may come from far away; rows twice as far before the onset as behind it are enough.
+    rising = np.flatnonzero(force - low > share / 4.0 * (top - low))
+    reach = max(5.0 * (until - float(np.median(travel[rising[:_FEWEST]]))), _LEAST_REACH_MM)
     chosen = np.flatnonzero((travel <= until) & (travel > until - reach))
     block = -(-chosen.size // _ROWS)
     x, y = block_means(travel[chosen], block), block_means(force[chosen], block)
-    return _robust(x, y, law)
+    return _sought(x, y, law)
 
 
-def _robust(x: FloatArray, y: FloatArray, design: Design) -> Fit:
+def _sought(x: FloatArray, y: FloatArray, design: Design) -> Fit:
     between = (float(x.min()), float(x.max()))
-    # Spikes stand out from their neighbours in time, whatever the law is.
-    off = np.abs(y - _neighbours(y))
-    kept = off <= _OUTLIER * max(noise_std(y), 1e-12) * np.sqrt(1.5)
-    fit = profile(x[kept], y[kept], between, design)
+    fit = profile(x, y, between, design, _ZOOM)
     edge = 1e-3 * (between[1] - between[0])
     at_edge = min(fit.at - between[0], between[1] - fit.at) < edge
     return replace(fit, std=between[1] - between[0]) if at_edge else fit
-
-
-def _neighbours(y: FloatArray) -> FloatArray:
-    padded = np.pad(y, 1, mode="edge")
-    middle: FloatArray = (padded[:-2] + padded[2:]) / 2.0
-    return middle
 
 
 def _law(exponent: float, n_terms: int) -> Design:

@@ -54,8 +54,9 @@ def strokes_of(time_s: FloatArray, values: FloatArray, least: float) -> tuple[St
     """
     block = -(-time_s.size // _TRACK_ROWS)
     time, value = block_means(time_s, block), block_means(values, block)
-    least = max(least, 10.0 * noise_std(value))
-    rough = [_rough(value, a, b, least) for a, b in _runs(value, least)]
+    noise = noise_std(value)
+    least = max(least, 25.0 * noise)
+    rough = [_rough(value, a, b, noise) for a, b in _runs(value, least)]
     starts = [_start(time, value, rough, k) for k in range(len(rough))]
     stops = [_stop(time, value, rough, k) for k in range(len(rough))]
     for k in range(len(rough) - 1):
@@ -100,10 +101,11 @@ def _runs(values: FloatArray, least: float) -> list[tuple[int, int]]:
     return list(pairwise(extremes))
 
 
-def _rough(values: FloatArray, first: int, last: int, least: float) -> _Rough:
+def _rough(values: FloatArray, first: int, last: int, noise: float) -> _Rough:
     inside = values[first : last + 1]
     span = abs(float(inside[-1] - inside[0]))
-    margin = max(_REST_SHARE * span, 0.3 * least if span > 3.0 * least else 0.1 * span)
+    # The extreme of a long rest lies some five standard deviations off its mean.
+    margin = max(_REST_SHARE * span, 12.0 * noise)
     left = first + int(np.flatnonzero(np.abs(inside - inside[0]) <= margin)[-1])
     reached = first + int(np.flatnonzero(np.abs(inside - inside[-1]) > margin)[-1])
     return _Rough(first=first, last=last, left=min(left, reached), reached=reached)

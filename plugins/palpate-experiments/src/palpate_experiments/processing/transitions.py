@@ -37,6 +37,9 @@ _SPARE = 0.15
 _NO_WORSE = 1.25
 """Residual variance of a longer window over that of a shorter one, from which it misses something."""
 
+_FINEST = 1e-5
+"""Share of a motion below which no description needs to explain it."""
+
 _N_FREE = 5
 """Unknowns of an end: its instant, the rest's value, and three of the motion before."""
 
@@ -80,8 +83,8 @@ def stroke_end(
         tried.append(_ending(time, value, between_s, moving_s * share))
         if _explains(tried[-1].squares, value):
             break
-    least = min(_variance(fit) for fit in tried)
-    chosen = next(fit for fit in tried if _variance(fit) <= _NO_WORSE * least)
+    allowed = max(_NO_WORSE * min(_variance(fit) for fit in tried), (_FINEST * float(np.ptp(values))) ** 2)
+    chosen = next(fit for fit in tried if _variance(fit) <= allowed)
 
     def again(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
         return _ending(time, value, between_s, float(chosen.at - time[0]))
@@ -101,7 +104,7 @@ def _ending(time: FloatArray, value: FloatArray, between_s: tuple[float, float],
     fits = [profile(time, value, between_s, _stopping(order)) for order in (3, 2)]
     fits.append(_braking(time, value, between_s, moving_s))
     fits.append(replace(profile(time, value, between_s, _stopping(1)), kind="kink"))
-    return _smoothest(fits, parameters=_N_FREE)
+    return _smoothest(fits, value, _N_FREE)
 
 
 def _sharpened(fit: Fit, time_s: FloatArray, values: FloatArray, again: _Again) -> Fit:
@@ -136,7 +139,7 @@ def is_turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, f
     Parameters are those of :func:`stroke_end`.
     """
     time, value = _averaged(time_s, values)
-    noise = noise_std(value)
+    noise = max(noise_std(value), _FINEST * float(np.ptp(value)))
     fit = _turned(time, value, between_s)
     return fit.squares / max(fit.n_rows - 8, 1) <= _NO_WORSE * noise**2
 
@@ -158,28 +161,30 @@ def _found(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float
 
 def _turned(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
     """A turn: one polynomial, both sides slowing down to rest and going on, or a kink."""
-    fits = [_vertex(time, value, between_s), profile(time, value, between_s, _two_sided(2))]
+    fits = [_vertex(time, value, between_s)]
+    fits += [profile(time, value, between_s, _two_sided(order)) for order in (3, 2)]
     fits.append(replace(profile(time, value, between_s, _two_sided(1)), kind="kink"))
-    return _smoothest(fits, parameters=8)
+    return _smoothest(fits, value, 8)
 
 
 def _bent(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
     """A change of speed: none in one polynomial, or a kink."""
     kink = replace(profile(time, value, between_s, _two_sided(1)), kind="kink")
-    return _smoothest([_vertex(time, value, between_s), kink], parameters=8)
+    return _smoothest([_vertex(time, value, between_s), kink], value, 8)
 
 
-def _smoothest(fits: list[Fit], parameters: int) -> Fit:
+def _smoothest(fits: list[Fit], value: FloatArray, parameters: int) -> Fit:
     """First fit, from smooth to sharp, that none of the others betters significantly."""
+    least = _FINEST * float(np.ptp(value))
     best = min(fits, key=lambda fit: fit.squares)
-    variance = best.squares / max(best.n_rows - parameters, 1)
+    variance = max(best.squares / max(best.n_rows - parameters, 1), least**2)
     return next(fit for fit in fits if fit.squares <= best.squares + SIGNIFICANT * variance)
 
 
 def _explains(squares: float, value: FloatArray) -> bool:
     """Whether residuals are no larger than the noise that second differences show."""
     bends = np.diff(value, 2)
-    noise = float(bends @ bends) / (6.0 * bends.size)
+    noise = max(float(bends @ bends) / (6.0 * bends.size), (_FINEST * float(np.ptp(value))) ** 2)
     n_free = value.size - _N_FREE
     return bool(squares / n_free <= noise * (1.0 + 4.0 * np.sqrt(2.0 / n_free)))
 
