@@ -80,10 +80,12 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
     points, tets, on = (
         _quadratic(points, tets, boundary) if plan.kind == "tet10" else (points, tets, _nodes(boundary))
     )
-    inner = {name: _shared(tets[:, :4], regions, i, points, tets) for i, name in enumerate(interfaces)}
-    points = curved(
-        points, tets, on, segment, {name: (nodes, interfaces[name]) for name, nodes in inner.items()}
-    )
+    outer = np.unique(np.concatenate([nodes for name, nodes in on.items() if name != "cut"]))
+    inner = {
+        name: (np.setdiff1d(_shared(tets, regions, i), outer), interface)
+        for i, (name, interface) in enumerate(interfaces.items())
+    }
+    points = curved(points, tets, on, segment, inner)
     bones = [on[bone.name] for bone in segment.bones if bone.name in on]
     mesh = Mesh(
         points_mm=points,
@@ -136,7 +138,9 @@ def _filled(
 
 def _without_ends(surface: Surface, segment: Segment, half: float) -> Surface:
     """A layer's surface without the flat faces on the cuts, where the segment has its own."""
-    at_end = (np.abs(np.abs(surface.points_mm @ segment.axis) - half) < 1e-6)[surface.faces].all(axis=1)
+    along = surface.points_mm @ segment.axis
+    ends = [(np.abs(along - end) < 1e-6)[surface.faces].all(axis=1) for end in (-half, half)]
+    at_end = ends[0] | ends[1]
     return Surface(name=surface.name, points_mm=surface.points_mm, faces=surface.faces[~at_end])
 
 
@@ -228,9 +232,6 @@ def _quadratic(
     return points, cells, on
 
 
-def _shared(
-    corners: IntArray, regions: IntArray, layer: int, points: FloatArray, cells: IntArray
-) -> IntArray:
-    """Nodes of the faces between a layer and what lies below it."""
-    upper, lower = np.unique(cells[regions <= layer]), np.unique(cells[regions > layer])
-    return np.intersect1d(upper, lower)
+def _shared(cells: IntArray, regions: IntArray, layer: int) -> IntArray:
+    """Nodes between a layer and what lies below it."""
+    return np.intersect1d(cells[regions <= layer], cells[regions > layer])

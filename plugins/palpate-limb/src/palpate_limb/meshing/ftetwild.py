@@ -10,8 +10,8 @@ import numpy as np
 from palpate.domain import FloatArray, IntArray
 from palpate_limb.meshing.mesher import Mesher, MeshingTask
 
-STOP_ENERGY = 15.0
-"""Elements are improved until the worst has this AMIPS energy; a regular one has 3."""
+STOP_ENERGY = 8.0
+"""Elements are improved until the worst has this AMIPS energy (a regular one has 3); sizes are met on the way."""
 N_ROUNDS = 60
 
 

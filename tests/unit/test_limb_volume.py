@@ -1,0 +1,250 @@
+"""Volumes: sizes, elements on the true surfaces, regions, quality, and the command that writes them."""
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from palpate.cli.app import main
+from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
+from palpate.errors import MeshError, PluginError
+from palpate.limb import check_limb
+from palpate.specimens import block
+from palpate_forearm import (
+    InkMark,
+    MeshioSettings,
+    MeshioSource,
+    Phantom,
+    PhantomBone,
+    Scanner,
+    Section,
+    write_phantom,
+)
+from palpate_limb.layers import below_skin
+from palpate_limb.meshing import Mesher, MeshingTask, SizeField, mesh_in_child
+from palpate_limb.quality import assess, cell_volumes, check_quality, dihedral_angles_deg, scaled_jacobians
+from palpate_limb.resting import rested
+from palpate_limb.segment import Segment, cut
+from palpate_limb.surfaces import Surface
+from palpate_limb.volume import MeshPlan, mesh_segment
+
+SMALL = Phantom(
+    sections=tuple(
+        Section(station_mm=s, half_width_mm=w, half_height_mm=h) for s, w, h in ((0, 16, 13), (70, 18, 15))
+    ),
+    bones=(
+        PhantomBone(
+            name="bone", start_mm=(-4, 0, -2), end_mm=(74, 0, -3), start_radius_mm=4, end_radius_mm=4.5
+        ),
+    ),
+    marks=(InkMark(name="p1", station_mm=35.0, angle_deg=90.0, colour=(0.05, 0.55, 0.15)),),
+)
+SIZE = SizeField(fine_mm=4.0, coarse_mm=14.0, radius_mm=6.0)
+
+
+@cache
+def segment() -> Segment:
+    skin, bone = SMALL.skin_surface(1.2), SMALL.bone_surface("bone", 1.0)
+    return cut(
+        Surface(name="s", points_mm=skin.points_mm, faces=skin.faces),
+        [Surface(name="bone", points_mm=bone.points_mm, faces=bone.faces)],
+        SMALL.spots[0],
+        np.array([1.0, 0.0, 0.0]),
+        40.0,
+    )
+
+
+@cache
+def layered() -> Limb:
+    return mesh_segment(segment(), MeshPlan(size=SIZE, layers_mm={"skin": 2.5}))
+
+
+def test_the_size_field_is_fine_within_its_radius_and_grows() -> None:
+    sizes = SIZE.at(np.array([[0.0, 0, 0], [6, 0, 0], [11, 0, 0], [99, 0, 0]]))
+    np.testing.assert_allclose(sizes, [4.0, 4.0, 8.0, 14.0])
+    points, cells, values = SIZE.background(np.full(3, -10.0), np.full(3, 10.0))
+    corners = points[cells]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(26.0**3)
+    assert values.shape == (len(points),)
+    with pytest.raises(MeshError, match="give 0 < fine <= coarse"):
+        SizeField(fine_mm=5.0, coarse_mm=4.0, radius_mm=6.0)
+
+
+def test_a_regular_tetrahedron_is_perfect_and_a_folded_one_negative() -> None:
+    points = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    cells = np.array([[0, 1, 3, 2]])
+    if np.linalg.det(points[cells[0, 1:]] - points[cells[0, 0]]) < 0:
+        cells = np.array([[0, 1, 2, 3]])
+    assert scaled_jacobians(points, cells)[0] == pytest.approx(1.0)
+    assert scaled_jacobians(points, cells[:, [0, 2, 1, 3]])[0] == pytest.approx(-1.0)
+    np.testing.assert_allclose(dihedral_angles_deg(points, cells), np.rad2deg(np.arccos(1 / 3)))
+    assert cell_volumes(points, cells)[0] == pytest.approx(8.0 / 3.0)
+
+
+def test_a_bent_edge_lowers_the_quality_before_it_folds_the_element() -> None:
+    mesh = block("tet10", n_across=2, n_down=2).mesh
+    cells, points = mesh.cells["tet10"], mesh.points_mm.copy()
+    before = scaled_jacobians(points, cells)
+    assert cell_volumes(points, cells).sum() == pytest.approx(36.0 * 36.0 * 18.0)
+    points[cells[0, 4]] += 0.45 * (points[cells[0, 2]] - points[cells[0, 4]])
+    after = scaled_jacobians(points, cells)
+    assert after[0] < 0.5 * before[0]
+
+
+def test_the_level_below_the_skin_lies_at_its_depth() -> None:
+    surface = below_skin(segment(), 2.5)
+    middle = surface.points_mm[np.abs(surface.points_mm @ segment().axis) < 15.0]
+    _, depth = segment().skin.nearest(middle)
+    np.testing.assert_allclose(depth, 2.5, atol=0.05)
+    assert surface.volume_mm3 > 0.0
+    with pytest.raises(MeshError, match="leaves nothing"):
+        below_skin(segment(), 20.0)
+
+
+def test_a_layered_mesh_lies_on_its_surfaces_and_can_be_simulated() -> None:
+    limb = layered()
+    mesh = limb.mesh
+    check_limb(limb, ["skin", "soft_tissue"])
+    on_skin = mesh.points_mm[mesh.node_sets["contact"]]
+    _, off = segment().skin.nearest(on_skin)
+    assert np.quantile(off, 0.9) < 0.02, "nodes of edges lie on the skin too"
+    bone = mesh.points_mm[mesh.node_sets["bone"]]
+    assert np.quantile(segment().bones[0].nearest(bone)[1], 0.9) < 0.05
+    cuts = mesh.points_mm[mesh.node_sets["cut"]] @ segment().axis
+    np.testing.assert_allclose(np.abs(cuts), 20.0, atol=0.05)
+    assert set(mesh.node_sets["fixed"]) == set(mesh.node_sets["cut"]) | set(mesh.node_sets["bone"])
+    quality = assess(limb, segment(), 6.0)
+    check_quality(quality, "p1", 4.0)
+    assert abs(quality.volume_error) < 0.01
+    below = below_skin(segment(), 2.5)
+    share = (
+        below.contains(mesh.points_mm[mesh.cells["tet10"][:, :4]].mean(axis=1)) == mesh.cell_regions["tet10"]
+    )
+    assert share.mean() > 0.99
+    # Skin of 2.5 mm around 40 mm of limb, from the half-axes at its middle.
+    outer, inner = 17.0 * 14.0, 14.5 * 11.5
+    assert quality.regions["skin"] == pytest.approx((outer - inner) / (outer - 4.25**2), rel=0.03)
+
+
+def test_the_sphere_rests_on_the_mesh() -> None:
+    limb, rise = rested(layered(), 7.5)
+    assert abs(rise) < 0.1
+    again, more = rested(limb, 7.5)
+    assert abs(more) < 1e-9
+    assert again.mesh.points_mm[again.mesh.node_sets["contact"], 2].max() == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_poor_mesh_is_refused() -> None:
+    limb = layered()
+    quality = assess(limb, segment(), 6.0)
+    with pytest.raises(MeshError, match="edges under the indenter"):
+        check_quality(quality, "p1", 0.3)
+    mesh = limb.mesh
+    cells = mesh.cells["tet10"][:-100]
+    holed = Limb(
+        spot=Spot(name="p1"),
+        mesh=Mesh(
+            points_mm=mesh.points_mm,
+            cells={"tet10": cells},
+            cell_regions={"tet10": mesh.cell_regions["tet10"][:-100]},
+            regions=mesh.regions,
+            node_sets=mesh.node_sets,
+        ),
+    )
+    with pytest.raises(MeshError, match="% more volume than the scan"):
+        check_quality(assess(holed, segment(), 6.0), "p1", 4.0)
+
+
+# --------------------------------------------------------------------- meshers
+
+
+class Broken(Mesher):
+    """Ends its process, as meshers do."""
+
+    name = "broken"
+    needs = "nothing"
+
+    def fill(self, task: MeshingTask) -> tuple[FloatArray, IntArray]:
+        raise SystemExit(7)
+
+
+def task() -> MeshingTask:
+    body = segment().tissue
+    points, cells, sizes = SIZE.background(body.points_mm.min(axis=0), body.points_mm.max(axis=0))
+    return MeshingTask(
+        points_mm=body.points_mm,
+        faces=body.faces,
+        nested=False,
+        size_points_mm=points,
+        size_cells=cells,
+        sizes_mm=sizes,
+        tolerance_mm=0.3,
+    )
+
+
+def test_a_mesher_that_is_missing_or_slow_or_unknown_is_named() -> None:
+    with pytest.raises(PluginError, match="no mesher 'magic'"):
+        mesh_in_child("magic", task(), 10.0)
+    with pytest.raises(PluginError, match="install it"):
+        mesh_in_child("no_such_module:Mesher", task(), 60.0)
+    with pytest.raises(MeshError, match=r"stopped after 0\.05 s"):
+        mesh_in_child("ftetwild", task(), 0.05)
+    with pytest.raises(MeshError, match="failed with exit code"):
+        mesh_in_child("json:JSONDecoder", task(), 60.0)
+
+
+# --------------------------------------------------------------------- command
+
+
+def run(folder: Path, *more: str) -> int:
+    arguments: Sequence[str] = ["limb", str(folder / "scan.ply"), "--bones", str(folder / "bone.stl"), *more]
+    return main(arguments)
+
+
+def test_the_command_writes_a_mesh_a_note_and_a_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_phantom(tmp_path, SMALL, Scanner(spacing_mm=1.4))
+    out = tmp_path / "meshes"
+    options = [
+        "--mark",
+        "p1=green",
+        "--length",
+        "40 mm",
+        "--size",
+        "4.5 mm",
+        "--radius",
+        "5 mm",
+        "--out",
+        str(out),
+    ]
+    assert run(tmp_path, *options) == 0
+    assert 'mesh = "' in capsys.readouterr().out
+    limb = MeshioSource(MeshioSettings()).load(out / "p1.vtu", Spot(name="p1"))
+    check_limb(limb, ["soft_tissue"])
+    assert meshio.read(out / "p1.vtu").point_data["bone"].any()
+    assert (out / "p1.png").read_bytes().startswith(b"\x89PNG")
+    assert '"volume_error"' in (out / "p1.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--mark", "p1=mauve"], "mark colour 'mauve'"),
+        (["--mark", "p1", "--mark", "p2=red"], "every mark a colour"),
+        (["--mark", "p1=green", "--size", "4"], "has no unit"),
+        (["--mark", "p1=green", "--unit", "m"], "is plausible"),
+        (["--mark", "p1=green", "--length", "100 mm"], "too near an end"),
+    ],
+)
+def test_the_command_refuses_what_it_cannot_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str
+) -> None:
+    write_phantom(tmp_path, SMALL, Scanner(spacing_mm=2.5))
+    assert run(tmp_path, *options, "--out", str(tmp_path / "out")) == 2
+    assert message in capsys.readouterr().err
