@@ -7,6 +7,7 @@ becomes a :class:`~palpate.errors.MeshError` or a plain value.
 
 import contextlib
 import io
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +48,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     """
     if not path.is_file():
         raise MeshError(f"{path}: no such file; check the path of the mesh")
+    _refuse_outside(path)
     import meshio  # here, so that whoever reads no mesh does not wait for it
 
     complaints = io.StringIO()
@@ -65,6 +67,31 @@ def read_mesh_file(path: Path) -> MeshFile:
         cell_data={str(k): tuple(np.asarray(v) for v in blocks) for k, blocks in mesh.cell_data.items()},
         point_sets={str(k): np.asarray(v, dtype=np.int64) for k, v in mesh.point_sets.items()},
     )
+
+
+_NAMED = {
+    ".inp": re.compile(rb"^\s*\*include\s*,\s*input\s*=\s*([^,\r\n]+)", re.IGNORECASE | re.MULTILINE),
+    ".xdmf": re.compile(rb">\s*([^<>\s][^<>]*?):/", re.MULTILINE),
+}
+"""How a file of each kind names another: an include, or the HDF5 file of an array."""
+_ENTITY = re.compile(rb"<!(doctype|entity)", re.IGNORECASE)
+
+
+def _refuse_outside(path: Path) -> None:
+    """Refuse a mesh file that would have another folder's files read, or that defines XML entities."""
+    kind = {".xmf": ".xdmf"}.get(path.suffix.lower(), path.suffix.lower())
+    if kind not in {".inp", ".xdmf", ".vtu"}:
+        return
+    content = path.read_bytes()
+    if kind != ".inp" and _ENTITY.search(content[:100_000]):
+        raise MeshError(f"{path}: it defines XML entities, which no mesh needs; write the mesh anew")
+    for named in _NAMED[kind].findall(content) if kind in _NAMED else ():
+        other = Path(named.decode(errors="replace").strip().strip("'\""))
+        if other.is_absolute() or ".." in other.parts:
+            raise MeshError(
+                f"{path}: it names the file '{other}', which lies outside of its folder; move it beside "
+                "the mesh"
+            )
 
 
 def _integers(path: Path, cells: object) -> NDArray[np.int64]:

@@ -11,7 +11,7 @@ from palpate.domain import FloatArray, IntArray
 from palpate_limb.meshing.mesher import Mesher, MeshingTask
 
 STOP_ENERGY = 8.0
-"""Elements are improved until the worst has this AMIPS energy (a regular one has 3); sizes are met on the way."""
+"""Elements are improved, and sizes met, until the worst has this AMIPS energy; a regular one has 3."""
 N_ROUNDS = 60
 
 
