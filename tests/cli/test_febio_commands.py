@@ -129,6 +129,10 @@ def test_the_record_shows_it():
     augmented = [o.stiffness["II"] for o in found if o.form == "augmented"]
     np.testing.assert_allclose(penalty, [2.26, 4.11, 8.33], rtol=0.01)
     assert max(augmented) - min(augmented) < 0.01
+    coarse = {(o.form, o.n_steps): o for o in recorded() if o.problem.startswith("coarse block")}
+    assert coarse["embedded", 10].relative == pytest.approx(1.0, abs=0.002)
+    assert coarse["penalty", 10].stiffness["II"] == pytest.approx(1.86, abs=0.01)
+    assert coarse["augmented", 10].relative == pytest.approx(0.44, abs=0.01)
 
 
 def test_with_febio_every_form_is_run_and_without_it_is_missed(call, fake_on_path, monkeypatch, tmp_path):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from palpate_febio.settings import FebioSettings
 from palpate_febio.sphere import sphere_mesh
 
 RADIUS_MM = 7.5
@@ -10,7 +11,7 @@ RADIUS_MM = 7.5
 
 @pytest.fixture(scope="module")
 def ball():
-    return sphere_mesh(RADIUS_MM, 0.6)
+    return sphere_mesh(RADIUS_MM, FebioSettings().facet_mm)
 
 
 def test_closed_outward_and_even(ball):
@@ -19,7 +20,7 @@ def test_closed_outward_and_even(ball):
     _, counts = np.unique(edges, axis=0, return_counts=True)
     assert (counts == 2).all()
     assert (np.einsum("ni,ni->n", a, np.cross(b - a, c - a)) > 0.0).all()
-    assert np.linalg.norm(b - a, axis=1).max() <= 0.6
+    assert np.linalg.norm(b - a, axis=1).max() <= 1.0
     volume = np.einsum("ni,ni->n", a, np.cross(b, c)).sum() / 6.0
     assert volume == pytest.approx(4.0 / 3.0 * np.pi * RADIUS_MM**3, rel=1e-12)
 
@@ -56,7 +57,7 @@ def test_facets_change_the_force_by_less_than_half_a_percent(ball, depth_mm):
     angle = np.tile(2.0 * np.pi * np.arange(37) / 37.0 + 0.1, 60)
     change = profile(ball, radius, angle) - np.sqrt(RADIUS_MM**2 - radius**2)
     assert abs(1.5 * change.mean() / depth_mm) < 0.005
-    inscribed = change - 0.6**2 / 8.0 / RADIUS_MM  # what the usual facets would do
+    inscribed = change - 1.0**2 / 8.0 / RADIUS_MM  # what the usual facets would do
     assert abs(change.mean()) < abs(inscribed.mean())
 
 

@@ -291,7 +291,7 @@ def _contact(root: ET.Element, problem: Problem) -> None:
     for name, value in (
         ("laugon", "AUGLAG" if problem.augmented else "PENALTY"),
         ("tolerance", _number(settings.augmentation_tolerance)),
-        ("gaptol", 0),
+        ("gaptol", _number(settings.gap_tolerance_mm if problem.augmented else 0.0)),
         ("penalty", _number(stiffer * settings.penalty)),
         ("auto_penalty", 1),
         ("update_penalty", 0),

@@ -65,10 +65,9 @@ def friction_memory(
 HEADS = ("problem", "contact", "steps", "torque [N·mm]", "of the right one", "stiffness found / true", "note")
 EXPLANATION = (
     "The penalty form forgets where a point stuck, so its torque falls with the number of steps, and a "
-    "stiffness "
-    "identified by torque rises as much: it is a property of the step, not of the tissue. The augmented "
-    "form and the "
-    "embedded solver remember."
+    "stiffness identified by torque rises as much: it is a property of the step, not of the tissue. The "
+    "augmented form remembers what its augmentation has converged, and forgets the rest in every step: its "
+    "gates show how much. The embedded solver remembers."
 )
 
 
