@@ -297,11 +297,11 @@ class ParameterSpace:
 
     def thetas(self, row: FloatArray) -> dict[str, FloatArray]:
         """Textbook parameters by region for one design row of shape (n_parameters,)."""
-        values = dict(zip((p.name for p in self.parameters), map(float, row), strict=True))
-        return {
-            r.region: r.theta({p.name: values[f"{r.region}.{p.name}"] for p in r.searched})
-            for r in self.regions
-        }
+        columns = iter(row.tolist())
+        thetas = {r.region: r.theta({p.name: next(columns) for p in r.searched}) for r in self.regions}
+        if next(columns, None) is not None:
+            raise SamplingError(f"a design row of {len(row)} values is too long for what is searched")
+        return thetas
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

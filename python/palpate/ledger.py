@@ -23,9 +23,8 @@ import os
 import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import polars as pl
@@ -59,8 +58,7 @@ PRAGMA user_version = {VERSION};
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
+class Entry(NamedTuple):
     """What decides whether a job is to be done again.
 
     Parameters
@@ -115,20 +113,21 @@ class Ledger:
                 connection.close()
                 return _empty()
             check_version(connection, self.path)
-        connection.row_factory = sqlite3.Row
         return connection
 
     # -------------------------------------------------------------------- reading
 
     def entries(self) -> dict[str, Entry]:
         """How each finished simulation ended, by key."""
+        statuses = {status.value: status for status in Status}
         rows = self._all("SELECT key, state, seconds, quarantined, rung FROM simulations")
         try:
             return {
-                key: Entry(Status(state), seconds, bool(q), rung) for key, state, seconds, q, rung in rows
+                key: Entry(statuses[state], seconds, bool(quarantined), rung)
+                for key, state, seconds, quarantined, rung in rows
             }
-        except ValueError as error:
-            raise _damaged(self.path, f"a row of 'simulations' holds no state ({error})") from None
+        except KeyError as error:
+            raise _damaged(self.path, f"a row of 'simulations' has the state {error}") from None
 
     def finished_of_last_sweep(self) -> set[str]:
         """Keys of the sweep begun last that are finished."""
@@ -141,7 +140,7 @@ class Ledger:
         query = f"SELECT jobs.spot, {', '.join(names[1:]).replace('set_id', 'jobs.set_id')} FROM jobs "
         rows = self._all(f"{query} JOIN simulations USING (key) ORDER BY jobs.spot, jobs.set_id")
         schema = dict.fromkeys(texts, pl.String)
-        return pl.DataFrame(list(map(tuple, rows)), schema=names, schema_overrides=schema, orient="row")
+        return pl.DataFrame(rows, schema=names, schema_overrides=schema, orient="row")
 
     def copy_to(self, folder: Path) -> None:
         """Copy the ledger and its curves, as they stand at one moment, even while somebody writes.
@@ -177,7 +176,7 @@ class Ledger:
             "SELECT coalesce(state, 'left'), count(*) FROM (SELECT DISTINCT key FROM jobs) "
             "LEFT JOIN simulations USING (key) GROUP BY 1 ORDER BY 2 DESC, 1"
         )
-        return dict(map(tuple, rows))
+        return dict(rows)
 
     def frame(self, table: str) -> pl.DataFrame:
         """One of the tables as a data frame."""
@@ -223,7 +222,7 @@ class Ledger:
         for begin in range(0, len(keys), 500):
             some = keys[begin : begin + 500]
             marks = ",".join("?" * len(some))
-            for row in self._all(f"SELECT * FROM simulations WHERE key IN ({marks})", some):
+            for row in self._all(f"SELECT * FROM simulations WHERE key IN ({marks})", some, named=True):
                 if row["digest"] != digest(tuple(row)[:-1]):
                     raise _damaged(self.path, f"the row of simulation {row['key']} is not as it was written")
                 yield row
@@ -254,9 +253,12 @@ class Ledger:
             )
         return unpack(content, keys)
 
-    def _all(self, query: str, values: Sequence[object] = ()) -> list[Any]:
+    def _all(self, query: str, values: Sequence[object] = (), *, named: bool = False) -> list[Any]:
         with told(self.path):
-            return self._connection.execute(query, values).fetchall()
+            cursor = self._connection.cursor()
+            if named:
+                cursor.row_factory = sqlite3.Row
+            return cursor.execute(query, values).fetchall()
 
 
 # ------------------------------------------------------------------- connections
@@ -265,7 +267,6 @@ class Ledger:
 def _empty() -> sqlite3.Connection:
     connection = sqlite3.connect(":memory:")
     connection.executescript(TABLES)
-    connection.row_factory = sqlite3.Row
     return connection
 
 

@@ -110,8 +110,14 @@ class RunDirectory:
         manifest(study, channels)  # what cannot be told is refused before there is a folder
         self._make_folder()
         with locked(self.folder) as check:
+            self._tidy()
             self.begin(study, channels)
             yield check
+
+    def _tidy(self) -> None:
+        """Remove what a killed runner was writing."""
+        for part in self.folder.rglob(".*.part"):
+            part.unlink(missing_ok=True)
 
     @property
     def is_begun(self) -> bool:

@@ -20,7 +20,7 @@ from palpate.domain import (
     Simulation,
 )
 from palpate.errors import StudyError
-from palpate.interfaces import Component, Solver
+from palpate.interfaces import Component, Material, Solver
 from palpate.ledger import Ledger
 from palpate.plugins import answering_for
 from palpate.progress import SILENT, Progress
@@ -33,20 +33,38 @@ def jobs(study: Study, design: Design, measured: Mapping[str, Response]) -> list
 
     Without a protocol a job is homogeneous tests along the measured abscissae.
     """
+    thetas = [study.space.thetas(row) for row in design.values]
+    firsts = [_job(study, spot.spot.name, 0, thetas[0], measured) for spot in study.spots] if thetas else []
     return [
-        job_for(study, spot.spot.name, set_id, design.values[set_id], measured)
-        for spot in study.spots
+        Job(
+            spot=first.spot,
+            set_id=set_id,
+            materials=first.materials,
+            thetas=thetas[set_id],
+            protocol=first.protocol,
+        )
+        for first in firsts
         for set_id in range(design.n_sets)
     ]
 
 
 def job_for(study: Study, spot: str, set_id: int, row: FloatArray, measured: Mapping[str, Response]) -> Job:
     """Make the job of one parameter set, ``row`` (n_parameters,) in design columns, at a spot."""
+    return _job(study, spot, set_id, study.space.thetas(row), measured)
+
+
+def _job(
+    study: Study,
+    spot: str,
+    set_id: int,
+    thetas: Mapping[str, FloatArray],
+    measured: Mapping[str, Response],
+) -> Job:
     return Job(
         spot=spot,
         set_id=set_id,
         materials={region.region: region.material for region in study.space.regions},
-        thetas=study.space.thetas(row),
+        thetas=thetas,
         protocol=study.protocol_at(spot) or homogeneous_tests(measured[spot]),
     )
 
@@ -101,7 +119,7 @@ def job_key(job: Job, limb: Limb | None, solver: Solver) -> str:
     the protocol, and the solver with its version and settings. The ``set_id`` is a
     name and decides nothing.
     """
-    return _job_key(job, limb_key(limb), solver_key(solver))
+    return _Keys(solver).key(job, limb_key(limb))
 
 
 def limb_key(limb: Limb | None) -> str:
@@ -123,12 +141,36 @@ def solver_key(solver: Solver) -> str:
     return digest.hexdigest()
 
 
-def _job_key(job: Job, limb: str, solver: str) -> str:
-    digest = hashlib.sha256()
-    _add(digest, limb, solver, *_protocol_parts(job.protocol))
-    for region in sorted(job.materials):
-        _add(digest, region, *_described(job.materials[region]), job.thetas[region])
-    return digest.hexdigest()
+class _Keys:
+    """Keys of jobs, hashing but once what all sets of a spot have in common."""
+
+    def __init__(self, solver: Solver) -> None:
+        self._solver = solver_key(solver)
+        # What an id stands for is kept beside the answer, so that no other takes the id meanwhile.
+        self._heads: dict[tuple[str, int], tuple[Protocol, hashlib._Hash]] = {}
+        self._regions: dict[tuple[str, int], tuple[Material, bytes]] = {}
+
+    def key(self, job: Job, limb: str) -> str:
+        digest = self._head(job.protocol, limb).copy()
+        for region in sorted(job.materials):
+            digest.update(self._region(region, job.materials[region]))
+            _add(digest, job.thetas[region])
+        return digest.hexdigest()
+
+    def _head(self, protocol: Protocol, limb: str) -> "hashlib._Hash":
+        found = self._heads.get((limb, id(protocol)))
+        if found is None:
+            digest = hashlib.sha256()
+            _add(digest, limb, self._solver, *_protocol_parts(protocol))
+            found = self._heads[limb, id(protocol)] = (protocol, digest)
+        return found[1]
+
+    def _region(self, region: str, material: Material) -> bytes:
+        found = self._regions.get((region, id(material)))
+        if found is None:
+            encoded = b"".join(map(_encoded, (region, *_described(material))))
+            found = self._regions[region, id(material)] = (material, encoded)
+        return found[1]
 
 
 def _described(component: Component) -> tuple[str, str]:
@@ -158,9 +200,12 @@ def _add(digest: "hashlib._Hash", *parts: object) -> None:
             digest.update(f"array {part.dtype.str} {part.shape};".encode())
             digest.update(np.ascontiguousarray(part).tobytes())
         else:
-            text = json.dumps(part).encode()
-            digest.update(f"json {len(text)};".encode())
-            digest.update(text)
+            digest.update(_encoded(part))
+
+
+def _encoded(part: object) -> bytes:
+    text = json.dumps(part).encode()
+    return f"json {len(text)};".encode() + text
 
 
 # ---------------------------------------------------------------------- sweep
@@ -232,8 +277,8 @@ def stored(
 def keys(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> list[str]:
     """Key of each job, as :func:`job_key` makes it."""
     meshes = {spot.spot.name: limb_key(limbs.get(spot.spot.name)) for spot in study.spots}
-    solver = solver_key(study.solver)
-    return [_job_key(job, meshes[job.spot], solver) for job in to_do]
+    maker = _Keys(study.solver)
+    return [maker.key(job, meshes[job.spot]) for job in to_do]
 
 
 def _of_job(simulation: Simulation, job: Job) -> Simulation:

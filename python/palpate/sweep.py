@@ -55,6 +55,7 @@ class _State:
     """Where each key stands: done, or on which rung of the ladder it is to be tried."""
 
     done: dict[str, Simulation | None] = field(default_factory=dict)
+    statuses: dict[str, Status] = field(default_factory=dict)
     rungs: dict[str, int] = field(default_factory=dict)
 
 
@@ -116,6 +117,7 @@ def _found(sweep: Sweep, by_key: Mapping[str, Job], n_rungs: int) -> _State:
         entry = entries.get(key)
         if entry is not None and key not in gone and is_final(entry, sweep.study, n_rungs):
             state.done[key] = None
+            state.statuses[key] = entry.status
         else:
             diverged = entry is not None and entry.status is Status.DIVERGED and key not in gone
             state.rungs[key] = entry.rung + 1 if entry is not None and diverged else 0
@@ -126,13 +128,9 @@ def _found(sweep: Sweep, by_key: Mapping[str, Job], n_rungs: int) -> _State:
 
 def _tell(sweep: Sweep, state: _State) -> None:
     sweep.progress.begin("simulate", len(sweep.keys))
-    if not state.done:
-        return
-    with Ledger(sweep.folder) as ledger:
-        entries = ledger.entries()
     for key in sweep.keys:
-        if key in state.done:
-            sweep.progress.step(entries[key].status.value)
+        if key in state.statuses:
+            sweep.progress.step(state.statuses[key].value)
 
 
 def _take_from_cache(sweep: Sweep, by_key: Mapping[str, Job], state: _State, writer: Writer) -> None:

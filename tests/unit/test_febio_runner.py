@@ -56,7 +56,10 @@ def test_a_time_limit_ends_it(tmp_path):
 
 
 def test_a_program_that_ignores_the_request_is_killed(tmp_path):
-    code = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(1, flush=True); time.sleep(60)"
+    code = (
+        "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
+        "print(1, flush=True); time.sleep(60)"
+    )
     ended = python(tmp_path, code, Limits(time_s=1.5, stall_s=9.0, grace_s=0.2))
     assert ended.exit_code == -9
 
@@ -72,11 +75,7 @@ def test_silence_is_no_progress_and_a_growing_file_is(tmp_path):
 
 
 def test_children_end_with_it(tmp_path):
-    code = (
-        "import os, time, sys\npid = os.fork()\n"
-        "if pid == 0: time.sleep(600)\n"
-        "print(pid, flush=True)"
-    )
+    code = "import os, time, sys\npid = os.fork()\nif pid == 0: time.sleep(600)\nprint(pid, flush=True)"
     began = time.monotonic()
     ended = python(tmp_path, code)
     assert ended.exit_code == 0
@@ -142,14 +141,15 @@ def test_version_and_remark(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [("version=3.9.0", "FEBio 3.9.0.*4.0 deck"), ("version=5.0", "FEBio 5.0"), ("say_nothing", "does not say")],
+    [
+        ("version=3.9.0", "FEBio 3.9.0.*4.0 deck"),
+        ("version=5.0", "FEBio 5.0"),
+        ("say_nothing", "does not say"),
+    ],
 )
 def test_other_programs_are_refused(tmp_path, monkeypatch, words, message):
     monkeypatch.setenv("FAKE_FEBIO", words)
-    if words == "say_nothing":
-        program = Path("/bin/true")
-    else:
-        program = febio_fake.install(tmp_path)
+    program = Path("/bin/true") if words == "say_nothing" else febio_fake.install(tmp_path)
     with pytest.raises(PluginError, match=message):
         examine(program)
 

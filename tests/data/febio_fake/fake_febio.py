@@ -32,7 +32,9 @@ def main(arguments):
         return 0
     print(f"  version {VERSION}", flush=True)
     if "xml_error" in WORDS:
-        print("Reading file job.feb ...FAILED!\nFATAL ERROR: unrecognized tag <rigid_bc> (line 7)", flush=True)
+        print(
+            "Reading file job.feb ...FAILED!\nFATAL ERROR: unrecognized tag <rigid_bc> (line 7)", flush=True
+        )
         return 1
     if "flood" in WORDS:
         for _ in range(3000):
@@ -77,7 +79,9 @@ def probe(root, log):
             stream.write("probe\n")
     material = root.find("Material/material")
     n = int(root.findtext("Control/time_steps"))
-    for bc, record in zip(root.findall("Boundary/bc"), root.findall("Output/logfile/element_data"), strict=False):
+    for bc, record in zip(
+        root.findall("Boundary/bc"), root.findall("Output/logfile/element_data"), strict=False
+    ):
         F = np.array(bc.findtext("F").split(","), dtype=float).reshape(3, 3)
         with open(record.get("file"), "w") as stream:
             for k in range(1, n + 1):
@@ -128,7 +132,9 @@ def press(root, log):
             stream.write(f"*Step  = {k}\n*Time  = {times[k]:g}\n*Data  = z;thz;Fx;Fy;Fz;Mx;My;Mz\n")
             row = [7.5 - depth[k] - elsewhere * (k > 1), turn[k], 0.0, 0.0, -force[k], 0.0, 0.0, torque[k]]
             garbled = "garbled" in WORDS and k == 3
-            stream.write("2," + ("\x00\x1b[Hrubbish" if garbled else ",".join(f"{v:.12g}" for v in row)) + "\n")
+            stream.write(
+                "2," + ("\x00\x1b[Hrubbish" if garbled else ",".join(f"{v:.12g}" for v in row)) + "\n"
+            )
         if "cut" in WORDS:
             stream.write("*Step  = 99\n*Time  = 99\n*Data  = z;thz;Fx;Fy;Fz;Mx;My;Mz\n2,7.1,0")
     return end(log, times[last - 1], failed=last < len(times))
@@ -139,7 +145,9 @@ def end(log, time_reached, failed):
     log.write(f"\n------- converged at time : {time_reached:g}\n\n")
     if failed and "silent_end" not in WORDS and "cut" not in WORDS:
         log.write(boxed("ERROR", "Negative jacobian was detected at element 12 at gauss point 3"))
-        log.write(f"------- failed to converge at time : {time_reached + 0.25:g}\n\nMax. nr of retries reached.\n\n")
+        log.write(
+            f"------- failed to converge at time : {time_reached + 0.25:g}\n\nMax. nr of retries reached.\n\n"
+        )
         log.write(BAD)
         return 1
     if "cut" in WORDS:

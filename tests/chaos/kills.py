@@ -1,0 +1,252 @@
+"""Kills runs, at random moments and at every write, and looks for what was lost: nothing may be.
+
+    python tests/chaos/kills.py --random 200 --workers 20
+
+Each victim is a fork of this process, so that a trial costs milliseconds. After each kill the
+simulations that were on the disk must still be there; after the last one a run that nobody
+kills must leave the same bytes in every table as one that nobody ever killed. The last line
+counts what was tried and what was lost; the exit code is 1 if anything was.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import signal
+import sqlite3
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
+
+from palpate import ledger_writer, pipeline, results
+from palpate.builtins import LatinHypercube
+from palpate.domain import Indentation, Normaliser, ParameterSpace, RegionMaterial, Sphere, Spot
+from palpate.plugins import Plugins, load_file
+from palpate.study import Study, StudySpot
+
+tissue = load_file(TISSUE_FILE)
+
+
+class Slow(tissue.Analytic):
+    """Takes two milliseconds and tells each simulation that it ends, in a file."""
+
+    name = "slow"
+
+    def behave(self, job):
+        time.sleep(0.002)
+        return super().behave(job)
+
+
+def make_study(folder: Path, n_sets: int, n_workers: int) -> Study:
+    """Study of two spots with a known answer."""
+    spots = []
+    for name, truth in TRUTH.items():
+        write_curves(folder / f"{name}.csv", tissue.answer(*truth))
+        spots.append(StudySpot(spot=Spot(name=name), measured={None: (folder / f"{name}.csv",)}, mesh=None))
+    material = tissue.Spongy()
+    region = RegionMaterial(region="soft_tissue", material=material, searched=material.parameters, fixed={})
+    solver = Slow() if n_workers == 1 else tissue.Analytic()
+    return Study(
+        name="sponge", description="", file=folder / "study.toml", data="simulated", spots=tuple(spots),
+        loader=tissue.Table(), limb_source=None,
+        protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=PATH, friction=1.0),
+        space=ParameterSpace(regions=(region,)), sampler=LatinHypercube(), n_sets=n_sets, seed=1, filters=(),
+        solver=solver, normaliser=Normaliser.MEAN_ABS, minimum_coverage=0.95, scenarios=SCENARIOS,
+        generalise_by="I", refine=False, truth={}, n_workers=n_workers, time_limit_s=60.0,
+        plugin_files=(TISSUE_FILE,),
+    )  # fmt: skip
+
+
+def forked(act: Callable[[], None]) -> int:
+    """Do something in a fork of this process, and return its process id at once."""
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 1
+    try:
+        os.setsid()
+        act()
+        code = 0
+    except BaseException as error:
+        sys.stderr.write(f"{type(error).__name__}: {error}\n")
+    finally:
+        os._exit(code)
+
+
+def finished(folder: Path) -> dict[str, str]:
+    """Keys and digests on the disk, read as anyone could."""
+    path = folder / "ledger.sqlite"
+    if not path.exists():
+        return {}
+    connection = sqlite3.connect(path)
+    try:
+        return dict(connection.execute("SELECT key, digest FROM simulations"))
+    except sqlite3.OperationalError:
+        return {}  # killed before the first table
+    finally:
+        connection.close()
+
+
+def tables(folder: Path) -> dict[str, bytes]:
+    """Bytes of every final table."""
+    paths = [*folder.glob("*.parquet"), *(folder / "report" / "tables").iterdir()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(paths)}
+
+
+class Trials:
+    """Runs of one study, some of them killed."""
+
+    def __init__(self, home: Path, n_sets: int, n_workers: int) -> None:
+        self.home = home
+        home.mkdir()
+        self.study = make_study(home, n_sets, n_workers)
+        self.plugins = Plugins.load([TISSUE_FILE], entry_points=False)
+        self.counts: Counter[str] = Counter()
+        begun = time.monotonic()
+        self.run_to_the_end("whole")
+        self.seconds = time.monotonic() - begun
+        self.expected = tables(home / "whole")
+
+    def run(self, name: str) -> None:
+        """Run the study; the pictures are left out."""
+        import palpate.report
+
+        def draw_none(content: object, folder: Path) -> tuple[Path, ...]:
+            return ()
+
+        palpate.report.write_figures = draw_none
+        pipeline.run_study(self.study, self.home / name, self.plugins)
+
+    def run_to_the_end(self, name: str) -> None:
+        """Run the study in a fork that nobody kills."""
+        _, status = os.waitpid(forked(lambda: self.run(name)), 0)
+        if status:
+            raise SystemExit(f"a run that nobody killed ended with status {status}")
+
+    def kill_at_random(self, name: str, moment: random.Random) -> None:
+        """Kill a run some time after it began."""
+        before = finished(self.home / name)
+        pid = forked(lambda: self.run(name))
+        time.sleep(moment.uniform(0.0, self.seconds))
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+        self._count("random", before, name)
+
+    def kill_at_write(self, name: str, number: int, *, after: bool) -> bool:
+        """Kill a run before, or after, its so-manieth write; returns whether it had that many."""
+        before = finished(self.home / name)
+
+        def act() -> None:
+            count_writes(number, after=after)
+            self.run(name)
+
+        _, status = os.waitpid(forked(act), 0)
+        self._count("at writes", before, name)
+        return os.WIFSIGNALED(status)
+
+    def check_end(self, name: str) -> None:
+        """Let a run end, and compare its tables with those of one never killed."""
+        self.run_to_the_end(name)
+        if tables(self.home / name) != self.expected:
+            self.counts["other bytes"] += 1
+
+    def _count(self, kind: str, before: dict[str, str], name: str) -> None:
+        now = finished(self.home / name)
+        self.counts[f"kills {kind}"] += 1
+        self.counts["lost"] += sum(now.get(key) != digest for key, digest in before.items())
+
+
+def count_writes(number: int, *, after: bool) -> None:
+    """Kill this process at its so-manieth write: a flush, a move, or a commit."""
+    n_writes = 0
+
+    def numbered(act: Callable[..., object]) -> Callable[..., object]:
+        def write(*arguments: object, **options: object) -> object:
+            nonlocal n_writes
+            n_writes += 1
+            if n_writes == number and not after:
+                os.kill(os.getpid(), signal.SIGKILL)
+            done = act(*arguments, **options)
+            if n_writes == number:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return done
+
+        return write
+
+    os.fsync, os.replace = numbered(os.fsync), numbered(os.replace)
+    results.os, ledger_writer._insert = os, numbered(ledger_writer._insert)
+
+
+def no_orphans(trials: Trials, moment: random.Random) -> None:
+    """Kill a run that has worker processes, and wait for them to end by themselves."""
+    name = "workers"
+    before = finished(trials.home / name)
+    pid = forked(lambda: trials.run(name))
+    time.sleep(moment.uniform(0.2, 1.0) * trials.seconds)
+    trials.counts["workers seen"] += n_workers_alive()
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    deadline = time.monotonic() + 10.0
+    while (n_left := n_workers_alive()) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    trials.counts["orphans"] += n_left
+    trials._count("with workers", before, name)
+
+
+def n_workers_alive() -> int:
+    """Worker processes of the runs of this process; a fork shows the environment of its parent's start."""
+    mine, n_alive = f"{MARK}={os.getpid()}".encode(), 0
+    for process in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            n_alive += mine in process.read_bytes().split(b"\0")
+    return n_alive
+
+
+MARK = "PALPATE_CHAOS"
+
+
+def main() -> int:
+    """Try everything and tell the counts."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--random", type=int, default=200, help="kills at random moments")
+    parser.add_argument("--workers", type=int, default=20, help="of them with worker processes")
+    parser.add_argument("--stride", type=int, default=1, help="writes from one kill to the next")
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    moment, counts = random.Random(asked.seed), Counter()
+    os.environ[MARK] = str(os.getpid())
+    # A kill leaves what the kernel has taken: no disk has to be waited for.
+    memory = Path("/dev/shm")
+    with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
+        small = Trials(Path(folder) / "small", n_sets=3, n_workers=1)
+        number = 1
+        while small.kill_at_write(f"run{number}", number, after=number % 4 > 1):
+            small.check_end(f"run{number}")
+            number += asked.stride
+        large = Trials(Path(folder) / "large", n_sets=60, n_workers=1)
+        for i in range(asked.random):
+            large.kill_at_random(f"run{i // 5}", moment)
+            if i % 5 == 4 or i + 1 == asked.random:
+                large.check_end(f"run{i // 5}")
+        counts += small.counts + large.counts
+        if asked.workers:
+            spread = Trials(Path(folder) / "spread", n_sets=60, n_workers=2)
+            for _ in range(asked.workers):
+                no_orphans(spread, moment)
+            spread.check_end("workers")
+            counts += spread.counts
+    bad = {name: counts[name] for name in ("lost", "other bytes", "orphans")}
+    sys.stdout.write(json.dumps({**counts, **bad}) + "\n")
+    return int(any(bad.values()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
