@@ -1,0 +1,242 @@
+"""A limb as something to look at: its surfaces as triangles, its spot, the normal and the sphere.
+
+A face that one element alone has lies on the outside, one between two regions on an
+interface. A face belongs to the smallest node set that holds all of its corners, so
+that a bone is told from the other nodes that are held still.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from palpate.domain import FloatArray, IntArray, Limb, Mesh
+from palpate.errors import MeshError
+
+Role = Literal["contact", "fixed", "free", "interface", "sphere"]
+
+_FACES: Mapping[str, tuple[tuple[int, ...], ...]] = MappingProxyType(
+    {
+        "tet4": ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)),
+        "tet10": ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)),
+        "hex8": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    }
+)
+"""Corners of the faces of a kind, outward by the right-hand rule."""
+
+_LOOKS: Mapping[Role, tuple[str, float]] = MappingProxyType(
+    {
+        "contact": ("#deb599", 0.45),
+        "fixed": ("#efe9d6", 1.0),
+        "free": ("#c98276", 0.45),
+        "interface": ("#d9a5a0", 0.3),
+        "sphere": ("#597399", 0.8),
+    }
+)
+"""Colour and opacity of a role."""
+_CUTS = "#c98276"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ViewPart:
+    """Triangles that are one thing.
+
+    Parameters
+    ----------
+    name : str
+        As a legend says it: ``contact``, ``ulna``, ``cut``, ``skin | soft_tissue``, ``sphere``.
+    role : {"contact", "fixed", "free", "interface", "sphere"}
+    region : str
+        Of the elements behind it; at an interface, of the one named first; empty for the sphere.
+    points_mm : (n, 3) array
+    triangles : (m, 3) integer array
+        Outward by the right-hand rule.
+    """
+
+    name: str
+    role: Role
+    region: str
+    points_mm: FloatArray
+    triangles: IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LimbView:
+    """What there is to see of one limb.
+
+    Parameters
+    ----------
+    spot : str
+    parts : tuple of ViewPart
+    mark_mm : (3,) array
+        Where the spot lies.
+    normal_mm : (2, 3) array
+        Both ends of an arrow along the outward normal.
+    """
+
+    spot: str
+    parts: tuple[ViewPart, ...]
+    mark_mm: FloatArray
+    normal_mm: FloatArray
+
+    def traces(self) -> list[dict[str, Any]]:
+        """Traces for Plotly as plain values: a ``mesh3d`` of each part, the mark and the normal."""
+        return [*map(_trace, self.parts), *self._spot_traces()]
+
+    def _spot_traces(self) -> Iterator[dict[str, Any]]:
+        yield _scatter(f"mark {self.spot}", self.mark_mm[None], "markers") | {
+            "marker": {"size": 5, "color": "#207040"}
+        }
+        yield _scatter("normal", self.normal_mm, "lines") | {"line": {"width": 6, "color": "#202020"}}
+
+
+def limb_view(limb: Limb, radius_mm: float | None = None) -> LimbView:
+    """Surfaces of a limb, with its spot.
+
+    Parameters
+    ----------
+    limb : Limb
+    radius_mm : float, optional
+        Of a sphere that rests on the spot; without it none is shown.
+
+    Raises
+    ------
+    MeshError
+        The mesh has a kind of element that has no known faces.
+    """
+    mesh, spot = limb.mesh, limb.spot
+    arrow = 3.0 * radius_mm if radius_mm else 0.25 * float(np.ptp(mesh.points_mm, axis=0).max())
+    ball = () if radius_mm is None else (_sphere(spot.position_mm + radius_mm * spot.normal, radius_mm),)
+    return LimbView(
+        spot=spot.name,
+        parts=(*_surfaces(mesh), *ball),
+        mark_mm=spot.position_mm,
+        normal_mm=np.stack([spot.position_mm, spot.position_mm + arrow * spot.normal]),
+    )
+
+
+def _surfaces(mesh: Mesh) -> Iterator[ViewPart]:
+    triangles, regions, inner = _shown_faces(mesh)
+    outside = inner < 0
+    labels = _labels(mesh, triangles[outside])
+    for label in dict.fromkeys(labels):
+        own = np.array([other == label for other in labels])
+        for region in np.unique(regions[outside][own]):
+            chosen = own & (regions[outside] == region)
+            name = label or mesh.regions[region]
+            yield _part(mesh, name, _role(mesh, label), mesh.regions[region], triangles[outside][chosen])
+    pairs = np.stack([regions, inner], axis=1)
+    for a, b in np.unique(pairs[~outside], axis=0):
+        chosen = (pairs == (a, b)).all(axis=1)
+        name = f"{mesh.regions[a]} | {mesh.regions[b]}"
+        yield _part(mesh, name, "interface", mesh.regions[a], triangles[chosen])
+
+
+def _shown_faces(mesh: Mesh) -> tuple[IntArray, IntArray, IntArray]:
+    """Triangles (n, 3) on the outside and between regions, their region, and the other one's or −1."""
+    faces, owners = _all_faces(mesh)
+    keys = np.sort(faces, axis=1)
+    order = np.lexsort(keys.T)
+    same = (keys[order][1:] == keys[order][:-1]).all(axis=1)
+    other = np.full(len(faces), -1)
+    other[order[:-1][same]] = owners[order[1:][same]]
+    other[order[1:][same]] = owners[order[:-1][same]]
+    shown = (other < 0) | (owners < other)  # an interface once, from the side of the region named first
+    faces, owners, other = faces[shown], owners[shown], other[shown]
+    quads = faces[:, 3] >= 0
+    return (
+        np.concatenate([faces[:, :3], faces[quads][:, [0, 2, 3]]]),
+        np.concatenate([owners, owners[quads]]),
+        np.concatenate([other, other[quads]]),
+    )
+
+
+def _all_faces(mesh: Mesh) -> tuple[IntArray, IntArray]:
+    """Faces (n, 4) of every element, −1 last in a triangle, and their elements' regions (n,)."""
+    faces, owners = [], []
+    for kind, cells in mesh.cells.items():
+        if kind not in _FACES:
+            raise MeshError(f"mesh: elements of kind '{kind}' cannot be drawn; use {', '.join(_FACES)}")
+        for corners in _FACES[kind]:
+            block = np.full((len(cells), 4), -1, dtype=np.int64)
+            block[:, : len(corners)] = cells[:, list(corners)]
+            faces.append(block)
+            owners.append(mesh.cell_regions[kind])
+    return np.concatenate(faces), np.concatenate(owners)
+
+
+def _labels(mesh: Mesh, triangles: IntArray) -> list[str]:
+    """The smallest node set that holds each triangle, or nothing."""
+    labels = np.full(len(triangles), "", dtype=object)
+    for name, nodes in sorted(mesh.node_sets.items(), key=lambda item: -item[1].size):
+        on = np.zeros(mesh.n_nodes, dtype=np.bool_)
+        on[nodes] = True
+        labels[on[triangles].all(axis=1)] = name
+    return [str(label) for label in labels]
+
+
+def _role(mesh: Mesh, label: str) -> Role:
+    if label == "contact":
+        return "contact"
+    fixed = label and np.isin(mesh.node_sets[label], mesh.node_sets.get("fixed", ())).all()
+    return "fixed" if fixed else "free"
+
+
+def _part(mesh: Mesh, name: str, role: Role, region: str, triangles: IntArray) -> ViewPart:
+    """The triangles with the points that they use alone."""
+    used, renumbered = np.unique(triangles, return_inverse=True)
+    return ViewPart(
+        name=name,
+        role=role,
+        region=region,
+        points_mm=mesh.points_mm[used],
+        triangles=renumbered.reshape(-1, 3).astype(np.int64),
+    )
+
+
+def _sphere(centre_mm: FloatArray, radius_mm: float, n_around: int = 32) -> ViewPart:
+    """A sphere of rings, its poles being rings of no width."""
+    n_rings = n_around // 2 + 1
+    polar, around = np.meshgrid(
+        np.linspace(0.0, np.pi, n_rings),
+        np.linspace(0.0, 2.0 * np.pi, n_around, endpoint=False),
+        indexing="ij",
+    )
+    unit = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(n_rings - 1), np.arange(n_around), indexing="ij"))
+    a, b = i * n_around + j, i * n_around + (j + 1) % n_around
+    c, d = a + n_around, b + n_around
+    upper, lower = np.stack([a, c, d], axis=1)[i < n_rings - 2], np.stack([a, d, b], axis=1)[i > 0]
+    return ViewPart(
+        name="sphere",
+        role="sphere",
+        region="",
+        points_mm=centre_mm + radius_mm * unit.reshape(-1, 3),
+        triangles=np.concatenate([upper, lower]),
+    )
+
+
+def _trace(part: ViewPart) -> dict[str, Any]:
+    colour, opacity = _LOOKS[part.role]
+    x, y, z = np.round(part.points_mm, 2).T.tolist()
+    i, j, k = part.triangles.T.tolist()
+    hidden = {"visible": "legendonly"} if part.role == "interface" else {}
+    about = part.name if part.name == part.region or not part.region else f"{part.name} ({part.region})"
+    return {
+        "type": "mesh3d",
+        "name": about,
+        **dict(zip("xyzijk", (x, y, z, i, j, k), strict=True)),
+        "color": _CUTS if part.name == "cut" else colour,
+        "opacity": opacity,
+        "flatshading": part.role != "sphere",
+        "showlegend": True,
+        "hoverinfo": "name",
+        **hidden,
+    }
+
+
+def _scatter(name: str, points_mm: FloatArray, mode: str) -> dict[str, Any]:
+    x, y, z = np.round(points_mm, 2).T.tolist()
+    return {"type": "scatter3d", "name": name, "mode": mode, "x": x, "y": y, "z": z, "hoverinfo": "name"}
