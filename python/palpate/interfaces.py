@@ -30,7 +30,7 @@ from palpate.errors import CurveError, MaterialError
 from palpate.inspection import Inspection
 
 if TYPE_CHECKING:
-    from palpate.work import Outcome, Work
+    from palpate.executors.work import Outcome, Work
 
 Array = Any
 """An array of the array API: numpy in checks, JAX under differentiation."""

@@ -12,15 +12,14 @@ from pathlib import Path
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import StoppedError
 from palpate.executors import local
+from palpate.executors.work import Limits, Outcome, Work
 from palpate.interfaces import Solver
-from palpate.ledger import Entry, Ledger
-from palpate.ledger_takeover import take_over
-from palpate.ledger_writer import Finished, Writer
+from palpate.ledger import Entry, Finished, Ledger, Writer
+from palpate.ledger.cache import ResultCache
+from palpate.ledger.takeover import take_over
 from palpate.plugins import answering_for
 from palpate.progress import Progress
-from palpate.result_cache import ResultCache
 from palpate.study import Study
-from palpate.work import Limits, Outcome, Work
 
 
 def _no_check() -> None:

@@ -23,8 +23,7 @@ from kills import make_study
 
 from palpate import simulation
 from palpate.domain import Curve, Job, Response, Simulation, Status
-from palpate.ledger import Ledger
-from palpate.ledger_writer import Finished, Writer
+from palpate.ledger import Finished, Ledger, Writer
 from palpate.sampling import draw_design
 
 DEPTHS, ANGLES = np.linspace(0.0, 10.0, 80), np.linspace(-22.5, 22.5, 80)

@@ -26,9 +26,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
-from palpate import ledger_writer, pipeline, results
+from palpate import pipeline, results
 from palpate.builtins import LatinHypercube
 from palpate.domain import Indentation, Normaliser, ParameterSpace, RegionMaterial, Sphere, Spot
+from palpate.ledger import writer
 from palpate.plugins import Plugins, load_file
 from palpate.study import Study, StudySpot
 
@@ -182,7 +183,7 @@ def count_writes(number: int, *, after: bool) -> None:
         return write
 
     os.fsync, os.replace = numbered(os.fsync), numbered(os.replace)
-    results.os, ledger_writer._insert = os, numbered(ledger_writer._insert)
+    results.os, writer._insert = os, numbered(writer._insert)
 
 
 def no_orphans(trials: Trials, moment: random.Random) -> None:

@@ -9,13 +9,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.curve_files import pack, unpack
 from palpate.domain import Curve, Job, Response, Simulation, Status
 from palpate.errors import LedgerError
-from palpate.ledger import Entry, Ledger
-from palpate.ledger_takeover import take_over
-from palpate.ledger_writer import Finished, Writer
-from palpate.result_cache import ResultCache
+from palpate.ledger import Entry, Finished, Ledger, Writer
+from palpate.ledger.cache import ResultCache
+from palpate.ledger.curve_files import pack, unpack
+from palpate.ledger.takeover import take_over
 from palpate.results import frame_of, write_frame
 
 

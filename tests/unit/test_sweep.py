@@ -11,11 +11,11 @@ from palpate import simulation
 from palpate.domain import Simulation, Status
 from palpate.errors import StoppedError
 from palpate.executors import Processes
+from palpate.executors.work import Limits, Work
 from palpate.experiment import load_measured
 from palpate.ledger import Ledger
 from palpate.plugins import load_file
 from palpate.sampling import draw_design
-from palpate.work import Limits, Work
 
 
 class Following:

@@ -1,22 +1,6 @@
-"""What was computed, what failed and why: ``ledger.sqlite`` and the curves beside it.
-
-::
-
-    ledger.sqlite    simulations   one row per key: state, message, seconds, attempts …
-                     attempts      one row per attempt: state, message, seconds, settings
-                     jobs          spot and set_id → key, for the sweep begun last
-                     curve_files   size and SHA-256 of each file in curves/
-    curves/<n>.parquet             curves of one or more simulations, by key
-
-A simulation counts as finished once its row is on the disk, and its row is written after
-its curves are. Any SQLite and any Parquet reader opens both without palpate::
-
-    polars.read_database("SELECT * FROM simulations", sqlite3.connect("ledger.sqlite"))
-    polars.scan_parquet("curves/*.parquet").filter(polars.col("key") == key)
-"""
+"""Reads a ledger, whether or not somebody writes to it meanwhile."""
 
 import contextlib
-import errno
 import hashlib
 import json
 import os
@@ -29,33 +13,20 @@ from urllib.parse import quote
 
 import polars as pl
 
-from palpate.curve_files import unpack
 from palpate.domain import Job, Response, Simulation, Status
 from palpate.errors import LedgerError
-
-VERSION = 1
-"""Version of the tables; a ledger of another one is refused."""
-
-APPLICATION = 0x70616C70
-"""Marks a SQLite file as a ledger: «palp»."""
-
-LEDGER, CURVES = "ledger.sqlite", "curves"
-
-TABLES = f"""
-CREATE TABLE simulations (
-    key TEXT PRIMARY KEY, state TEXT NOT NULL, spot TEXT NOT NULL, set_id INTEGER NOT NULL,
-    message TEXT NOT NULL, seconds REAL NOT NULL, n_attempts INTEGER NOT NULL,
-    quarantined INTEGER NOT NULL, rung INTEGER NOT NULL, diagnostics TEXT NOT NULL, curves TEXT,
-    finished_at TEXT NOT NULL, digest TEXT NOT NULL);
-CREATE TABLE attempts (
-    key TEXT NOT NULL, attempt INTEGER NOT NULL, state TEXT NOT NULL, message TEXT NOT NULL,
-    seconds REAL NOT NULL, settings TEXT NOT NULL, PRIMARY KEY (key, attempt)) WITHOUT ROWID;
-CREATE TABLE jobs (
-    spot TEXT NOT NULL, set_id INTEGER NOT NULL, key TEXT NOT NULL, PRIMARY KEY (spot, set_id)) WITHOUT ROWID;
-CREATE TABLE curve_files (name TEXT PRIMARY KEY, size INTEGER NOT NULL, sha256 TEXT NOT NULL);
-PRAGMA application_id = {APPLICATION};
-PRAGMA user_version = {VERSION};
-"""
+from palpate.ledger.curve_files import unpack
+from palpate.ledger.format import (
+    CURVES,
+    LEDGER,
+    TABLES,
+    check_version,
+    damaged,
+    digest,
+    is_blank,
+    refuse_old,
+    told,
+)
 
 
 class Entry(NamedTuple):
@@ -127,7 +98,7 @@ class Ledger:
                 for key, state, seconds, quarantined, rung in rows
             }
         except KeyError as error:
-            raise _damaged(self.path, f"a row of 'simulations' has the state {error}") from None
+            raise damaged(self.path, f"a row of 'simulations' has the state {error}") from None
 
     def finished_of_last_sweep(self) -> set[str]:
         """Keys of the sweep begun last that are finished."""
@@ -224,7 +195,7 @@ class Ledger:
             marks = ",".join("?" * len(some))
             for row in self._all(f"SELECT * FROM simulations WHERE key IN ({marks})", some, named=True):
                 if row["digest"] != digest(tuple(row)[:-1]):
-                    raise _damaged(self.path, f"the row of simulation {row['key']} is not as it was written")
+                    raise damaged(self.path, f"the row of simulation {row['key']} is not as it was written")
                 yield row
 
     def _responses(self, rows: Iterable[sqlite3.Row]) -> dict[str, Response]:
@@ -241,7 +212,7 @@ class Ledger:
     def _read_curves(self, name: str, expected: list[Any] | None, keys: Sequence[str]) -> dict[str, Response]:
         path = self.folder / CURVES / name
         if expected is None:
-            raise _damaged(self.path, f"curve_files has no row '{name}'")
+            raise damaged(self.path, f"curve_files has no row '{name}'")
         content = path.read_bytes() if path.is_file() else b""
         size, sha256 = expected
         if len(content) < size:
@@ -283,108 +254,6 @@ def _read_only(path: Path) -> sqlite3.Connection:
             raise
         connection = sqlite3.connect(f"{location}&immutable=1", uri=True, isolation_level=None)
     return connection
-
-
-def is_blank(connection: sqlite3.Connection) -> bool:
-    """Whether a file is one whose writer was killed before its first table was there."""
-    (n_tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    (application,) = connection.execute("PRAGMA application_id").fetchone()
-    return bool(n_tables == 0 and application == 0)
-
-
-def check_version(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse a file that is no ledger, or one of another version.
-
-    Raises
-    ------
-    LedgerError
-    """
-    (application,) = connection.execute("PRAGMA application_id").fetchone()
-    (version,) = connection.execute("PRAGMA user_version").fetchone()
-    if application != APPLICATION:
-        raise LedgerError(f"{path}: not a ledger of palpate; move it away, or name another folder")
-    if version != VERSION:
-        raise LedgerError(
-            f"{path}: of version {version}, while this palpate reads version {VERSION}; "
-            "install the palpate that wrote it, or name another folder"
-        )
-
-
-def refuse_old(folder: Path) -> None:
-    """Refuse to read what an earlier version wrote and nobody has taken over yet.
-
-    Raises
-    ------
-    LedgerError
-    """
-    if (folder / "simulations.jsonl").exists():
-        raise LedgerError(
-            f"{folder / 'simulations.jsonl'}: written by an earlier version; "
-            "`palpate simulate` takes it over into a ledger"
-        )
-
-
-@contextlib.contextmanager
-def told(path: Path) -> Iterator[None]:
-    """Turn what SQLite and the file system raise into a LedgerError with what to do.
-
-    Raises
-    ------
-    LedgerError
-    """
-    try:
-        yield
-    except sqlite3.Error as error:
-        raise LedgerError(_explained(path, error)) from error
-    except OSError as error:
-        where = error.filename or path
-        raise LedgerError(f"{where}: {_of_system(error)}; {_KEPT}") from error
-
-
-_KEPT = "everything finished before is kept, and `palpate resume` goes on from there"
-
-
-def _of_system(error: OSError) -> str:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return "no space is left on the disk; make room"
-    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
-        return f"cannot be written ({error.strerror}); give write permission or name another folder"
-    return f"cannot be written or read ({error.strerror}); check the disk"
-
-
-def _explained(path: Path, error: sqlite3.Error) -> str:
-    name = getattr(error, "sqlite_errorname", "")
-    if name.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")):
-        return str(_damaged(path, str(error)))
-    if name.startswith("SQLITE_FULL"):
-        return f"{path}: no space is left on the disk; make room; {_KEPT}"
-    if name.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM")):
-        return f"{path}: cannot be written ({error}); copy the folder to where it can be, or name another"
-    return f"{path}: {error} ({name or 'SQLite'}); check the disk; {_KEPT}"
-
-
-def _damaged(path: Path, place: str) -> LedgerError:
-    return LedgerError(
-        f"{path}: damaged: {place}. Restore a copy, or move it and {CURVES}/ away: the simulations are "
-        "then done again"
-    )
-
-
-def check_sound(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse a ledger whose structure is damaged.
-
-    Raises
-    ------
-    LedgerError
-    """
-    (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
-    if verdict != "ok":
-        raise _damaged(path, verdict)
-
-
-def digest(row: Sequence[object]) -> str:
-    """Short hash of the columns of ``simulations`` before ``digest``."""
-    return hashlib.blake2b(json.dumps(row).encode(), digest_size=8).hexdigest()
 
 
 def _link(source: Path, target: Path) -> None:

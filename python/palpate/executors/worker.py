@@ -17,8 +17,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any
 
-from palpate.attempts import attempt
 from palpate.domain import Limb
+from palpate.executors.attempts import attempt
 from palpate.interfaces import Component, Solver
 from palpate.plugins import load_file
 

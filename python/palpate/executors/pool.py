@@ -20,8 +20,8 @@ from typing import Any
 
 from palpate.domain import Job, Status
 from palpate.errors import PluginError
-from palpate.work import Outcome, Work
-from palpate.worker import packed, receive, send
+from palpate.executors.work import Outcome, Work
+from palpate.executors.worker import packed, receive, send
 
 LARGEST_CHUNK = 16
 """Most jobs that a worker is handed at once."""
@@ -271,7 +271,7 @@ class _Worker:
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed in stop()
         search_path = os.pathsep.join(path or os.getcwd() for path in sys.path)
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", "from palpate.worker import main; main()"],
+            [sys.executable, "-P", "-c", "from palpate.executors.worker import main; main()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._output,

@@ -8,7 +8,7 @@ from typing import Any
 import polars as pl
 
 from palpate.domain import Job, Response, Simulation, Status
-from palpate.ledger_writer import Finished, Writer
+from palpate.ledger.writer import Finished, Writer
 from palpate.results import response_of
 
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from palpate.curve_files import pack
 from palpate.domain import Job, Simulation
 from palpate.errors import LedgerError
-from palpate.ledger import CURVES, LEDGER, TABLES, check_sound, check_version, digest, is_blank, told
+from palpate.ledger.curve_files import pack
+from palpate.ledger.format import CURVES, LEDGER, TABLES, check_sound, check_version, digest, is_blank, told
 from palpate.results import plain, write_whole
 
 LARGEST_GROUP = 256

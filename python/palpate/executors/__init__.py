@@ -4,11 +4,11 @@ import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from palpate.attempts import attempt
 from palpate.domain import Job, Limb
+from palpate.executors.attempts import attempt
+from palpate.executors.pool import Pool, by_spot, n_cores, thread_limits
+from palpate.executors.work import Limits, Outcome, Work
 from palpate.interfaces import Executor, Solver
-from palpate.work import Limits, Outcome, Work
-from palpate.worker_pool import Pool, by_spot, n_cores, thread_limits
 
 __all__ = ["InProcess", "Outcome", "Processes", "local", "n_cores", "run", "thread_limits"]
 

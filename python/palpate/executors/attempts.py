@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator, Sequence
 from time import perf_counter
 
 from palpate.domain import Job, Limb, Simulation, Status
+from palpate.executors.work import Outcome
 from palpate.interfaces import Solver
 from palpate.results import plain
-from palpate.work import Outcome
 
 Task = tuple[int, Job]
 """A job and its place among all jobs of the sweep."""

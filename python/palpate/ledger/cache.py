@@ -9,9 +9,9 @@ import hashlib
 import json
 from pathlib import Path
 
-from palpate.curve_files import pack, unpack
 from palpate.domain import Job, Simulation, Status
 from palpate.errors import LedgerError
+from palpate.ledger.curve_files import pack, unpack
 from palpate.results import plain, write_atomically
 
 _SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)

@@ -1,0 +1,21 @@
+"""What was computed, what failed and why: ``ledger.sqlite`` and the curves beside it.
+
+::
+
+    ledger.sqlite    simulations   one row per key: state, message, seconds, attempts …
+                     attempts      one row per attempt: state, message, seconds, settings
+                     jobs          spot and set_id → key, for the sweep begun last
+                     curve_files   size and SHA-256 of each file in curves/
+    curves/<n>.parquet             curves of one or more simulations, by key
+
+A simulation counts as finished once its row is on the disk, and its row is written after
+its curves are. Any SQLite and any Parquet reader opens both without palpate::
+
+    polars.read_database("SELECT * FROM simulations", sqlite3.connect("ledger.sqlite"))
+    polars.scan_parquet("curves/*.parquet").filter(polars.col("key") == key)
+"""
+
+from palpate.ledger.reader import Entry, Ledger
+from palpate.ledger.writer import Finished, Writer
+
+__all__ = ["Entry", "Finished", "Ledger", "Writer"]

@@ -1,0 +1,138 @@
+"""What a ledger is on the disk: its tables, its version, and what is told where it cannot be used."""
+
+import contextlib
+import errno
+import hashlib
+import json
+import sqlite3
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from palpate.errors import LedgerError
+
+VERSION = 1
+"""Version of the tables; a ledger of another one is refused."""
+
+APPLICATION = 0x70616C70
+"""Marks a SQLite file as a ledger: «palp»."""
+
+LEDGER, CURVES = "ledger.sqlite", "curves"
+
+TABLES = f"""
+CREATE TABLE simulations (
+    key TEXT PRIMARY KEY, state TEXT NOT NULL, spot TEXT NOT NULL, set_id INTEGER NOT NULL,
+    message TEXT NOT NULL, seconds REAL NOT NULL, n_attempts INTEGER NOT NULL,
+    quarantined INTEGER NOT NULL, rung INTEGER NOT NULL, diagnostics TEXT NOT NULL, curves TEXT,
+    finished_at TEXT NOT NULL, digest TEXT NOT NULL);
+CREATE TABLE attempts (
+    key TEXT NOT NULL, attempt INTEGER NOT NULL, state TEXT NOT NULL, message TEXT NOT NULL,
+    seconds REAL NOT NULL, settings TEXT NOT NULL, PRIMARY KEY (key, attempt)) WITHOUT ROWID;
+CREATE TABLE jobs (
+    spot TEXT NOT NULL, set_id INTEGER NOT NULL, key TEXT NOT NULL, PRIMARY KEY (spot, set_id)) WITHOUT ROWID;
+CREATE TABLE curve_files (name TEXT PRIMARY KEY, size INTEGER NOT NULL, sha256 TEXT NOT NULL);
+PRAGMA application_id = {APPLICATION};
+PRAGMA user_version = {VERSION};
+"""
+
+
+def is_blank(connection: sqlite3.Connection) -> bool:
+    """Whether a file is one whose writer was killed before its first table was there."""
+    (n_tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    return bool(n_tables == 0 and application == 0)
+
+
+def check_version(connection: sqlite3.Connection, path: Path) -> None:
+    """Refuse a file that is no ledger, or one of another version.
+
+    Raises
+    ------
+    LedgerError
+    """
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if application != APPLICATION:
+        raise LedgerError(f"{path}: not a ledger of palpate; move it away, or name another folder")
+    if version != VERSION:
+        raise LedgerError(
+            f"{path}: of version {version}, while this palpate reads version {VERSION}; "
+            "install the palpate that wrote it, or name another folder"
+        )
+
+
+def refuse_old(folder: Path) -> None:
+    """Refuse to read what an earlier version wrote and nobody has taken over yet.
+
+    Raises
+    ------
+    LedgerError
+    """
+    if (folder / "simulations.jsonl").exists():
+        raise LedgerError(
+            f"{folder / 'simulations.jsonl'}: written by an earlier version; "
+            "`palpate simulate` takes it over into a ledger"
+        )
+
+
+@contextlib.contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Turn what SQLite and the file system raise into a LedgerError with what to do.
+
+    Raises
+    ------
+    LedgerError
+    """
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise LedgerError(_explained(path, error)) from error
+    except OSError as error:
+        where = error.filename or path
+        raise LedgerError(f"{where}: {_of_system(error)}; {_KEPT}") from error
+
+
+_KEPT = "everything finished before is kept, and `palpate resume` goes on from there"
+
+
+def _of_system(error: OSError) -> str:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "no space is left on the disk; make room"
+    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+        return f"cannot be written ({error.strerror}); give write permission or name another folder"
+    return f"cannot be written or read ({error.strerror}); check the disk"
+
+
+def _explained(path: Path, error: sqlite3.Error) -> str:
+    name = getattr(error, "sqlite_errorname", "")
+    if name.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")):
+        return str(damaged(path, str(error)))
+    if name.startswith("SQLITE_FULL"):
+        return f"{path}: no space is left on the disk; make room; {_KEPT}"
+    if name.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM")):
+        return f"{path}: cannot be written ({error}); copy the folder to where it can be, or name another"
+    return f"{path}: {error} ({name or 'SQLite'}); check the disk; {_KEPT}"
+
+
+def damaged(path: Path, place: str) -> LedgerError:
+    """Error that names the place of a damage, and what to do."""
+    return LedgerError(
+        f"{path}: damaged: {place}. Restore a copy, or move it and {CURVES}/ away: the simulations are "
+        "then done again"
+    )
+
+
+def check_sound(connection: sqlite3.Connection, path: Path) -> None:
+    """Refuse a ledger whose structure is damaged.
+
+    Raises
+    ------
+    LedgerError
+    """
+    (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    if verdict != "ok":
+        raise damaged(path, verdict)
+
+
+def digest(row: Sequence[object]) -> str:
+    """Short hash of the columns of ``simulations`` before ``digest``."""
+    return hashlib.blake2b(json.dumps(row).encode(), digest_size=8).hexdigest()
