@@ -1,5 +1,7 @@
-"""The loader of robot logs keeps the loaders' contract."""
+"""The loader of robot logs keeps the loaders' contract, and costs nothing before it loads."""
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -46,3 +48,10 @@ class TestRobotLog(LoaderContract):
             frame.write_parquet(tmp_path / name)
         (tmp_path / "text.csv").write_text("nothing\nhere\n")
         return [*(tmp_path / name for name in spoilt), tmp_path / "text.csv"]
+
+
+def test_who_lists_the_loaders_waits_for_none_of_what_they_use() -> None:
+    """Half a second of every command, ``--help`` too."""
+    code = "import sys, palpate_experiments as e; e.palpate_experiment_loaders(); print(*sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"scipy", "polars", "matplotlib"} & set(found.stdout.split())

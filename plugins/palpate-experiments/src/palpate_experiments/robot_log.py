@@ -1,6 +1,7 @@
 """Loader of a robot's log: read, processed, and told in the manifest."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydantic import Field
 
@@ -9,7 +10,12 @@ from palpate.errors import CurveError
 from palpate.inspection import Inspection
 from palpate.interfaces import ExperimentLoader
 from palpate_experiments.processing.settings import ProcessingSettings
-from palpate_experiments.reading import ChannelMap, Limits, Reading, TextFormat, read_recording
+from palpate_experiments.reading import ChannelMap, Limits, TextFormat
+
+if TYPE_CHECKING:
+    from palpate_experiments.reading import Reading
+
+# SciPy, polars and matplotlib are imported where they are used: who lists the plugins needs none of them.
 
 
 class RobotLogSettings(ProcessingSettings):
@@ -48,7 +54,6 @@ class RobotLogLoader(ExperimentLoader):
         CurveError
             Naming file, rows, time stamps and what to do.
         """
-        # SciPy's signal processing takes a second to load: only for those who process a log.
         from palpate_experiments.processing.chain import process
 
         reading = self._read(path)
@@ -96,6 +101,8 @@ class RobotLogLoader(ExperimentLoader):
 
         return inspect_log(path)
 
-    def _read(self, path: Path) -> Reading:
+    def _read(self, path: Path) -> "Reading":
+        from palpate_experiments.reading import read_recording
+
         settings: RobotLogSettings = self.settings
         return read_recording(path, settings.channels, settings.text, settings.limits)
