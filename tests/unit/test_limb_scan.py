@@ -315,6 +315,35 @@ def test_a_segment_is_the_limb_between_the_cuts_without_its_bones() -> None:
     assert (along.min(), along.max()) == pytest.approx((-40.0, 40.0))
 
 
+@pytest.mark.parametrize("k", range(4))
+def test_every_segment_lacks_both_bones(k: int) -> None:
+    phantom = Phantom()
+    skin = phantom.skin_surface(2.4)
+    surface = Surface(name="s", points_mm=skin.points_mm, faces=skin.faces)
+    segment = cut(surface, [bone("radius"), bone("ulna")], phantom.spots[k], limb_axis(surface))
+    assert [b.name for b in segment.bones] == ["radius", "ulna"]
+    for each in segment.bones:
+        middle = each.points_mm[np.abs(each.points_mm @ segment.axis) < 30.0]
+        _, gaps = segment.tissue.nearest(middle)
+        assert gaps.max() < 1e-3, "the tissue's surface is the bone's"
+
+
+def test_a_bone_that_ends_in_the_segment_or_lies_beside_it_is_told_apart() -> None:
+    """A knee cap is a hole that reaches no cut; a bone of the hand is none of this segment's."""
+    phantom = Phantom()
+    skin = phantom.skin_surface(2.4)
+    surface = Surface(name="s", points_mm=skin.points_mm, faces=skin.faces)
+    ulna = bone("ulna")
+    cap = Surface(name="cap", points_mm=ulna.points_mm * [0.1, 1.0, 1.0] + [80.0, 0.0, 0.0], faces=ulna.faces)
+    far = Surface(name="far", points_mm=cap.points_mm + np.array([90.0, 0.0, 0.0]), faces=ulna.faces)
+    segment = cut(surface, [cap, far], phantom.spots[1], X)
+    assert [b.name for b in segment.bones] == ["cap"]
+    whole = cut(surface, [], phantom.spots[1], X).tissue.volume_mm3
+    assert segment.tissue.volume_mm3 == pytest.approx(whole - cap.volume_mm3, rel=1e-9)
+    middle = segment.bones[0].points_mm.mean(axis=0)
+    assert not segment.tissue.contains(middle[None])[0]
+
+
 def test_the_axis_of_the_limb_is_found() -> None:
     axis = limb_axis(scanned().moved(motion(10.0, 40.0, -20.0)))
     expected = motion(10.0, 40.0, -20.0)[:3, :3] @ X

@@ -34,7 +34,7 @@ class Segment:
     skin : Surface
         The whole closed scan, in the spot's frame.
     bones : tuple of Surface
-        Whole and closed, in the spot's frame.
+        Those that reach between the cuts, whole and closed, in the spot's frame.
     tissue : Surface
         Closed surface of what is between skin, bones and cuts.
     """
@@ -95,28 +95,57 @@ def cut(
             f"limb from it, and a segment of {length_mm:g} mm needs {half:g} mm on either side; the mark "
             "lies too near an end: shorten the segment, or scan more of the limb"
         )
-    body = _between(solid(skin), along, half)
-    for bone in placed:
-        piece = _between(solid(bone), along, half)
-        if piece.is_empty():
-            continue
-        _check_bone(spot.name, surface_of(piece, bone.name), body, skin)
-        body = body - piece
-    parts = [part for part in body.decompose() if part.volume() > 1e-3 * body.volume()]
-    if len(parts) != 1:
-        raise MeshError(
-            f"spot '{spot.name}': the segment falls into {len(parts)} parts; check the axis and where "
-            "the bones lie"
-        )
-    tissue = surface_of(parts[0], "tissue")
+    tissue, inside = _tissue(spot.name, skin, placed, along, half)
     return Segment(
         name=spot.name,
         to_spot=motion,
         axis=along,
         length_mm=length_mm,
         skin=skin,
-        bones=placed,
+        bones=inside,
         tissue=tissue,
+    )
+
+
+def _tissue(
+    spot: str, skin: Surface, bones: Sequence[Surface], along: FloatArray, half: float
+) -> tuple[Surface, tuple[Surface, ...]]:
+    """What is left of the limb between the cuts without its bones, and the bones that reach there."""
+    rest, inside = solid(skin), []
+    volume = _between(rest, along, half).volume()
+    for bone in bones:
+        piece = _between(solid(bone), along, half)
+        if piece.is_empty():
+            continue
+        _check_bone(spot, surface_of(piece, bone.name), rest, skin)
+        # Whole bones, and the cuts last: ends of bone and limb in one plane would leave a film between them.
+        rest = rest - solid(bone)
+        inside.append(bone)
+        volume -= piece.volume()
+    tissue = _in_one(spot, _between(rest, along, half))
+    if abs(tissue.volume_mm3 - volume) > 1e-6 * volume:
+        raise MeshError(
+            f"spot '{spot}': {tissue.volume_mm3:.6g} mm³ of tissue where skin less bones leaves "
+            f"{volume:.6g} mm³; check that the bones are closed and do not touch each other"
+        )
+    return tissue, tuple(inside)
+
+
+def _in_one(spot: str, body: Any) -> Surface:  # noqa: ANN401 - manifold3d has no types
+    """The surface of a body without crumbs; bones wholly within it are shells of negative volume."""
+    least = 1e-6 * body.volume()
+    shells = [shell for shell in body.decompose() if abs(shell.volume()) > least]
+    n_parts = sum(shell.volume() > 0.0 for shell in shells)
+    if n_parts != 1:
+        raise MeshError(
+            f"spot '{spot}': the segment falls into {n_parts} parts; check the axis and where the bones lie"
+        )
+    surfaces = [surface_of(shell, "tissue") for shell in shells]
+    starts = np.cumsum([0, *(len(surface.points_mm) for surface in surfaces)])
+    return Surface(
+        name="tissue",
+        points_mm=np.concatenate([surface.points_mm for surface in surfaces]),
+        faces=np.concatenate([s.faces + at for s, at in zip(surfaces, starts[:-1], strict=True)]),
     )
 
 
