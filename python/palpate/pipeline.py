@@ -14,6 +14,7 @@ import polars as pl
 
 from palpate import scoring, selection, simulation
 from palpate.changes import Changed, changed
+from palpate.determination import at_measured, determine
 from palpate.domain import Design, Limb, Response, Simulation
 from palpate.errors import StudyError
 from palpate.experiment import draw_files, load_measured, load_presses, mean
@@ -24,7 +25,7 @@ from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.rays import best_on_rays
 from palpate.refinement import Refined, refine
-from palpate.report import Content, draw_presses, make_tables, write_report
+from palpate.report import Content, by_spot, draw_presses, make_tables, write_report
 from palpate.run_directory import RunDirectory, manifest
 from palpate.sampling import draw_design
 from palpate.study import Study
@@ -357,23 +358,30 @@ def _rays(study: Study, run: RunDirectory, checked: Checked, progress: Progress)
 
 
 def _report(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins) -> Report:
-    chosen, generalisation = run.selection(), run.generalisation()
-    wanted = {
-        (row["spot"], row["set_id"])
-        for frame in (chosen, generalisation)
-        for row in frame.iter_rows(named=True)
-    }
-    found = simulation.stored(study, checked.design, checked.limbs, checked.measured, run.folder, wanted)
-    content = Content(
+    content = _content(study, run, checked, plugins)
+    return Report(tables=make_tables(content), files=write_report(content, run.report))
+
+
+def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins) -> Content:
+    design, limbs, measured = checked.design, checked.limbs, checked.measured
+    scores, chosen, refined = run.scores(), run.selection(), run.refinement()
+    found = simulation.stored(study, design, limbs, measured, run.folder)
+    swept = at_measured(found, measured, design.n_sets)
+    return Content(
         study=study,
         channels=plugins.channels,
-        measured=checked.measured,
-        design=checked.design,
-        scores=run.scores(),
+        measured=measured,
+        design=design,
+        scores=scores,
         selection=chosen,
-        generalisation=generalisation,
-        refined=run.refinement(),
+        generalisation=run.generalisation(),
+        refined=refined,
         rays=run.rays(),
         responses={(s.job.spot, s.job.set_id): s.response for s in found if s.response is not None},
+        swept=swept,
+        determination=determine(study, design, measured, swept, scores, chosen, refined),
+        convergence=by_spot(found),
+        limbs=limbs,
+        manifest=run.manifest(),
+        certificates=run.certificates(),
     )
-    return Report(tables=make_tables(content), files=write_report(content, run.report))

@@ -249,6 +249,16 @@ class RunDirectory:
         path = self.folder / "rays.parquet"
         return pl.read_parquet(path) if path.exists() else pl.DataFrame()
 
+    def certificates(self) -> dict[str, Any]:
+        """Read what was kept here as ``certificate*.json``, by file name; not JSON is its error."""
+        found: dict[str, Any] = {}
+        for path in sorted(self.folder.glob("certificate*.json")):
+            try:
+                found[path.name] = json.loads(path.read_text(encoding="utf-8"))
+            except ValueError as error:
+                found[path.name] = {"missing": [f"{path.name} cannot be read: {error}"]}
+        return found
+
     # ----------------------------------------------------------------------- paths
 
     def _measured(self, spot: str) -> Path:

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import polars as pl
 
-from palpate.domain import Channel, Design, Response, Scenario
+from palpate.determination import Swept
+from palpate.domain import Channel, Design, Limb, Response, Scenario
 from palpate.refinement import Refined
 from palpate.study import Study
 
@@ -29,6 +31,19 @@ class Content:
         As :func:`palpate.rays.best_on_rays` returns it.
     responses : mapping of (spot, set_id) to Response
         Simulated curves of every selected and of the generalised set.
+    swept : mapping of (spot, channel) to (n_sets, n_points) array
+        Every set's curves at the measured points, as :func:`palpate.determination.at_measured`
+        returns them; empty where they are not to be shown.
+    determination : DataFrame
+        As :func:`palpate.determination.determine` returns it.
+    convergence : DataFrame
+        As :func:`palpate.report.convergence.by_spot` returns it.
+    limbs : mapping of spot name to Limb
+        Empty where there is no mesh.
+    manifest : mapping
+        What the numbers depended on, as :func:`palpate.run_directory.manifest` tells it.
+    certificates : mapping of file name to its content
+        What ``palpate certify`` has written to the run directory.
     """
 
     study: Study
@@ -41,6 +56,12 @@ class Content:
     refined: Refined
     responses: Mapping[tuple[str, int], Response]
     rays: pl.DataFrame = field(default_factory=pl.DataFrame)
+    swept: Swept = field(default_factory=dict)
+    determination: pl.DataFrame = field(default_factory=pl.DataFrame)
+    convergence: pl.DataFrame = field(default_factory=pl.DataFrame)
+    limbs: Mapping[str, Limb] = field(default_factory=dict)
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+    certificates: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def spots(self) -> tuple[str, ...]:
