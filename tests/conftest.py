@@ -19,6 +19,7 @@ from palpate.domain import (
     Sphere,
     Spot,
 )
+from palpate.executors import InProcess
 from palpate.plugins import Plugins, load_file
 from palpate.study import Study, StudySpot
 
@@ -60,7 +61,10 @@ def space(tissue: ModuleType) -> ParameterSpace:
 
 @pytest.fixture
 def make_study(tmp_path: Path, tissue: ModuleType, space: ParameterSpace) -> Callable[..., Study]:
-    """Make a study of two spots; ``solver`` is one, or names a class of the tissue; the rest are fields."""
+    """Make a study of two spots; ``solver`` is one, or names a class of the tissue; the rest are fields.
+
+    Where nothing is said of workers it runs in this very process.
+    """
 
     def make(solver: Any = "Analytic", **changes: Any) -> Study:
         spots = []
@@ -93,6 +97,7 @@ def make_study(tmp_path: Path, tissue: ModuleType, space: ParameterSpace) -> Cal
             n_workers=1,
             time_limit_s=60.0,
             plugin_files=(TISSUE_FILE,),
+            executor=None if "n_workers" in changes else InProcess(),
         )
         return replace(study, **changes)
 

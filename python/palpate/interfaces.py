@@ -316,6 +316,9 @@ class Solver(Component):
 class Executor(Component):
     """Runs jobs somewhere, and hands every outcome back to this process, which alone keeps them."""
 
+    holds_limits: ClassVar[bool] = True
+    """False where a job cannot be held to a memory limit; a study that asks for one is refused."""
+
     @abstractmethod
     def outcomes(self, work: "Work") -> "Iterator[Outcome]":
         """Yield the outcome of each job as it comes, exactly one for each.

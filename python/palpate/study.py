@@ -10,7 +10,14 @@ from palpate.domain import Normaliser, ParameterSpace, PointWeights, Protocol, S
 from palpate.errors import StudyError
 from palpate.interfaces import Executor, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins import Plugins
-from palpate.study_build import Context, build_components, build_scenarios, check_rays, check_solver_needs
+from palpate.study_build import (
+    Context,
+    build_components,
+    build_scenarios,
+    check_limits,
+    check_rays,
+    check_solver_needs,
+)
 from palpate.study_lines import KeyLines
 from palpate.study_model import ExecutorTable, Tables
 from palpate.study_problems import Problems, read_tables, settled
@@ -46,11 +53,11 @@ class Study:
     truth : mapping of full parameter name to value
         Known answer of a simulated experiment, in the region's convention; empty otherwise.
     n_workers : int
-        Local worker processes; 0 means one per core.
+        Local worker processes; 0: one per core, as far as there is memory for them.
     time_limit_s : float
         Longest time that one simulation may take.
     executor : Executor, optional
-        Where the simulations run; by itself on this machine, as ``n_workers`` says.
+        Where the simulations run; by itself in worker processes of this machine.
     memory_limit_MB : float
         Most memory that one simulation may take; 0: no limit.
     n_attempts : int
@@ -173,8 +180,10 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         check_rays(context, space)
     if parts.solver:
         check_solver_needs(context, parts.solver, tables)
-    context.problems.raise_if_any()
     running = tables.executor or ExecutorTable()
+    if parts.executor:
+        check_limits(context, parts.executor, running)
+    context.problems.raise_if_any()
     return Study(
         name=settled(header).name,
         description=settled(header).description,

@@ -13,7 +13,7 @@ from palpate.errors import PalpateError
 from palpate.interfaces import Component, Executor, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins import Catalogue, Plugins
 from palpate.study_lines import Key
-from palpate.study_model import ScenarioTable, SelectionTable, Tables
+from palpate.study_model import ExecutorTable, ScenarioTable, SelectionTable, Tables
 from palpate.study_problems import Problems, choice
 
 C = TypeVar("C", bound=Component)
@@ -168,6 +168,15 @@ def check_rays(context: Context, space: ParameterSpace) -> None:
         context.problems.add(
             ("selection", "rays"),
             f"a ray scales every modulus, but {', '.join(fixed)} cannot move; search it or leave rays out",
+        )
+
+
+def check_limits(context: Context, executor: Executor, table: ExecutorTable) -> None:
+    """Refuse a limit that nothing would hold."""
+    if table.memory_limit is not None and not executor.holds_limits:
+        context.problems.add(
+            ("executor", "memory_limit"),
+            f"executor '{executor.name}' holds no job to it; leave it out, or name another executor",
         )
 
 

@@ -209,7 +209,11 @@ class SolverTable(Table):
     """What simulates a set at a spot."""
 
     name: str = Field(description="Name of a solver.")
-    n_workers: int = Field(default=0, ge=0, description="Local worker processes; 0: one per core.")
+    n_workers: int = Field(
+        default=0,
+        ge=0,
+        description="Local worker processes; 0: one per core, and no more than a memory limit has room for.",
+    )
     time_limit: Seconds = Field(default=600.0, gt=0.0, description="Longest time for one simulation.")
     settings: dict[str, Any] = Field(default={}, description="Settings of the solver.")
 
@@ -218,7 +222,7 @@ class ExecutorTable(Table):
     """Where simulations run, and how they are held to their limits."""
 
     name: str | None = Field(
-        default=None, description="Name of an executor; if left out this machine, as solver.n_workers says."
+        default=None, description="Name of an executor; if left out worker processes of this machine."
     )
     settings: dict[str, Any] = Field(default={}, description="Settings of the executor.")
     memory_limit: Megabytes | None = Field(

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import StoppedError
-from palpate.executors import local
-from palpate.executors.work import Limits, Outcome, Work
+from palpate.executors import Limits, Outcome, Processes, Work
 from palpate.interfaces import Solver
 from palpate.ledger import Entry, Finished, Ledger, Writer
 from palpate.ledger.cache import ResultCache
@@ -158,7 +157,8 @@ def _climb(
         return
     settings, n_jobs = solver.settings.model_dump_json() if rung else "", Counter(sweep.keys)
     cache = ResultCache(sweep.study.cache) if sweep.study.cache else None
-    for outcome in _outcomes(sweep, solver, [by_key[key] for key in keys]):
+    jobs = [by_key[key] for key in keys]
+    for outcome in outcomes(sweep.study, solver, jobs, sweep.limbs, sweep.progress.going_on):
         key = keys[outcome.index]
         simulation = outcome.simulation(by_key[key])
         writer.store(
@@ -185,19 +185,31 @@ def _settle(sweep: Sweep, state: _State, key: str, simulation: Simulation, n_job
         sweep.progress.step(simulation.status.value)
 
 
-def _outcomes(sweep: Sweep, solver: Solver, jobs: Sequence[Job]) -> Iterator[Outcome]:
-    study = sweep.study
+def outcomes(
+    study: Study,
+    solver: Solver,
+    jobs: Sequence[Job],
+    limbs: Mapping[str, Limb],
+    going_on: Callable[[], bool],
+) -> Iterator[Outcome]:
+    """Outcomes of jobs where the study lets them run, each as it comes; nothing is kept.
+
+    Raises
+    ------
+    ExecutorError, PluginError
+        They cannot be handed to where they are to run.
+    """
     limits = Limits(time_s=study.time_limit_s, memory_MB=study.memory_limit_MB, n_attempts=study.n_attempts)
-    executor = study.executor or local(study.n_workers)
+    executor = study.executor or Processes()
     return executor.outcomes(
         Work(
             solver=solver,
             jobs=jobs,
-            limbs=sweep.limbs,
+            limbs=limbs,
             limits=limits,
             n_workers=study.n_workers,
             plugin_files=study.plugin_files,
-            going_on=sweep.progress.going_on,
+            going_on=going_on,
         )
     )
 

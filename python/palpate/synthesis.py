@@ -17,7 +17,6 @@ import numpy as np
 
 from palpate.domain import Channel, Curve, FloatArray, Job, Limb, Response, Status, moving_span
 from palpate.errors import CurveError, StudyError
-from palpate.executors import run
 from palpate.experiment import load_measured
 from palpate.interfaces import ExperimentLoader
 from palpate.limb import load_limbs
@@ -27,6 +26,7 @@ from palpate.results import plain, write_atomically
 from palpate.run_directory import manifest
 from palpate.simulation import check_jobs, homogeneous_tests, job_key
 from palpate.study import Study, StudySpot
+from palpate.sweep import outcomes
 
 NOTE = "origin.json"
 """File beside the curves that says what they were computed with."""
@@ -196,14 +196,7 @@ def _simulated(
 ) -> dict[str, Response]:
     progress.begin("synthesise", len(jobs))
     found: dict[str, Response] = {}
-    for outcome in run(
-        study.solver,
-        jobs,
-        limbs,
-        n_workers=min(study.n_workers, len(jobs)),
-        time_limit_s=study.time_limit_s,
-        plugin_files=study.plugin_files,
-    ):
+    for outcome in outcomes(study, study.solver, jobs, limbs, progress.going_on):
         progress.step(outcome.status.value)
         spot = jobs[outcome.index].spot
         if outcome.status is not Status.OK or outcome.response is None:

@@ -99,6 +99,8 @@ def _dimension(unit: "pint.Unit") -> str:
     names = {str(name) for name, _ in _registry().Quantity(1.0, unit).unit_items()}
     if names and names <= _ANGLES:
         return "angle"
+    if _registry().Quantity(1.0, unit).to_root_units().units == _registry().Unit("bit"):
+        return "amount of memory"
     if unit.dimensionless and not names <= _RATIOS:
         return f"ratio of {sorted(names)}"
     return str(unit.dimensionality)

@@ -251,13 +251,19 @@ def with_slopes(mesh: str) -> dict[str, Any]:
 
 def two_workers(mesh: str, n_sets: int) -> dict[str, Any]:
     """All sets on two worker processes, by wall clock."""
-    from palpate.executors import run
+    from palpate.executors import Limits, Processes, Work
     from palpate_jax.solver import JaxSolver
 
     limb = load(mesh)
-    work = jobs(designed(n_sets), limb)
+    work = Work(
+        solver=JaxSolver(),
+        jobs=jobs(designed(n_sets), limb),
+        limbs={limb.spot.name: limb},
+        limits=Limits(time_s=3600.0),
+        n_workers=2,
+    )
     started = time.perf_counter()
-    found = list(run(JaxSolver(), work, {limb.spot.name: limb}, n_workers=2, time_limit_s=3600.0))
+    found = list(Processes().outcomes(work))
     return {"wall_s": time.perf_counter() - started, "n": len(found)}
 
 

@@ -29,6 +29,7 @@ from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 from palpate import pipeline, results
 from palpate.builtins import LatinHypercube
 from palpate.domain import Indentation, Normaliser, ParameterSpace, RegionMaterial, Sphere, Spot
+from palpate.executors import InProcess
 from palpate.ledger import writer
 from palpate.plugins import Plugins, load_file
 from palpate.study import Study, StudySpot
@@ -62,7 +63,7 @@ def make_study(folder: Path, n_sets: int, n_workers: int) -> Study:
         space=ParameterSpace(regions=(region,)), sampler=LatinHypercube(), n_sets=n_sets, seed=1, filters=(),
         solver=solver, normaliser=Normaliser.MEAN_ABS, minimum_coverage=0.95, scenarios=SCENARIOS,
         generalise_by="I", refine=False, truth={}, n_workers=n_workers, time_limit_s=60.0,
-        plugin_files=(TISSUE_FILE,),
+        plugin_files=(TISSUE_FILE,), executor=InProcess() if n_workers == 1 else None,
     )  # fmt: skip
 
 

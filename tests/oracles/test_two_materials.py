@@ -19,6 +19,7 @@ from palpate.domain import (
     Sphere,
     Spot,
 )
+from palpate.executors import InProcess
 from palpate.interfaces import LimbSource, Sampler
 from palpate.plugins import Plugins
 from palpate.specimens import block
@@ -83,6 +84,7 @@ def layered_study(folder: Path) -> Study:
         n_workers=1,
         time_limit_s=60.0,
         plugin_files=(),
+        executor=InProcess(),
     )
 
 

@@ -9,33 +9,35 @@ import pytest
 
 from palpate.domain import Status
 from palpate.errors import PluginError
-from palpate.executors import n_cores, run, thread_limits
+from palpate.executors import InProcess, Limits, Processes, Work, n_cores, thread_limits
 from palpate.interfaces import Settings, Solver
 from palpate.simulation import jobs
 
 HOW = {1: Status.CRASHED, 2: Status.TIMED_OUT, 3: Status.CRASHED, 4: Status.DIVERGED}
 
 
-def outcomes(study, n_workers, n_sets=8, limit_s=1.5):
+def work_of(study, to_do, n_workers=2, limit_s=1.5):
+    return Work(
+        solver=study.solver,
+        jobs=to_do,
+        limbs={},
+        limits=Limits(time_s=limit_s),
+        n_workers=n_workers,
+        plugin_files=study.plugin_files,
+    )
+
+
+def outcomes(study, executor, n_sets=8, limit_s=1.5):
     design = SimpleNamespace(n_sets=n_sets, values=np.linspace([0.2, 10.0], [0.8, 40.0], n_sets))
     to_do = jobs(study, design, {})
-    found = list(
-        run(
-            study.solver,
-            to_do,
-            {},
-            n_workers=n_workers,
-            time_limit_s=limit_s,
-            plugin_files=study.plugin_files,
-        )
-    )
+    found = list(executor.outcomes(work_of(study, to_do, limit_s=limit_s)))
     assert sorted(o.index for o in found) == list(range(len(to_do)))
     return to_do, {o.index: o for o in found}
 
 
 @pytest.mark.parametrize("solver", ["Faulty", "Batch"])
 def test_failures_stay_with_their_job(make_study, solver):
-    to_do, found = outcomes(make_study(solver), n_workers=2)
+    to_do, found = outcomes(make_study(solver), Processes())
     for index, job in enumerate(to_do):
         assert found[index].status is HOW.get(job.set_id, Status.OK), (index, found[index])
     assert "exit code 17" in found[1].message
@@ -47,8 +49,8 @@ def test_failures_stay_with_their_job(make_study, solver):
 
 def test_processes_and_one_process_give_the_same_bits(make_study):
     study = make_study()
-    _, alone = outcomes(study, n_workers=1)
-    _, spread = outcomes(study, n_workers=2)
+    _, alone = outcomes(study, InProcess())
+    _, spread = outcomes(study, Processes())
     for index, outcome in alone.items():
         for channel in ("force", "torque"):
             assert np.array_equal(
@@ -65,7 +67,7 @@ def test_an_exception_in_this_process_is_a_row(make_study, tissue):
                 raise SystemExit(3)
             return super().behave(job)
 
-    _, found = outcomes(make_study(solver=Raising()), n_workers=1)
+    _, found = outcomes(make_study(solver=Raising()), InProcess())
     assert found[3].message == "ZeroDivisionError: stretch of zero"
     assert found[4].message == "SystemExit: 3"
     assert [o.status for i, o in found.items() if i % 8 not in (3, 4)] == [Status.OK] * 12
@@ -81,7 +83,7 @@ def test_a_solver_that_swallows_a_job_leaves_it_unreadable(make_study, tissue):
                     return
                 yield self.simulate(job, limb)
 
-    _, found = outcomes(make_study(solver=Forgetful()), n_workers=1)
+    _, found = outcomes(make_study(solver=Forgetful()), InProcess())
     statuses = [found[i].status for i in range(8)]
     assert [i for i, s in enumerate(statuses) if s is not Status.OK] == [2, 6, 7]
     assert "without a result" in found[2].message
@@ -91,7 +93,7 @@ def test_workers_stay_warm(make_study, tissue, tmp_path):
     log = tmp_path / "log.txt"
     study = make_study(solver="Analytic")
     solver = tissue.Analytic(tissue.Analytic.Settings(log=str(log)))
-    outcomes(make_study(solver=solver), n_workers=2, n_sets=10)
+    outcomes(make_study(solver=solver), Processes(), n_sets=10)
     lines = [line.split() for line in log.read_text().splitlines()]
     assert len(lines) == 20
     assert len({pid for *_, pid in lines}) <= 2
@@ -104,14 +106,14 @@ def test_a_solver_of_no_importable_module_is_refused(make_study, tissue):
         pass
 
     with pytest.raises(PluginError, match=r"solver 'analytic' cannot be sent.*plugin file"):
-        outcomes(make_study(solver=Local()), n_workers=2)
+        outcomes(make_study(solver=Local()), Processes())
 
 
 def test_a_worker_that_cannot_load_the_plugins_says_why(make_study, tmp_path):
     broken = tmp_path / "broken.py"
     broken.write_text("raise RuntimeError('no licence')")
     with pytest.raises(PluginError, match="RuntimeError: no licence"):
-        outcomes(make_study(plugin_files=(broken,)), n_workers=2)
+        outcomes(make_study(plugin_files=(broken,)), Processes())
 
 
 def test_what_a_solver_prints_does_not_garble_the_answers(make_study, tmp_path, tissue):
@@ -131,7 +133,7 @@ def test_what_a_solver_prints_does_not_garble_the_answers(make_study, tmp_path, 
 
     solver = load_file(talkative).Talkative()
     study = make_study(solver=solver, plugin_files=(*make_study().plugin_files, talkative))
-    _, found = outcomes(study, n_workers=2)
+    _, found = outcomes(study, Processes())
     assert {o.status for o in found.values()} == {Status.OK}
 
 
@@ -142,9 +144,7 @@ def test_closing_the_sweep_stops_the_workers(make_study, tmp_path, tissue):
     design = SimpleNamespace(n_sets=3, values=np.tile([0.4, 20.0], (3, 1)))
     every = {(job.spot, job.set_id): job for job in jobs(study, design, {})}
     hangs_then_works = [every["p1", 2], every["p2", 0]]
-    sweep = run(
-        solver, hangs_then_works, {}, n_workers=2, time_limit_s=600.0, plugin_files=study.plugin_files
-    )
+    sweep = Processes().outcomes(work_of(study, hangs_then_works, limit_s=600.0))
     next(sweep)
     for _ in range(1500):
         if " 2 " in log.read_text():  # a job that hangs has begun
@@ -184,5 +184,5 @@ def test_a_worker_sees_its_thread_limit(make_study, tmp_path):
 
     solver: Solver = load_file(curious).Curious(Settings())
     files = (*make_study().plugin_files, curious)
-    _, found = outcomes(make_study(solver=solver, plugin_files=files), n_workers=2)
+    _, found = outcomes(make_study(solver=solver, plugin_files=files), Processes())
     assert {int(o.message) for o in found.values()} == {max(1, n_cores() // 2)}

@@ -22,6 +22,8 @@ from palpate.units import convert
         ("3 N·mm", "N·mm", 3.0),
         ("0.003 N·m", "N·mm", 3.0),
         ("10 min", "s", 600.0),
+        ("4 GB", "MB", 4000.0),
+        ("512 MiB", "MB", 536.870912),
         (".5 mm", "mm", 0.5),
         ("2e-3 MPa", "MPa", 2e-3),
         (0.4, "1", 0.4),
@@ -39,6 +41,8 @@ def test_a_quantity_comes_in_the_unit_of_the_surface(given: object, unit: str, v
     [
         ("10 apples", "mm", "unknown unit 'apples'; use e.g. \"10 mm\""),
         ("10 s", "mm", "is not of the kind of mm"),
+        ("10 rad", "MB", "is not of the kind of MB"),
+        ("10 MB", "1", "is not a plain ratio"),
         ("10 MPa", "mm", "is not of the kind of mm"),
         (10, "mm", 'has no unit; write "10 mm"'),
         ("10", "mm", 'has no unit; write "10 mm"'),

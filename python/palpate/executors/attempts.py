@@ -4,10 +4,13 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from time import perf_counter
 
-from palpate.domain import Job, Limb, Simulation, Status
+from palpate.domain import Job, Limb, Response, Simulation, Status
 from palpate.executors.work import Outcome
 from palpate.interfaces import Solver
 from palpate.results import plain
+
+LONGEST_MESSAGE = 4000
+"""Most characters of a solver's message that are kept."""
 
 Task = tuple[int, Job]
 """A job and its place among all jobs of the sweep."""
@@ -23,6 +26,7 @@ class _InFlight:
         self._started = started
         self._going_on = going_on
         self.taken: dict[tuple[str, int], tuple[int, Job, float]] = {}
+        self.n_answered = 0
 
     def feed(self) -> Iterator[Job]:
         while self._waiting and self._going_on():
@@ -33,18 +37,23 @@ class _InFlight:
 
     def answer(self, simulation: Simulation) -> Outcome | None:
         """Outcome of a simulation, or None for one that nobody asked for."""
-        found = self.taken.pop((simulation.job.spot, simulation.job.set_id), None)
-        if found is None:
+        _check(simulation)
+        name = (simulation.job.spot, simulation.job.set_id)
+        if name not in self.taken:
             return None
-        index, _, begun = found
-        return Outcome(
+        index, _, begun = self.taken[name]
+        took = 0.0 < simulation.seconds < float("inf")
+        outcome = Outcome(
             index=index,
-            status=simulation.status,
+            status=Status(simulation.status),
             response=simulation.response,
-            message=simulation.message,
-            seconds=simulation.seconds or perf_counter() - begun,
+            message=_storable(simulation.message),
+            seconds=simulation.seconds if took else perf_counter() - begun,
             diagnostics=plain(simulation.diagnostics),
         )
+        del self.taken[name]
+        self.n_answered += 1
+        return outcome
 
     @property
     def left(self) -> list[Task]:
@@ -89,7 +98,7 @@ def attempt(
                 yield _crashed(index, error, begun)
             for index, job, _ in culprits if len(culprits) > 1 else ():
                 yield _attempt_alone(solver, limb, (index, job), started)
-            if not culprits:
+            if not culprits and not flight.n_answered:
                 yield from (_crashed(index, error, perf_counter()) for index, _ in flight.left)
                 return
             left = flight.left
@@ -99,6 +108,22 @@ def attempt(
                 unanswered += flight.left
             yield from (_unanswered(index) for index, _ in unanswered)
             return
+
+
+def _check(simulation: object) -> None:
+    """Refuse what is no simulation, so that it is told as the solver's mistake with this job."""
+    if not isinstance(simulation, Simulation):
+        raise TypeError(f"the solver answered with a {type(simulation).__name__}, not a Simulation")
+    if not isinstance(simulation.response, Response | None):
+        raise TypeError(f"the response is a {type(simulation.response).__name__}, not a Response or None")
+
+
+def _storable(message: object) -> str:
+    """Text of a message, without what no file can hold, and without the middle of a very long one."""
+    text = str(message)
+    if len(text) > LONGEST_MESSAGE:
+        text = f"{text[: LONGEST_MESSAGE // 2]} … {text[-LONGEST_MESSAGE // 2 :]}"
+    return text.encode(errors="backslashreplace").decode().replace("\0", "\\0")
 
 
 def _attempt_alone(solver: Solver, limb: Limb | None, task: Task, started: Callable[[int], None]) -> Outcome:
@@ -112,7 +137,7 @@ def _attempt_alone(solver: Solver, limb: Limb | None, task: Task, started: Calla
 
 
 def _crashed(index: int, error: BaseException, begun: float) -> Outcome:
-    last_line = traceback.format_exception_only(error)[-1].strip()
+    last_line = _storable(traceback.format_exception_only(error)[-1].strip())
     return Outcome(index=index, status=Status.CRASHED, message=last_line, seconds=perf_counter() - begun)
 
 

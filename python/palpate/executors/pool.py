@@ -20,6 +20,7 @@ from typing import Any
 
 from palpate.domain import Job, Status
 from palpate.errors import PluginError
+from palpate.executors.machine import n_cores, thread_limits
 from palpate.executors.work import Outcome, Work
 from palpate.executors.worker import packed, receive, send
 
@@ -29,32 +30,11 @@ LARGEST_CHUNK = 16
 START_LIMIT_S = 300.0
 """Longest time that a worker may take to import the solver."""
 
-_THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-    "RAYON_NUM_THREADS",
-    "POLARS_MAX_THREADS",
-    "NPROC",  # read by XLA for the size of its thread pools
-)
+LONGEST_LINE = 2000
+"""Bytes of a worker's last words that go into a message."""
 
-
-def n_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def thread_limits(n_threads: int) -> dict[str, str]:
-    """Environment that holds numerical libraries to ``n_threads`` threads, set before they load."""
-    limits = dict.fromkeys(_THREAD_VARIABLES, str(n_threads))
-    if n_threads == 1:
-        flags = os.environ.get("XLA_FLAGS", "")
-        limits["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()
-    return limits
+MOST_OUTPUT = 1_000_000
+"""Bytes of a worker's output that are kept; a solver that prints without end fills no disk."""
 
 
 def by_spot(jobs: Sequence[Job]) -> dict[str, deque[int]]:
@@ -268,7 +248,7 @@ class _Worker:
         self.started: set[int] = set()
         self.begun = self.last_heard = monotonic()
         self.last_output = ""
-        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed in stop()
+        self._output = tempfile.TemporaryFile("a+b")  # noqa: SIM115 - closed in stop()
         search_path = os.pathsep.join(path or os.getcwd() for path in sys.path)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", "from palpate.executors.worker import main; main()"],
@@ -291,6 +271,8 @@ class _Worker:
 
     def heard(self) -> None:
         self.last_heard = monotonic()
+        if os.fstat(self._output.fileno()).st_size > MOST_OUTPUT:
+            self._output.truncate(0)  # the worker appends, so it goes on at the new end
 
     def tell(self, *message: object) -> None:
         assert self._process.stdin is not None
@@ -316,10 +298,14 @@ class _Worker:
             with contextlib.suppress(BrokenPipeError):
                 if stream is not None:
                     stream.close()
-        self._output.seek(0)
-        lines = self._output.read().decode(errors="replace").splitlines()
-        self.last_output = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        self.last_output = self._last_line()
         self._output.close()
+
+    def _last_line(self) -> str:
+        size = os.fstat(self._output.fileno()).st_size
+        self._output.seek(max(0, size - LONGEST_LINE))
+        lines = self._output.read().decode(errors="replace").splitlines()
+        return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
     def how_it_ended(self) -> str:
         """Exit code or signal, and the last line of output."""

@@ -1,0 +1,72 @@
+"""What this machine has for workers: cores, threads for each, and memory."""
+
+import os
+from pathlib import Path
+
+_THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "RAYON_NUM_THREADS",
+    "POLARS_MAX_THREADS",
+    "NPROC",  # read by XLA for the size of its thread pools
+)
+
+_CGROUP = Path("/sys/fs/cgroup")
+
+
+def n_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def n_fitting(memory_MB: float) -> int:
+    """How many workers this machine has room for: one per core, and as many as its free memory holds.
+
+    Parameters
+    ----------
+    memory_MB : float
+        What each of them may take; 0 where nobody has said.
+    """
+    free_MB = free_memory()
+    if not memory_MB or free_MB is None:
+        return n_cores()
+    return max(1, min(n_cores(), int(free_MB // memory_MB)))
+
+
+def free_memory() -> float | None:
+    """Memory [MB] that can be taken yet, of the machine and of this job's share of it; None if unknown."""
+    found = [free for free in (_free_of_machine(), _free_of_group()) if free is not None]
+    return min(found, default=None)
+
+
+def _free_of_machine() -> float | None:
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        kibibytes = next(line.split()[1] for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, StopIteration):
+        return None
+    return int(kibibytes) * 1.024e-3
+
+
+def _free_of_group() -> float | None:
+    """Free part of what a batch system or a container allows."""
+    try:
+        most = (_CGROUP / "memory.max").read_text().strip()
+        taken = int((_CGROUP / "memory.current").read_text())
+    except (OSError, ValueError):
+        return None
+    return None if most == "max" else (int(most) - taken) * 1e-6
+
+
+def thread_limits(n_threads: int) -> dict[str, str]:
+    """Environment that holds numerical libraries to ``n_threads`` threads, set before they load."""
+    limits = dict.fromkeys(_THREAD_VARIABLES, str(n_threads))
+    if n_threads == 1:
+        flags = os.environ.get("XLA_FLAGS", "")
+        limits["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()
+    return limits
