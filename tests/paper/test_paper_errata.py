@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from palpate.scoring import check_scorable
 from palpate_materials.ogden import Ogden
 from palpate_materials.yeoh import Yeoh
 
-TABLE_2 = Path(__file__).parents[1] / "data" / "paper" / "table2_nmse.csv"
+TABLE_2 = Path(str(files("palpate_forearm") / "paper" / "table2_nmse.csv"))
 YEOH = np.array([0.0129, -2.016e-3, 2.7623e-4, 0.8])
 
 

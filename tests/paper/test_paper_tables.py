@@ -2,6 +2,7 @@
 
 import csv
 from collections import defaultdict
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from palpate_materials.yeoh import Yeoh
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
-TABLES = Path(__file__).parents[1] / "data" / "paper"
+TABLES = Path(str(files("palpate_forearm") / "paper"))
 YEOH_RANGES = {"c1": (1.4e-3, 3e-2), "c2": (-3e-3, -4.14e-5), "c3": (3e-6, 3e-4)}
 
 

@@ -1,6 +1,7 @@
 """The forearm study: its channels, scenarios, mesh source and ready studies."""
 
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
 from palpate import hookimpl
 from palpate.domain import Channel, Scenario, StudyTemplate
@@ -8,6 +9,10 @@ from palpate.interfaces import LimbSource
 from palpate_forearm.mesh_source import MeshioSettings, MeshioSource
 from palpate_forearm.phantom import InkMark, Phantom, PhantomBone, Scanner, Section, Surface, scan
 from palpate_forearm.phantom_files import write_phantom
+from palpate_forearm.reproduce_command import reproduce
+
+if TYPE_CHECKING:
+    import typer
 
 __all__ = [
     "InkMark",
@@ -80,6 +85,12 @@ def palpate_studies() -> list[StudyTemplate]:
             directory=_directory("forearm-layered"),
         ),
     ]
+
+
+@hookimpl
+def palpate_commands(app: "typer.Typer") -> None:
+    """Add the command that repeats the paper's study."""
+    app.command()(reproduce)
 
 
 def _directory(name: str) -> str:

@@ -1,0 +1,94 @@
+"""The comparison of a reproduction with the paper, as files."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from palpate.pipeline import RunResult
+from palpate_forearm.paper_doubts import NOT_SHARED, Doubt, doubts
+from palpate_forearm.paper_tables import beside
+
+TITLES = {
+    "sets": "Sets and simulations",
+    "table1": "Table 1: coefficients",
+    "table2": "Table 2: Fopt",
+    "generalised": "One set for all spots",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """The paper's figures beside those of a reproduction.
+
+    Parameters
+    ----------
+    tables : mapping of name to DataFrame
+        As :func:`palpate_forearm.paper_tables.beside` returns them.
+    doubts : tuple of Doubt
+    not_shared : tuple of str
+    """
+
+    tables: Mapping[str, pl.DataFrame]
+    doubts: tuple[Doubt, ...]
+    not_shared: tuple[str, ...] = NOT_SHARED
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything in plain values, for a script."""
+        return {
+            "tables": {name: frame.to_dicts() for name, frame in self.tables.items()},
+            "doubts": [asdict(doubt) for doubt in self.doubts],
+            "not_shared": list(self.not_shared),
+        }
+
+
+def compare(results: Mapping[str, RunResult]) -> Comparison:
+    """Lay the paper's figures beside those of the runs, by material name."""
+    return Comparison(tables=beside(results), doubts=tuple(doubts(results)))
+
+
+def write(comparison: Comparison, results: Mapping[str, RunResult], folder: Path) -> Path:
+    """Write ``tables/*.csv`` and ``comparison.md``, and return the latter's path."""
+    (folder / "tables").mkdir(parents=True, exist_ok=True)
+    for name, frame in comparison.tables.items():
+        frame.write_csv(folder / "tables" / f"{name}.csv")
+    file = folder / "comparison.md"
+    file.write_text(_markdown(comparison, results, folder), encoding="utf-8")
+    return file
+
+
+def _markdown(comparison: Comparison, results: Mapping[str, RunResult], folder: Path) -> str:
+    pages = [
+        f"- [{name}]({page.relative_to(folder).as_posix()})"
+        for name, result in results.items()
+        for page in result.report.files
+        if page.suffix == ".html"
+    ]
+    parts = [
+        "# The paper's study, repeated",
+        "**The curves are simulated.** What this cannot have in common with the paper:",
+        "\n".join(f"- {line}" for line in comparison.not_shared),
+        "Rows stand beside each other for their pattern: the spots are not the paper's points.",
+        *(f"## {TITLES[name]}\n\n{markdown(frame)}" for name, frame in comparison.tables.items()),
+        "## What in the paper does not fit",
+        markdown(pl.DataFrame([asdict(doubt) for doubt in comparison.doubts])),
+        "## Reports",
+        "\n".join(pages),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def markdown(frame: pl.DataFrame) -> str:
+    """Write a data frame as a Markdown table: four digits, a dash for nothing."""
+    head = [frame.columns, ["---"] * frame.width]
+    rows = [[_cell(value) for value in row] for row in frame.rows()]
+    return "\n".join(f"| {' | '.join(row)} |" for row in [*head, *rows])
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "–"
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return text.replace("|", "\\|")

@@ -1,0 +1,211 @@
+"""``palpate reproduce``, with a stand-in for the solver: a force and a torque that scale with the moduli."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate import Curve, Response, Simulation, Solver, Status
+from palpate.cli.app import main
+from palpate.errors import StudyError
+from palpate.executors import InProcess
+from palpate.mechanics import initial_moduli
+from palpate.plugins import Plugins
+from palpate_forearm import reproduction
+from palpate_forearm.comparison import compare, markdown, write
+from palpate_forearm.paper_tables import table1, table2
+from palpate_forearm.reproduction import REGIONS, Cost, Reproduction, prepare, sets_within
+
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
+SETS = 9
+
+
+class Scaled(Solver):
+    """Half a millimetre of everything: force = μ·depth^1.5, torque = a loop of μ."""
+
+    name = "scaled"
+    summary = "closed form"
+    needs_limb = False
+
+    def version(self) -> str:
+        return "1"
+
+    def simulate(self, job, limb):
+        material, theta = job.materials["soft_tissue"], job.thetas["soft_tissue"]
+        mu = initial_moduli(material, theta)[0]
+        depth, turn = job.protocol.path.T
+        x = np.linspace(0.0, depth.max(), 41)
+        angle = turn[depth == depth.max()]
+        curves = {
+            "force": Curve(channel="force", abscissa=x, ordinate=20.0 * mu * x**1.5),
+            "torque": Curve(channel="torque", abscissa=angle, ordinate=900.0 * mu * np.tanh(angle / 10.0)),
+        }
+        return Simulation(job=job, status=Status.OK, response=Response(curves=curves), seconds=0.5)
+
+
+@pytest.fixture(scope="module")
+def no_pictures():
+    """Leave the drawing to the tests of the report."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("palpate.report.write_figures", lambda content, folder: ())
+        yield
+
+
+@pytest.fixture(scope="module")
+def plugins():
+    return Plugins.load()
+
+
+def scaled(made: Reproduction) -> Reproduction:
+    studies = {n: replace(s, solver=Scaled(), executor=InProcess()) for n, s in made.studies.items()}
+    return replace(made, studies=studies)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, plugins):
+    return scaled(prepare(tmp_path_factory.mktemp("paper") / "all", plugins, tuple(REGIONS), SETS))
+
+
+@pytest.fixture(scope="module")
+def results(made, plugins, no_pictures):
+    return reproduction.run(made, plugins)
+
+
+def test_the_studies_are_the_papers(made):
+    for name, study in made.studies.items():
+        assert [p.name for p in study.space.parameters] == [
+            f"soft_tissue.{p}"
+            for p in table1().filter(material=name)["parameter"].unique(maintain_order=True)
+        ] or name == "ogden"
+        assert len(study.spots) == 4
+        assert [s.name for s in study.scenarios] == ["I", "II", "III"]
+        assert study.protocol.friction == 1.0
+        assert study.protocol.path[:, 0].max() == 10.0
+    for material, found in table1().group_by("material"):
+        ranges = {p.name.split(".")[1]: p for p in made.studies[material[0]].space.parameters}
+        for row in found.iter_rows(named=True):
+            parameter = ranges[row["parameter"]]
+            assert parameter.lower <= row["value"] <= parameter.upper, row
+
+
+def test_tables_stand_beside_the_papers(results):
+    found = compare(results)
+    assert found.tables["table1"].height == table1().height
+    assert found.tables["table2"].height == table2().height
+    for table in ("table1", "table2"):
+        assert found.tables[table].null_count().sum_horizontal().item() == 0
+    row = (
+        found.tables["table1"]
+        .filter(material="yeoh", spot="p2", scenario="I", parameter="c1")
+        .row(0, named=True)
+    )
+    assert row["paper"] == 0.010383
+    assert row["here"] == results["yeoh"].selected.selection.row(3, named=True)["soft_tissue.c1"]
+    kept = dict(found.tables["sets"].select("material", "kept_here").iter_rows())
+    assert kept["ogden"] == kept["neo_hookean"] == SETS
+    assert 0 < kept["yeoh"] <= SETS
+    general = found.tables["generalised"].filter(material="yeoh", quantity="mean Fopt").row(0, named=True)
+    assert general["paper"] == 0.1724
+    each_alone = found.tables["table2"].filter(material="yeoh", scenario="I")["here"].mean()
+    assert general["here"] >= each_alone * (1.0 - 1e-12)
+
+
+def test_doubts_name_the_figures(results):
+    by_place = {doubt.where: doubt for doubt in compare(results).doubts}
+    assert (
+        "0.0031 for II (neo_hookean, point 1) and 0.0259 for III (yeoh, point 3)"
+        in by_place["table 2 and the text"].found
+    )
+    assert by_place["the generalised Yeoh set"].found.startswith("possible: ")
+    assert "point 1, II" in by_place["the generalised Yeoh set"].found
+    assert f"of {SETS} yeoh" in by_place["Drucker's criterion"].here
+    assert "12 of 12" in by_place["a law of table 2"].paper
+    assert by_place["a law of table 2"].here == "holds in every row"
+
+
+def test_files_tell_all_of_it(results, made):
+    file = write(compare(results), results, made.folder)
+    text = file.read_text()
+    assert "**The curves are simulated.**" in text
+    assert "| yeoh | p1 | II | c1 | MPa | 0.01292 |" in text
+    assert "(yeoh/report/index.html)" in text
+    assert (
+        (made.folder / "tables" / "table2.csv").read_text().startswith("material,spot,scenario,paper,here\n")
+    )
+
+
+def test_more_sets_keep_the_first(made, plugins, results):
+    more = made.extended(2 * SETS)
+    again = reproduction.run(more, plugins)
+    for name, result in results.items():
+        before, after = result.design.values, again[name].design.values
+        np.testing.assert_array_equal(after[: len(before)], before)
+        assert len(after) > len(before)
+    with pytest.raises(StudyError, match=f"has {SETS} sets already, which cannot become 5"):
+        made.extended(5)
+
+
+def test_a_folder_that_cannot_serve_is_refused(tmp_path, plugins):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").touch()
+    with pytest.raises(StudyError, match="holds no reproduction"):
+        prepare(tmp_path / "mine", plugins, ["yeoh"], SETS)
+    with pytest.raises(StudyError, match="'gent' is not in the paper; it has ogden, yeoh, neo_hookean"):
+        prepare(tmp_path / "new", plugins, ["gent"], SETS)
+    prepare(tmp_path / "new", plugins, ["yeoh"], SETS)
+    with pytest.raises(StudyError, match="was begun on the coarse phantom"):
+        prepare(tmp_path / "new", plugins, ["yeoh"], SETS, "fine")
+
+
+def test_a_changed_study_stays_changed(tmp_path, plugins):
+    prepare(tmp_path, plugins, ["ogden"], SETS)
+    file = tmp_path / "study" / "ogden.toml"
+    file.write_text(file.read_text().replace("seed = 1", "seed = 7"))
+    assert prepare(tmp_path, plugins, ["ogden"], SETS).studies["ogden"].seed == 7
+
+
+def test_sizes_follow_the_time():
+    costs = [Cost(n_drawn=250, n_kept=n, n_spots=4, seconds_each=3.0) for n in (250, 140, 250)]
+    assert costs[1].n_simulations == 560
+    assert costs[0].seconds(2) == 1500.0
+    assert sets_within(1e6, costs, 2) == 250
+    assert sets_within(1e-3, costs, 2) == 8
+    n = sets_within(30.0, costs, 2)
+    assert (
+        sum(c.seconds(2) for c in costs) * n / 250
+        <= 1800.0
+        < sum(c.seconds(2) for c in costs) * (n + 1) / 250
+    )
+
+
+def test_markdown_escapes_what_would_break_a_table(results):
+    frame = compare(results).tables["sets"].head(1).with_columns(material=None, n_ok=1.23456)
+    assert markdown(frame).splitlines()[2].startswith("| – |")
+    assert markdown(frame).endswith("| 1.235 |")
+
+
+def test_the_command_estimates_where_nobody_can_be_asked(monkeypatch, capsys):
+    costs = [Cost(n_drawn=250, n_kept=250, n_spots=4, seconds_each=3.0)]
+    monkeypatch.setattr("palpate_forearm.reproduce_command._costs", lambda *given: costs)
+    assert main(["reproduce"]) == 0
+    out, err = capsys.readouterr()
+    assert "250" in out
+    assert "--minutes 60" in err
+
+
+def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
+    from palpate_forearm import reproduce_command
+
+    prepared = reproduce_command._prepared
+    monkeypatch.setattr(reproduce_command, "_prepared", lambda *given: scaled(prepared(*given)))
+    folder = tmp_path / "here"
+    assert main(["reproduce", str(folder), "--sets", "6", "--material", "ogden", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert Path(printed["file"]) == folder / "comparison.md"
+    assert {row["material"] for row in printed["tables"]["table2"]} == {"ogden"}
+    assert len(printed["not_shared"]) == 4
+    assert main(["reproduce", str(folder), "--sets", "3", "--material", "ogden"]) == 2
+    assert "cannot become 3" in capsys.readouterr().err
