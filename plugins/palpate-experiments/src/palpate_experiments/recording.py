@@ -54,7 +54,7 @@ class Recording:
         for name in _WIDTHS:
             kind = np.int64 if name == "rows" else np.float64
             # A view, so that freezing it leaves the caller's array as it was.
-            values = np.ascontiguousarray(getattr(self, name), dtype=kind).view()
+            values = np.asarray(getattr(self, name), dtype=kind).view()
             values.setflags(write=False)
             object.__setattr__(self, name, values)
         self._check_shapes()

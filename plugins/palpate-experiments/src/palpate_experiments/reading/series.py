@@ -119,7 +119,8 @@ def pick(
 
 def _table(stream: Stream, columns: Sequence[str], factors: Sequence[float]) -> FloatArray:
     """Columns side by side, each times its factor and with its sign; zero for one that is not there."""
-    table = np.zeros((stream.rows.size, len(columns)))
+    # Column after column in memory: what is done to each axis of a long log takes a tenth of the time.
+    table = np.zeros((len(columns), stream.rows.size)).T
     for index, (name, factor) in enumerate(zip(columns, factors, strict=True)):
         if name != NO_COLUMN:
             sign = -1.0 if name.startswith("-") else 1.0
