@@ -190,7 +190,7 @@ def outcomes(
     solver: Solver,
     jobs: Sequence[Job],
     limbs: Mapping[str, Limb],
-    going_on: Callable[[], bool],
+    going_on: Callable[[], bool] = lambda: True,
 ) -> Iterator[Outcome]:
     """Outcomes of jobs where the study lets them run, each as it comes; nothing is kept.
 

@@ -196,7 +196,7 @@ def _simulated(
 ) -> dict[str, Response]:
     progress.begin("synthesise", len(jobs))
     found: dict[str, Response] = {}
-    for outcome in outcomes(study, study.solver, jobs, limbs, progress.going_on):
+    for outcome in outcomes(study, study.solver, jobs, limbs):
         progress.step(outcome.status.value)
         spot = jobs[outcome.index].spot
         if outcome.status is not Status.OK or outcome.response is None:

@@ -1,0 +1,120 @@
+"""Ctrl-C on a real run with worker processes: once drains, twice stops at once, no process stays."""
+
+import os
+import re
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+TOY_PLUGIN = Path(__file__).parents[1] / "data" / "toy" / "toy_plugin.py"
+SLOW = "        time.sleep(float(os.environ['PAUSE_S']))\n        assert isinstance(job.protocol"
+
+
+@pytest.fixture
+def slow_study(study, tmp_path):
+    """Toy study on two workers, whose solver pauses before each answer and leaves its process id."""
+    plugin = tmp_path / "slow.py"
+    source = TOY_PLUGIN.read_text().replace("        assert isinstance(job.protocol", SLOW)
+    plugin.write_text(source.replace("\nfrom pathlib", "\nimport os, time\nfrom pathlib", 1))
+    path = study / "study.toml"
+    text = path.read_text().replace('[executor]\nname = "in_process"\n', "")
+    path.write_text(text.replace("n_workers = 1", "n_workers = 2"))
+    return [str(plugin), str(study)]
+
+
+@pytest.fixture
+def start(slow_study, tmp_path):
+    """Start a run of the study, in a session of its own."""
+    plugin, study = slow_study
+    started = []
+
+    def run(pause_s):
+        command = [sys.executable, "-m", "palpate.cli", "--plugin", plugin, "run", study, "--out", "run"]
+        process = subprocess.Popen(
+            command,
+            cwd=tmp_path,
+            env={**os.environ, "PAUSE_S": str(pause_s), "PALPATE_TEST": str(tmp_path)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        started.append(process)
+        return process
+
+    yield run
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def n_finished(folder):
+    try:
+        connection = sqlite3.connect(f"file:{folder / 'ledger.sqlite'}?mode=ro", uri=True)
+    except sqlite3.OperationalError:
+        return 0
+    try:
+        return connection.execute("SELECT count(*) FROM simulations").fetchone()[0]
+    except sqlite3.OperationalError:
+        return 0
+    finally:
+        connection.close()
+
+
+def processes_of(folder):
+    """Ids of the processes that a run in ``folder`` has started, its own included."""
+    mark, found = f"PALPATE_TEST={folder}".encode(), []
+    for environ in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if mark in environ.read_bytes().split(b"\0"):
+                found.append(int(environ.parent.name))
+        except OSError:
+            continue
+    return found
+
+
+def until(process, reached, limit_s=60.0):
+    deadline = time.monotonic() + limit_s
+    while not reached():
+        assert process.poll() is None, process.stderr.read()
+        assert time.monotonic() < deadline, "never came to that"
+        time.sleep(0.02)
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
+def test_ctrl_c_once_drains_and_leaves_no_process(start, tmp_path):
+    process = start(pause_s=0.3)
+    until(process, lambda: n_finished(tmp_path / "run") >= 2)
+    assert len(processes_of(tmp_path)) == 3
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "finishing the simulations that are running; once more (Ctrl-C) stops at once" in err
+    kept = int(re.search(r"stopped with (\d+) of 20 simulations finished and kept", err)[1])
+    assert 2 <= kept == n_finished(tmp_path / "run") < 20
+    assert not processes_of(tmp_path)
+    assert out == ""
+    assert not re.search(r"[\r\x1b]", err), "a pipe gets lines, and nothing that moves a cursor"
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
+def test_ctrl_c_twice_stops_jobs_that_would_take_forever(start, tmp_path):
+    process = start(pause_s=600)
+    until(process, lambda: len(processes_of(tmp_path)) == 3)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGTERM)  # what a batch system sends first
+    line = ""
+    while "finishing the simulations" not in line:
+        line = process.stderr.readline()
+        assert line, "ended at the first signal"
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130, err
+    assert "stopped; what is simulated is kept" in err
+    assert not processes_of(tmp_path)
