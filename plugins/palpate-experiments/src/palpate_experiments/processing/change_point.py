@@ -54,19 +54,51 @@ def profile(
     zoom : sequence of int
         Places on each of the grids that close in.
     """
-    middle, scale = float(abscissa.mean()), float(np.ptp(abscissa)) or 1.0
+    middle, scale = _scale(abscissa)
     x, y = (abscissa - middle) / scale, values - values.mean()
-    low, high = ((place - middle) / scale for place in between)
-    best = (low + high) / 2.0
+    best, coefficients, squares = _closed_in(x, y, _scaled(between, middle, scale), design, zoom)
+    std = _std_of_place(x, best, design, coefficients, squares)
+    return Fit(at=middle + scale * best, std=scale * std, squares=squares, n_rows=y.size)
+
+
+def least_squares(
+    abscissa: FloatArray,
+    values: FloatArray,
+    between: tuple[float, float],
+    design: Design,
+    zoom: Sequence[int] = COARSE,
+) -> float:
+    """Squared residual at the best place, which is all that a comparison of descriptions needs.
+
+    Parameters are those of :func:`profile`.
+    """
+    middle, scale = _scale(abscissa)
+    x, y = (abscissa - middle) / scale, values - values.mean()
+    return _closed_in(x, y, _scaled(between, middle, scale), design, zoom)[2]
+
+
+def _scale(abscissa: FloatArray) -> tuple[float, float]:
+    return float(abscissa.mean()), float(np.ptp(abscissa)) or 1.0
+
+
+def _scaled(between: tuple[float, float], middle: float, scale: float) -> tuple[float, float]:
+    return (between[0] - middle) / scale, (between[1] - middle) / scale
+
+
+def _closed_in(
+    x: FloatArray, y: FloatArray, between: tuple[float, float], design: Design, zoom: Sequence[int]
+) -> tuple[float, FloatArray, float]:
+    """Best place on grids that close in, with its coefficients and squared residual."""
+    low, high = between
+    place, coefficients, least = (low + high) / 2.0, np.empty(0), np.inf
     for n_places in zoom:
         grid = np.linspace(low, high, n_places)
-        squares = _residuals(design(x, grid), y)[1]
-        best = float(grid[int(np.argmin(squares))])
+        found, squares = _residuals(design(x, grid), y)
+        index = int(np.argmin(squares))
+        place, coefficients, least = float(grid[index]), found[index], float(squares[index])
         step = (high - low) / (n_places - 1)
-        low, high = max(low, best - step), min(high, best + step)
-    coefficients, squares = _residuals(design(x, np.array([best])), y)
-    std = _std_of_place(x, best, design, coefficients[0], float(squares[0]))
-    return Fit(at=middle + scale * best, std=scale * std, squares=float(squares[0]), n_rows=y.size)
+        low, high = max(low, place - step), min(high, place + step)
+    return place, coefficients, least
 
 
 def _residuals(designs: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from palpate.domain import FloatArray
-from palpate_experiments.processing.change_point import COARSE, FINE, Design, Fit, profile
+from palpate_experiments.processing.change_point import FINE, Design, Fit, least_squares, profile
 from palpate_experiments.processing.noise import noise_std
 
 _Again = Callable[[FloatArray, FloatArray, tuple[float, float]], Fit]
@@ -201,15 +201,20 @@ def _stopping(order: int) -> Design:
 def _braking(time: FloatArray, value: FloatArray, between_s: tuple[float, float], moving_s: float) -> Fit:
     """Stop after a constant deceleration whose length is sought too."""
 
-    def fit(brake_s: float, zoom: Sequence[int] = COARSE) -> Fit:
-        return profile(time, value, between_s, _braked(brake_s / (float(np.ptp(time)) or 1.0)), zoom)
+    def braked(brake_s: float) -> Design:
+        return _braked(brake_s / (float(np.ptp(time)) or 1.0))
 
-    lengths = moving_s * np.geomspace(0.008, 0.8, 9)
-    best = min((float(length) for length in lengths), key=lambda length: fit(length).squares)
+    def squares(brake_s: float) -> float:
+        return least_squares(time, value, between_s, braked(brake_s))
+
+    tried = {length: squares(length) for length in map(float, moving_s * np.geomspace(0.008, 0.8, 9))}
+    best = min(tried, key=tried.__getitem__)
     for ratio in (1.3, 1.12):
-        best = min((best / ratio, best, best * ratio), key=lambda length: fit(length).squares)
+        tried |= {length: squares(length) for length in (best / ratio, best * ratio)}
+        best = min(tried, key=tried.__getitem__)
     row_s = float(np.ptp(time)) / max(time.size - 1, 1)
-    return replace(fit(best, FINE), kind="kink" if best < 8.0 * row_s else "smooth")
+    kind: Literal["kink", "smooth"] = "kink" if best < 8.0 * row_s else "smooth"
+    return replace(profile(time, value, between_s, braked(best), FINE), kind=kind)
 
 
 def _braked(brake: float) -> Design:
