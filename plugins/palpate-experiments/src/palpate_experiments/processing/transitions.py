@@ -10,7 +10,7 @@ Of two descriptions the smoother one is kept unless the other explains the data
 significantly better, since a free kink imitates a smooth end at another instant.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
