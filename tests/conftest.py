@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from palpate.builtins import LatinHypercube
 from palpate.domain import (
     Indentation,
     Normaliser,
@@ -21,6 +20,7 @@ from palpate.domain import (
 )
 from palpate.executors import InProcess
 from palpate.plugins import Plugins, load_file
+from palpate.samplers import LatinHypercube
 from palpate.study import Study, StudySpot
 
 TISSUE_FILE = Path(__file__).parent / "data" / "plugins" / "analytic_tissue.py"

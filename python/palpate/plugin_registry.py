@@ -21,21 +21,14 @@ from typing import TYPE_CHECKING, Any
 import pluggy
 
 from palpate import hookspecs
-from palpate.domain import Channel, Scenario, StudyTemplate
 from palpate.errors import PalpateError, PluginError
-from palpate.interfaces import (
-    Component,
-    Executor,
-    ExperimentLoader,
-    LimbSource,
-    Material,
-    Sampler,
-    SetFilter,
-    Solver,
-)
 
 if TYPE_CHECKING:
     import typer
+
+    from palpate.interfaces import Component
+
+DOMAIN, INTERFACES = "palpate.domain", "palpate.interfaces"
 
 GROUP = "palpate"
 """Entry-point group, and the name of the core's own plugin."""
@@ -47,21 +40,28 @@ class Kind:
 
     hook: str
     noun: str
-    base: type[Any]
+    home: str
+    base_name: str
+
+    @property
+    def base(self) -> type[Any]:
+        """Class of what the hook returns, or of its instances; imported when it is asked for."""
+        base: type[Any] = getattr(importlib.import_module(self.home), self.base_name)
+        return base
 
 
 KINDS: Mapping[str, Kind] = MappingProxyType(
     {
-        "studies": Kind("palpate_studies", "study", StudyTemplate),
-        "channels": Kind("palpate_channels", "channel", Channel),
-        "loaders": Kind("palpate_experiment_loaders", "experiment loader", ExperimentLoader),
-        "limb_sources": Kind("palpate_limb_sources", "limb source", LimbSource),
-        "materials": Kind("palpate_materials", "material", Material),
-        "samplers": Kind("palpate_samplers", "sampler", Sampler),
-        "set_filters": Kind("palpate_set_filters", "set filter", SetFilter),
-        "solvers": Kind("palpate_solvers", "solver", Solver),
-        "executors": Kind("palpate_executors", "executor", Executor),
-        "scenarios": Kind("palpate_scenarios", "scenario", Scenario),
+        "studies": Kind("palpate_studies", "study", DOMAIN, "StudyTemplate"),
+        "channels": Kind("palpate_channels", "channel", DOMAIN, "Channel"),
+        "loaders": Kind("palpate_experiment_loaders", "experiment loader", INTERFACES, "ExperimentLoader"),
+        "limb_sources": Kind("palpate_limb_sources", "limb source", INTERFACES, "LimbSource"),
+        "materials": Kind("palpate_materials", "material", INTERFACES, "Material"),
+        "samplers": Kind("palpate_samplers", "sampler", INTERFACES, "Sampler"),
+        "set_filters": Kind("palpate_set_filters", "set filter", INTERFACES, "SetFilter"),
+        "solvers": Kind("palpate_solvers", "solver", INTERFACES, "Solver"),
+        "executors": Kind("palpate_executors", "executor", INTERFACES, "Executor"),
+        "scenarios": Kind("palpate_scenarios", "scenario", DOMAIN, "Scenario"),
     }
 )
 """The catalogues in pipeline order, by the name of their attribute in :class:`Plugins`."""
@@ -218,6 +218,16 @@ def load_file(path: Path) -> ModuleType:
     return module
 
 
+def add_commands(app: "typer.Typer", files: Sequence[Path] = ()) -> tuple[BrokenPlugin, ...]:
+    """Let plugins add their commands, without asking for what else they provide.
+
+    The list of commands is wanted at once, and what a plugin provides may take
+    a while to import.
+    """
+    registry = admitted(files, entry_points=True)
+    return (*registry.broken, *registry.add_commands(app))
+
+
 def _existing(path: Path) -> Path:
     if not path.is_file():
         raise PluginError(f"plugin file {path}: no such file; give the path of a Python file")
@@ -234,7 +244,7 @@ def _entry_points() -> list[importlib.metadata.EntryPoint]:
 
 
 @contextlib.contextmanager
-def answering_for(component: Component, doing: str) -> Iterator[None]:
+def answering_for(component: "Component", doing: str) -> Iterator[None]:
     """Turn what a plugin's component raises beside a PalpateError into one that names it.
 
     Parameters
@@ -295,6 +305,8 @@ def _as_items(result: object, hook: str) -> list[Any]:
 
 
 def _check_item(item: object, kind: Kind, hook: str) -> None:
+    from palpate.interfaces import Component
+
     if issubclass(kind.base, Component):
         if not (isinstance(item, type) and issubclass(item, kind.base)):
             raise PluginError(f"{hook} returned {item!r}; return subclasses of {kind.base.__name__}")
@@ -305,7 +317,7 @@ def _check_item(item: object, kind: Kind, hook: str) -> None:
         _check_text(item, "name", hook)
 
 
-def _check_component(component: type[Component], hook: str) -> None:
+def _check_component(component: "type[Component]", hook: str) -> None:
     if inspect.isabstract(component):
         missing = ", ".join(sorted(component.__abstractmethods__))
         raise PluginError(f"{hook}: class {component.__name__} does not define {missing}")

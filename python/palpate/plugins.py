@@ -28,6 +28,7 @@ from palpate.plugin_registry import (
     BrokenPlugin,
     Kind,
     Registry,
+    add_commands,
     admitted,
     answering_for,
     load_file,
@@ -169,13 +170,3 @@ class Plugins:
     def add_commands(self, app: "typer.Typer") -> tuple[BrokenPlugin, ...]:
         """Let every plugin add its commands to ``app``; returns those that could not."""
         return self._registry.add_commands(app)
-
-
-def add_commands(app: "typer.Typer", files: Sequence[Path] = ()) -> tuple[BrokenPlugin, ...]:
-    """Let plugins add their commands, without asking for what else they provide.
-
-    The list of commands is wanted at once, and what a plugin provides may take
-    a while to import.
-    """
-    registry = admitted(files, entry_points=True)
-    return (*registry.broken, *registry.add_commands(app))

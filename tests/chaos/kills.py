@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
 from palpate import pipeline, results
-from palpate.builtins import LatinHypercube
+from palpate.samplers import LatinHypercube
 from palpate.domain import Indentation, Normaliser, ParameterSpace, RegionMaterial, Sphere, Spot
 from palpate.executors import InProcess
 from palpate.ledger import writer

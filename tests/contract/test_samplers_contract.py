@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate.builtins import LatinHypercube, OptimisedLatinHypercube, Sobol
+from palpate.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 from palpate.interfaces import Sampler
 from palpate.testing import SamplerContract
 

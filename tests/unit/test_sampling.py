@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate import _core
-from palpate.builtins import LatinHypercube, OptimisedLatinHypercube, Sobol
+from palpate.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 from palpate.domain import ParameterSpace
 from palpate.errors import SamplingError
 from palpate.interfaces import Sampler, SetFilter

@@ -88,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     session = Session(files)
     try:
         if not _is_core_command(given):
-            from palpate.plugins import add_commands
+            from palpate.plugin_registry import add_commands
 
             for broken in add_commands(app, files):
                 typer.echo(f"plugin left out: {broken}", err=True)

@@ -10,9 +10,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from palpate import hookimpl
-from palpate.domain import StudyTemplate
 
 if TYPE_CHECKING:
+    from palpate.domain import StudyTemplate
     from palpate.interfaces import ExperimentLoader
     from palpate_experiments.csv_loader import CsvLoader, CsvSettings
     from palpate_experiments.robot_log import RobotLogLoader, RobotLogSettings
@@ -46,8 +46,10 @@ def palpate_experiment_loaders() -> "list[type[ExperimentLoader]]":
 
 
 @hookimpl
-def palpate_studies() -> list[StudyTemplate]:
+def palpate_studies() -> "list[StudyTemplate]":
     """Provide two studies on measured data, and one on a robot's logs."""
+    from palpate.domain import StudyTemplate
+
     return [
         StudyTemplate(
             name="treloar",

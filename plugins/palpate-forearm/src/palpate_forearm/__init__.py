@@ -1,18 +1,23 @@
-"""The forearm study: its channels, scenarios, mesh source and ready studies."""
+"""The forearm study: its channels, scenarios, mesh source and ready studies.
 
+Names are imported when they are first used, so that finding the plugin costs nothing.
+"""
+
+import importlib
 from importlib.resources import files
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from palpate import hookimpl
-from palpate.domain import Channel, Scenario, StudyTemplate
-from palpate.interfaces import LimbSource
-from palpate_forearm.mesh_source import MeshioSettings, MeshioSource
-from palpate_forearm.phantom import InkMark, Phantom, PhantomBone, Scanner, Section, Surface, scan
-from palpate_forearm.phantom_files import write_phantom
-from palpate_forearm.reproduce_command import reproduce
 
 if TYPE_CHECKING:
     import typer
+
+    from palpate.domain import Channel, Scenario, StudyTemplate
+    from palpate.interfaces import LimbSource
+    from palpate_forearm.mesh_source import MeshioSettings, MeshioSource
+    from palpate_forearm.phantom import InkMark, Phantom, PhantomBone, Scanner, Section, Surface, scan
+    from palpate_forearm.phantom_files import write_phantom
 
 __all__ = [
     "InkMark",
@@ -28,9 +33,30 @@ __all__ = [
 ]
 
 
+_HOMES = MappingProxyType(
+    {
+        "MeshioSettings": "mesh_source",
+        "MeshioSource": "mesh_source",
+        "write_phantom": "phantom_files",
+        **dict.fromkeys(
+            ("InkMark", "Phantom", "PhantomBone", "Scanner", "Section", "Surface", "scan"), "phantom"
+        ),
+    }
+)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'palpate_forearm' has no attribute '{name}'")
+    value: object = getattr(importlib.import_module(f"palpate_forearm.{_HOMES[name]}"), name)
+    return value
+
+
 @hookimpl
-def palpate_channels() -> list[Channel]:
+def palpate_channels() -> "list[Channel]":
     """Provide the paper's two variables."""
+    from palpate.domain import Channel
+
     return [
         Channel(
             name="force",
@@ -50,8 +76,10 @@ def palpate_channels() -> list[Channel]:
 
 
 @hookimpl
-def palpate_scenarios() -> list[Scenario]:
+def palpate_scenarios() -> "list[Scenario]":
     """Provide the paper's three scenarios."""
+    from palpate.domain import Scenario
+
     return [
         Scenario(name="I", weights={"force": 1.0, "torque": 1.0}, description="force and torque"),
         Scenario(name="II", weights={"torque": 1.0}, description="torque alone"),
@@ -60,14 +88,18 @@ def palpate_scenarios() -> list[Scenario]:
 
 
 @hookimpl
-def palpate_limb_sources() -> list[type[LimbSource]]:
+def palpate_limb_sources() -> "list[type[LimbSource]]":
     """Provide the reader of mesh files."""
+    from palpate_forearm.mesh_source import MeshioSource
+
     return [MeshioSource]
 
 
 @hookimpl
-def palpate_studies() -> list[StudyTemplate]:
+def palpate_studies() -> "list[StudyTemplate]":
     """Provide the forearm studies, all on simulated data."""
+    from palpate.domain import StudyTemplate
+
     return [
         StudyTemplate(
             name="forearm-demo",
@@ -90,6 +122,8 @@ def palpate_studies() -> list[StudyTemplate]:
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """Add the command that repeats the paper's study."""
+    from palpate_forearm.reproduce_command import reproduce
+
     app.command()(reproduce)
 
 

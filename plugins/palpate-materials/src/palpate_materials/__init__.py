@@ -1,25 +1,57 @@
-"""Hyperelastic materials and the Drucker stability filter."""
+"""Hyperelastic materials and the Drucker stability filter.
+
+Names are imported when they are first used, so that finding the plugin costs nothing.
+"""
+
+import importlib
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from palpate import hookimpl
-from palpate.interfaces import Material, SetFilter
-from palpate_materials.demiray import Demiray
-from palpate_materials.mooney_rivlin import MooneyRivlin
-from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.ogden import Ogden
-from palpate_materials.stability import Drucker
-from palpate_materials.veronda_westmann import VerondaWestmann
-from palpate_materials.yeoh import Yeoh
+
+if TYPE_CHECKING:
+    from palpate.interfaces import Material, SetFilter
+    from palpate_materials.demiray import Demiray
+    from palpate_materials.mooney_rivlin import MooneyRivlin
+    from palpate_materials.neo_hookean import NeoHookean
+    from palpate_materials.ogden import Ogden
+    from palpate_materials.stability import Drucker
+    from palpate_materials.veronda_westmann import VerondaWestmann
+    from palpate_materials.yeoh import Yeoh
 
 __all__ = ["Demiray", "Drucker", "MooneyRivlin", "NeoHookean", "Ogden", "VerondaWestmann", "Yeoh"]
 
+_HOMES = MappingProxyType(
+    {
+        "Demiray": "demiray",
+        "Drucker": "stability",
+        "MooneyRivlin": "mooney_rivlin",
+        "NeoHookean": "neo_hookean",
+        "Ogden": "ogden",
+        "VerondaWestmann": "veronda_westmann",
+        "Yeoh": "yeoh",
+    }
+)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'palpate_materials' has no attribute '{name}'")
+    value: object = getattr(importlib.import_module(f"palpate_materials.{_HOMES[name]}"), name)
+    return value
+
 
 @hookimpl
-def palpate_materials() -> list[type[Material]]:
+def palpate_materials() -> "list[type[Material]]":
     """Provide the paper's three materials, and three more of the field."""
+    from palpate_materials import Demiray, MooneyRivlin, NeoHookean, Ogden, VerondaWestmann, Yeoh
+
     return [Ogden, Yeoh, NeoHookean, MooneyRivlin, VerondaWestmann, Demiray]
 
 
 @hookimpl
-def palpate_set_filters() -> list[type[SetFilter]]:
+def palpate_set_filters() -> "list[type[SetFilter]]":
     """Provide the Drucker filter."""
+    from palpate_materials.stability import Drucker
+
     return [Drucker]
