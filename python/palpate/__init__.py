@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     )
     from palpate.errors import PalpateError
     from palpate.interfaces import (
+        AnisotropicMaterial,
+        Executor,
         ExperimentLoader,
         LimbSource,
         Material,
@@ -55,9 +57,11 @@ if TYPE_CHECKING:
     from palpate.study import Study, read_study
 
 __all__ = [
+    "AnisotropicMaterial",
     "Channel",
     "Curve",
     "Design",
+    "Executor",
     "ExperimentLoader",
     "HomogeneousTests",
     "Indentation",
@@ -99,6 +103,8 @@ _HOMES = MappingProxyType(
     {
         "errors": ("PalpateError",),
         "interfaces": (
+            "AnisotropicMaterial",
+            "Executor",
             "ExperimentLoader",
             "LimbSource",
             "Material",

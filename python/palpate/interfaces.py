@@ -92,10 +92,7 @@ class Material(Component):
         """
 
     def energy_from_F(self, F: Array, theta: Array) -> Array:  # noqa: N802
-        """Energy [MPa] from the deformation gradient (3, 3), for anisotropic materials only.
-
-        An anisotropic material overrides this and sets ``isotropic = False``.
-        """
+        """Energy [MPa] from the deformation gradient (3, 3): see :class:`AnisotropicMaterial`."""
         raise MaterialError(f"material '{self.name}' is isotropic: use energy(stretches, theta)")
 
     isotropic: ClassVar[bool] = True
@@ -139,6 +136,45 @@ class Material(Component):
             )
         for parameter, value in zip(self.parameters, theta, strict=True):
             parameter.check(float(value))
+
+
+class AnisotropicMaterial(Material):
+    """A hyperelastic material with directions of its own, such as fibres.
+
+    Its energy depends on more than the principal stretches, so it is given by the deformation
+    gradient: through C = FᵀF and its invariants, I4 = a · C a for a fibre along the unit vector
+    a of the undeformed body, all in the frame of the mesh. Everything else follows as for any
+    material, by JAX alone.
+    """
+
+    isotropic: ClassVar[bool] = False
+
+    @abstractmethod
+    def energy_from_F(self, F: Array, theta: Array) -> Array:  # noqa: N802
+        """Strain energy per reference volume.
+
+        Parameters
+        ----------
+        F : (3, 3) array
+            Deformation gradient; the energy is zero at rest and does not change when a
+            rotation follows.
+        theta : (n_parameters,) array
+            Textbook values in the order of ``parameters``.
+
+        Returns
+        -------
+        () array
+            Energy in MPa, written in ``jax.numpy``.
+        """
+
+    def energy(self, stretches: Array, theta: Array) -> Array:
+        """Refuse: three stretches do not say where the directions are.
+
+        Raises
+        ------
+        MaterialError
+        """
+        raise MaterialError(f"material '{self.name}' has directions: use energy_from_F(F, theta)")
 
 
 class ExperimentLoader(Component):
@@ -306,6 +342,26 @@ class Solver(Component):
     @abstractmethod
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job. A failure is a status, never an exception."""
+
+    def prove(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
+        """Doubt one's own answer to a set that was chosen, for instance by halved steps.
+
+        Called for chosen sets only, so it may cost as much as the answer did. Override it where
+        an answer may be wrong and look right.
+
+        Parameters
+        ----------
+        job : Job
+        limb : Limb or None
+        simulation : Simulation
+            The answer, as it was kept.
+
+        Returns
+        -------
+        mapping of str to bool, float or str
+            ``passed``, ``message`` and any figures; empty where there is nothing to prove.
+        """
+        return {}
 
     def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
         """Simulate jobs of one limb, yielding each as it ends; override to share work."""

@@ -186,7 +186,7 @@ def test_check_refuses(solver, bad, error, what):
         solver.check(job(**defaults | bad), None)
 
 
-def test_check_refuses_two_regions_anisotropy_and_indentation():
+def test_check_refuses_two_regions_and_indentation():
     one = job(NeoHookean(), [0.1, 0.45], {"uniaxial": PATH})
     two = Job(
         spot="specimen",
@@ -198,11 +198,6 @@ def test_check_refuses_two_regions_anisotropy_and_indentation():
     with pytest.raises(MaterialError, match="one region, not 2"):
         COMPRESSIBLE.check(two, None)
 
-    class Fibred(NeoHookean):
-        isotropic = False
-
-    with pytest.raises(MaterialError, match="anisotropic"):
-        COMPRESSIBLE.check(job(Fibred(), [0.1, 0.45], {"uniaxial": PATH}), None)
     pressed = Job(
         spot="specimen",
         set_id=0,

@@ -1,4 +1,4 @@
-"""Homogeneous tests of any isotropic material, without a mesh.
+"""Homogeneous tests of any material, without a mesh.
 
 The test's stretch t is prescribed, the free faces carry no load. Nominal
 (engineering) stress in MPa, force per undeformed area:
@@ -15,7 +15,8 @@ simple_shear            F = 1 + γ e1 ⊗ e2      P12 = dΨ/dγ, at constant vol
 
 Incompressible: y follows from t and the pressure drops out of dΨ/dt, so the
 stress is exact and the volumetric energy plays no part. Compressible: y is
-where ∂Ψ/∂y = 0, found by Newton's method. The compression of a cylinder
+where ∂Ψ/∂y = 0, found by Newton's method. A material with directions also shears:
+:mod:`palpate_jax.directional` says what is free then. The compression of a cylinder
 between greased plates is ``uniaxial`` with t < 1 and force / area < 0.
 """
 
@@ -46,6 +47,7 @@ from palpate.domain import (
 )
 from palpate.errors import CurveError, MaterialError, PalpateError
 from palpate.interfaces import Array, Material, Settings, Solver
+from palpate_jax import directional
 
 LONGEST_STEP = 0.3
 """Largest change of ln y in one Newton step."""
@@ -162,10 +164,8 @@ def _simple_shear(material: Material, theta: Array, shear: Array) -> Array:
 
 
 def _confined(material: Material, theta: Array, t: Array) -> Array:
-    def energy(x: Array) -> Array:
-        return jnp.sum(material.energy(jnp.stack([x, jnp.ones_like(x), jnp.ones_like(x)], axis=-1), theta))
-
-    return jax.grad(energy)(t)
+    F = jnp.eye(3) + (t - 1.0)[:, None, None] * jnp.zeros((3, 3)).at[0, 0].set(1.0)
+    return mechanics.stress(material, F, theta)[:, 0, 0]
 
 
 def nominal_stress(material: Material, mode: str, incompressible: bool, theta: Array, path: Array) -> Array:
@@ -174,7 +174,6 @@ def nominal_stress(material: Material, mode: str, incompressible: bool, theta: A
     Parameters
     ----------
     material : Material
-        Isotropic.
     mode : str
         One of ``MODES``.
     incompressible : bool
@@ -192,7 +191,18 @@ def nominal_stress(material: Material, mode: str, incompressible: bool, theta: A
         return _simple_shear(material, theta, path)
     if mode == "confined_compression":
         return _confined(material, theta, path)
+    if not material.isotropic:
+        return directional.nominal_stress(material, mode, incompressible, theta, path)
     return _free_stress(material, mode, incompressible, theta, path)
+
+
+def _isochoric_slopes(material: Material, theta: FloatArray) -> FloatArray:
+    """Derivatives (n_parameters, n) of the energy in the parameters, at constant volume."""
+    t = jnp.asarray(ISOCHORIC)
+    modes = ((t, t**-0.5, t**-0.5), (t, 1 / t, t**0))
+    stretches = jnp.concatenate([jnp.stack(mode, axis=-1) for mode in modes])
+    slopes = jax.jit(jax.jacfwd(lambda theta: material.energy(stretches, theta)))(jnp.asarray(theta))
+    return np.asarray(slopes).T
 
 
 # --------------------------------------------------------------------- solver
@@ -211,7 +221,7 @@ Evaluate = Callable[[FloatArray, dict[str, FloatArray]], dict[str, Array]]
 
 
 class HomogeneousSolver(Solver):
-    """Stress of homogeneous tests from the energy alone, for one region of isotropic material."""
+    """Stress of homogeneous tests from the energy alone, for one region."""
 
     name = "homogeneous"
     summary = "homogeneous tests (uniaxial, equibiaxial, pure and simple shear, confined) without a mesh"
@@ -228,15 +238,13 @@ class HomogeneousSolver(Solver):
 
     def ignored(self, material: Material) -> tuple[str, ...]:
         """Parameters of the volumetric energy, when the specimen is incompressible."""
-        if not self.settings.incompressible or not material.isotropic:
+        if not self.settings.incompressible:
             return ()
         ranges = np.array([(p.lower, p.upper) for p in material.parameters])
-        t = jnp.asarray(ISOCHORIC)
-        stretches = jnp.concatenate(
-            [jnp.stack(mode, axis=-1) for mode in ((t, t**-0.5, t**-0.5), (t, 1 / t, t**0))]
+        slopes = (_isochoric_slopes if material.isotropic else directional.isochoric_slopes)(
+            material, ranges.mean(axis=1)
         )
-        slopes = jax.jacfwd(lambda theta: material.energy(stretches, theta))(jnp.asarray(ranges.mean(axis=1)))
-        effects = np.abs(np.asarray(slopes)).max(axis=0) * np.ptp(ranges, axis=1)
+        effects = np.abs(slopes).max(axis=1) * np.ptp(ranges, axis=1)
         return tuple(
             p.name
             for p, effect in zip(material.parameters, effects, strict=True)
@@ -248,15 +256,14 @@ class HomogeneousSolver(Solver):
         return f"{palpate.__version__}, jax {jax.__version__}"
 
     def check(self, job: Job, limb: Limb | None) -> None:
-        """Refuse what is not a homogeneous test of one sound isotropic material.
+        """Refuse what is not a homogeneous test of one sound material.
 
         Raises
         ------
         CurveError
             The protocol, a mode or a stretch cannot be tested.
         MaterialError
-            Several regions, an anisotropic material, or one without a sound
-            reference state.
+            Several regions, or a material without a sound reference state.
         """
         self._check_tests(job)
         material, theta = _specimen(job)
@@ -382,11 +389,6 @@ def _specimen(job: Job) -> tuple[Material, FloatArray]:
             f"({', '.join(job.materials)}); describe one"
         )
     ((region, material),) = job.materials.items()
-    if not material.isotropic:
-        raise MaterialError(
-            f"region '{region}': material '{material.name}' is anisotropic; "
-            "the homogeneous solver takes isotropic materials only"
-        )
     material.check(job.thetas[region])
     return material, job.thetas[region]
 
