@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib import rcParams
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 from scipy.spatial.transform import Rotation
 
@@ -111,6 +112,14 @@ def test_what_is_left_over_is_that_of_the_rows(processed, figures, tmp_path):
     for line in torque_left.lines[:3]:
         assert np.std(line.get_ydata()) == pytest.approx(0.2, rel=0.2)
     assert "N·mm" in torque_left.get_ylabel()
+
+
+def test_no_legend_hides_what_is_left_over(processed, figures, tmp_path):
+    draw_processed(processed, tmp_path)
+    figure = figures["5_curves.png"]
+    FigureCanvasAgg(figure).draw()
+    for axis in figure.axes[2:]:
+        assert axis.get_legend().get_window_extent().y0 > axis.bbox.y1 - 3.0
 
 
 @given(st.integers(1, 12 * N_BUCKETS), st.integers(0, 2**32 - 1))

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from palpate.domain import BoolArray, Curve, FloatArray, IntArray
-from palpate.report.figures import STYLE
+from palpate.report.style import STYLE
 from palpate_experiments.processing.phases import Phase
 from palpate_experiments.processing.processed import Processed
 from palpate_experiments.processing.relaxation import SIGNIFICANT
@@ -22,6 +22,15 @@ from palpate_experiments.recording import Recording
 N_BUCKETS = 1000
 """Stretches of a long signal of which a picture shows the least and the greatest value."""
 
+_ON_SCREEN = {
+    "figure.dpi": 160,
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "legend.fontsize": 8.0,
+}
 _AXES = (("x", "#0072B2"), ("y", "#E69F00"), ("z", "#009E73"))
 _FOUND = "#D55E00"
 _MEASURED = "#0072B2"
@@ -93,7 +102,7 @@ def _draw_tared(processed: Processed, folder: Path) -> Path:
                     f"{quantity.partition('_')[0]} [{unit}]\n" + ("(near zero)" if near else "(sensor)")
                 )
         _legend_above(axes[0])
-        axes[0].set_title("thin: as read; grey: free air", loc="left", fontsize=8)
+        axes[0].set_title("pale: as read; grey: free air", loc="left", fontsize=8)
     return _save(figure, folder / "2_tared.png")
 
 
@@ -168,8 +177,9 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
             above.set_ylabel(y_label)
             below.set_ylabel(f"left over {y_label[y_label.index('[') :]}")
             below.set_xlabel(x_label)
-            above.legend(loc="upper left")
-            below.legend(loc="upper left", ncols=2, fontsize=7)
+            above.legend(loc="upper left", markerscale=3.0)
+            # Above the panel: what is left over fills all of it.
+            _legend_above(below, fontsize=7, markerscale=4.0)
         figure.suptitle(f"{Path(processed.raw.source).name}: curves", fontsize=10)
     return _save(figure, folder / "5_curves.png")
 
@@ -199,7 +209,7 @@ def _draw_rows(
 @contextmanager
 def _styled() -> Iterator[None]:
     """Use palpate's style, and leave everybody else's as it is."""
-    with mpl.rc_context(cast("Any", dict(STYLE))):
+    with mpl.rc_context(cast("Any", {**STYLE, **_ON_SCREEN})):
         yield
 
 
@@ -284,5 +294,5 @@ def _name_phases(axis: Axes, phases: Sequence[Phase]) -> None:
         )  # fmt: skip
 
 
-def _legend_above(axis: Axes) -> None:
-    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3)
+def _legend_above(axis: Axes, **look: Any) -> None:  # noqa: ANN401 - as legend takes
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, **look)
