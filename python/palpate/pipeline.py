@@ -23,6 +23,7 @@ from palpate.ledger import Ledger
 from palpate.limb import load_limbs
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
+from palpate.proofs import prove, proves
 from palpate.rays import best_on_rays
 from palpate.refinement import Refined, refine
 from palpate.report import Content, by_spot, draw_presses, make_tables, write_report
@@ -64,12 +65,16 @@ class Selected:
     rays : DataFrame
         Best multiple of any set by spot and scenario, as
         :func:`palpate.rays.best_on_rays` returns it; empty unless asked for.
+    proofs : DataFrame
+        Which chosen sets passed the solver's own proof, as :func:`palpate.proofs.prove`
+        returns it; empty where the solver has none.
     """
 
     selection: pl.DataFrame
     generalisation: pl.DataFrame
     refinement: pl.DataFrame
     rays: pl.DataFrame = field(default_factory=pl.DataFrame)
+    proofs: pl.DataFrame = field(default_factory=pl.DataFrame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -276,7 +281,7 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     """
     run = RunDirectory(run_folder)
     scores = run.scores()
-    checked = _from_files(study, run, with_limbs=study.refine or study.rays)
+    checked = _from_files(study, run, with_limbs=study.refine or study.rays or proves(study.solver))
     progress.begin("select", 1)
     selected = _select(study, run, checked, scores, progress)
     run.begin(study, plugins.channels)
@@ -346,7 +351,13 @@ def _select(
         run.drop_refinement()
     rays = _rays(study, run, checked, progress)
     run.write_rays(rays)
-    return Selected(selection=chosen, generalisation=generalisation, refinement=refined.table, rays=rays)
+    return Selected(
+        selection=chosen,
+        generalisation=generalisation,
+        refinement=refined.table,
+        rays=rays,
+        proofs=prove(study, run, checked.design, checked.limbs, checked.measured, progress),
+    )
 
 
 def _rays(study: Study, run: RunDirectory, checked: Checked, progress: Progress) -> pl.DataFrame:

@@ -9,7 +9,7 @@
     ledger.sqlite  curves/  simulations: states, attempts, timings, reasons, and their curves
     scores.parquet  selection.parquet  generalisation.parquet
     refinement.parquet  refined/<spot>/<scenario>.parquet
-    rays.parquet
+    rays.parquet  proofs.parquet
     report/
 
 Files are written whole or not at all, and the folder moves freely.
@@ -247,6 +247,19 @@ class RunDirectory:
     def rays(self) -> pl.DataFrame:
         """Best multiple by spot and scenario; empty when none was looked for."""
         path = self.folder / "rays.parquet"
+        return pl.read_parquet(path) if path.exists() else pl.DataFrame()
+
+    def write_proofs(self, proofs: pl.DataFrame) -> None:
+        """Write ``proofs.parquet``, or remove that of an earlier selection where there are none."""
+        path = self.folder / "proofs.parquet"
+        if proofs.is_empty():
+            path.unlink(missing_ok=True)
+        else:
+            write_frame(path, proofs)
+
+    def proofs(self) -> pl.DataFrame:
+        """What the solver proved of the chosen sets; empty where it proves nothing."""
+        path = self.folder / "proofs.parquet"
         return pl.read_parquet(path) if path.exists() else pl.DataFrame()
 
     def certificates(self) -> dict[str, Any]:

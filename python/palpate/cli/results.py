@@ -19,6 +19,8 @@ def show_run(session: Session, study: "Study", result: "RunResult") -> None:
     for name, frame in result.report.tables.items():
         if frame.height:
             session.frame(name.replace("_", " "), _side_by_side(name, frame))
+    if result.selected.proofs.height:
+        session.frame("proofs of the chosen sets", result.selected.proofs.drop("key"))
     if sentence := finding(result.report.tables):
         session.say(sentence)
     for page in result.report.files:
@@ -53,6 +55,7 @@ def run_as_json(study: "Study", result: "RunResult") -> dict[str, object]:
         "generalisation": result.selected.generalisation.to_dicts(),
         "refinement": result.selected.refinement.to_dicts(),
         "rays": result.selected.rays.to_dicts(),
+        "proofs": result.selected.proofs.to_dicts(),
         "tables": {name: frame.to_dicts() for name, frame in result.report.tables.items()},
         "files": [str(file) for file in result.report.files],
     }

@@ -21,6 +21,7 @@ def select(context: typer.Context, study: StudyPath, out: OutFolder = None, as_j
         "generalisation": selected.generalisation,
         "refinement": selected.refinement,
         "rays": selected.rays,
+        "proofs": selected.proofs,
     }
     if as_json:
         session.json({name: frame.to_dicts() for name, frame in frames.items()})
