@@ -1,0 +1,105 @@
+"""What a run chose is put to its solver's own proof, once."""
+
+from typing import ClassVar
+
+import numpy as np
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from palpate import pipeline
+from palpate.errors import StoppedError, StudyError
+from palpate.progress import SILENT
+from palpate.run_directory import RunDirectory
+
+MESSAGE = "so it is"
+
+
+@pytest.fixture
+def doubting(tissue):
+    """A solver that doubts its answers, and a record of what it was asked."""
+
+    class Strictness(tissue.Analytic.Settings):
+        strict: bool = True
+
+    class Doubting(tissue.Analytic):
+        Settings = Strictness
+        asked: ClassVar[list] = []
+        is_away = False
+
+        def prove(self, job, limb, simulation):
+            if self.is_away:
+                raise StudyError("the oracle is away; wait")
+            self.asked.append(job.set_id)
+            assert simulation.response is not None
+            return {
+                "passed": job.thetas["soft_tissue"][0] < 0.45,
+                "message": "so it is",
+                "change": np.float64(0.1),
+            }
+
+    return Doubting
+
+
+def run_to_selection(study, folder, plugins, progress=SILENT):
+    for verb in (pipeline.measure, pipeline.sample, pipeline.simulate, pipeline.score):
+        verb(study, folder, plugins)
+    return pipeline.select(study, folder, plugins, progress)
+
+
+def test_every_chosen_set_is_proved_once(doubting, make_study, plugins, tmp_path):
+    study, folder = make_study(doubting()), tmp_path / "run"
+    selected = run_to_selection(study, folder, plugins)
+    chosen = pl.concat([selected.selection, selected.generalisation], how="diagonal")
+    expected = set(chosen.select("spot", "set_id").iter_rows())
+    assert set(selected.proofs.select("spot", "set_id").iter_rows()) == expected
+    # A set is the same job at both spots here, for they have no meshes.
+    assert sorted(doubting.asked) == sorted({set_id for _, set_id in expected})
+    stiffness = dict(chosen.select("set_id", "soft_tissue.stiffness").iter_rows())
+    for row in selected.proofs.iter_rows(named=True):
+        assert row["passed"] == (stiffness[row["set_id"]] < 0.45)
+    assert set(selected.proofs["passed"]) == {True, False}
+    assert set(selected.proofs["change"]) == {0.1}
+    again = pipeline.select(study, folder, plugins)
+    assert_frame_equal(again.proofs, selected.proofs)
+    assert_frame_equal(RunDirectory(folder).proofs(), selected.proofs)
+    assert len(doubting.asked) == len(set(doubting.asked))
+
+
+def test_other_settings_are_proved_anew(doubting, make_study, plugins, tmp_path):
+    run_to_selection(make_study(doubting()), tmp_path / "run", plugins)
+    n = len(doubting.asked)
+    lax = make_study(doubting(doubting.Settings(strict=False)))
+    run_to_selection(lax, tmp_path / "run", plugins)
+    assert len(doubting.asked) == 2 * n
+
+
+def test_a_proof_that_cannot_be_had_is_a_failed_one_and_is_tried_again(
+    doubting, make_study, plugins, tmp_path
+):
+    study, folder = make_study(doubting()), tmp_path / "run"
+    doubting.is_away = True
+    proofs = run_to_selection(study, folder, plugins).proofs
+    assert set(proofs["message"]) == {"the oracle is away; wait"}
+    assert not proofs["passed"].any()
+    doubting.is_away = False
+    again = pipeline.select(study, folder, plugins).proofs
+    assert set(again["message"]) == {MESSAGE}
+
+
+def test_a_stop_keeps_what_is_proved(doubting, make_study, plugins, tmp_path):
+    class Impatient:
+        begin = step = note = lambda *_: None
+
+        def going_on(self):
+            return not doubting.asked
+
+    with pytest.raises(StoppedError, match="palpate resume"):
+        run_to_selection(make_study(doubting()), tmp_path / "run", plugins, Impatient())
+    assert len(RunDirectory(tmp_path / "run").proofs()) == 1
+
+
+def test_a_solver_without_a_proof_leaves_none(doubting, make_study, plugins, tmp_path):
+    run_to_selection(make_study(doubting()), tmp_path / "run", plugins)
+    assert run_to_selection(make_study(), tmp_path / "run", plugins).proofs.is_empty()
+    assert not (tmp_path / "run" / "proofs.parquet").exists()
