@@ -16,7 +16,9 @@ import typer
 from palpate import __version__
 from palpate.cli.check import check
 from palpate.cli.demo import demo
+from palpate.cli.doctor import doctor
 from palpate.cli.experiment import experiment
+from palpate.cli.explain import explain
 from palpate.cli.init import init
 from palpate.cli.inspect import experiment_commands
 from palpate.cli.limb import limb, limb_commands
@@ -33,7 +35,7 @@ from palpate.cli.status import status
 from palpate.cli.synthesise import synthesise
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError
 
-COMMANDS = (init, check, run, resume, status, demo, plugins, synthesise)
+COMMANDS = (init, check, run, resume, status, demo, plugins, synthesise, explain, doctor)
 STAGES = (experiment, limb, sample, simulate, score, select, report)
 GROUPS = MappingProxyType({experiment: experiment_commands, limb: limb_commands})
 """Stages with commands of their own, some of which plugins add."""

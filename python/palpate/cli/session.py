@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +23,9 @@ MAX_ROWS = 30
 
 MAX_COLUMNS = 6
 """Most rows of a table that is turned on its side."""
+
+TEXT_WIDTH = 80
+"""Most columns of a line of running text."""
 
 FILE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe."""
@@ -89,6 +93,11 @@ class Session:
     def say(self, text: str) -> None:
         """Print a line of the result, as it stands."""
         self.stdout.print(text, markup=False)
+
+    def paragraph(self, text: str) -> None:
+        """Print running text, broken between words into lines that can be read."""
+        width = min(self.stdout.width, TEXT_WIDTH)
+        self.say(textwrap.fill(text, width, break_long_words=False, break_on_hyphens=False))
 
     def json(self, value: object) -> None:
         """Print a value as JSON; numbers that are not finite become null."""

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-_THREAD_VARIABLES = (
+THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
@@ -65,7 +65,7 @@ def _free_of_group() -> float | None:
 
 def thread_limits(n_threads: int) -> dict[str, str]:
     """Environment that holds numerical libraries to ``n_threads`` threads, set before they load."""
-    limits = dict.fromkeys(_THREAD_VARIABLES, str(n_threads))
+    limits = dict.fromkeys(THREAD_VARIABLES, str(n_threads))
     if n_threads == 1:
         flags = os.environ.get("XLA_FLAGS", "")
         limits["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()

@@ -1,0 +1,39 @@
+"""``palpate doctor``: what this machine has, what is missing, and what is slow."""
+
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated
+
+import typer
+
+from palpate.cli.options import AsJson
+from palpate.cli.session import Session
+
+
+def doctor(
+    context: typer.Context,
+    folder: Annotated[Path, typer.Argument(help="Where runs are kept; its disk is looked at.")] = Path(
+        "runs"
+    ),
+    as_json: AsJson = False,
+) -> None:
+    """Show versions, solvers, broken plugins, threads, disk, and what is slow and why.
+
+    Examples: palpate doctor · palpate doctor /scratch/me --json
+    """
+    from palpate.doctor import LABELS, examine
+
+    session, begin = Session.of(context), perf_counter()
+    plugins = session.plugins
+    findings = examine(plugins, folder, perf_counter() - begin)
+    if as_json:
+        session.json([asdict(finding) for finding in findings])
+        return
+    rows = [[f.topic, f.what, f.found, LABELS[f.level]] for f in findings]
+    session.table("palpate doctor", ["topic", "what", "found", ""], rows)
+    for finding in findings:
+        if finding.advice:
+            session.say(f"{finding.what}: {finding.advice}")
+    n_wrong = sum(finding.level == "wrong" for finding in findings)
+    session.say("nothing is wrong" if n_wrong == 0 else f"{n_wrong} wrong")

@@ -1,0 +1,128 @@
+"""What ``palpate doctor`` finds, and what it advises."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from palpate import doctor
+from palpate.cli.app import main
+from palpate.plugins import Plugins
+
+BROKEN = "import palpate\n\n@palpate.hookimpl\ndef palpate_solverz():\n    return []\n"
+SOLVERS = """
+from pydantic import Field
+from palpate import PalpateError, Settings, Solver, hookimpl
+
+
+class Absent(Solver):
+    name = "absent"
+    summary = "a program that is not there"
+
+    def version(self):
+        raise PalpateError("no program 'absent'; install it")
+
+    def simulate(self, job, limb): ...
+
+
+class Needy(Absent):
+    name = "needy"
+
+    class Settings(Settings):
+        file: str = Field(description="A file.")
+
+
+@hookimpl
+def palpate_solvers():
+    return [Absent, Needy]
+"""
+
+
+@pytest.fixture
+def examined(tmp_path):
+    (tmp_path / "misspelt.py").write_text(BROKEN)
+    (tmp_path / "programs.py").write_text(SOLVERS)
+    plugins = Plugins.load([tmp_path / "misspelt.py", tmp_path / "programs.py"], entry_points=False)
+    findings = doctor.examine(plugins, tmp_path / "not" / "yet", 9.0)
+    return {finding.what: finding for finding in findings}
+
+
+def test_a_broken_plugin_is_wrong_and_says_why(examined):
+    found = examined["misspelt"]
+    assert found.level == "wrong"
+    assert "did you mean 'palpate_solvers'" in found.found
+    assert "misspelt.py" in found.advice
+
+
+def test_a_solver_that_is_not_there_is_a_note_with_its_own_advice(examined):
+    assert (examined["absent"].level, examined["absent"].advice) == (
+        "note",
+        "no program 'absent'; install it",
+    )
+    assert examined["needy"].found == "needs its settings file"
+
+
+def test_versions_are_those_that_are_installed(examined):
+    import numpy
+
+    assert examined["numpy"].found == numpy.__version__
+    assert all(examined[name].level == "fine" for name in doctor.LIBRARIES)
+
+
+def test_a_missing_library_is_wrong(monkeypatch):
+    monkeypatch.setattr(doctor, "LIBRARIES", ("no-such-library",))
+    (found,) = [f for f in doctor._versions() if f.level == "wrong"]
+    assert found.what == "no-such-library"
+    assert "pip install no-such-library" in found.advice
+
+
+def test_what_is_slow_is_told_with_its_reason(examined, monkeypatch):
+    assert examined["finding plugins"].level == "note"
+    assert "importtime" in examined["finding plugins"].advice
+    monkeypatch.setattr(doctor, "SLOW_WRITE_S", 0.0)
+    monkeypatch.setattr(doctor, "SLOW_SCORE_S", 1e9)
+    notes = [f.what for f in doctor._speed(Path.cwd(), 0.0) if f.level == "note"]
+    assert notes == [f"a write to {Path.cwd()}"]
+
+
+def test_looking_leaves_nothing_behind(examined, tmp_path):
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".csv") in (
+        ["misspelt.py", "programs.py"],
+        ["__pycache__", "misspelt.py", "programs.py"],
+    )
+
+
+@pytest.mark.parametrize(
+    ("folder", "kind"), [("/home/me/runs", "nfs4"), ("/scratch/a b/c", "lustre"), ("/tmp", "ext4")]
+)
+def test_the_file_system_is_that_of_the_longest_mount(tmp_path, folder, kind):
+    mounts = tmp_path / "mounts"
+    mounts.write_text(
+        "/dev/sda / ext4 rw 0 0\nserver:/home /home nfs4 rw 0 0\nl@tcp:/s /scratch/a\\040b lustre rw 0 0\n"
+    )
+    assert doctor.file_system(Path(folder), mounts) == kind
+    assert doctor.file_system(Path(folder), tmp_path / "none") == ""
+
+
+def test_a_folder_that_cannot_be_written_is_wrong(tmp_path, monkeypatch):
+    def refuse(folder, n_writes=5):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(doctor, "_write_s", refuse)
+    (found,) = [f for f in doctor._speed(tmp_path, 0.0) if f.level == "wrong"]
+    assert "Read-only file system" in found.found
+    assert "--out" in found.advice
+
+
+def test_little_room_is_a_note():
+    assert doctor._room("free memory", 100.0, "buy some").level == "note"
+    assert doctor._room("free memory", 1e6, "buy some").advice == ""
+
+
+def test_the_command_prints_it(capsys, tmp_path):
+    assert main(["doctor", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {"topic", "what", "found", "level", "advice"} == set(found[0])
+    assert {f["topic"] for f in found} == {"versions", "plugins", "solvers", "machine", "speed"}
+    assert main(["doctor", str(tmp_path)]) == 0
+    assert "nothing is wrong" in capsys.readouterr().out
