@@ -102,6 +102,10 @@ BAD: dict[str, tuple[Spoil, str]] = {
         _stick,
         r"line 102 \(t = 0.5000 s\), force: the same to the last digit .* for 0.345 s, until line 171",
     ),
+    "one axis stuck": (
+        _set("ty_Nm", slice(100, 170), None),
+        r"line 102 \(t = 0.5000 s\), moment, column 'ty_Nm': .* for 0.345 s, until line 171 .*axis is stuck",
+    ),
     "saturated": (_clip, r"column 'fz_N': -6 in \d+ rows on end, until line .*and never beyond: .*saturated"),
     "frozen pose": (
         _freeze,

@@ -124,6 +124,7 @@ def check_sensor(wrench: Series, channels: ChannelMap) -> None:
     _check_stuck(wrench, same[:, real], channels)
     for column in real:
         _check_saturated(wrench, column, same[:, column])
+        _check_axis_stuck(wrench, column, same[:, column], channels.stuck)
 
 
 def check_range(wrench: Series, limit: float | None, setting: str) -> None:
@@ -166,6 +167,31 @@ def _check_stuck(wrench: Series, same: np.ndarray, channels: ChannelMap) -> None
             "noise",
             first,
         )
+
+
+def _check_axis_stuck(wrench: Series, column: int, same: np.ndarray, stuck_s: float) -> None:
+    """Refuse one axis that stands still for long and shows noise at other times."""
+    if np.count_nonzero(same) * float(np.median(np.diff(wrench.time_s))) < stuck_s:
+        return
+    starts, lengths = _runs(same)
+    longest = int(np.argmax(lengths))
+    first, last = int(starts[longest]), int(starts[longest] + lengths[longest] - 1)
+    seconds = float(wrench.time_s[last] - wrench.time_s[first])
+    values = wrench.values[:, column]
+    if seconds > stuck_s and _is_noisy(np.concatenate([values[:first], values[last + 1 :]])):
+        raise wrench.fault(
+            f"{values[first]:.6g} to the last digit for {seconds:.3f} s, until {wrench.at(last)}, with noise "
+            "at other times: the axis is stuck; record anew, or raise stuck in the channel map",
+            first,
+            column,
+        )
+
+
+def _is_noisy(values: FloatArray) -> bool:
+    """Whether most rows differ from their neighbours, and by chance: of a smooth signal bends are small."""
+    steps = np.diff(values)
+    bends = np.diff(steps)
+    return bends.size > 0 and bool(np.median(np.abs(bends)) >= np.median(np.abs(steps)) > 0.0)
 
 
 def _check_saturated(wrench: Series, column: int, same: np.ndarray) -> None:
