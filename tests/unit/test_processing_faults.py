@@ -68,6 +68,10 @@ FAULTS: dict[str, tuple[Callable[[], Recording], str]] = {
         lambda: log().changed(position_mm=log().position_mm[:, SWAPPED["xy"]]),
         "off the normal of the path",
     ),
+    "position x z": (
+        lambda: log().changed(position_mm=log().position_mm[:, SWAPPED["xz"]]),
+        r"row 130\d .*twists about an axis 24 degrees off the normal.*order of the position's columns",
+    ),
     "position in m": (lambda: log().changed(position_mm=log().position_mm / 1e3), "unit of the position"),
     "position in um": (lambda: log().changed(position_mm=log().position_mm * 1e3), "unit of the position"),
     "no contact": (without_contact, "a press without contact: the force changes by 0.[12]"),

@@ -33,7 +33,9 @@ class Recording:
     moment_Nmm : (n, 3) array
         About the sensor's origin, in the sensor frame.
     rows : (n,) array of int
-        Row or message number in the file, for messages.
+        Line, row or message number in the file, for messages.
+    row_word : str
+        What messages call them.
 
     Raises
     ------
@@ -49,6 +51,7 @@ class Recording:
     force_N: FloatArray
     moment_Nmm: FloatArray
     rows: IntArray
+    row_word: str = "row"
 
     def __post_init__(self) -> None:
         for name in _WIDTHS:
@@ -74,7 +77,7 @@ class Recording:
 
     def at(self, index: int) -> str:
         """Where a row stands, for messages: its number in the file and its time stamp."""
-        return f"row {int(self.rows[index])} (t = {self.time_s[index]:.3f} s)"
+        return f"{self.row_word} {int(self.rows[index])} (t = {self.time_s[index]:.3f} s)"
 
     def fault(self, message: str, index: int | None = None) -> CurveError:
         """Error that names the file and, where given, the row and its time stamp."""
@@ -84,7 +87,7 @@ class Recording:
     def changed(self, **fields: FloatArray | IntArray) -> "Recording":
         """Copy with other fields, checked like a new one."""
         values: dict[str, Any] = {name: getattr(self, name) for name in _WIDTHS}
-        return Recording(source=self.source, **(values | fields))
+        return Recording(source=self.source, row_word=self.row_word, **(values | fields))
 
     def part(self, chosen: slice | IntArray) -> "Recording":
         """Only some rows, in order."""

@@ -19,8 +19,11 @@ LARGEST_FRICTION_ANGLE_DEG = 50.0
 LARGEST_PATH_ANGLE_DEG = 30.0
 """Between a given normal and the path of the press."""
 
-LARGEST_TILT_SHARE = 0.3
-"""Tilt of the tool over its turn about the normal."""
+LARGEST_TURN_AXIS_ANGLE_DEG = 15.0
+"""Between the axis about which the tool twists and the normal; curves are then off by 4 %."""
+
+LEAST_TILT_DEG = 2.0
+"""Tilt of the tool that any robot may have."""
 
 LEAST_CORRELATION = 0.3
 """Of torque and rotation over a twist."""
@@ -127,11 +130,16 @@ def check_turn_axis(recording: Recording, motion: Motion, twists: tuple[Stroke, 
     if not twists:
         return
     rows = _rows(motion, twists)
-    turn, tilt = float(np.ptp(motion.turn_deg[rows])), float(motion.tilt_deg[rows].max())
-    if tilt > max(LARGEST_TILT_SHARE * turn, 2.0):
+    turned = np.abs(np.sin(np.radians(motion.turn_deg[rows]) / 2.0))
+    tilt = np.radians(motion.tilt_deg[rows])
+    far = turned > 0.5 * turned.max()
+    angle = float(np.degrees(np.median(np.arctan2(np.tan(tilt[far] / 2.0), turned[far]))))
+    if np.degrees(tilt.max()) > LEAST_TILT_DEG and angle > LARGEST_TURN_AXIS_ANGLE_DEG:
         raise recording.fault(
-            f"the tool tilts by {tilt:.1f} degrees while it turns by {turn:.1f} about the normal; check "
-            "the order and the sense (tool to base) of the quaternion's columns",
+            f"the tool twists about an axis {angle:.0f} degrees off the normal, and "
+            f"{LARGEST_TURN_AXIS_ANGLE_DEG:g} at most is no mistake: check the order of the position's "
+            "columns, and order and sense (tool to base) of the quaternion's; where the press is oblique on "
+            "purpose, give normal.method = 'tool_axis'",
             rows.start,
         )
 

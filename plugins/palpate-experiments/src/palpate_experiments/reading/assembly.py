@@ -98,6 +98,7 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
     force, moment = _wrench(values["force"], values["moment"], q, channels)
     recording = Recording(
         source=log.source,
+        row_word=log.row_word,
         time_s=time_s,
         position_mm=values["position"] + orientation.turned(pose_q, np.array(channels.tip))
         if any(channels.tip)
