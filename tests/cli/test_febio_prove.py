@@ -57,6 +57,7 @@ def study(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", f"{program.parent}:/usr/bin:/bin")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("FAKE_FEBIO", "")
+    monkeypatch.setenv("FAKE_FEBIO_COUNT", str(tmp_path / "count"))
     from palpate_febio.deck import Problem, write_deck
     from palpate_febio.settings import FebioSettings
     from palpate_febio.spelling import written
@@ -83,14 +84,22 @@ def study(tmp_path, monkeypatch):
     return folder
 
 
-def test_a_whole_study_by_febio_and_the_proof_of_what_it_chose(call, study, monkeypatch):
-    ran = call("run", study, plugin=None)
+def test_a_run_proves_what_it_chose_and_febio_says_what_it_thinks_of_it(call, study, tmp_path):
+    ran = call("run", study, "--json", plugin=None)
     assert ran.code == 0, ran.err
+    (row,) = ran.json["proofs"]
+    assert (row["spot"], row["passed"]) == ("p1", True)
+    assert abs(row["halving"]) < 1e-6
+    assert (tmp_path / "count").read_text().count("run") == 4  # three sets, and one proof
+    again = call("select", study, plugin=None)
+    assert "torque proved" in again.out
+    assert (tmp_path / "count").read_text().count("run") == 4
     proved = call("febio-prove", study, "--json", plugin=None)
     assert proved.code == 0, proved.err
     (row,) = proved.json
     assert (row["spot"], row["verdict"]) == ("p1", "proved")
     assert abs(row["halving"]) < 1e-6
+    assert row["force"] == row["torque"] == 0.0
     toml = study / "study.toml"
     toml.write_text(toml.read_text().replace("facet_mm = 1.5", 'facet_mm = 1.5\ncontact = "paper"'))
     with pytest.warns(UserWarning, match="no memory"):

@@ -1,6 +1,7 @@
 """A program that hangs, floods, crashes or leaves children is ended, and nothing of it stays."""
 
 import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -79,7 +80,8 @@ def test_children_end_with_it(tmp_path):
     began = time.monotonic()
     ended = python(tmp_path, code)
     assert ended.exit_code == 0
-    assert not febio_fake.alive(int(ended.tail))
+    while febio_fake.alive(int(ended.tail)) and time.monotonic() - began < 20.0:
+        time.sleep(0.01)
     assert time.monotonic() - began < 20.0
 
 
@@ -96,6 +98,34 @@ def test_an_exception_here_ends_it_there(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         python(tmp_path, code)
     assert not febio_fake.alive(int((tmp_path / "pid").read_text()))
+
+
+GUARDED = """
+import sys, time
+from pathlib import Path
+from palpate_febio.runner import Limits, run_program
+code = "import os, time; open('pid', 'w').write(str(os.getpid())); time.sleep(600)"
+run_program(
+    [sys.executable, "-c", code], Path(sys.argv[1]), Limits(time_s=600.0, stall_s=600.0), is_scratch=True
+)
+"""
+
+
+def test_a_runner_that_is_killed_leaves_neither_program_nor_folder(tmp_path):
+    folder = tmp_path / "it's scratch"
+    folder.mkdir()
+    runner = subprocess.Popen(
+        [sys.executable, "-c", GUARDED, str(folder)], env={**os.environ, "PYTHONPATH": ":".join(sys.path)}
+    )
+    while not (folder / "pid").exists() or not (pid := (folder / "pid").read_text()):
+        time.sleep(0.02)
+    runner.kill()
+    runner.wait()
+    until = time.monotonic() + 20.0
+    while (febio_fake.alive(int(pid)) or folder.exists()) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not febio_fake.alive(int(pid))
+    assert not folder.exists()
 
 
 def test_a_program_that_cannot_start_is_named(tmp_path):

@@ -152,7 +152,7 @@ def test_runs_are_kept_when_asked_for(fake, tmp_path):
 
 
 def test_a_torque_that_remembers_passes_its_gates(fake):
-    simulation = fake(gates=True).simulate(job_of(), LIMB)
+    simulation = fake(gates="every").simulate(job_of(), LIMB)
     gates = simulation.diagnostics["gates"]
     assert gates["passed"]
     assert abs(gates["halving"]) < 1e-9
@@ -161,9 +161,10 @@ def test_a_torque_that_remembers_passes_its_gates(fake):
 
 
 def test_the_papers_contact_warns_and_fails_its_gates(fake):
-    solver = fake(gates=True, contact="paper")
+    solver = fake(gates="every", contact="paper")
     with pytest.warns(FebioWarning, match="no memory"):
-        simulation = solver.simulate(job_of(), LIMB)
+        solver.check(job_of(), LIMB)
+    simulation = solver.simulate(job_of(), LIMB)
     gates = simulation.diagnostics["gates"]
     assert not gates["passed"]
     assert gates["halving"] == pytest.approx(-0.5)
@@ -174,7 +175,7 @@ def test_the_papers_contact_warns_and_fails_its_gates(fake):
 
 def test_there_is_nothing_to_prove_without_a_twist_or_friction(fake):
     for job in (job_of(path=PATH[:2]), job_of(friction=0.0)):
-        assert fake(gates=True).simulate(job, LIMB).diagnostics["gates"] is None
+        assert fake(gates="every").simulate(job, LIMB).diagnostics["gates"] == {}
 
 
 # ---------------------------------------------------------------- conventions

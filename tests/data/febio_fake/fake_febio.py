@@ -72,11 +72,15 @@ def cauchy(material, F):
     return S - np.trace(S) / 3 * np.eye(3) + c["k"] * np.log(J) / J * np.eye(3)
 
 
+def count(what):
+    file = os.environ.get("FAKE_FEBIO_COUNT")
+    if file:
+        with open(file, "a") as stream:
+            stream.write(f"{what}\n")
+
+
 def probe(root, log):
-    count = os.environ.get("FAKE_FEBIO_COUNT")
-    if count:
-        with open(count, "a") as stream:
-            stream.write("probe\n")
+    count("probe")
     material = root.find("Material/material")
     n = int(root.findtext("Control/time_steps"))
     for bc, record in zip(
@@ -113,6 +117,7 @@ def answer(root, depth, turn):
 
 
 def press(root, log):
+    count("run")
     for word, act in (("hang", hang), ("stubborn", stubborn), ("crash", crash), ("child", child)):
         if word in WORDS:
             act()

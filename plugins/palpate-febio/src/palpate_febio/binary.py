@@ -112,6 +112,7 @@ def examine(path: Path) -> Binary:
             [str(path), "-noconfig", "-nosplash", "-info", "-norun"],
             Path(folder),
             Limits(time_s=60.0, stall_s=60.0),
+            is_scratch=True,
         )
     found = _INFO.search(ended.tail)
     if found is None:

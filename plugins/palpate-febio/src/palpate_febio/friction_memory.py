@@ -85,7 +85,7 @@ def outcomes(
     right : Response
         Of a solver whose friction remembers, finely cut.
     """
-    truth = first_extreme(right)
+    truth = first_extreme(right["torque"])
     for (form, n_steps), (response, why) in runs.items():
         if response is None or "torque" not in response:
             yield Outcome(
@@ -98,7 +98,7 @@ def outcomes(
                 note=why,
             )
             continue
-        torque = first_extreme(response)
+        torque = first_extreme(response["torque"])
         yield Outcome(
             problem=problem,
             form=form,
@@ -109,9 +109,8 @@ def outcomes(
         )
 
 
-def first_extreme(response: Response) -> float:
-    """Torque [N·mm] where the rotation first turns back, or at its end."""
-    curve = response["torque"]
+def first_extreme(curve: Curve) -> float:
+    """Ordinate where the path first turns back, or at its end."""
     turns = np.flatnonzero(np.diff(np.sign(np.diff(curve.abscissa))))
     return float(curve.ordinate[turns[0] + 1] if turns.size else curve.ordinate[-1])
 

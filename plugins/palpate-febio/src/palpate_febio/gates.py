@@ -9,9 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from palpate.domain import FloatArray, Status
+from palpate.domain import Status
 from palpate_febio.steps import Steps, halved, up_to_first_turn, with_hold
 from palpate_febio.verdict import Verdict
 
@@ -20,30 +18,31 @@ N_HELD = 10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gates:
-    """What the two gates found; changes are relative to the torque of the run that is proved."""
+    """What the two gates found: changes relative to the torque of the run that is proved, None if unknown."""
 
-    halving: float
-    hold: float
     tolerance: float
+    halving: float | None = None
+    hold: float | None = None
     message: str = ""
 
     @property
     def passed(self) -> bool:
         """Whether the torque is one to rely on."""
-        return not self.message and max(abs(self.halving), abs(self.hold)) <= self.tolerance
+        changes = (self.halving, self.hold)
+        return all(change is not None and abs(change) <= self.tolerance for change in changes)
 
     def row(self) -> dict[str, Any]:
-        """For the diagnostics."""
+        """For the diagnostics and the run's table of proofs."""
         return {
             "passed": self.passed,
+            "message": str(self),
             "halving": self.halving,
             "hold": self.hold,
             "tolerance": self.tolerance,
-            "message": self.message,
         }
 
     def __str__(self) -> str:
-        if self.message:
+        if self.halving is None or self.hold is None:
             return f"torque not proved: {self.message}"
         verdict = "torque proved" if self.passed else "torque NOT to be relied on"
         return (
@@ -52,31 +51,29 @@ class Gates:
         )
 
 
-def check_torque(steps: Steps, rows: FloatArray, run: Callable[[Steps], Verdict], tolerance: float) -> Gates:
+def check_torque(steps: Steps, torque_Nmm: float, run: Callable[[Steps], Verdict], tolerance: float) -> Gates:
     """Run once more, finer and with a hold, and compare.
 
     Parameters
     ----------
     steps : Steps
         Of the run to be proved.
-    rows : (n + 1, 4) array
-        Its answer; the last column is the torque.
+    torque_Nmm : float
+        Its answer where the rotation first turns.
     run : callable
         Simulates other steps.
     tolerance : float
         Largest relative change.
     """
-    first = up_to_first_turn(steps)
-    fine = halved(first)
+    if not torque_Nmm:
+        return Gates(tolerance=tolerance, message="there is no torque where the rotation first turns")
+    fine = halved(up_to_first_turn(steps))
     verdict = run(with_hold(fine, N_HELD))
-    nothing = {"halving": np.nan, "hold": np.nan, "tolerance": tolerance}
     if verdict.status is not Status.OK:
-        return Gates(**nothing, message=f"the finer run did not end well ({verdict.message})")
-    coarse, before, after = rows[first.n, 3], verdict.rows[fine.n, 3], verdict.rows[-1, 3]
-    if not coarse:
-        return Gates(**nothing, message="there is no torque where the rotation first turns")
+        return Gates(tolerance=tolerance, message=f"the finer run did not end well ({verdict.message})")
+    before, after = verdict.rows[fine.n, 3], verdict.rows[-1, 3]
     return Gates(
-        halving=float((before - coarse) / abs(coarse) * np.sign(coarse)),
-        hold=float((after - before) / abs(coarse) * np.sign(coarse)),
         tolerance=tolerance,
+        halving=float((before - torque_Nmm) / torque_Nmm),
+        hold=float((after - before) / torque_Nmm),
     )

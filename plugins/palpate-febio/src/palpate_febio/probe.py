@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import mechanics
 from palpate.domain import FloatArray
 from palpate.errors import MaterialError
 from palpate.interfaces import Material
@@ -165,12 +164,14 @@ def fit(material: Material, sent: FloatArray, stress: FloatArray) -> Fit:
     MaterialError
         None fits; with the figures.
     """
+    from palpate.mechanics import cauchy_stress
+
     s = np.arange(1, N_STEPS + 1)[:, None, None] / N_STEPS
     F = np.eye(3) + GRADIENTS[:, None] * s
     deviations = {}
     for convention in ("textbook", *material.conventions):
         theta = material.to_textbook(sent, convention)
-        cauchy = np.asarray(mechanics.cauchy_stress(material, F, theta))
+        cauchy = np.asarray(cauchy_stress(material, F, theta))
         expected = np.stack([cauchy[..., i, j] for i, j in COMPONENTS], axis=-1)
         error = np.abs(stress - expected).max(axis=-1) / np.abs(expected).max(axis=-1)
         deviations[convention] = float(error.max())
@@ -180,8 +181,7 @@ def fit(material: Material, sent: FloatArray, stress: FloatArray) -> Fit:
         raise MaterialError(
             f"material '{material.name}': what this FEBio computes fits no convention that it knows (largest "
             f"deviation of the stress: {figures}; {TOLERANCE:g} would fit); add the convention to the "
-            f"material, "
-            "or use another solver"
+            "material, or use another solver"
         )
     return Fit(best, deviations)
 
@@ -203,7 +203,7 @@ def run_probe(material: Material, command: list[str], limits: Limits) -> Fit:
     with tempfile.TemporaryDirectory(prefix="palpate-febio-") as name:
         folder = Path(name)
         (folder / DECK_NAME).write_bytes(probe_deck(written(material, sent, "textbook")))
-        ended = run_program([*command, "-i", DECK_NAME, "-o", LOG_NAME], folder, limits)
+        ended = run_program([*command, "-i", DECK_NAME, "-o", LOG_NAME], folder, limits, is_scratch=True)
         files = [folder / f"{k}{STRESS_NAME}" for k in range(len(GRADIENTS))]
         texts = [file.read_text(errors="replace") for file in files if file.is_file()]
     said = read_log(ended.tail)

@@ -1,4 +1,4 @@
-"""``palpate febio-prove``: the gates on the torque of the sets that a run chose."""
+"""``palpate febio-prove``: what FEBio says of the sets that a run chose by whatever solver."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,15 +8,19 @@ import typer
 
 from palpate.cli.options import AsJson, OutFolder, StudyPath
 from palpate.cli.session import Session, run_folder
+from palpate.domain import Simulation
 from palpate.errors import StudyError
 from palpate.study import Study
+from palpate_febio.friction_memory import first_extreme
 from palpate_febio.solver import FebioSolver
+
+HEADS = ("spot", "set_id", "verdict", "halving", "hold", "force", "torque", "message")
 
 
 def febio_prove(
     context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False
 ) -> None:
-    """Run the chosen sets by FEBio, each twice: halved steps and a hold must not change the torque."""
+    """Run the chosen sets by FEBio: whether its gates on the torque pass, and it agrees with the run."""
     session = Session.of(context)
     checked = session.study(study)
     rows = []
@@ -26,14 +30,25 @@ def febio_prove(
     if as_json:
         session.json(rows)
     else:
-        heads = ["spot", "set_id", "verdict", "halving", "hold", "message"]
-        session.table("Torque of the chosen sets", heads, [[str(row[h]) for h in heads] for row in rows])
+        session.table("Chosen sets by FEBio", list(HEADS), [[_cell(row[h]) for h in HEADS] for row in rows])
     if any(row["verdict"] != "proved" for row in rows):
         raise typer.Exit(1)
 
 
+def _cell(value: object) -> str:
+    if value is None:
+        return "–"
+    return f"{value:+.1%}" if isinstance(value, float) else str(value)
+
+
 def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
     """One row per chosen set and spot.
+
+    Yields
+    ------
+    dict
+        ``halving`` and ``hold`` are what the gates found; ``force`` and ``torque`` the relative
+        difference of FEBio from the run at the greatest depth and where the rotation first turns.
 
     Raises
     ------
@@ -42,32 +57,41 @@ def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
     """
     from palpate.limb import load_limbs
     from palpate.run_directory import RunDirectory
-    from palpate.simulation import job_for
+    from palpate.simulation import job_for, stored
 
     run = RunDirectory(folder)
     design, chosen = run.design(), run.selection().select("spot", "set_id").unique(maintain_order=True)
     measured = run.measured(tuple(spot.spot.name for spot in study.spots))
-    solver = _gated(study)
     limbs = load_limbs(study)
     if not limbs:
         raise StudyError(f"study '{study.name}' has no meshes, so no torque to prove")
-    for spot, set_id in chosen.iter_rows():
+    own = study.solver if isinstance(study.solver, FebioSolver) else FebioSolver()
+    solver = FebioSolver(own.settings.model_copy(update={"gates": "chosen"}))
+    pairs = list(chosen.iter_rows())
+    before = stored(study, design, limbs, measured, folder, pairs)
+    kept = {(s.job.spot, s.job.set_id): s for s in before}
+    for spot, set_id in pairs:
         job = job_for(study, spot, set_id, design.values[set_id], measured)
         solver.check(job, limbs[spot])
         simulation = solver.simulate(job, limbs[spot])
-        gates = simulation.diagnostics.get("gates")
-        proved = gates is not None and gates["passed"]
+        found = solver.prove(job, limbs[spot], simulation)
         yield {
             "spot": spot,
             "set_id": set_id,
-            "verdict": "proved" if proved else "not proved",
-            "halving": None if gates is None else gates["halving"],
-            "hold": None if gates is None else gates["hold"],
-            "message": simulation.message or ("" if gates else "no twist with friction: nothing to prove"),
+            "verdict": "proved" if found.get("passed") else "not proved",
+            "halving": found.get("halving"),
+            "hold": found.get("hold"),
+            **_differences(simulation, kept.get((spot, set_id))),
+            "message": found.get("message") or simulation.message or "nothing twists and rubs",
         }
 
 
-def _gated(study: Study) -> FebioSolver:
-    """FEBio with the study's settings where it is the study's solver, and its gates on."""
-    own = study.solver.settings if isinstance(study.solver, FebioSolver) else FebioSolver().settings
-    return FebioSolver(own.model_copy(update={"gates": True}))
+def _differences(found: Simulation, kept: Simulation | None) -> dict[str, float | None]:
+    """How far FEBio's force and torque are from those of the run, relative to the run's."""
+    differences: dict[str, float | None] = {"force": None, "torque": None}
+    if kept is None or kept.response is None or found.response is None:
+        return differences
+    ours, theirs = found.response.curves, kept.response.curves
+    for channel in differences.keys() & ours.keys() & theirs.keys():
+        differences[channel] = first_extreme(ours[channel]) / first_extreme(theirs[channel]) - 1.0
+    return differences

@@ -19,6 +19,9 @@ GRACE_S = 5.0
 
 LARGEST_OUTPUT_BYTES = 1_000_000_000
 
+GUARD = ("/bin/sh", "-c", 'read -r _; kill -9 -"$0"; [ -z "$1" ] || /bin/rm -rf -- "$1"')
+"""Waits for the end of its input, which this process holds open, then ends a group and removes a folder."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
@@ -67,9 +70,16 @@ class _Tail:
 
 
 def run_program(
-    command: Sequence[str], folder: Path, limits: Limits, environment: Mapping[str, str] | None = None
+    command: Sequence[str],
+    folder: Path,
+    limits: Limits,
+    environment: Mapping[str, str] | None = None,
+    *,
+    is_scratch: bool = False,
 ) -> Ended:
     """Run a program in a folder, in a process group of its own and without input.
+
+    Should this process be killed meanwhile, the program is ended all the same.
 
     Parameters
     ----------
@@ -79,6 +89,8 @@ def run_program(
     limits : Limits
     environment : mapping, optional
         Added to this process's own.
+    is_scratch : bool
+        Nobody will want the folder if this process is killed.
 
     Raises
     ------
@@ -86,7 +98,10 @@ def run_program(
         The program cannot be started.
     """
     started = time.monotonic()
-    with _started(command, folder, environment, limits.grace_s) as process:
+    with (
+        _started(command, folder, environment, limits.grace_s) as process,
+        _guarded(process.pid, folder if is_scratch else None),
+    ):
         assert process.stdout is not None
         tail = _Tail(process.stdout.fileno())
         stopped = _watched(process, folder, limits, tail)
@@ -123,8 +138,34 @@ def _started(
             process.stdout.close()
 
 
+@contextmanager
+def _guarded(group: int, scratch: Path | None) -> Iterator[None]:
+    """Have a shell, in a group of its own, end a process group should this process be gone."""
+    if os.name != "posix":
+        yield
+        return
+    guard = subprocess.Popen(
+        [*GUARD, str(group), "" if scratch is None else str(scratch)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        yield
+    finally:
+        guard.kill()  # first, so that the end of its input means nothing any more
+        guard.wait()
+        assert guard.stdin is not None
+        guard.stdin.close()
+
+
 def end_group(process: "subprocess.Popen[bytes]", grace_s: float) -> None:
     """Ask a process and its children to end, and end them where they do not."""
+    if os.name != "posix":
+        process.kill()
+        process.wait()
+        return
     for sign in (signal.SIGTERM, signal.SIGKILL):
         try:
             os.killpg(process.pid, sign)

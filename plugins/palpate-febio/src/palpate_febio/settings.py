@@ -17,16 +17,24 @@ PAPER_CONTACT = (
 
 
 class FebioSettings(Settings):
-    """Where FEBio is, how finely and how strictly it solves, and when it is given up."""
+    """Where FEBio is, how finely and how strictly it solves, and when it is given up.
+
+    A field that is excluded changes no result, so that a change of it makes no simulation void.
+    """
 
     executable: str = Field(
         "",
+        exclude=True,
         description="path or name of febio4; empty: PATH, then the places where FEBio is usually installed",
     )
-    threads: int = Field(1, ge=1, description="threads of one run; palpate runs several jobs side by side")
-    time_limit_s: float = Field(7200.0, gt=0.0, description="a run is stopped after this time [s]")
+    threads: int = Field(
+        1, ge=1, exclude=True, description="threads of one run; palpate runs several jobs side by side"
+    )
+    time_limit_s: float = Field(
+        7200.0, gt=0.0, exclude=True, description="a run is stopped after this time [s]"
+    )
     stall_limit_s: float = Field(
-        1200.0, gt=0.0, description="a run is stopped when nothing was written for so long [s]"
+        1200.0, gt=0.0, exclude=True, description="a run is stopped when nothing was written for so long [s]"
     )
     depth_steps: int = Field(20, ge=1, description="steps from the surface to the greatest depth")
     rotation_step_deg: float = Field(2.25, gt=0.0, description="largest step of rotation [degrees]")
@@ -68,17 +76,21 @@ class FebioSettings(Settings):
         description="ways to solve, tried in turn while runs diverge; each try is recorded",
     )
     linear_solver: str = Field("", description="FEBio's name of the linear solver; empty: its default")
-    gates: bool = Field(
-        False,
-        description="prove the torque: run again up to the first turn with halved steps, then hold; "
-        "a set whose torque changes is marked. For chosen sets, since it doubles the time",
+    gates: Literal["chosen", "every", "never"] = Field(
+        "chosen",
+        exclude=True,
+        description="which sets to prove the torque of, by one more run up to the first turn, with halved "
+        "steps and then held: those that a run chose, every one, or none; a set whose torque changes is "
+        "marked",
     )
     gate_tolerance: float = Field(
-        0.02, gt=0.0, description="relative change of the torque that a gate allows"
+        0.02, gt=0.0, exclude=True, description="relative change of the torque that a gate allows"
     )
     template: str = Field(
         "", description="a deck of your own with placeholders, in place of the one that palpate writes"
     )
     keep_folder: str = Field(
-        "", description="where to keep decks and logs, in a folder per job; empty: nothing is left behind"
+        "",
+        exclude=True,
+        description="where to keep decks and logs, in a folder per job; empty: nothing is left behind",
     )

@@ -12,24 +12,23 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
 from pydantic import BaseModel
 
 from palpate.domain import Indentation, Job, Limb, Simulation, Status
 from palpate.errors import PalpateError, StudyError
 from palpate.interfaces import Material, Solver
-from palpate.limb import check_limb
-from palpate.mechanics import check_reference_state
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
 from palpate_febio.conventions import remembered
 from palpate_febio.deck import DECK_NAME, LOG_NAME, RECORD_NAME, Problem, write_deck
-from palpate_febio.gates import Gates, check_torque
+from palpate_febio.gates import check_torque
 from palpate_febio.probe import Fit, run_probe
 from palpate_febio.runner import Ended, Limits, run_program
 from palpate_febio.settings import PAPER_CONTACT, FebioSettings, Rung
 from palpate_febio.skin import in_spot_frame, skin_faces
 from palpate_febio.spelling import expected_convention, written
-from palpate_febio.steps import Steps, halved, steps_of
+from palpate_febio.steps import Steps, halved, steps_of, up_to_first_turn
 from palpate_febio.template import fill_template
 from palpate_febio.verdict import Verdict, as_rows, judge, response_of
 
@@ -141,6 +140,9 @@ class FebioSolver(Solver):
         PluginError
             There is no FEBio.
         """
+        from palpate.limb import check_limb
+        from palpate.mechanics import check_reference_state
+
         limb = _limb(limb, job)
         check_limb(limb, list(job.materials))
         for region in limb.mesh.regions:
@@ -152,6 +154,8 @@ class FebioSolver(Solver):
             self._deck(problem)
         for material in job.materials.values():
             self.convention(material)
+        if not self._right:
+            warnings.warn(PAPER_CONTACT, FebioWarning, stacklevel=2)
 
     def problem(
         self, job: Job, limb: Limb, conventions: Mapping[str, str] | None = None, rung: Rung | None = None
@@ -200,31 +204,33 @@ class FebioSolver(Solver):
             limb = _limb(limb, job)
             conventions = {region: self.convention(m).convention for region, m in job.materials.items()}
             tries = self._climb(job, limb, conventions)
-            gates = self._gates(job, limb, conventions, tries[-1])
         except PalpateError as error:
             return Simulation(job=job, status=Status.CRASHED, response=None, message=str(error))
         last = tries[-1]
         rows = last.verdict.rows
         if last.rung.endswith("half_steps"):
             rows = rows[::2]
-        complaints = [last.verdict.message] if last.verdict.message else []
-        if gates is not None and not gates.passed:
-            complaints.append(str(gates))
-        return Simulation(
+        simulation = Simulation(
             job=job,
             status=last.verdict.status,
             response=response_of(rows) if last.verdict.status in USABLE else None,
-            message=" · ".join(complaints),
+            message=last.verdict.message,
             seconds=time.perf_counter() - started,
             diagnostics={
                 **as_rows(rows),
                 "tries": [t.row() for t in tries],
                 "conventions": conventions,
                 "contact": "augmented" if _indentation(job).friction > 0.0 and self._right else "penalty",
-                "gates": None if gates is None else gates.row(),
                 "remarks": self._remarks(last),
             },
         )
+        return self._proved(simulation, limb) if self.settings.gates == "every" else simulation
+
+    def _proved(self, simulation: Simulation, limb: Limb) -> Simulation:
+        """The simulation with its proof, and a message where that fails."""
+        found = self.prove(simulation.job, limb, simulation)
+        marked = replace(simulation, diagnostics={**simulation.diagnostics, "gates": dict(found)})
+        return replace(marked, message=found["message"]) if found and not found["passed"] else marked
 
     @property
     def _right(self) -> bool:
@@ -239,8 +245,6 @@ class FebioSolver(Solver):
         return remarks
 
     def _climb(self, job: Job, limb: Limb, conventions: Mapping[str, str]) -> Sequence[Try]:
-        if not self._right:
-            warnings.warn(PAPER_CONTACT, FebioWarning, stacklevel=3)
         tries: list[Try] = []
         for rung in self.settings.ladder:
             tries.append(self._try(job, self.problem(job, limb, conventions, rung)))
@@ -254,7 +258,13 @@ class FebioSolver(Solver):
         with self._folder(job, label or problem.rung) as folder:
             (folder / DECK_NAME).write_bytes(self._deck(problem))
             self._beside_template(folder)
-            ended = run_program(self.command(folder), folder, self._limits, self._environment)
+            ended = run_program(
+                self.command(folder),
+                folder,
+                self._limits,
+                self._environment,
+                is_scratch=not self.settings.keep_folder,
+            )
             verdict = self.read_response(ended, folder, problem)
         return Try(rung=problem.rung, steps=problem.steps, verdict=verdict, ended=ended)
 
@@ -266,18 +276,27 @@ class FebioSolver(Solver):
         )
         return judge(ended, log, record, problem.steps, problem.radius_mm)
 
-    def _gates(self, job: Job, limb: Limb, conventions: Mapping[str, str], last: Try) -> Gates | None:
-        """Prove the torque of a sound run; None where nothing was asked for, or nothing twists."""
+    def prove(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
+        """Whether the torque of a sound run stays when steps are halved, and in a hold.
+
+        Empty where nothing twists, nothing rubs, or the setting ``gates`` wants no proof. A run that
+        was proved as it was made is not proved again.
+        """
         protocol = _indentation(job)
-        twisted = bool(protocol.path[:, 1].any()) and protocol.friction > 0.0
-        if not (self.settings.gates and twisted and last.verdict.status is Status.OK):
-            return None
-        problem = self.problem(job, limb, conventions, last.rung)
+        twists = bool(protocol.path[:, 1].any()) and protocol.friction > 0.0
+        if self.settings.gates == "never" or not twists or simulation.status is not Status.OK:
+            return {}
+        told = simulation.diagnostics
+        if "gates" in told:
+            return dict(told["gates"])
+        problem = self.problem(job, _limb(limb, job), told["conventions"], told["tries"][-1]["rung"])
+        points = Steps(np.array(told["depth_mm"]), np.array(told["rotation_deg"]))
 
         def run(steps: Steps) -> Verdict:
             return self._try(job, replace(problem, steps=steps), "gates").verdict
 
-        return check_torque(problem.steps, last.verdict.rows, run, self.settings.gate_tolerance)
+        torque_Nmm = float(told["torque_Nmm"][up_to_first_turn(points).n])
+        return check_torque(problem.steps, torque_Nmm, run, self.settings.gate_tolerance).row()
 
     @property
     def _limits(self) -> Limits:
