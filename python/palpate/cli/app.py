@@ -22,6 +22,8 @@ from palpate.cli.explain import explain
 from palpate.cli.init import init
 from palpate.cli.inspect import experiment_commands
 from palpate.cli.limb import limb, limb_commands
+from palpate.cli.listing import EXAMPLES, RUN, START, GroupedCommands, examples
+from palpate.cli.listing import STAGES as STAGES_PANEL
 from palpate.cli.plugins import plugins
 from palpate.cli.report import report
 from palpate.cli.resume import resume
@@ -35,8 +37,17 @@ from palpate.cli.status import status
 from palpate.cli.synthesise import synthesise
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError
 
-COMMANDS = (init, check, run, resume, status, demo, plugins, synthesise, explain, doctor)
-STAGES = (experiment, limb, sample, simulate, score, select, report)
+PANELS = MappingProxyType(
+    {
+        START: (init, check, demo, explain, doctor, plugins),
+        RUN: (run, resume, status, synthesise),
+        STAGES_PANEL: (experiment, limb, sample, simulate, score, select, report),
+    }
+)
+"""Commands by the heading under which help lists them."""
+
+COMMANDS = (*PANELS[START], *PANELS[RUN])
+STAGES = PANELS[STAGES_PANEL]
 GROUPS = MappingProxyType({experiment: experiment_commands, limb: limb_commands})
 """Stages with commands of their own, some of which plugins add."""
 
@@ -67,19 +78,20 @@ def build_app() -> typer.Typer:
     """Build the application with the core's own commands."""
     app = typer.Typer(
         name="palpate",
+        cls=GroupedCommands,
         no_args_is_help=True,
-        add_completion=False,
+        add_completion=True,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
     )
     app.callback()(_options)
-    for command in COMMANDS:
-        app.command()(command)
-    for stage in STAGES:
-        if stage in GROUPS:
-            app.add_typer(GROUPS[stage](), name=stage.__name__, rich_help_panel="Stages")
-        else:
-            app.command(rich_help_panel="Stages")(stage)
+    for panel, commands in PANELS.items():
+        for command in commands:
+            name, epilog = command.__name__, examples(*EXAMPLES[command.__name__])
+            if command in GROUPS:
+                app.add_typer(GROUPS[command](), name=name, rich_help_panel=panel, epilog=epilog)
+            else:
+                app.command(rich_help_panel=panel, epilog=epilog)(command)
     return app
 
 

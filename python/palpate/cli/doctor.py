@@ -18,10 +18,7 @@ def doctor(
     ),
     as_json: AsJson = False,
 ) -> None:
-    """Show versions, solvers, broken plugins, threads, disk, and what is slow and why.
-
-    Examples: palpate doctor · palpate doctor /scratch/me --json
-    """
+    """Show versions, solvers, broken plugins, threads, disk, and what is slow and why."""
     from palpate.doctor import LABELS, examine
 
     session, begin = Session.of(context), perf_counter()

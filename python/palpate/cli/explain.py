@@ -8,17 +8,21 @@ from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 
 
+def _terms(incomplete: str) -> list[str]:
+    from palpate.glossary import Glossary
+
+    return [name for name in Glossary.load() if name.casefold().startswith(incomplete.casefold())]
+
+
 def explain(
     context: typer.Context,
     words: Annotated[
-        list[str] | None, typer.Argument(metavar="TERM", help="NMSE, scenario, Drucker, twist …")
+        list[str] | None,
+        typer.Argument(metavar="TERM", help="NMSE, scenario, Drucker, twist …", autocompletion=_terms),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Explain a term of the method; without TERM, list them all.
-
-    Examples: palpate explain NMSE · palpate explain shear modulus
-    """
+    """Explain a term of the method; without TERM, list them all."""
     from dataclasses import asdict
 
     from palpate.glossary import Glossary

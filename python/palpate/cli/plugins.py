@@ -11,10 +11,19 @@ if TYPE_CHECKING:
     from palpate.plugins import Plugins
 
 
+def _kinds(incomplete: str) -> list[str]:
+    from palpate.plugin_registry import KINDS
+
+    return [kind for kind in KINDS if kind.startswith(incomplete)]
+
+
 def plugins(
     context: typer.Context,
     kind: Annotated[
-        str | None, typer.Argument(help="studies, channels, loaders, materials, solvers, scenarios …")
+        str | None,
+        typer.Argument(
+            help="studies, channels, loaders, materials, solvers, scenarios …", autocompletion=_kinds
+        ),
     ] = None,
     name: Annotated[str | None, typer.Argument(help="One entry of that kind, in full.")] = None,
     as_json: AsJson = False,

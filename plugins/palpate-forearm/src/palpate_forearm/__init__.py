@@ -122,9 +122,13 @@ def palpate_studies() -> "list[StudyTemplate]":
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """Add the command that repeats the paper's study."""
+    from palpate.cli.listing import RUN, examples
     from palpate_forearm.reproduce_command import reproduce
 
-    app.command()(reproduce)
+    calls = examples(
+        "palpate reproduce", "palpate reproduce --minutes 60", "palpate reproduce --sets 250 --fine"
+    )
+    app.command(rich_help_panel=RUN, epilog=calls)(reproduce)
 
 
 def _directory(name: str) -> str:

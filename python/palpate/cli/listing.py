@@ -1,0 +1,61 @@
+"""Help that teaches: commands in groups, and examples under each."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from typer.core import TyperGroup
+
+START, RUN, STAGES, MORE = "Start", "Run", "Stages, each from files to files", "More"
+
+EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "init": ("palpate init", "palpate init --study forearm-demo arm"),
+        "check": ("palpate check arm", "palpate check --schema > study.schema.json"),
+        "run": (
+            "palpate run arm",
+            "palpate run arm --out /scratch/arm --n 500",
+            "palpate run arm --json > arm.json",
+        ),
+        "resume": ("palpate resume runs/arm", "palpate resume runs/arm --n 500 --fork runs/arm-500"),
+        "status": ("palpate status runs/arm", "palpate status runs/arm --watch"),
+        "demo": ("palpate demo", "palpate demo --study treloar"),
+        "plugins": ("palpate plugins", "palpate plugins materials yeoh"),
+        "synthesise": ("palpate synthesise arm --out planned",),
+        "explain": ("palpate explain", "palpate explain shear modulus"),
+        "doctor": ("palpate doctor", "palpate doctor /scratch/me --json"),
+        "experiment": ("palpate experiment arm --plots", "palpate experiment inspect press.csv"),
+        "limb": ("palpate limb arm",),
+        "sample": ("palpate sample arm",),
+        "simulate": ("palpate simulate arm",),
+        "score": ("palpate score arm",),
+        "select": ("palpate select arm",),
+        "report": ("palpate report arm",),
+    }
+)
+"""How each of the core's commands may be called, in the order in which help lists them."""
+
+
+def examples(*lines: str) -> str:
+    """Lay examples out for the end of a command's help."""
+    # The backspace tells the formatter to keep the lines as they are.
+    return "\n".join(["\b", "Examples:", *(f"  {line}" for line in lines)])
+
+
+class GroupedCommands(TyperGroup):
+    """Lists its commands under the headings that they were added with."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - of the library's own click
+        """Write one list of commands for each heading, in the order of the first of them."""
+        lists: dict[str, list[tuple[str, str]]] = {START: [], RUN: [], STAGES: []}
+        for name in self.list_commands(ctx):
+            command = self.get_command(ctx, name)
+            if command is not None and not command.hidden:
+                heading = getattr(command, "rich_help_panel", None)
+                heading = heading if isinstance(heading, str) else MORE
+                lists.setdefault(heading, []).append((name, command.get_short_help_str(limit=200)))
+        place = {name: i for i, name in enumerate(EXAMPLES)}
+        for heading, rows in lists.items():
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(sorted(rows, key=lambda row: place.get(row[0], len(place))))

@@ -1,0 +1,78 @@
+"""Help that teaches: headings, examples that can be called, and lines that fit."""
+
+import shlex
+
+import pytest
+from typer.main import get_command
+
+from palpate.cli.app import COMMANDS, STAGES, build_app, main
+from palpate.cli.listing import EXAMPLES
+from palpate.plugin_registry import add_commands
+
+CORE = [command.__name__ for command in (*COMMANDS, *STAGES)]
+LINES = [line for lines in EXAMPLES.values() for line in lines]
+
+
+@pytest.fixture(scope="module")
+def group():
+    app = build_app()
+    assert add_commands(app) == ()
+    return get_command(app)
+
+
+def test_every_core_command_has_an_example_of_its_own():
+    assert set(EXAMPLES) == set(CORE)
+    for name, lines in EXAMPLES.items():
+        assert lines
+        assert all(line.startswith(f"palpate {name}") for line in lines)
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_an_example_can_be_called(group, line):
+    words = shlex.split(line.split(" > ")[0])[1:]
+    context = group.make_context("palpate", list(words), resilient_parsing=True)
+    name, command, rest = group.resolve_command(context, words)
+    while hasattr(command, "commands"):
+        inner = command.make_context(name, list(rest), parent=context, resilient_parsing=True)
+        rest = [*inner._protected_args, *inner.args]
+        name, command, rest = command.resolve_command(inner, rest)
+        context = inner
+    command.make_context(name, rest, parent=context)
+
+
+@pytest.mark.parametrize("name", ["", *CORE, "reproduce"])
+def test_help_fits_into_80_columns_and_ends_with_the_examples(name, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main([*([name] if name else []), "--help"]) == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    if name in EXAMPLES:
+        assert out.rstrip().endswith(f"  {EXAMPLES[name][-1]}")
+        assert "Examples:" in out
+
+
+def test_commands_stand_under_headings_in_the_order_of_a_study(capsys):
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    places = [out.index(f"\n{heading}") for heading in ("Start:", "Run:", "Stages, each", "More:")]
+    assert places == sorted(places)
+    stages = [out.index(f"\n  {stage.__name__} ") for stage in STAGES]
+    assert stages == sorted(stages)
+
+
+@pytest.mark.parametrize(
+    ("words", "number", "offered"),
+    [
+        ("palpate res", 1, "resume"),
+        ("palpate rep", 1, "reproduce"),
+        ("palpate explain NM", 2, "NMSE"),
+        ("palpate plugins mat", 2, "materials"),
+        ("palpate run arm --go", 3, "--go-on"),
+    ],
+)
+def test_the_shell_completes(words, number, offered, capsys, monkeypatch):
+    monkeypatch.setenv("_PALPATE_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(number))
+    main([])
+    assert offered in capsys.readouterr().out.split()
