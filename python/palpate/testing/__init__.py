@@ -15,16 +15,21 @@ runs the laws that palpate relies on:
 
 from palpate.testing.components import ComponentContract, check_described
 from palpate.testing.designs import SamplerContract, SetFilterContract
-from palpate.testing.files import LimbSourceContract, LoaderContract
+from palpate.testing.executors import ExecutorContract
+from palpate.testing.files import Expected, LimbSourceContract, LoaderContract
 from palpate.testing.materials import MaterialContract
+from palpate.testing.scenarios import ScenarioContract
 from palpate.testing.solvers import SolverContract
 
 __all__ = [
     "ComponentContract",
+    "ExecutorContract",
+    "Expected",
     "LimbSourceContract",
     "LoaderContract",
     "MaterialContract",
     "SamplerContract",
+    "ScenarioContract",
     "SetFilterContract",
     "SolverContract",
     "check_described",

@@ -3,7 +3,8 @@
 # ruff: noqa: D102 - the name of a test says what must hold
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,29 @@ import pytest
 from palpate.domain import Curve, Spot
 from palpate.errors import CurveError, MeshError, PalpateError
 from palpate.interfaces import Component, ExperimentLoader, LimbSource
+from palpate.limb import check_limb
 from palpate.testing.components import ComponentContract, missing
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expected:
+    """What a file holds of a channel, as a person reads it there.
+
+    Parameters
+    ----------
+    abscissa, ordinate : (float, float)
+        Least and largest value, in the units of the channel.
+    n_branches : int
+        Monotone runs of the abscissa: 1 for a press, 3 for a twist 0 → −22.5 → 22.5 → 0.
+    """
+
+    abscissa: tuple[float, float]
+    ordinate: tuple[float, float]
+    n_branches: int = 1
+
+
 class LoaderContract(ComponentContract):
-    """Laws of an experiment loader; override ``loader``, ``good_file`` and ``bad_files``."""
+    """Laws of an experiment loader; override ``loader``, ``good_file``, ``bad_files`` and ``expected``."""
 
     channel: str | None = None
     """Passed to ``load`` where a file holds one channel that the study names."""
@@ -37,9 +56,34 @@ class LoaderContract(ComponentContract):
         missing("bad_files", type(self).__name__)
 
     @pytest.fixture
+    def expected(self) -> Mapping[str, Expected]:
+        """Provide what ``good_file`` holds, by channel, read by eye and not by the loader."""
+        return {}
+
+    @pytest.fixture
     def component(self, loader: ExperimentLoader) -> Component:
         """Provide the loader."""
         return loader
+
+    def test_keeps_units_and_branches(
+        self, loader: ExperimentLoader, good_file: Path, expected: Mapping[str, Expected]
+    ) -> None:
+        if not expected:
+            pytest.skip("no `expected` is given: nothing shows that units and branches are right")
+        response = loader.load(good_file, self.channel)
+        assert set(response) == set(expected), f"reads {', '.join(response)}, not {', '.join(expected)}"
+        for name, known in expected.items():
+            curve = response[name]
+            for what in ("abscissa", "ordinate"):
+                span = float(getattr(curve, what).min()), float(getattr(curve, what).max())
+                assert span == pytest.approx(getattr(known, what), rel=1e-6), (
+                    f"channel '{name}': {what} spans {span}, not {getattr(known, what)}: is it in the "
+                    "channel's unit (mm, N, MPa, N·mm, degrees)?"
+                )
+            assert len(curve.branches) == known.n_branches, (
+                f"channel '{name}': {len(curve.branches)} branches, not {known.n_branches}: rows must stay "
+                "in the order travelled, neither sorted nor averaged over the way back"
+            )
 
     def test_reads_curves(self, loader: ExperimentLoader, good_file: Path) -> None:
         response = loader.load(good_file, self.channel)
@@ -128,6 +172,9 @@ def _assert_same_std(found: Curve, written: Curve) -> None:
 class LimbSourceContract(ComponentContract):
     """Laws of a limb source; override ``limb_source``, ``good_file``, ``bad_files`` and ``spot``."""
 
+    extent_mm = (5.0, 1000.0)
+    """Least and largest extent of the limb of ``good_file``, to tell millimetres from metres."""
+
     @pytest.fixture
     def limb_source(self) -> LimbSource:
         """Provide the limb source under test."""
@@ -155,10 +202,15 @@ class LimbSourceContract(ComponentContract):
 
     def test_makes_a_limb(self, limb_source: LimbSource, good_file: Path, spot: Spot) -> None:
         limb = limb_source.load(good_file, spot)
-        assert limb.spot.name == spot.name
-        assert limb.mesh.n_cells > 0
-        assert limb.mesh.regions
-        assert {"fixed", "contact"} <= set(limb.mesh.node_sets)
+        assert limb.spot.name == spot.name, f"the limb is of spot '{limb.spot.name}', not '{spot.name}'"
+        check_limb(limb, limb.mesh.regions)
+
+    def test_is_in_millimetres(self, limb_source: LimbSource, good_file: Path, spot: Spot) -> None:
+        points = limb_source.load(good_file, spot).mesh.points_mm
+        extent, (least, largest) = float(np.ptp(points, axis=0).max()), self.extent_mm
+        assert least <= extent <= largest, (
+            f"the limb is {extent:g} mm long, outside {least:g} to {largest:g} mm: are its points in mm?"
+        )
 
     def test_refuses_bad_files_by_name(
         self, limb_source: LimbSource, bad_files: Sequence[Path], spot: Spot

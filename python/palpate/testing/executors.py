@@ -1,0 +1,134 @@
+"""Laws of executors, with a solver whose answers are known."""
+
+# ruff: noqa: D102 - the name of a test says what must hold
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from palpate.domain import Curve, HomogeneousTests, Job, Limb, Parameter, Response, Simulation, Status
+from palpate.executors.work import Limits, Outcome, Work
+from palpate.interfaces import Array, Component, Executor, Material, Solver
+from palpate.testing.components import ComponentContract, missing
+
+FAILING = 2
+"""Number of the set whose simulation raises."""
+
+
+class LinearMaterial(Material):
+    """Ψ = E/2 Σ (λ − 1)²: no tissue, but quick."""
+
+    name = "linear"
+    summary = "stress in proportion to each stretch, for tests of executors"
+    parameters = (
+        Parameter(name="e", unit="MPa", lower=0.1, upper=1.0, kind="modulus", description="stiffness"),
+    )
+
+    def energy(self, stretches: Array, theta: Array) -> Array:
+        """Strain energy per reference volume [MPa], (..., 3) → (...,)."""
+        return theta[0] / 2 * ((stretches - 1.0) ** 2).sum(axis=-1)
+
+
+class LinearSolver(Solver):
+    """Stress E (t − 1); the set of number ``FAILING`` raises."""
+
+    name = "linear"
+    summary = "closed form, for tests of executors"
+    needs_limb = False
+
+    def version(self) -> str:
+        """One."""
+        return "1"
+
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        """Simulate one job."""
+        if job.set_id == FAILING:
+            raise ZeroDivisionError("a stretch of zero")
+        assert isinstance(job.protocol, HomogeneousTests)
+        ((theta,), path) = job.thetas.values(), job.protocol.paths["uniaxial"]
+        curve = Curve(channel="uniaxial", abscissa=path, ordinate=theta[0] * (path - 1.0))
+        return Simulation(job=job, status=Status.OK, response=Response(curves={"uniaxial": curve}))
+
+
+class ExecutorContract(ComponentContract):
+    """Laws of an executor; override ``executor``."""
+
+    n_sets = 6
+    """Sets at each of two spots."""
+
+    time_s = 60.0
+    """Longest time for one job."""
+
+    @pytest.fixture
+    def executor(self) -> Executor:
+        """Provide the executor under test."""
+        missing("executor", type(self).__name__)
+
+    @pytest.fixture
+    def component(self, executor: Executor) -> Component:
+        """Provide the executor."""
+        return executor
+
+    @pytest.fixture
+    def jobs(self) -> list[Job]:
+        """Provide jobs at two spots, one of which fails at each."""
+        protocol = HomogeneousTests(paths={"uniaxial": np.linspace(1.0, 1.5, 6)})
+        return [
+            Job(
+                spot=spot,
+                set_id=set_id,
+                materials={"tissue": LinearMaterial()},
+                thetas={"tissue": np.array([0.1 * (1 + set_id)])},
+                protocol=protocol,
+            )
+            for spot in ("p1", "p2")
+            for set_id in range(self.n_sets)
+        ]
+
+    def work(self, jobs: list[Job], n_before_stop: int | None = None) -> Work:
+        """Build the work of these jobs; it stops going on when asked for the n-th time."""
+        asked = iter(range(10**9))
+
+        def going_on() -> bool:
+            return n_before_stop is None or next(asked) < n_before_stop
+
+        limits = Limits(time_s=self.time_s)
+        return Work(solver=LinearSolver(), jobs=jobs, limbs={}, limits=limits, n_workers=2, going_on=going_on)
+
+    def test_every_job_has_one_outcome(self, executor: Executor, jobs: list[Job]) -> None:
+        found = list(executor.outcomes(self.work(jobs)))
+        missed = sorted(set(range(len(jobs))) - {o.index for o in found})
+        assert not missed, f"no outcome for the jobs at {missed}: a failed job has one too"
+        assert len(found) == len(jobs), f"{len(found)} outcomes for {len(jobs)} jobs: exactly one for each"
+
+    def test_outcomes_are_those_of_their_jobs(self, executor: Executor, jobs: list[Job]) -> None:
+        for outcome in executor.outcomes(self.work(jobs)):
+            job = jobs[outcome.index]
+            if job.set_id == FAILING:
+                self.assert_failed(outcome)
+                continue
+            assert outcome.status is Status.OK, outcome.message
+            assert outcome.response is not None, "status ok without a response"
+            stress = outcome.response["uniaxial"].ordinate
+            expected = job.thetas["tissue"][0] * np.linspace(0.0, 0.5, 6)
+            said = f"outcome {outcome.index} holds the answer of another job"
+            np.testing.assert_allclose(stress, expected, rtol=1e-12, atol=1e-15, err_msg=said)
+
+    def assert_failed(self, outcome: Outcome) -> None:
+        """Assert that a job whose simulation raised is told so."""
+        assert outcome.status is Status.CRASHED, f"a simulation that raises is '{outcome.status.value}'"
+        assert "a stretch of zero" in outcome.message, f"why it failed is lost: {outcome.message!r}"
+
+    def test_begins_nothing_when_told_to_stop(self, executor: Executor, jobs: list[Job]) -> None:
+        found = [o.index for o in executor.outcomes(self.work(jobs, n_before_stop=1))]
+        assert len(found) == len(set(found)), "two outcomes of one job"
+        assert len(found) < len(jobs), "goes on although `going_on` said no"
+
+    def test_no_jobs_are_done_at_once(self, executor: Executor) -> None:
+        assert list(executor.outcomes(self.work([]))) == []
+
+    def test_a_caller_may_leave_early(self, executor: Executor, jobs: list[Job]) -> None:
+        outcomes = executor.outcomes(self.work(jobs))
+        with contextlib.closing(outcomes) as open_ones:  # type: ignore[type-var]
+            next(open_ones)

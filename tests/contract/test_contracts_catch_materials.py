@@ -1,0 +1,146 @@
+"""Each law of a material fails, and says why, on a material that breaks it and nothing else."""
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+from palpate import AnisotropicMaterial, Material, Parameter
+from palpate.testing import MaterialContract
+
+
+def parameter(name, lower, upper, unit="MPa", kind="modulus"):
+    return Parameter(name=name, unit=unit, lower=lower, upper=upper, kind=kind, description=f"the {name}")
+
+
+class Sound(Material):
+    """Ψ = μ/2 (Ĩ1 − 3) + κ/2 (ln J)²."""
+
+    name, summary = "sound", "neo-Hookean, without fault"
+    parameters = (parameter("mu", 0.01, 0.1), parameter("kappa", 0.25, 2.5))
+
+    def energy(self, stretches, theta):
+        xp = stretches.__array_namespace__()
+        J = xp.prod(stretches, axis=-1)
+        excess = xp.sum(stretches**2, axis=-1) * J ** (-2 / 3) - 3
+        return theta[0] / 2 * excess + theta[1] / 2 * xp.log(J) ** 2
+
+
+class InKilopascal(Sound):
+    parameters = (parameter("mu", 10.0, 100.0, unit="kPa"), *Sound.parameters[1:])
+
+
+class InPascal(Sound):
+    """Forgets that the numbers it gets are in MPa."""
+
+    def energy(self, stretches, theta):
+        return 1e6 * super().energy(stretches, theta)
+
+
+class TooWide(Sound):
+    """Gent's limit of chain extension, declared down to where ordinary strains pass it."""
+
+    parameters = (*Sound.parameters, parameter("limit", 0.01, 1.0, unit="", kind="shape"))
+
+    def energy(self, stretches, theta):
+        xp = stretches.__array_namespace__()
+        J = xp.prod(stretches, axis=-1)
+        excess = xp.sum(stretches**2, axis=-1) * J ** (-2 / 3) - 3
+        left = xp.where(excess < theta[2], 1 - excess / theta[2], xp.nan)
+        return -theta[0] * theta[2] / 2 * xp.log(left) + theta[1] / 2 * xp.log(J) ** 2
+
+
+class Offset(Sound):
+    def energy(self, stretches, theta):
+        return super().energy(stretches, theta) + 0.1 * theta[0]
+
+
+class Prestressed(Sound):
+    def energy(self, stretches, theta):
+        return super().energy(stretches, theta) + 0.1 * theta[0] * (stretches - 1).sum(axis=-1)
+
+
+class Lopsided(Sound):
+    def energy(self, stretches, theta):
+        return super().energy(stretches, theta) * (1 + 0.1 * (stretches[..., 0] - 1) ** 2)
+
+
+class OutOfProportion(Sound):
+    def energy(self, stretches, theta):
+        return super().energy(stretches, theta) * (1 + theta[0])
+
+
+class InF(AnisotropicMaterial):
+    """The sound material, written in F."""
+
+    name, summary, parameters = "in_f", "neo-Hookean, without fault", Sound.parameters
+
+    def energy_from_F(self, F, theta):  # noqa: N802 - the interface's name
+        J = jnp.linalg.det(F)
+        excess = jnp.sum(F * F) * J ** (-2 / 3) - 3
+        return theta[0] / 2 * excess + theta[1] / 2 * jnp.log(J) ** 2
+
+
+class NotObjective(InF):
+    """Reads a fibre's stretch off F itself, where C = FᵀF is what does not turn."""
+
+    def energy_from_F(self, F, theta):  # noqa: N802
+        return super().energy_from_F(F, theta) + theta[0] * (F[0, 0] - 1) ** 2
+
+
+@jax.custom_jvp
+def swirl(F):
+    return jnp.zeros_like(F[0, 0])
+
+
+@swirl.defjvp
+def _swirl_jvp(primals, tangents):
+    (F,), (dF,) = primals, tangents
+    return swirl(F), (F[0, 1] - F[1, 0]) * dF[0, 0] + 0.0 * F[0, 0]
+
+
+class Swirling(InF):
+    """Brings a derivative of its own that no energy has."""
+
+    def energy_from_F(self, F, theta):  # noqa: N802
+        return super().energy_from_F(F, theta) + theta[0] * swirl(F)
+
+
+# One of each, so that the contract compiles it once.
+CONTRACT, SOUND, IN_F, SWIRLING = MaterialContract(), Sound(), InF(), Swirling()
+
+
+def hold(test, material):
+    """Put one test of the contract to a material."""
+    thetas = MaterialContract.thetas.__wrapped__(CONTRACT, material)
+    gradients = MaterialContract.gradients.__wrapped__(CONTRACT)
+    offered = {"material": material, "thetas": thetas, "gradients": gradients}
+    method = getattr(CONTRACT, f"test_{test}")
+    names = method.__code__.co_varnames[1 : method.__code__.co_argcount]
+    method(**{name: offered[name] for name in names})
+
+
+CASES = [
+    ("parameters_say_what_they_are", InKilopascal(), "'mu' is a modulus in 'kPa': a modulus is in MPa"),
+    ("energy_is_in_megapascals", InPascal(), "initial shear modulus of .* is the energy in MPa"),
+    ("energy_is_finite_and_positive_over_the_ranges", TooWide(), "narrow the declared ranges"),
+    ("reference_state_is_sound", Offset(), "energy .* in the undeformed state"),
+    ("reference_state_is_sound", Prestressed(), "stress .* in the undeformed state"),
+    ("energy_is_symmetric_in_the_stretches", Lopsided(), "depends on the order of the stretches"),
+    ("moduli_scale_the_energy", OutOfProportion(), "which parameter is a modulus"),
+    ("rotating_the_specimen_rotates_the_stress", NotObjective(), "not objective"),
+    ("tangent_is_symmetric", SWIRLING, "tangent is asymmetric"),
+    ("stress_is_the_slope_of_the_energy", SWIRLING, "P00 is not the slope of the energy"),
+]
+
+
+@pytest.mark.parametrize(("test", "material", "said"), CASES, ids=[type(m).__name__ for _, m, _ in CASES])
+def test_a_fault_is_told(test, material, said):
+    with pytest.raises((AssertionError, ValueError), match=f"(?s){said}"):
+        hold(test, material)
+
+
+@pytest.mark.parametrize("test", sorted({test for test, _, _ in CASES}))
+def test_a_sound_material_passes(test):
+    hold(test, SOUND)
+    if test != "energy_is_symmetric_in_the_stretches":
+        hold(test, IN_F)

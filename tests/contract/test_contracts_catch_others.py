@@ -1,0 +1,319 @@
+"""Each law of solvers, loaders, limbs, scenarios and executors fails on what breaks it, and says why."""
+
+import contextlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate import (
+    Curve,
+    Executor,
+    ExperimentLoader,
+    Indentation,
+    Job,
+    LimbSource,
+    Response,
+    Scenario,
+    Simulation,
+    Solver,
+    Sphere,
+    Spot,
+    Status,
+)
+from palpate.domain import Limb, Mesh
+from palpate.errors import MeshError
+from palpate.executors import InProcess, Processes
+from palpate.specimens import block
+from palpate.testing import (
+    ExecutorContract,
+    Expected,
+    LimbSourceContract,
+    LoaderContract,
+    ScenarioContract,
+    SolverContract,
+)
+from palpate.testing.executors import LinearMaterial
+
+PATH = [(0.0, 0.0), (5.0, 0.0), (5.0, -20.0), (5.0, 20.0), (5.0, 0.0)]
+TURNS = np.concatenate([np.linspace(0, -20, 9), np.linspace(-20, 20, 17)[1:], np.linspace(20, 0, 9)[1:]])
+
+
+# ------------------------------------------------------------------------- solvers
+
+
+class Sound(Solver):
+    """Force and torque in proportion to the modulus; nothing at all for a negative one."""
+
+    name, summary, needs_limb, n_steps = "sound", "without fault", False, 40
+
+    def version(self):
+        return "1"
+
+    def simulate(self, job, limb):
+        (stiffness,) = job.thetas["tissue"]
+        if stiffness <= 0.0:
+            return Simulation(job=job, status=Status.DIVERGED, response=None, message="no stable state")
+        return Simulation(job=job, status=Status.OK, response=Response(curves=self.curves(stiffness)))
+
+    def curves(self, stiffness):
+        depth = np.linspace(0.0, 5.0, self.n_steps + 1)
+        # A march in n steps that stops improving each one too early.
+        force = stiffness * depth**2 * (1 - 0.1 / self.n_steps)
+        torque = stiffness * (np.tanh(TURNS / 10) + 0.1 * np.sign(np.gradient(TURNS)))
+        return {
+            "force": Curve(channel="force", abscissa=depth, ordinate=force),
+            "torque": Curve(channel="torque", abscissa=TURNS, ordinate=torque),
+        }
+
+
+class Fine(Sound):
+    n_steps = 400
+
+
+class CutShort(Sound):
+    """Gives up half way and says ok."""
+
+    def curves(self, stiffness):
+        return {name: curve.cut(slice(0, 15)) for name, curve in super().curves(stiffness).items()}
+
+
+class WithoutBranches(Sound):
+    """Sorts the twist by angle, so that its two ways become one."""
+
+    def curves(self, stiffness):
+        curves = super().curves(stiffness)
+        order = np.argsort(TURNS, kind="stable")
+        torque = Curve(channel="torque", abscissa=TURNS[order], ordinate=curves["torque"].ordinate[order])
+        return {**curves, "torque": torque}
+
+
+class Hopeful(Sound):
+    def simulate(self, job, limb):
+        (stiffness,) = job.thetas["tissue"]
+        response = Response(curves=self.curves(abs(stiffness)))
+        return Simulation(job=job, status=Status.OK, response=response)
+
+
+class Mute(Sound):
+    def simulate(self, job, limb):
+        return replace(super().simulate(job, limb), message="")
+
+
+class Loose(Sound):
+    n_steps = 2
+
+
+class OutOfProportion(Sound):
+    def curves(self, stiffness):
+        return super().curves(stiffness + 0.01)
+
+
+class Disordered(Sound):
+    def simulate_many(self, jobs, limb):
+        yield from (self.simulate(job, limb) for job in reversed(list(jobs)))
+
+
+def press(stiffness):
+    return Job(
+        spot="p1",
+        set_id=0,
+        materials={"tissue": LinearMaterial()},
+        thetas={"tissue": np.array([stiffness])},
+        protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=PATH, friction=1.0),
+    )
+
+
+def hold_solver(test, solver):
+    offered = {"hopeless": press(-1.0), "finer": Fine(), "job": press(0.5), "limb": None}
+    _hold(SolverContract(), test, {"solver": solver, **offered})
+
+
+def _hold(contract, test, offered):
+    method = getattr(contract, f"test_{test}")
+    names = method.__code__.co_varnames[1 : method.__code__.co_argcount]
+    method(**{name: offered[name] for name in names})
+
+
+SOLVER_FAULTS = [
+    (
+        "simulates_the_whole_protocol",
+        CutShort(),
+        r"'force'.* runs 0 → 1\.75 where",
+    ),
+    (
+        "simulates_the_whole_protocol",
+        WithoutBranches(),
+        "'torque'.* runs -20 → 20 where .* 0 → -20 → 20 → 0",
+    ),
+    ("a_hopeless_job_is_no_success", Hopeful(), "status ok for a job that has no answer"),
+    ("a_hopeless_job_is_no_success", Mute(), "status diverged without a message"),
+    ("finer_settings_change_little", Loose(), "'force': finer settings change the answer by 0.05"),
+    ("moduli_scale_the_response", OutOfProportion(), "moduli times 2 is not the curve times 2"),
+    ("many_jobs_come_back_in_order", Disordered(), "another order"),
+]
+
+
+@pytest.mark.parametrize(
+    ("test", "solver", "said"), SOLVER_FAULTS, ids=[type(s).__name__ for _, s, _ in SOLVER_FAULTS]
+)
+def test_a_solvers_fault_is_told(test, solver, said):
+    with pytest.raises(AssertionError, match=f"(?s){said}"):
+        hold_solver(test, solver)
+
+
+@pytest.mark.parametrize("test", sorted({test for test, _, _ in SOLVER_FAULTS}))
+def test_a_sound_solver_passes(test):
+    hold_solver(test, Sound())
+
+
+# ------------------------------------------------------------- loaders and limbs
+
+
+class Table(ExperimentLoader):
+    """Angle and torque, row by row."""
+
+    name, summary, unit = "table", "without fault", 1.0
+
+    def load(self, path, channel=None):
+        rows = np.loadtxt(path)
+        curve = Curve(channel="torque", abscissa=rows[:, 0], ordinate=self.unit * rows[:, 1])
+        return Response(curves={"torque": curve})
+
+
+class InNewtonMetres(Table):
+    unit = 1e-3
+
+
+class Sorted(Table):
+    def load(self, path, channel=None):
+        curve = super().load(path, channel)["torque"]
+        order = np.argsort(curve.abscissa)
+        kept = Curve(channel="torque", abscissa=curve.abscissa[order], ordinate=curve.ordinate[order])
+        return Response(curves={"torque": kept})
+
+
+EXPECTED = {"torque": Expected(abscissa=(-20.0, 20.0), ordinate=(-7.0, 7.0), n_branches=3)}
+
+
+@pytest.mark.parametrize(
+    ("loader", "said"),
+    [
+        (Table(), None),
+        (
+            InNewtonMetres(),
+            r"spans \(-0.007, 0.007\), not \(-7.0, 7.0\): is it in the channel's unit",
+        ),
+        (Sorted(), "1 branches, not 3: rows must stay in the order travelled"),
+    ],
+)
+def test_a_loaders_units_and_branches(tmp_path, loader, said):
+    path = tmp_path / "twist.txt"
+    np.savetxt(path, [(0, 0), (-20, -7), (0, 1), (20, 7), (0, -1)])
+    offered = {"loader": loader, "good_file": path, "expected": EXPECTED}
+    with pytest.raises(AssertionError, match=said) if said else contextlib.nullcontext():
+        _hold(LoaderContract(), "keeps_units_and_branches", offered)
+
+
+class Block(LimbSource):
+    """A block, whatever the file says."""
+
+    name, summary, change = "block", "without fault", staticmethod(lambda points: points)
+
+    def load(self, path: Path, spot: Spot) -> Limb:
+        mesh = block(n_across=2, n_down=1).mesh
+        names = ("cells", "cell_regions", "regions", "node_sets")
+        kept = {name: getattr(mesh, name) for name in names}
+        return Limb(spot=spot, mesh=Mesh(points_mm=self.change(mesh.points_mm), **kept))
+
+
+class InMetres(Block):
+    change = staticmethod(lambda points: points / 1000.0)
+
+
+class Mirrored(Block):
+    change = staticmethod(lambda points: points * [-1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("test", "source", "said"),
+    [
+        ("makes_a_limb", Block(), None),
+        ("is_in_millimetres", Block(), None),
+        ("is_in_millimetres", InMetres(), r"is 0.036 mm long.* are its points in mm\?"),
+        ("makes_a_limb", Mirrored(), "inverted"),
+    ],
+)
+def test_a_limb_sources_units_and_elements(test, source, said):
+    offered = {"limb_source": source, "good_file": Path("any"), "spot": Spot(name="p1")}
+    with pytest.raises((AssertionError, MeshError), match=said) if said else contextlib.nullcontext():
+        _hold(LimbSourceContract(), test, offered)
+
+
+def test_a_scenario_of_no_channel_is_told():
+    contract, channels = ScenarioContract(), {"force", "torque"}
+    contract.test_weighs_channels_that_exist(Scenario(name="V", weights={"force": 1.0}), channels)
+    with pytest.raises(AssertionError, match="weighs lateral, which no plugin declares"):
+        contract.test_weighs_channels_that_exist(Scenario(name="V", weights={"lateral": 1.0}), channels)
+    with pytest.raises(AssertionError, match="'V' needs a description"):
+        contract.test_says_what_it_is(Scenario(name="V", weights={"force": 1.0}))
+
+
+# ----------------------------------------------------------------------- executors
+
+
+class TestInProcess(ExecutorContract):
+    @pytest.fixture
+    def executor(self):
+        return InProcess()
+
+
+class TestProcesses(ExecutorContract):
+    @pytest.fixture
+    def executor(self):
+        return Processes()
+
+
+class Forgetful(Executor):
+    """Says nothing about a job that failed."""
+
+    name, summary = "forgetful", "loses failures"
+
+    def outcomes(self, work):
+        yield from (o for o in InProcess().outcomes(work) if o.status is Status.OK)
+
+
+class Muddled(Forgetful):
+    """Counts the outcomes instead of reading whose they are."""
+
+    def outcomes(self, work):
+        turned = replace(work, jobs=work.jobs[::-1])
+        yield from InProcess().outcomes(turned)
+
+
+class Doubling(Forgetful):
+    def outcomes(self, work):
+        for outcome in InProcess().outcomes(work):
+            yield from (outcome, outcome)
+
+
+class Unstoppable(Forgetful):
+    def outcomes(self, work):
+        yield from InProcess().outcomes(replace(work, going_on=lambda: True))
+
+
+@pytest.mark.parametrize(
+    ("test", "executor", "said"),
+    [
+        ("every_job_has_one_outcome", Forgetful(), r"no outcome for the jobs at \[2, 8\]"),
+        ("every_job_has_one_outcome", Doubling(), "24 outcomes for 12 jobs"),
+        ("outcomes_are_those_of_their_jobs", Muddled(), "holds the answer of another job"),
+        ("begins_nothing_when_told_to_stop", Unstoppable(), "goes on although"),
+    ],
+)
+def test_an_executors_fault_is_told(test, executor, said):
+    contract = ExecutorContract()
+    jobs = ExecutorContract.jobs.__wrapped__(contract)
+    with pytest.raises(AssertionError, match=said):
+        _hold(contract, test, {"executor": executor, "jobs": jobs})
