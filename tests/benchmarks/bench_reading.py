@@ -1,4 +1,4 @@
-"""Reading a log of a million rows, beside what a script would do: ``make bench``.
+"""Reading a log of a million rows, beside what a script would do: ``make bench-logs``.
 
 Ours includes the process of its own, the channel map, every check and the conversion of
 units. The peers only parse: polars the same file, ``numpy.loadtxt`` a twentieth of it.
