@@ -8,7 +8,7 @@ RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.
 PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-core bench-solver bench-sparse clean
+.PHONY: help demo test lint format bench bench-core bench-logs bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -44,13 +44,16 @@ format: $(VENV)/installed ## rewrite the sources in the project's format
 bench: $(VENV)/installed ## timings, each beside a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py
 	$(BIN)/python tests/benchmarks/bench_elements.py
-	@echo "more: make bench-core, bench-solver, bench-sparse"
-	$(BIN)/python tests/benchmarks/bench_reading.py
+	@echo "more: make bench-core, bench-logs, bench-solver, bench-sparse"
 
 bench-core: $(VENV)/installed ## the core's kernels beside their peers, and their instruction counts
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core_sampling.py
 	cargo bench -p palpate-core --bench instructions
+
+bench-logs: $(VENV)/installed ## a robot's log of a million rows, read and processed, beside polars and NumPy
+	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_reading.py
+	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_robot_log.py
 
 bench-solver: $(VENV)/installed ## whole simulations: by size, many sets together, with derivatives
 	$(BIN)/python tests/benchmarks/bench_solver.py
