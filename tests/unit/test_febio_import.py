@@ -7,6 +7,7 @@ import pytest
 
 from palpate.domain import Spot
 from palpate.errors import MeshError, StudyError
+from palpate.specimens import block
 from palpate.testing import LimbSourceContract
 from palpate_febio.deck_reader import read_deck
 from palpate_febio.limb_source import FebioDeckSettings, FebioDeckSource
@@ -34,8 +35,11 @@ class TestFebioDeckSource(LimbSourceContract):
         return SOURCE
 
     @pytest.fixture
-    def good_file(self, deck):
-        return deck
+    def good_file(self, tmp_path):
+        made = block(n_across=2, n_down=3, layers_mm={"skin": 6.0, "soft tissue": 6.0})
+        limb = replace(made, mesh=replace(made.mesh, regions=("skin", "soft tissue", "fat")))
+        (tmp_path / "good.feb").write_bytes(SOLVER.write_deck(job_of(), limb))
+        return tmp_path / "good.feb"
 
     @pytest.fixture
     def bad_files(self, tmp_path, deck):
