@@ -2,13 +2,13 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PLUGINS := materials jax experiments forearm limb febio template
+PLUGINS := materials jax experiments forearm limb febio dask template
 EDITABLE := $(foreach p,$(PLUGINS),-e plugins/palpate-$(p))
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
 PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-core bench-logs bench-solver bench-sparse clean
+.PHONY: help demo test chaos lint format bench bench-core bench-logs bench-ledger bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -29,6 +29,9 @@ test: lint $(VENV)/installed ## every check: lint, types, Rust and Python tests
 	cargo test --workspace --release --doc
 	$(BIN)/python -m pytest -q
 
+chaos: $(VENV)/installed ## kill runs 200 times at random and at every write, and count what was lost
+	OMP_NUM_THREADS=1 $(BIN)/python tests/chaos/kills.py --random 200 --workers 20
+
 lint: $(VENV)/installed ## ruff, mypy --strict, clippy pedantic, rustfmt
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -44,12 +47,16 @@ format: $(VENV)/installed ## rewrite the sources in the project's format
 bench: $(VENV)/installed ## timings, each beside a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py
 	$(BIN)/python tests/benchmarks/bench_elements.py
-	@echo "more: make bench-core, bench-logs, bench-solver, bench-sparse"
+	@echo "more: make bench-core, bench-logs, bench-ledger, bench-solver, bench-sparse"
 
 bench-core: $(VENV)/installed ## the core's kernels beside their peers, and their instruction counts
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core_sampling.py
 	cargo bench -p palpate-core --bench instructions
+
+bench-ledger: $(VENV)/installed ## the ledger beside Optuna's storages: cost of a result, opening and resuming 100,000 rows
+	$(BIN)/python -m pip install --quiet --group bench
+	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_ledger.py
 
 bench-logs: $(VENV)/installed ## a robot's log of a million rows, read and processed, beside polars and NumPy
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_reading.py

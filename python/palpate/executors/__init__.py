@@ -9,7 +9,7 @@ from palpate.executors.pool import Pool, by_spot
 from palpate.executors.work import Limits, Outcome, Work
 from palpate.interfaces import Executor
 
-__all__ = ["InProcess", "Limits", "Outcome", "Processes", "Work", "n_cores", "thread_limits"]
+__all__ = ["InProcess", "Limits", "Outcome", "Pool", "Processes", "Work", "n_cores", "thread_limits"]
 
 
 class InProcess(Executor):
@@ -48,4 +48,4 @@ class Processes(Executor):
             return
         n_processes = min(work.n_workers or n_fitting(work.limits.memory_MB), len(work.jobs))
         with contextlib.closing(Pool(work, n_processes)) as pool:
-            yield from pool.outcomes()
+            yield from pool.outcomes(work.jobs)

@@ -46,26 +46,52 @@ def by_spot(jobs: Sequence[Job]) -> dict[str, deque[int]]:
 
 
 class Pool:
-    """Hands jobs to workers and replaces the workers that die."""
+    """Hands jobs to workers and replaces the workers that die; those that live stay warm for more.
 
-    def __init__(self, work: Work, n_processes: int) -> None:
-        self._jobs = work.jobs
+    Parameters
+    ----------
+    work : Work
+        Its jobs are not begun by themselves: see :meth:`outcomes`.
+    n_processes : int
+        Most workers at a time.
+    n_threads : int, optional
+        Threads of each; by itself its share of this machine's cores.
+
+    Raises
+    ------
+    PluginError
+        The solver cannot be sent to a worker.
+    """
+
+    def __init__(self, work: Work, n_processes: int, n_threads: int | None = None) -> None:
+        self._jobs: Sequence[Job] = ()
         self._limbs = work.limbs
         self._limits = work.limits
         self._going_on = work.going_on
         self._n_processes = n_processes
+        self._n_threads = n_threads or max(1, n_cores() // n_processes)
         solver = _packed_or_refused(work.solver, f"solver '{work.solver.name}'")
-        _packed_or_refused(work.jobs[0], "a material of the study")
         self._setup = (tuple(work.plugin_files), solver, work.limits.memory_MB)
-        self._pending = by_spot(work.jobs)
+        self._pending: dict[str, deque[int]] = {}
         self._alone: deque[int] = deque()
         self._crashes: Counter[int] = Counter()
         self._events: queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]] = queue.SimpleQueue()
         self._workers: list[_Worker] = []
 
-    def outcomes(self) -> Iterator[Outcome]:
-        """Outcomes as they come, one for each job; fewer once the work is not to go on."""
-        n_left = len(self._jobs)
+    def outcomes(self, jobs: Sequence[Job]) -> Iterator[Outcome]:
+        """Outcomes as they come, one for each job; fewer once the work is not to go on.
+
+        Raises
+        ------
+        PluginError
+            A material cannot be sent to a worker, or a worker cannot start.
+        """
+        _packed_or_refused(jobs[0], "a material of the study")
+        self._jobs, self._pending, n_left = jobs, by_spot(jobs), len(jobs)
+        self._crashes.clear()
+        for worker in list(self._workers):
+            if worker.has_ended:  # while it had nothing to do: no job of these is to blame
+                self._dismiss(worker)
         while n_left:
             if self._going_on():
                 self._staff()
@@ -86,6 +112,12 @@ class Pool:
         """Stop every worker, whatever it does."""
         for worker in self._workers:
             worker.stop()
+        self._workers = []
+
+    def kill(self) -> None:
+        """End every worker process, from any thread; whoever waits for outcomes sees them gone."""
+        for worker in list(self._workers):
+            worker.kill()
 
     # ---------------------------------------------------------------- handing out
 
@@ -94,13 +126,10 @@ class Pool:
         n_waiting = len(self._alone) + sum(map(len, self._pending.values()))
         n_free = sum(not worker.assigned for worker in self._workers)
         for _ in range(min(self._n_processes - len(self._workers), n_waiting - n_free)):
-            self._workers.append(_Worker(self._setup, self._n_threads(), self._events))
+            self._workers.append(_Worker(self._setup, self._n_threads, self._events))
         for worker in self._workers:
             if worker.ready and not worker.assigned:
                 self._assign(worker)
-
-    def _n_threads(self) -> int:
-        return max(1, n_cores() // self._n_processes)
 
     def _assign(self, worker: "_Worker") -> None:
         indices = self._take(worker)
@@ -280,18 +309,26 @@ class _Worker:
         with contextlib.suppress(BrokenPipeError):
             send(self._process.stdin, message)
 
+    @property
+    def has_ended(self) -> bool:
+        return self._process.poll() is not None
+
     def await_end(self) -> None:
         """Let a process that has closed its end finish by itself, so that its exit code is its own."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout=5.0)
 
-    def stop(self) -> None:
-        """End the process with everything that it started, and keep its last words."""
+    def kill(self) -> None:
+        """End the process with everything that it started."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
             if hasattr(os, "killpg"):
                 os.killpg(self._process.pid, signal.SIGKILL)
             else:
                 self._process.kill()
+
+    def stop(self) -> None:
+        """End the process, let go of all that it held here, and keep its last words."""
+        self.kill()
         self._process.wait()
         self._listener.join()
         for stream in (self._process.stdin, self._process.stdout):

@@ -1,0 +1,157 @@
+"""A client of the cluster that the settings name."""
+
+import contextlib
+import importlib
+import logging
+from collections.abc import Iterator
+from typing import Any
+
+import dask
+from distributed import Client, LocalCluster
+from distributed.security import Security
+
+from palpate.errors import ExecutorError
+from palpate_dask.settings import DaskSettings, JobQueueSettings
+
+_CLUSTERS = {
+    "slurm": "SLURMCluster",
+    "pbs": "PBSCluster",
+    "sge": "SGECluster",
+    "lsf": "LSFCluster",
+    "oar": "OARCluster",
+    "moab": "MoabCluster",
+    "htcondor": "HTCondorCluster",
+    "local": "LocalCluster",
+}
+
+
+@contextlib.contextmanager
+def connected(settings: DaskSettings, n_workers: int) -> Iterator[Client]:
+    """Client of the cluster, which ends with it where it was made for it.
+
+    Parameters
+    ----------
+    settings : DaskSettings
+    n_workers : int
+        Workers of a cluster on this machine.
+
+    Raises
+    ------
+    ExecutorError
+        No scheduler answers, no worker comes, or dask-jobqueue is missing.
+    """
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_quiet())
+        # Nothing is sent anywhere twice by itself: an unknown name or port is told at once.
+        stack.enter_context(dask.config.set({"distributed.comm.retry.count": 0}))
+        if settings.jobqueue is not None:
+            cluster = stack.enter_context(_of_batch_system(settings, settings.jobqueue))
+        elif settings.address is None and settings.scheduler_file is None:
+            cluster = stack.enter_context(_here(n_workers))
+        else:
+            cluster = None
+        yield stack.enter_context(_client(settings, cluster))
+
+
+def _here(n_workers: int) -> LocalCluster:
+    """Workers of this machine, which nobody else can reach; palpate's own processes do the work."""
+    return LocalCluster(
+        n_workers=1,
+        threads_per_worker=n_workers,
+        processes=False,
+        protocol="tcp://",
+        host="127.0.0.1",
+        dashboard_address=None,
+        memory_limit=0,
+    )
+
+
+def _of_batch_system(settings: DaskSettings, queue: JobQueueSettings) -> Any:  # noqa: ANN401 - by name
+    try:
+        kind = getattr(importlib.import_module("dask_jobqueue"), _CLUSTERS[queue.system])
+        if queue.system == "local":
+            kind = importlib.import_module("dask_jobqueue.local").LocalCluster
+    except ImportError:
+        raise ExecutorError(
+            "executor.settings.jobqueue needs dask-jobqueue, which is not installed; "
+            'pip install "palpate-dask[jobqueue]"'
+        ) from None
+    security = {} if settings.plain_tcp else {"security": _security(settings) or True, "protocol": "tls://"}
+    wanted = {
+        "cores": queue.cores,
+        "processes": 1,
+        "memory": f"{queue.memory:.0f} MB",
+        "scheduler_options": {"dashboard_address": None},
+        **security,
+        **queue.options,
+    }
+    try:
+        cluster = kind(**wanted)
+        cluster.scale(jobs=queue.n_jobs)
+    except Exception as error:
+        raise ExecutorError(
+            f"executor.settings.jobqueue: the {queue.system} cluster cannot be started "
+            f"({type(error).__name__}: {error}); see the options of dask-jobqueue's {_CLUSTERS[queue.system]}"
+        ) from error
+    return cluster
+
+
+def _client(settings: DaskSettings, cluster: Any) -> Client:  # noqa: ANN401 - of any kind
+    where = settings.address or settings.scheduler_file or "its own cluster"
+    try:
+        if cluster is not None:
+            client = Client(cluster, timeout=settings.timeout, set_as_default=False)
+        else:
+            client = Client(
+                settings.address,
+                scheduler_file=settings.scheduler_file,
+                security=_security(settings),
+                timeout=settings.timeout,
+                set_as_default=False,
+            )
+    except Exception as error:
+        raise ExecutorError(
+            f"no Dask scheduler answers at {where} within {settings.timeout:g} s "
+            f"({type(error).__name__}: {error}); start it, or mend the address or the certificates"
+        ) from error
+    # Jobs of a batch system may wait for hours; workers of a scheduler at an address are there.
+    patience = None if settings.jobqueue is not None else settings.timeout
+    try:
+        client.wait_for_workers(1, timeout=patience)
+    except TimeoutError:
+        client.close()
+        raise ExecutorError(
+            f"the Dask scheduler at {where} has had no worker for {settings.timeout:g} s; start one with "
+            f"`dask worker {client.scheduler.address if client.scheduler else where}`"
+        ) from None
+    return client
+
+
+def _security(settings: DaskSettings) -> Security | None:
+    tls = settings.tls
+    if tls is None:
+        return None
+    return Security(
+        tls_ca_file=tls.ca_file,
+        tls_client_cert=tls.cert,
+        tls_client_key=tls.key,
+        tls_scheduler_cert=tls.cert,
+        tls_scheduler_key=tls.key,
+        tls_worker_cert=tls.cert,
+        tls_worker_key=tls.key,
+        require_encryption=True,
+    )
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Let errors be told once, by palpate."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "asyncio", "tornado")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,193 @@
+"""What palpate keeps on each Dask worker: worker processes of its own, warm between two jobs.
+
+A job never runs in Dask's own process: it is held to its time, memory and attempts by the same
+code as on one machine, and its crash or hang costs Dask nothing.
+"""
+
+import hashlib
+import pickle
+import sys
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, entry_points, version
+from pathlib import Path
+from typing import Any
+
+from distributed import Worker, WorkerPlugin, get_worker
+
+from palpate.errors import ExecutorError
+from palpate.executors import Limits, Pool, Work, n_cores
+from palpate.executors.work import Outcome
+from palpate.executors.worker import packed
+from palpate.interfaces import Solver
+from palpate.plugins import load_file
+
+IDLE_S = 300.0
+"""Seconds after which processes that nobody has given a job are ended: their run may be gone."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shared:
+    """What all jobs of a sweep have in common; the packed parts are opened once by each worker.
+
+    Parameters
+    ----------
+    solver, limbs : bytes
+        Packed.
+    versions : mapping
+        What :func:`versions` gave where the study is.
+    """
+
+    solver: bytes
+    limbs: bytes
+    limits: Limits
+    plugin_files: tuple[Path, ...]
+    versions: Mapping[str, str]
+
+
+def shared_by(work: Work) -> Shared:
+    """Collect what all jobs have in common."""
+    return Shared(
+        solver=packed(work.solver),
+        limbs=packed(dict(work.limbs)),
+        limits=work.limits,
+        plugin_files=tuple(path.resolve() for path in work.plugin_files),
+        versions=versions(work.solver, work.plugin_files),
+    )
+
+
+class Station(WorkerPlugin):  # type: ignore[misc]
+    """Runs jobs on one Dask worker, each in a process that outlives it."""
+
+    def __init__(self, shared: Shared, name: str) -> None:
+        self.shared = shared
+        self.name = name
+
+    def setup(self, worker: Worker) -> None:
+        """Load the plugins, and refuse a worker that would compute with other versions.
+
+        Raises
+        ------
+        ExecutorError
+        """
+        for path in self.shared.plugin_files:
+            if path.is_file():
+                load_file(path)
+        solver = pickle.loads(self.shared.solver)
+        refuse_others(worker.address, self.shared.versions, versions(solver, self.shared.plugin_files))
+        self._ended = threading.Event()
+        self._work = Work(
+            solver=solver,
+            jobs=(),
+            limbs=pickle.loads(self.shared.limbs),
+            limits=self.shared.limits,
+            plugin_files=self.shared.plugin_files,
+            going_on=lambda: not self._ended.is_set(),
+        )
+        self._n_threads = max(1, n_cores() // worker.state.nthreads)
+        self._lock = threading.Lock()
+        self._idle: deque[Pool] = deque()
+        self._busy: set[Pool] = set()
+
+    def teardown(self, worker: Worker) -> None:
+        """End every process, whatever it does."""
+        self._ended.set()
+        with self._lock:
+            busy = list(self._busy)
+        for pool in busy:
+            pool.kill()
+        self._close_idle()
+
+    def run(self, tasks: Sequence[tuple[int, Any]]) -> list[Outcome]:
+        """Outcomes of jobs of one limb, each with its index in the sweep."""
+        pool = self._take()
+        try:
+            jobs = [job for _, job in tasks]
+            return [replace(each, index=tasks[each.index][0]) for each in pool.outcomes(jobs)]
+        finally:
+            self._give_back(pool)
+
+    def _take(self) -> Pool:
+        with self._lock:
+            pool = self._idle.pop() if self._idle else Pool(self._work, 1, self._n_threads)
+            self._busy.add(pool)
+        return pool
+
+    def _give_back(self, pool: Pool) -> None:
+        with self._lock:
+            self._busy.discard(pool)
+            self._idle.append(pool)
+        if self._ended.is_set():
+            self._close_idle()
+            return
+        timer = threading.Timer(IDLE_S, self._close_unused)
+        timer.daemon = True
+        timer.start()
+
+    def _close_unused(self) -> None:
+        with self._lock:
+            is_unused = not self._busy
+        if is_unused:
+            self._close_idle()
+
+    def _close_idle(self) -> None:
+        with self._lock:
+            idle, self._idle = list(self._idle), deque()
+        for pool in idle:
+            pool.close()
+
+
+def run_tasks(station: str, tasks: bytes) -> bytes:
+    """Run jobs where Dask put them; what a Dask worker is asked to do.
+
+    Parameters
+    ----------
+    station : str
+        Name of the :class:`Station` of the sweep.
+    tasks : bytes
+        Packed pairs of index and Job.
+    """
+    found: Station = get_worker().plugins[station]
+    return packed(found.run(pickle.loads(tasks)))
+
+
+# ----------------------------------------------------------------------- versions
+
+
+def versions(solver: Solver, plugin_files: Sequence[Path]) -> dict[str, str]:
+    """Versions of everything that decides a result, here."""
+    found = {"python": ".".join(map(str, sys.version_info[:2])), f"solver {solver.name}": solver.version()}
+    plugins = {point.dist.name for point in entry_points(group="palpate") if point.dist is not None}
+    for name in ("palpate", "distributed", "numpy", *sorted(plugins)):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    for path in plugin_files:
+        found[path.name] = _digest(path)
+    return found
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:12] if path.is_file() else f"no file {path}"
+
+
+def refuse_others(where: str, wanted: Mapping[str, str], found: Mapping[str, str]) -> None:
+    """Refuse versions that differ, each with both.
+
+    Raises
+    ------
+    ExecutorError
+    """
+    differing = [
+        f"{name} {found.get(name, 'absent')} instead of {wanted.get(name, 'none')}"
+        for name in {**wanted, **found}
+        if wanted.get(name) != found.get(name)
+    ]
+    if differing:
+        raise ExecutorError(
+            f"worker {where} would compute with other versions: {'; '.join(differing)}; "
+            "install the same there as here"
+        )

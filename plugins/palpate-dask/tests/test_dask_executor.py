@@ -1,0 +1,301 @@
+"""Jobs on Dask clusters: the same bits as here, limits held, nothing lost with the scheduler."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from palpate import simulation
+from palpate.domain import (
+    Indentation,
+    Normaliser,
+    ParameterSpace,
+    RegionMaterial,
+    Scenario,
+    Sphere,
+    Spot,
+    Status,
+)
+from palpate.errors import ExecutorError, PluginError
+from palpate.executors import InProcess, Limits, Processes, Work
+from palpate.ledger import Ledger
+from palpate.plugins import Plugins, load_file
+from palpate.samplers import LatinHypercube
+from palpate.sampling import draw_design
+from palpate.study import Study, StudySpot
+from palpate_dask import station
+from palpate_dask.executor import DaskExecutor
+from palpate_dask.settings import DaskSettings
+
+TISSUE = """
+import os, time
+from pathlib import Path
+import numpy as np
+from pydantic import Field
+from palpate import Curve, Material, Parameter, Response, Settings, Simulation, Solver, Status
+class Foam(Material):
+    name, summary = "foam", "one number"
+    parameters = (Parameter(name="k", unit="MPa", lower=0.1, upper=1.0, kind="modulus",
+                            description="stiffness", physical_lower=0.0),)
+    def energy(self, stretches, theta): return theta[0] * ((stretches - 1.0) ** 2).sum(axis=-1)
+class PressSettings(Settings):
+    log: str = Field("", description="File with a line for each simulation.")
+    pause_s: float = Field(0.0, description="Taken for each.")
+    hurts: bool = Field(False, description="Whether some jobs end or stop their process.")
+class Press(Solver):
+    name, summary, Settings, needs_limb = "press", "closed form", PressSettings, False
+    def version(self): return "1"
+    def simulate(self, job, limb):
+        with Path(self.settings.log).open("a") as log:
+            log.write(f"{job.set_id} {os.getpid()}\\n")
+        time.sleep(self.settings.pause_s)
+        if self.settings.hurts and job.set_id == 1: os._exit(17)
+        if self.settings.hurts and job.set_id == 2: time.sleep(600)
+        (theta,) = job.thetas.values()
+        x = np.linspace(0.0, 10.0, 9)
+        force = Curve(channel="force", abscissa=x, ordinate=theta[0] * x**1.5)
+        return Simulation(job=job, status=Status.OK, response=Response(curves={"force": force}))
+"""
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plugin") / "foam.py"
+    path.write_text(TISSUE)
+    return path
+
+
+@pytest.fixture
+def study(file, tmp_path):
+    module, material = load_file(file), load_file(file).Foam()
+    region = RegionMaterial(region="r", material=material, searched=material.parameters, fixed={})
+    return Study(
+        name="foam", description="", file=tmp_path / "study.toml", data="simulated",
+        spots=(StudySpot(spot=Spot(name="p1"), measured={}, mesh=None),), loader=None, limb_source=None,
+        protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=[(0.0, 0.0), (9.0, 0.0)], friction=1.0),
+        space=ParameterSpace(regions=(region,)), sampler=LatinHypercube(), n_sets=8, seed=1, filters=(),
+        solver=module.Press(module.PressSettings(log=str(tmp_path / "log.txt"))),
+        normaliser=Normaliser.MEAN_ABS, minimum_coverage=0.95,
+        scenarios=(Scenario(name="force", weights={"force": 1.0}),), generalise_by="force", refine=False,
+        truth={}, n_workers=2, time_limit_s=60.0, plugin_files=(file,), executor=DaskExecutor(),
+    )  # fmt: skip
+
+
+def work_of(study, **limits):
+    design = SimpleNamespace(n_sets=8, values=np.linspace([0.2], [0.8], 8))
+    return Work(
+        solver=study.solver,
+        jobs=simulation.jobs(study, design, {}),
+        limbs={},
+        limits=Limits(**{"time_s": 60.0, **limits}),
+        n_workers=2,
+        plugin_files=study.plugin_files,
+    )
+
+
+def hurting(study, tmp_path):
+    return replace(study, solver=type(study.solver)(study.solver.settings.model_copy(update={"hurts": True})))
+
+
+def sweep(study, folder):
+    design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
+    return simulation.simulate(study, design, {}, {"p1": None}, folder)
+
+
+def started(tmp_path):
+    log = tmp_path / "log.txt"
+    return [line.split() for line in log.read_text().splitlines()] if log.exists() else []
+
+
+def test_the_executor_is_a_plugin_s():
+    assert Plugins.load().executors["dask"] is DaskExecutor
+
+
+def test_a_cluster_of_this_machine_holds_limits_and_gives_the_same_bits(study, tmp_path):
+    study = hurting(study, tmp_path)
+    found = {o.index: o for o in DaskExecutor().outcomes(work_of(study, time_s=1.5))}
+    expected = {o.index: o for o in Processes().outcomes(work_of(study, time_s=1.5))}
+    assert sorted(found) == list(range(8))
+    assert [found[i].status for i in range(8)] == [expected[i].status for i in range(8)]
+    assert found[1].status is Status.CRASHED
+    assert found[1].quarantined
+    assert "exit code 17" in found[1].message
+    assert found[2].status is Status.TIMED_OUT
+    for i in (0, 3, 7):
+        assert np.array_equal(found[i].response["force"].ordinate, expected[i].response["force"].ordinate)
+    for _, pid in started(tmp_path):
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(pid), 0)
+
+
+def test_workers_stay_warm_and_what_is_not_to_go_on_is_drained(study, tmp_path):
+    outcomes = []
+    work = replace(work_of(study), going_on=lambda: len(outcomes) < 3)
+    for outcome in DaskExecutor().outcomes(work):
+        outcomes.append(outcome)  # noqa: PERF402 - going_on looks at how many there are
+    assert 3 <= len(outcomes) < 8
+    assert len(started(tmp_path)) == len(outcomes)
+    assert len({pid for _, pid in started(tmp_path)}) <= 2
+
+
+# ------------------------------------------------------------------ bad clusters
+
+
+def test_nobody_at_the_address_is_told(study):
+    executor = DaskExecutor(DaskSettings(address="tcp://127.0.0.1:9", timeout="1 s"))
+    with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9 within 1 s"):
+        list(executor.outcomes(work_of(study)))
+
+
+def test_workers_of_other_versions_are_refused_with_both(study, monkeypatch):
+    here = station.versions
+    told = iter([here(study.solver, ()) | {"palpate": "9.9", "extra": "1"}])
+    monkeypatch.setattr(station, "versions", lambda *given: next(told, None) or here(*given))
+    with pytest.raises(ExecutorError, match=r"versions: palpate .* instead of 9\.9; extra absent instead"):
+        list(DaskExecutor().outcomes(work_of(study)))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"address": "head:8786"}, "not of the form tls://host:port"),
+        ({"address": "tls://head:8786"}, "tls:// needs certificates"),
+        ({"address": "tcp://10.0.0.7:8786"}, "would be reached unencrypted"),
+        ({"address": "tcp://localhost:1", "scheduler_file": "s.json"}, "different clusters; keep one"),
+        ({"scheduler_file": "nowhere.json"}, "no file 'nowhere.json'"),
+        ({"tls": {"ca_file": "ca.pem", "cert": "c.pem", "key": "k.pem"}}, "ca_file: no file 'ca.pem'"),
+        ({"jobqueue": {"system": "slurm", "memory": "2 s"}}, "not of the kind of MB"),
+        ({"jobqueue": {"system": "cron", "memory": "2 GB"}}, "slurm"),
+        ({"adress": "tcp://localhost:1"}, "adress"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(given, said):
+    with pytest.raises(ValueError, match=said):
+        DaskSettings(**given)
+
+
+def test_a_network_of_one_s_own_may_go_unencrypted():
+    assert DaskSettings(address="tcp://10.0.0.7:8786", plain_tcp=True).plain_tcp
+    assert DaskSettings(address="tcp://127.0.0.1:8786").address
+
+
+# ---------------------------------------------------------- a cluster of its own
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """Scheduler and worker as processes of their own; yields the scheduler and its file."""
+    file, processes = tmp_path / "scheduler.json", []
+
+    def run(*given):
+        code = f"from distributed.cli import {given[0]} as cli; cli.main()"
+        processes.append(
+            subprocess.Popen(
+                [sys.executable, "-c", code, "--scheduler-file", str(file), "--no-dashboard", *given[1:]],
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+        )
+
+    run("dask_scheduler", "--host", "127.0.0.1", "--port", "0")
+    deadline = time.monotonic() + 60.0
+    while not file.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    run("dask_worker", "--nthreads", "1", "--no-nanny", "--host", "127.0.0.1", "--death-timeout", "5")
+    yield processes[0], file
+    for process in processes:
+        process.kill()
+        process.wait()
+
+
+def test_the_scheduler_s_death_loses_nothing_and_the_sweep_goes_on_elsewhere(study, tmp_path, cluster):
+    scheduler, file = cluster
+    settings = study.solver.settings.model_copy(update={"pause_s": 0.1})
+    study = replace(study, n_sets=40, solver=type(study.solver)(settings))
+    there = DaskExecutor(DaskSettings(scheduler_file=str(file), timeout="60 s"))
+
+    class Killing:
+        """Kills the scheduler once some simulations are counted."""
+
+        n_steps = 0
+
+        def begin(self, stage, total): ...
+
+        def note(self, text): ...
+
+        def going_on(self):
+            return True
+
+        def step(self, note=""):
+            self.n_steps += 1
+            if self.n_steps == 4:
+                os.kill(scheduler.pid, signal.SIGKILL)
+
+    design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
+    folder = tmp_path / "run"
+    with pytest.raises(ExecutorError, match=r"scheduler is gone.*everything finished is kept"):
+        simulation.simulate(replace(study, executor=there), design, {}, {"p1": None}, folder, Killing())
+    with Ledger(folder) as ledger:
+        kept = ledger.frame("simulations")
+    assert 4 <= kept.height < 40
+    found = sweep(replace(study, executor=InProcess()), folder)
+    assert {s.status for s in found} == {Status.OK}
+    with Ledger(folder) as ledger:
+        rows = ledger.frame("simulations")
+    assert rows.height == 40
+    assert rows["n_attempts"].max() == 1
+
+
+SBATCH = """#!/bin/sh
+cp "$1" {folder}/job.sh
+setsid sh {folder}/job.sh > {folder}/job.log 2>&1 < /dev/null &
+echo $!
+"""
+
+
+def test_jobs_of_a_batch_system_work_over_tls_and_end_with_the_run(study, tmp_path, monkeypatch):
+    """The commands of Slurm, played by this machine."""
+    pytest.importorskip("dask_jobqueue")
+    for name, script in {"sbatch": SBATCH, "scancel": "#!/bin/sh\nkill -- -$1\n"}.items():
+        (tmp_path / name).write_text(script.format(folder=tmp_path))
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    queue = {
+        "system": "slurm",
+        "cores": 2,
+        "memory": "1 GB",
+        "options": {"interface": "lo", "shared_temp_directory": str(tmp_path), "queue": "short"},
+    }
+    found = list(DaskExecutor(DaskSettings(jobqueue=queue)).outcomes(work_of(study)))
+    assert sorted(o.index for o in found) == list(range(8))
+    assert {o.status for o in found} == {Status.OK}
+    job = (tmp_path / "job.sh").read_text()
+    assert "#SBATCH -p short" in job
+    assert "tls://127.0.0.1" in job
+    assert "--nthreads 2" in job
+    for _, pid in started(tmp_path):
+        until_ended(int(pid))
+
+
+def until_ended(pid):
+    deadline = time.monotonic() + 20.0
+    while Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not Path(f"/proc/{pid}").exists()
+
+
+def test_a_plugin_file_that_a_worker_cannot_load_is_told(study, tmp_path):
+    broken = tmp_path / "broken.py"
+    broken.write_text("raise RuntimeError('no licence')")
+    work = replace(work_of(study), plugin_files=(*study.plugin_files, broken))
+    with pytest.raises((ExecutorError, PluginError), match="no licence"):
+        list(DaskExecutor().outcomes(work))
