@@ -1,0 +1,117 @@
+"""What the guides say is so: every command is called, every table read, every link followed."""
+
+import re
+import shlex
+import shutil
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+
+import polars as pl
+import pytest
+from typer.main import get_command
+
+from palpate.cli.app import build_app, main
+from palpate.determination import UNCLEAR, WORDS
+from palpate.plugin_registry import add_commands
+from palpate.plugins import Plugins
+from palpate.study import read_study
+
+ROOT = Path(__file__).parents[2]
+GUIDES = [
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted(ROOT.glob("plugins/*/README.md")),
+    ROOT / "README.md",
+]
+ROBOT_LOG = files("palpate_experiments") / "studies" / "robot-log"
+
+
+def text_of(guide: Path) -> str:
+    return guide.read_text(encoding="utf-8")
+
+
+def commands_of(guide: Path) -> list[str]:
+    """Indented calls of palpate, without their comments."""
+    lines = re.findall(r"^ {4}(palpate .*)$", text_of(guide), flags=re.MULTILINE)
+    return [re.split(r" {2,}#", line)[0].strip() for line in lines]
+
+
+@pytest.mark.parametrize("guide", GUIDES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_somewhere(guide):
+    for target in re.findall(r"\]\(([^)#]+)\)", text_of(guide)):
+        if not target.startswith("https://"):
+            assert (guide.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("guide", GUIDES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_call_is_one_that_palpate_understands(guide):
+    app = build_app()
+    assert add_commands(app) == ()
+    group = get_command(app)
+    context = group.make_context("palpate", [], resilient_parsing=True)
+    for line in commands_of(guide):
+        words = shlex.split(re.sub(r"\[[^]]*\]", "", line))[1:]
+        name, command, rest = group.resolve_command(context, words)
+        parent = context
+        while hasattr(command, "commands"):
+            parent = command.make_context(name, list(rest), parent=parent, resilient_parsing=True)
+            name, command, rest = command.resolve_command(parent, [*parent._protected_args, *parent.args])
+        command.make_context(name, list(rest), parent=parent)
+
+
+def call(line: str) -> int:
+    return main(shlex.split(line)[1:])
+
+
+def test_the_first_study_goes_through_from_log_to_report(tmp_path, monkeypatch, capsys):
+    """All its commands in order, on a simulated log; two sets instead of forty."""
+    guide = ROOT / "docs" / "first-study.md"
+    (study,) = re.findall(r"```toml\n(.*?)```", text_of(guide), flags=re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    pl.read_parquet(Path(str(ROBOT_LOG / "logs" / "simulated_p1.parquet"))).write_csv("press.csv")
+    shutil.copy(str(ROBOT_LOG / "meshes" / "p1.vtu"), "limb.vtu")
+    Path("study.toml").write_text(study.replace("n_sets = 40", "n_sets = 2\nseed = 3"), encoding="utf-8")
+    calls = [line for line in commands_of(guide) if "init" not in line]
+    assert len(calls) == 6
+    for line in calls:
+        assert call(line.replace("--n 80", "--n 3")) == 0, (line, capsys.readouterr().err)
+    out = capsys.readouterr().out
+    proposed = tomllib.loads(study)["experiment"]["settings"]["channels"]
+    for column in (*proposed["position"]["columns"], *proposed["force"]["columns"], proposed["time"]):
+        assert f'"{column}"' in out
+    assert Path("runs/first/report/index.html").is_file()
+    assert list(Path("runs/first/measured/plots").rglob("5_curves*"))
+
+
+def test_the_layered_guide_is_the_layered_study(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for line in commands_of(ROOT / "docs" / "layers.md"):
+        assert call(line) == 0, capsys.readouterr().err
+    (tables,) = re.findall(r"```toml\n(.*?)```", text_of(ROOT / "docs" / "layers.md"), flags=re.DOTALL)
+    shipped = tomllib.loads((tmp_path / "layered" / "study.toml").read_text())
+    for name, table in tomllib.loads(tables).items():
+        assert table.items() <= shipped[name].items()
+    space = read_study(tmp_path / "layered", Plugins.load()).space
+    assert [p.name for p in space.parameters] == ["skin.E", "soft_tissue.c1"]
+
+
+def test_the_words_of_the_guide_are_those_of_the_report():
+    table = re.findall(
+        r"^\| (\w+) \| ([^|]+) \|", text_of(ROOT / "docs" / "identifiability.md"), re.MULTILINE
+    )
+    assert [word for word, _ in table[1:]] == [*(word for _, word in WORDS), UNCLEAR]
+    shares = {"well": "a tenth", "roughly": "three tenths", "poorly": "eight tenths"}
+    assert {word: share for share, word in WORDS if share < 1.0} == {
+        "well": 0.1,
+        "roughly": 0.3,
+        "poorly": 0.8,
+    }
+    for word, interval in table:
+        assert shares.get(word, "") in interval
+
+
+def test_the_citation_names_this_version():
+    from palpate import __version__
+
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"version: {__version__}\n" in text
