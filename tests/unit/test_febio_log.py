@@ -1,8 +1,10 @@
 """Logs and records: good, partial, garbled and lying ones."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.domain import Status
@@ -108,6 +110,70 @@ def test_any_text_is_read(text):
 @given(st.integers(0, len(BAD_LOG)))
 def test_a_log_cut_anywhere_never_claims_success(n):
     assert read_log(BAD_LOG[:n]).finished is not True
+
+
+# -------------------------------------------------------------- FEBio's own
+
+RECORDED = Path(__file__).parents[1] / "data" / "febio_recorded"
+GOOD_STEPS = Steps(np.array([0.0, 1.0, 1.0]), np.array([0.0, 0.0, -5.0]))
+DIVERGED_STEPS = Steps(np.array([0.0, 0.5, 16.0]), np.zeros(3))
+
+
+def recorded(name):
+    return (RECORDED / name).read_text()
+
+
+def test_a_good_run_of_febio_is_read():
+    said = read_log(recorded("good.log"))
+    assert (said.finished, said.version, said.reason) == (True, "4.11.0", None)
+    assert said.converged[0] == 1.0
+    assert said.converged[-1] == 2.0
+    verdict = judge(ended(), recorded("good.log"), recorded("good.csv"), GOOD_STEPS, 7.5)
+    assert verdict.status is Status.OK, verdict.message
+    np.testing.assert_allclose(verdict.rows[-1], [1.0, -5.0, 1.10880987723, -0.708773624838])
+
+
+def test_a_run_of_febio_that_diverged_keeps_what_it_reached():
+    verdict = judge(ended(1), recorded("diverged.log"), recorded("diverged.csv"), DIVERGED_STEPS, 7.5)
+    assert verdict.status is Status.DIVERGED
+    assert "negative Jacobian" in verdict.message
+    assert "no balance at step 1.5" in verdict.message
+    np.testing.assert_allclose(response_of(verdict.rows)["force"].ordinate, [0.0, 0.00982525103588])
+
+
+def test_a_record_of_another_body_is_not_believed():
+    verdict = judge(ended(), recorded("good.log"), recorded("other_body.csv"), GOOD_STEPS, 7.5)
+    assert verdict.status is Status.UNREADABLE
+    assert response_of(verdict.rows) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("xml_error", 'tag "MeshDomains" (line 3398) : unrecognized tag'),
+        ("unknown_tag", 'tag "rigid_bond" (line 3410) : unrecognized tag'),
+        ("unknown_parameter", 'tag "friction" (line 3448) : unrecognized tag'),
+        ("no_such_material", 'tag "material" (line 44) : invalid value for attribute "type"'),
+    ],
+)
+def test_what_febio_prints_of_a_deck_that_it_refuses_is_passed_on(name, words):
+    verdict = judge(ended(1, tail=recorded(f"{name}.txt")), None, None, GOOD_STEPS, 7.5)
+    assert verdict.status is Status.CRASHED
+    assert f"deck refused ({words})" in verdict.message
+
+
+def test_a_model_that_febio_refuses_is_named_by_its_cause():
+    verdict = judge(ended(1), recorded("unstable.log"), "", GOOD_STEPS, 7.5)
+    assert verdict.status is Status.CRASHED
+    assert "Invalid value for parameter: 1_soft_tissue.v" in verdict.message
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, len(recorded("good.log"))), st.integers(0, len(recorded("good.csv")) - 1))
+def test_a_run_cut_off_anywhere_is_never_sound(n, m):
+    verdict = judge(ended(-9), recorded("good.log")[:n], recorded("good.csv")[:m], GOOD_STEPS, 7.5)
+    assert verdict.status is not Status.OK
+    assert verdict.n_steps < GOOD_STEPS.n
 
 
 # --------------------------------------------------------------------- record

@@ -11,9 +11,13 @@ from palpate.errors import MaterialError, MeshError, PluginError, StudyError
 from palpate.specimens import block
 from palpate.testing import SolverContract
 from palpate_febio.conventions import remembered
+from palpate_febio.gates import check_torque
+from palpate_febio.log import read_log
 from palpate_febio.probe import Fit
 from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver, FebioWarning
+from palpate_febio.steps import Steps
+from palpate_febio.verdict import Verdict
 from palpate_materials import Demiray, NeoHookean, Ogden, Yeoh
 
 from . import febio_fake
@@ -57,6 +61,10 @@ class TestFebioSolver(SolverContract):
         return fake()
 
     @pytest.fixture
+    def finer(self, fake):
+        return fake(depth_steps=8, rotation_step_deg=2.5)
+
+    @pytest.fixture
     def job(self):
         return job_of()
 
@@ -95,7 +103,7 @@ def test_half_steps_answer_at_the_same_points(fake):
 def test_a_run_that_diverges_on_every_rung_keeps_what_it_reached(fake):
     simulation = fake("diverge").simulate(job_of(), LIMB)
     assert simulation.status is Status.DIVERGED
-    assert len(simulation.diagnostics["tries"]) == 4
+    assert len(simulation.diagnostics["tries"]) == 5
     assert simulation.response["force"].abscissa[-1] == 2.0
     assert "no balance at step" in simulation.message
 
@@ -176,6 +184,21 @@ def test_the_papers_contact_warns_and_fails_its_gates(fake):
 def test_there_is_nothing_to_prove_without_a_twist_or_friction(fake):
     for job in (job_of(path=PATH[:2]), job_of(friction=0.0)):
         assert fake(gates="every").simulate(job, LIMB).diagnostics["gates"] == {}
+
+
+@pytest.mark.parametrize(("n_rows", "halving"), [(9, 0.0), (8, None)])
+def test_a_finer_run_that_does_not_end_proves_nothing_and_tells_what_it_can(n_rows, halving):
+    steps = Steps(np.array([0.0, 1.0, 2.0, 2.0, 2.0]), np.array([0.0, 0.0, 0.0, -10.0, -20.0]))
+
+    def run(finer):
+        rows = np.column_stack([finer.depth_mm, finer.rotation_deg, finer.depth_mm, finer.rotation_deg / 10])
+        status = Status.DIVERGED
+        return Verdict(status=status, message="no balance", rows=rows[:n_rows], log=read_log(""))
+
+    gates = check_torque(steps, -2.0, run, 0.02)
+    assert (gates.passed, gates.halving, gates.hold) == (False, halving, None)
+    assert "no balance" in str(gates)
+    assert ("halved steps" in str(gates)) == (halving is not None)
 
 
 # ---------------------------------------------------------------- conventions

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Mesh
-from palpate_febio.settings import FebioSettings, Rung
+from palpate_febio.settings import PENALTY, FebioSettings, Rung
 from palpate_febio.skin import skin_faces
 from palpate_febio.spelling import DENSITY_T_PER_MM3, Written
 from palpate_febio.sphere import sphere_mesh
@@ -26,6 +26,9 @@ RECORD_DATA = ("z", "thz", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
 INDENTER = "indenter"
 
 BROYDEN_UPDATES = 10
+UNHURRIED = 1000
+"""Iterations after which FEBio shortens the next step: augmentation takes many, and each step forgets."""
+
 SMALLEST_STEP = 1e-3
 """Of one step: shorter ones are not tried."""
 
@@ -65,6 +68,12 @@ class Problem:
     def augmented(self) -> bool:
         """Whether contact is enforced by augmented Lagrangian: friction has no memory without it."""
         return self.friction > 0.0 and self.settings.contact == "right"
+
+    @property
+    def penalty(self) -> float:
+        """Of the contact, in units of FEBio's automatic one."""
+        chosen = self.settings.penalty or PENALTY[self.settings.contact]
+        return chosen / 4.0 if self.rung == "broyden_soft" else chosen
 
 
 def write_deck(problem: Problem) -> bytes:
@@ -166,7 +175,7 @@ def _control(root: ET.Element, problem: Problem) -> None:
     stepper = ET.SubElement(control, "time_stepper", type="default")
     for name, value in (
         ("max_retries", 12),
-        ("opt_iter", 20),
+        ("opt_iter", UNHURRIED),
         ("dtmin", SMALLEST_STEP),
         ("aggressiveness", 1),
         ("cutback", 0.5),
@@ -286,13 +295,11 @@ def _contact(root: ET.Element, problem: Problem) -> None:
         section, "contact", name="contact", surface_pair="contact", type="sliding-elastic"
     )
     settings = problem.settings
-    # Without friction nothing needs a memory, and a stiff penalty converges where augmentation may not.
-    stiffer = 5.0 if problem.friction == 0.0 and settings.contact == "right" else 1.0
     for name, value in (
         ("laugon", "AUGLAG" if problem.augmented else "PENALTY"),
         ("tolerance", _number(settings.augmentation_tolerance)),
         ("gaptol", _number(settings.gap_tolerance_mm if problem.augmented else 0.0)),
-        ("penalty", _number(stiffer * settings.penalty)),
+        ("penalty", _number(problem.penalty)),
         ("auto_penalty", 1),
         ("update_penalty", 0),
         ("two_pass", 0),

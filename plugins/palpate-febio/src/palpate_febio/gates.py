@@ -43,7 +43,8 @@ class Gates:
 
     def __str__(self) -> str:
         if self.halving is None or self.hold is None:
-            return f"torque not proved: {self.message}"
+            found = "" if self.halving is None else f"halved steps change it by {self.halving:+.1%}, and "
+            return f"torque not proved: {found}{self.message}"
         verdict = "torque proved" if self.passed else "torque NOT to be relied on"
         return (
             f"{verdict}: halved steps change it by {self.halving:+.1%}, a hold by {self.hold:+.1%} "
@@ -69,11 +70,12 @@ def check_torque(steps: Steps, torque_Nmm: float, run: Callable[[Steps], Verdict
         return Gates(tolerance=tolerance, message="there is no torque where the rotation first turns")
     fine = halved(up_to_first_turn(steps))
     verdict = run(with_hold(fine, N_HELD))
-    if verdict.status is not Status.OK:
-        return Gates(tolerance=tolerance, message=f"the finer run did not end well ({verdict.message})")
-    before, after = verdict.rows[fine.n, 3], verdict.rows[-1, 3]
+    turned = verdict.status in (Status.OK, Status.DIVERGED) and verdict.n_steps >= fine.n
+    before = float(verdict.rows[fine.n, 3]) if turned else None
+    held = None if before is None or verdict.status is not Status.OK else float(verdict.rows[-1, 3]) - before
     return Gates(
         tolerance=tolerance,
-        halving=float((before - torque_Nmm) / torque_Nmm),
-        hold=float((after - before) / torque_Nmm),
+        halving=None if before is None else (before - torque_Nmm) / torque_Nmm,
+        hold=None if held is None else held / torque_Nmm,
+        message="" if held is not None else f"the finer run did not end well ({verdict.message})",
     )

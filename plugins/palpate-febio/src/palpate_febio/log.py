@@ -14,8 +14,11 @@ _BOX = re.compile(
 _CONVERGED = re.compile(r"^-+ converged at time : (\S+)", re.MULTILINE)
 _FAILED = re.compile(r"^-+ failed to converge at time : (\S+)", re.MULTILINE)
 
+CONSEQUENCES = ("too many retries", "model refused")
+"""Reasons that FEBio gives after the one that led to them."""
+
 _REASONS: tuple[tuple[re.Pattern[str], str, str], ...] = tuple(
-    (re.compile(pattern, re.IGNORECASE), name, remedy)
+    (re.compile(pattern, re.IGNORECASE | re.MULTILINE), name, remedy)
     for pattern, name, remedy in (
         (
             r"negative jacobian[^\n]*",
@@ -33,7 +36,8 @@ _REASONS: tuple[tuple[re.Pattern[str], str, str], ...] = tuple(
             "the step did not balance: another rung of the ladder, or smaller steps",
         ),
         (
-            r"(?:invalid|missing|unknown|unrecognized|duplicate)[^\n]*(?:tag|attribute|value|version|section)[^\n]*",
+            r"^[^\n]*(?:invalid|missing|unknown|unrecognized|duplicate)[^\n]*"
+            r"(?:tag|attribute|value|version|section)[^\n]*",
             "deck refused",
             "FEBio does not know something in the deck: compare its version with the deck's",
         ),
@@ -123,13 +127,13 @@ def read_log(text: str) -> LogSummary:
 
 
 def last_reason(text: str) -> Reason | None:
-    """The cause of failure that stands last, where a mere consequence counts less than its cause."""
+    """The cause of failure that stands last, where a consequence counts less than its cause."""
     found = []
     for rank, (pattern, name, remedy) in enumerate(_REASONS):
         if matches := list(pattern.finditer(text)):
             words = " ".join(matches[-1].group(0).strip(" *\n").split())[:200]
             reason = Reason(name, words, remedy)
-            found.append((name == "too many retries", -matches[-1].start(), rank, reason))
+            found.append((name in CONSEQUENCES, -matches[-1].start(), rank, reason))
     if found:
         return min(found, key=lambda row: row[:3])[3]
     errors = [_unboxed(body) for kind, body in _BOX.findall(text) if kind == "ERROR"]

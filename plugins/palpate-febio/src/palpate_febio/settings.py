@@ -1,13 +1,18 @@
 """How palpate drives FEBio."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Literal
 
 from pydantic import Field
 
 from palpate.interfaces import Settings
 
-Rung = Literal["broyden", "newton", "broyden_half_steps", "newton_half_steps"]
-"""One way to solve the same problem: the update of the stiffness, and how long a step is."""
+Rung = Literal["broyden", "newton", "broyden_soft", "broyden_half_steps", "newton_half_steps"]
+"""One way to solve: the update of the stiffness; ``soft`` is a contact a quarter as stiff."""
+
+PENALTY: Mapping[str, float] = MappingProxyType({"right": 200.0, "paper": 20.0})
+"""By form of contact. The stiffer, the faster augmentation converges; at 20 half a torque was forgotten."""
 
 PAPER_CONTACT = (
     'contact = "paper": FEBio\'s penalty friction has no memory of where a point stuck, so its torque is the '
@@ -43,26 +48,26 @@ class FebioSettings(Settings):
         description="right: augmented Lagrangian where there is friction, a stiff penalty without; "
         "paper: the penalty form, whose friction has no memory",
     )
-    penalty: float = Field(
-        20.0,
+    penalty: float | None = Field(
+        None,
         gt=0.0,
-        description="contact penalty in units of FEBio's automatic one; 1 sinks the sphere about 1 mm "
-        "into silicone",
+        description="contact penalty in units of FEBio's automatic one (1 sinks the sphere about 1 mm into "
+        "silicone); by default 200, and 20 for the paper's contact",
     )
     augmentation_tolerance: float = Field(
-        0.01,
+        0.1,
         gt=0.0,
         lt=1.0,
         description="relative change of the contact tractions at which augmentation ends; what is left is "
         "forgotten in the next step, and the gates show it",
     )
     gap_tolerance_mm: float = Field(
-        0.0,
+        0.01,
         ge=0.0,
         description="how far a point that sticks may drift in one step before augmentation ends [mm]; 0: "
         "no limit",
     )
-    max_augmentations: int = Field(30, ge=1, description="augmentations of one step at most")
+    max_augmentations: int = Field(100, ge=1, description="augmentations of one step at most")
     facet_mm: float = Field(
         1.0,
         gt=0.0,
@@ -71,7 +76,7 @@ class FebioSettings(Settings):
         "0.1 % or less from 1 mm depth on, and a finer sphere takes FEBio longer to search",
     )
     ladder: tuple[Rung, ...] = Field(
-        ("broyden", "newton", "broyden_half_steps", "newton_half_steps"),
+        ("broyden", "newton", "broyden_soft", "broyden_half_steps", "newton_half_steps"),
         min_length=1,
         description="ways to solve, tried in turn while runs diverge; each try is recorded",
     )

@@ -38,6 +38,9 @@ OPTIONS = ("-noconfig", "-nosplash", "-no_title")
 USABLE = (Status.OK, Status.DIVERGED)
 """Statuses whose curves, whole or partial, are FEBio's answer to what was asked."""
 
+GATE_RUNGS: tuple[Rung, ...] = ("broyden", "newton")
+"""Ways to solve the run that proves another, whose steps are given."""
+
 PROBE_LIMITS = Limits(time_s=300.0, stall_s=300.0)
 
 
@@ -293,7 +296,16 @@ class FebioSolver(Solver):
         points = Steps(np.array(told["depth_mm"]), np.array(told["rotation_deg"]))
 
         def run(steps: Steps) -> Verdict:
-            return self._try(job, replace(problem, steps=steps), "gates").verdict
+            """The first answer that is whole, or the longest; the contact stays as stiff as it was."""
+            longest: Verdict | None = None
+            for rung in (problem.rung,) if problem.rung == "broyden_soft" else GATE_RUNGS:
+                verdict = self._try(job, replace(problem, steps=steps, rung=rung), f"gates-{rung}").verdict
+                if verdict.status is not Status.DIVERGED:
+                    return verdict
+                if longest is None or verdict.n_steps > longest.n_steps:
+                    longest = verdict
+            assert longest is not None
+            return longest
 
         torque_Nmm = float(told["torque_Nmm"][up_to_first_turn(points).n])
         return check_torque(problem.steps, torque_Nmm, run, self.settings.gate_tolerance).row()
