@@ -166,5 +166,5 @@ def test_one_channel_alone_can_be_drawn(make_study, plugins, tmp_path):
     response = Response(curves={"force": curve})
     presses = Presses(spot=make_study().spots[0], responses={"f.csv": response})
     files = draw_presses(presses, response, plugins.channels, "", tmp_path)
-    assert [file.name for file in files] == ["curves.svg", "curves.png"]
+    assert [file.name for file in files] == ["curves.svg", "curves.pdf", "curves.png"]
     assert "± one standard deviation" in files[0].read_text()

@@ -5,43 +5,32 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib import rcParams
+from matplotlib import rc_context, rcParams
 from matplotlib.image import imread
 
-from palpate import pipeline
 from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario
 from palpate.refinement import Refined
 from palpate.report import Content, figures, finding, make_tables, write_report
-from palpate.report.figures import COLOUR_LIMIT, generalised, nmse_distribution, parameter_space, responses
+from palpate.report.figures import generalised, nmse_distribution, responses
+from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, parameter_space
+from palpate.report.style import STYLE, save
 from palpate.scoring import score
 from palpate.selection import select
 from palpate.simulation import simulate
 
 
 @pytest.fixture
-def content(make_study, plugins, tmp_path):
-    """Content of a run of the analytic tissue."""
-    kept = []
+def outlined(monkeypatch):
+    """Figures without the cost of their formats, for what is about something else."""
 
-    def made(**changes):
-        study = make_study(**({"n_sets": 40} | changes))
-        original = pipeline.write_report
-        pipeline.write_report = lambda content, folder: kept.append(content) or ()
-        try:
-            pipeline.run_study(study, tmp_path / "run", plugins)
-        finally:
-            pipeline.write_report = original
-        return kept[-1]
+    def save(figure, stem):
+        files = [stem.with_name(f"{stem.name}{suffix}") for suffix in (".svg", ".pdf", ".png")]
+        figure.draw_without_rendering()
+        for file in files:
+            file.touch()
+        return files
 
-    return made
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Report without drawing, for what is not about the pictures."""
-    import palpate.report
-
-    monkeypatch.setattr(palpate.report, "write_figures", lambda content, folder: (folder / "a figure.svg",))
+    monkeypatch.setattr(figures, "save", save)
 
 
 def test_table_1_is_the_papers_in_long_form(content):
@@ -121,50 +110,41 @@ def test_the_csv_files_hold_every_digit(undrawn, content, tmp_path):
     assert float(rows[0]["II"]) == made.selection["fopt"][1]
 
 
-def test_the_page_names_every_table_and_figure_and_says_that_the_data_are_simulated(
-    undrawn, content, tmp_path
-):
-    files = write_report(content(), tmp_path / "report")
-    page = (tmp_path / "report" / "index.html").read_text()
-    assert "simulated data, not a measurement" in page
-    assert 'src="figures/a%20figure.svg"' in page
-    for path in files:
-        assert path.name in page or path.suffix != ".csv"
-    write_report(content(data="measured"), tmp_path / "real")
-    assert "simulated" not in (tmp_path / "real" / "index.html").read_text()
-
-
-def test_names_are_escaped_in_the_page(undrawn, content, tmp_path):
-    write_report(content(name="<script>x</script>"), tmp_path / "report")
-    page = (tmp_path / "report" / "index.html").read_text()
-    assert "<script>" not in page
-    assert "&lt;script&gt;" in page
-
-
-def test_an_earlier_report_leaves_nothing_behind(content, tmp_path):
+def test_an_earlier_report_leaves_nothing_behind(content, tmp_path, outlined):
     made = content()
     made = replace(made, measured={"p1": made.measured["p1"]}, generalisation=made.generalisation[:0])
     folder = tmp_path / "report"
-    for old in ("tables/old.csv", "figures/old.svg", "figures/old.png"):
+    for old in (
+        "tables/old.csv",
+        "tables/old.tex",
+        "tables/old.md",
+        "figures/old.svg",
+        "figures/old.pdf",
+        "figures/old.png",
+    ):
         (folder / old).parent.mkdir(parents=True, exist_ok=True)
         (folder / old).touch()
     files = write_report(made, folder)
     assert {p for p in folder.rglob("*") if p.is_file()} == set(files)
 
 
-def test_figures_are_drawn_alike_twice_and_nobodys_style_changes(content, tmp_path):
-    before = dict(rcParams)
+def test_figures_are_drawn_alike_twice(content, tmp_path):
     made = content()
-    spot = {"p1": made.measured["p1"]}
-    made = replace(made, measured=spot, selection=made.selection[:3], generalisation=made.generalisation[:1])
     for name in ("one", "two"):
-        write_report(made, tmp_path / name)
-    assert dict(rcParams) == before
-    for path in (tmp_path / "one" / "figures").glob("*.svg"):
-        assert path.read_bytes() == (tmp_path / "two" / "figures" / path.name).read_bytes()
-    picture = imread(tmp_path / "one" / "figures" / "response_p1.png")
+        with rc_context(dict(STYLE)):
+            save(responses(made, "p1"), tmp_path / name)
+    for suffix in (".svg", ".pdf"):
+        assert (tmp_path / f"one{suffix}").read_bytes() == (tmp_path / f"two{suffix}").read_bytes()
+    picture = imread(tmp_path / "one.png")
     assert picture.shape[1] > 1000
     assert np.ptp(picture) == 1.0
+
+
+def test_drawing_changes_nobodys_style(content, tmp_path, outlined):
+    before = dict(rcParams)
+    files = figures.write_figures(content(), tmp_path)
+    assert len(files) == 3 * 6
+    assert dict(rcParams) == before
 
 
 def test_every_figure_of_simulated_data_says_so(content):
@@ -218,7 +198,7 @@ def test_the_parameter_space_shows_each_set_once(content):
     assert (coloured.get_array() <= COLOUR_LIMIT).all()
 
 
-@pytest.mark.parametrize(("n", "panels"), [(1, 1), (2, 1), (3, 4), (4, 6), (7, figures.MOST_PAIRS)])
+@pytest.mark.parametrize(("n", "panels"), [(1, 1), (2, 1), (3, 4), (4, 6), (7, MOST_PAIRS)])
 def test_any_number_of_parameters_is_shown(content, n, panels):
     made = content()
     one = made.design.parameters[0]
@@ -229,7 +209,9 @@ def test_any_number_of_parameters_is_shown(content, n, panels):
     assert len([a for a in figure.axes if a.get_label() != "<colorbar>"]) == panels
 
 
-def test_three_channels_of_other_names_and_a_spot_that_lacks_one(make_study, plugins, tmp_path, tissue):
+def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
+    make_study, plugins, tmp_path, tissue, outlined
+):
     names = ("uniaxial", "equibiaxial", "pure_shear")
     x = np.linspace(1.0, 3.0, 30)
     channels = {
@@ -264,16 +246,16 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(make_study, plu
         refined=Refined(table=chosen.clear(), responses={}),
         responses={(s.job.spot, s.job.set_id): s.response for s in swept},
     )  # fmt: skip
-    assert len(write_report(made, tmp_path / "report")) == 5 + 2 * 6 + 1
+    assert len(write_report(made, tmp_path / "report")) == 3 * 6 + 3 * 6 + 1
     assert len(responses(made, "p1").axes) == 3
     assert len(responses(made, "p2").axes) == 1
     assert make_tables(made)["table2_nmse"]["all"].to_list()[1] is None
 
 
 def test_two_regions_keep_their_names(space):
-    from palpate.report.figures import _named_briefly
+    from palpate.report.space import named_briefly
 
     one = space.parameters
-    assert [p.name for p in _named_briefly(one)] == ["stiffness", "grip"]
+    assert [p.name for p in named_briefly(one)] == ["stiffness", "grip"]
     two = ParameterSpace(regions=(*space.regions, replace(space.regions[0], region="skin"))).parameters
-    assert _named_briefly(two) == two
+    assert named_briefly(two) == two

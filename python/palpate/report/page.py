@@ -1,62 +1,217 @@
-"""One page with every table and figure, readable from the folder without a network."""
+"""One page that holds a whole run, and asks no network for anything."""
 
-from collections.abc import Mapping, Sequence
+import base64
+import hashlib
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import jinja2
 import polars as pl
+from markupsafe import Markup
 
 from palpate.report.content import Content
-from palpate.report.tables import finding
+from palpate.report.page_data import page_data
+from palpate.report.space import named_briefly
+from palpate.report.table_files import shown
+from palpate.report.tables import TITLES
+from palpate.report.verdict import make_verdict
 from palpate.results import write_atomically
 
-_TITLES = {
-    "table1_coefficients": "Table 1: coefficients by spot and scenario",
-    "table2_nmse": "Table 2: NMSE by spot and scenario",
-    "unfitted_channels": "What a fit says about channels that it has not seen",
-    "cross_channel": "Error in every channel, fitted or not",
-    "generalised": "One set for all spots",
-    "refined": "Local search from the selected sets",
-    "rays": "Best multiple of a set, all moduli scaled together",
-    "distance_to_truth": "Distance to the known answer",
-    "failures": "Sets that could not be ranked",
-}
+_FOLDER = Path(__file__).parent
 
 
 def write_page(
-    content: Content, tables: Mapping[str, pl.DataFrame], figures: Sequence[Path], folder: Path
+    content: Content, tables: Mapping[str, pl.DataFrame], files: Sequence[Path], folder: Path
 ) -> Path:
-    """Write ``index.html`` beside the tables and figures."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    text = environment.get_template("index.html.jinja").render(
-        study=content.study,
-        notice=content.notice,
-        finding=finding(tables),
-        n_sets=content.design.n_sets,
-        n_spots=len(content.spots),
-        solver=f"{content.study.solver.name} {content.study.solver.version()}",
-        normaliser=content.study.normaliser.value,
-        tables=[_table(name, frame) for name, frame in tables.items()],
-        figures=[path.stem for path in figures if path.suffix == ".svg"],
-    )
+    """Write ``index.html``, which needs none of the files that it links to."""
     path = folder / "index.html"
-    write_atomically(path, text.encode())
+    write_atomically(path, render(content, tables, [file.relative_to(folder) for file in files]).encode())
     return path
 
 
-def _table(name: str, frame: pl.DataFrame) -> dict[str, Any]:
-    rows = [[_cell(value) for value in row] for row in frame.iter_rows()]
-    return {"name": name, "title": _TITLES.get(name, name), "columns": frame.columns, "rows": rows}
+def render(content: Content, tables: Mapping[str, pl.DataFrame], files: Sequence[Path]) -> str:
+    """Text of the page.
+
+    Parameters
+    ----------
+    content : Content
+    tables : mapping of name to DataFrame
+    files : sequence of Path
+        What lies beside the page, relative to it.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_FOLDER),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    environment.filters["shown"] = shown
+    script, library = _own("page.js"), _library()
+    data = page_data(content)
+    return environment.get_template("index.html.jinja").render(
+        study=content.study,
+        notice=content.notice,
+        solver=f"{content.study.solver.name} {content.study.solver.version()}",
+        n_sets=content.design.n_sets,
+        verdict=make_verdict(content, tables),
+        tables={name: _table(name, frame) for name, frame in tables.items()},
+        convergence=_table("convergence", content.convergence),
+        intervals=list(_intervals(content)),
+        data=data,
+        generalising=content.generalising.name,
+        provenance=list(_provenance(content.manifest)),
+        certificates=[_certificate(*item) for item in content.certificates.items()],
+        files=_by_stem(files),
+        # These come from palpate's own files and hold no name of anybody's study.
+        style=Markup(_own("page.css")),
+        script=Markup(script),
+        library=base64.b64encode(zlib.compress(library.encode(), 9)).decode(),
+        policy=_policy(script, library),
+    )
 
 
-def _cell(value: object) -> dict[str, object]:
-    if value is None:
-        return {"shown": "–", "text": False}
-    if isinstance(value, float):
-        return {"shown": f"{value:.5g}", "text": False}
-    return {"shown": str(value), "text": isinstance(value, str)}
+def _own(name: str) -> str:
+    return (_FOLDER / name).read_text(encoding="utf-8")
+
+
+def _library() -> str:
+    """The plotting library's own text, which comes with its package."""
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs())
+
+
+def _policy(*scripts: str) -> str:
+    """What the page may do: run these scripts, and load nothing from anywhere."""
+    hashes = (base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts)
+    allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)
+    return f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:"
+
+
+# -------------------------------------------------------------------- parts of it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A table as it is shown: headings and cells are text, and whether it is of numbers."""
+
+    name: str
+    title: str
+    columns: tuple[tuple[str, bool], ...]
+    rows: tuple[tuple[tuple[str, bool], ...], ...]
+
+
+def _table(name: str, frame: pl.DataFrame) -> Table:
+    rows = tuple(tuple((shown(v), not isinstance(v, str)) for v in row) for row in frame.iter_rows())
+    columns = tuple(
+        (_heading(column), dtype.is_numeric())
+        for column, dtype in zip(frame.columns, frame.dtypes, strict=True)
+    )
+    return Table(name=name, title=TITLES.get(name, name), columns=columns, rows=rows)
+
+
+def _heading(column: str) -> str:
+    """Name of a column for people; that of a parameter is what the study calls it."""
+    for begin, said in (("nmse_", "NMSE "), ("r2_", "R² "), ("fopt_", "Fopt ")):
+        if column.startswith(begin):
+            return said + column.removeprefix(begin)
+    told = {"nmse": "NMSE", "r2": "R²", "fopt": "Fopt", "difference_percent": "difference [%]"}
+    seconds = column.endswith("_s") and "." not in column
+    plain = column if "." in column else column.removesuffix("_s").replace("_", " ")
+    return told.get(column, f"{plain} [s]" if seconds else plain)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interval:
+    """One row of the picture of intervals; ``start``, ``width`` and ``at`` are percent of the range."""
+
+    told: Mapping[str, Any]
+    name: str
+    moves_with: str
+    start: float
+    width: float
+    at: float
+    truth: float | None
+
+
+def _intervals(content: Content) -> Iterator[Interval]:
+    brief = {
+        p.name: (p, b.name)
+        for p, b in zip(content.design.parameters, named_briefly(content.design.parameters), strict=True)
+    }
+    for row in content.determination.iter_rows(named=True):
+        parameter, name = brief[row["parameter"]]
+
+        def percent(value: float, low: float = parameter.lower, high: float = parameter.upper) -> float:
+            return round(min(max(100.0 * (value - low) / (high - low), 0.0), 100.0), 2)
+
+        known = row["lower"] is not None
+        start, stop = (percent(row["lower"]), percent(row["upper"])) if known else (0.0, 0.0)
+        truth = content.study.truth.get(row["parameter"])
+        yield Interval(
+            told=row,
+            name=name,
+            moves_with=brief[row["moves_with"]][1] if row["moves_with"] else "",
+            start=start,
+            width=round(stop - start, 2),
+            at=percent(row["value"]),
+            truth=None if truth is None else percent(truth),
+        )
+
+
+def _provenance(manifest: Mapping[str, Any]) -> Iterator[tuple[str, list[tuple[str, str]]]]:
+    """What the numbers depended on: groups of keys and their values, the single ones first."""
+    single = [(key, shown(value)) for key, value in manifest.items() if not _is_deep(value)]
+    if single:
+        yield "study", single
+    for key, value in manifest.items():
+        if _is_deep(value) and (rows := list(_leaves(value, ""))):
+            yield key, rows
+
+
+def _is_deep(value: object) -> bool:
+    return isinstance(value, (Mapping, list))
+
+
+def _leaves(value: object, path: str) -> Iterator[tuple[str, str]]:
+    """Every number and text within, under the keys that lead to it; lists of plain values are one."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _leaves(item, f"{path} · {key}" if path else str(key))
+    elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
+        for i, item in enumerate(value):
+            yield from _leaves(item, f"{path} · {i + 1}" if path else str(i + 1))
+    else:
+        yield path, ", ".join(map(shown, value)) if isinstance(value, list) else shown(value)
+
+
+def _certificate(name: str, content: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
+    """Rows of a certificate that have a form, and what could not be compared."""
+    told = content if isinstance(content, Mapping) else {}
+    rows = [row for row in told.get("rows") or [] if isinstance(row, Mapping)]
+    columns = tuple(dict.fromkeys(str(key) for row in rows for key in row))
+    return {
+        "passed": told.get("passed") is True,
+        "missing": [shown(item) for item in told.get("missing") or []],
+        "table": Table(
+            name=name,
+            title=f"Solvers compared: {name}",
+            columns=tuple((column.replace("_", " "), False) for column in columns),
+            rows=tuple(
+                tuple((shown(row.get(c)), not isinstance(row.get(c), str)) for c in columns) for row in rows
+            ),
+        ),
+    }
+
+
+def _by_stem(files: Sequence[Path]) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Files of one name together: the name, and kind and place of each."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for file in files:
+        found.setdefault(file.stem, []).append((file.suffix[1:].upper(), file.as_posix()))
+    return list(found.items())

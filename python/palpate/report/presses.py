@@ -6,11 +6,20 @@ from typing import Any, cast
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from palpate.domain import Channel, Curve, Response
 from palpate.experiment import Presses
-from palpate.report.figures import MEASURED_COLOUR, STYLE, draw_band, legend_below, save
+from palpate.report.figures import draw_band
+from palpate.report.style import (
+    DOUBLE_MM,
+    MEASURED_COLOUR,
+    SINGLE_MM,
+    STYLE,
+    entitle,
+    legend_below,
+    save,
+    sized,
+)
 
 _PRESS = {"color": "0.45", "linewidth": 0.8}
 
@@ -18,7 +27,7 @@ _PRESS = {"color": "0.45", "linewidth": 0.8}
 def draw_presses(
     presses: Presses, mean: Response, channels: Mapping[str, Channel], notice: str, folder: Path
 ) -> tuple[Path, ...]:
-    """Draw ``curves.svg`` and ``curves.png``: each channel in its own panel.
+    """Draw ``curves.svg``, ``curves.pdf`` and ``curves.png``: each channel in its own panel.
 
     Parameters
     ----------
@@ -32,13 +41,12 @@ def draw_presses(
     folder : Path
     """
     with mpl.rc_context(cast("Any", dict(STYLE))):
-        figure = Figure(figsize=(4.2 * len(mean.curves), 3.8))
+        figure = sized(DOUBLE_MM if len(mean.curves) > 1 else SINGLE_MM, 75.0)
         axes = figure.subplots(1, len(mean.curves), squeeze=False)[0]
         for axis, (name, curve) in zip(axes, mean.curves.items(), strict=True):
             _draw(axis, presses.curves(name), curve, channels[name])
         legend_below(figure, axes[:1])
-        title = f"spot {presses.spot.spot.name}: measured curves"
-        figure.suptitle(f"{title}\n{notice}" if notice else title, fontsize=10)
+        entitle(figure, f"spot {presses.spot.spot.name}: measured curves", notice)
         return tuple(save(figure, folder / "curves"))
 
 

@@ -1,15 +1,32 @@
 """The paper's tables, and those that it argues from in prose."""
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import polars as pl
 
 from palpate.domain import Parameter, RegionMaterial, Scenario
 from palpate.report.content import Content
-from palpate.results import write_atomically
 from palpate.selection import failures
+
+TITLES: Mapping[str, str] = MappingProxyType(
+    {
+        "table1_coefficients": "Coefficients by spot and scenario",
+        "table2_nmse": "NMSE by spot and scenario",
+        "unfitted_channels": "What a fit says about channels that it has not seen",
+        "cross_channel": "Error in every channel, fitted or not",
+        "determination": "How well each parameter is determined",
+        "generalised": "One set for all spots",
+        "cost_of_one_set": "What one set for all spots costs at each",
+        "refined": "Local search from the selected sets",
+        "rays": "Best multiple of a set, all moduli scaled together",
+        "distance_to_truth": "Distance to the known answer",
+        "convergence": "How the simulations ended",
+        "failures": "Sets that could not be ranked, by reason",
+    }
+)
+"""Captions of the tables by name."""
 
 
 def make_tables(content: Content) -> dict[str, pl.DataFrame]:
@@ -17,31 +34,23 @@ def make_tables(content: Content) -> dict[str, pl.DataFrame]:
 
     ``table1_coefficients`` and ``table2_nmse`` are the paper's; ``unfitted_channels``
     shows what a fit to some channels costs in the others, ``cross_channel`` the errors
-    behind it; ``generalised``, ``refined``, ``rays``, ``distance_to_truth`` and ``failures`` come
-    where there is one.
+    behind it; the others come where there is something to say. ``TITLES`` names them all.
+    What simulations cost is not among them: the same study gives the same tables.
     """
     tables = {
         "table1_coefficients": coefficients(content),
         "table2_nmse": nmse_by_scenario(content),
         "unfitted_channels": unfitted_channels(content),
         "cross_channel": cross_channel(content),
+        "determination": content.determination,
         "generalised": generalised(content),
+        "cost_of_one_set": cost_of_one_set(content),
         "refined": content.refined.table,
         "rays": content.rays,
         "distance_to_truth": distance_to_truth(content),
-        "failures": failures(content.scores),
+        "failures": failures_by_reason(content.scores),
     }
     return {name: table for name, table in tables.items() if not table.is_empty()}
-
-
-def write_tables(tables: Mapping[str, pl.DataFrame], folder: Path) -> tuple[Path, ...]:
-    """Write each table as CSV, and remove those of an earlier report."""
-    for old in folder.glob("*.csv"):
-        old.unlink()
-    files = {folder / f"{name}.csv": table for name, table in tables.items()}
-    for path, table in files.items():
-        write_atomically(path, table.write_csv().encode())
-    return tuple(files)
 
 
 def coefficients(content: Content) -> pl.DataFrame:
@@ -160,6 +169,31 @@ def generalised(content: Content) -> pl.DataFrame:
     one = rows.head(1).select("scenario", "set_id", "fopt_mean", "fopt_sd", *names)
     by_spot = {f"fopt_{row['spot']}": row["fopt"] for row in rows.iter_rows(named=True)}
     return one.with_columns(**{name: pl.lit(value) for name, value in by_spot.items()})
+
+
+def cost_of_one_set(content: Content) -> pl.DataFrame:
+    """Fopt of the set for all spots beside the least at each spot; ``times`` is their ratio."""
+    if content.generalisation.is_empty():
+        return pl.DataFrame()
+    own = content.selection.filter(pl.col("scenario") == content.generalising.name)
+    own = own.select("spot", own_set="set_id", own_fopt="fopt")
+    one = content.generalisation.select("spot", "set_id", "fopt")
+    return one.join(own, on="spot", maintain_order="left").with_columns(
+        times=pl.when(pl.col("own_fopt") > 0.0).then(pl.col("fopt") / pl.col("own_fopt"))
+    )
+
+
+def failures_by_reason(scores: pl.DataFrame) -> pl.DataFrame:
+    """Why sets are not ranked, most frequent first; messages that differ in their numbers are one reason."""
+    number = r"\d+(\.\d+)?([eE][+-]?\d+)?"
+    return (
+        failures(scores)
+        .group_by(
+            "status", pl.col("message").str.replace_all(number, "…").alias("reason"), maintain_order=True
+        )
+        .agg(pl.col("n").sum(), pl.col("example").first(), pl.col("remedy").first())
+        .sort("n", descending=True, maintain_order=True)
+    )
 
 
 def distance_to_truth(content: Content) -> pl.DataFrame:

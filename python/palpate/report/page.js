@@ -1,0 +1,354 @@
+"use strict";
+(() => {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const DASHES = ["solid", "dash", "dashdot", "dot", "longdash", "longdashdot"];
+  const MOST_LISTED = 12;
+  const GOLDEN = 0.6180339887;
+  const state = { spot: 0, scenario: data.generalising, hidden: new Set([String(data.scenarios.length)]), selected: null };
+  const element = (id) => document.getElementById(id);
+  // The library reads some marks in its texts as HTML; a name is a name.
+  const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+  const four = (value) => (value === null || value === undefined ? "–" : String(Number(value.toPrecision(4))));
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+  // ------------------------------------------------------------------ what all figures share
+
+  const isNarrow = () => window.innerWidth < 560;
+
+  function layout(more) {
+    const base = {
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", autosize: true,
+      font: { color: colour("ink"), family: "system-ui, sans-serif", size: isNarrow() ? 11 : 13 },
+      margin: { l: isNarrow() ? 48 : 60, r: 12, t: 12, b: 48 }, showlegend: false, hovermode: "closest",
+      hoverlabel: { bgcolor: colour("panel"), bordercolor: colour("soft"), font: { color: colour("ink") } },
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("soft"), activecolor: colour("ink") },
+    };
+    return Object.assign(base, more);
+  }
+
+  function axis(title, more) {
+    const look = { title: { text: plain(title), standoff: 6 }, gridcolor: colour("grid"), zerolinecolor: colour("rule"),
+      linecolor: colour("soft"), showline: true, automargin: true, exponentformat: "power" };
+    return Object.assign(look, more);
+  }
+
+  const FLAT = [["toImage"], ["zoom2d", "pan2d", "select2d", "lasso2d"], ["zoomIn2d", "zoomOut2d", "resetScale2d"]];
+  const DEEP = [["toImage"], ["orbitRotation", "pan3d", "zoom3d"], ["resetCameraDefault3d"]];
+
+  const config = (name) => ({
+    responsive: true, displaylogo: false, displayModeBar: isNarrow() ? false : "hover", showSendToCloud: false,
+    modeBarButtons: name === "scene" ? DEEP : FLAT, toImageButtonOptions: { format: name === "scene" ? "png" : "svg", filename: name },
+  });
+
+  const draw = (id, traces, shape) => Plotly.react(element(id), traces, shape, config(id));
+
+  // ------------------------------------------------------------------ curves
+
+  function branches(x) {
+    const found = [];
+    let start = 0, way = 0;
+    for (let i = 1; i < x.length; i += 1) {
+      const step = Math.sign(x[i] - x[i - 1]);
+      if (step && way && step !== way) { found.push([start, i]); start = i - 1; }
+      if (step) way = step;
+    }
+    found.push([start, x.length]);
+    return found;
+  }
+
+  function band(curve) {
+    if (!curve.std) return [];
+    return branches(curve.x).map(([start, stop]) => {
+      const x = curve.x.slice(start, stop), y = curve.y.slice(start, stop), s = curve.std.slice(start, stop);
+      const upper = y.map((v, i) => v + s[i]), lower = y.map((v, i) => v - s[i]);
+      return { type: "scatter", mode: "lines", x: x.concat([...x].reverse()), y: upper.concat(lower.reverse()), fill: "toself",
+        fillcolor: colour("measured") + "33", line: { width: 0 }, hoverinfo: "skip", name: "one standard deviation" };
+    });
+  }
+
+  function line(name, x, y, look) {
+    return { type: "scatter", mode: "lines", name: plain(name), x, y, line: look,
+      hovertemplate: "%{x:.4g}, %{y:.4g}<extra>%{fullData.name}</extra>" };
+  }
+
+  function chosenCurves(c) {
+    const swept = data.swept.length ? data.swept[state.spot][c] : null;
+    if (!state.selected || !swept || state.hidden.has("selected")) return [];
+    return listed().map((i) => line(`set ${data.sets.ids[i]}`, swept.x, swept.y[i], { color: colour("soft"), width: 1 }));
+  }
+
+  function curveTraces(c) {
+    const traces = chosenCurves(c), measured = data.measured[state.spot][c];
+    if (measured && !state.hidden.has("measured")) {
+      const name = data.notice ? "experiment (simulated)" : "experiment";
+      const marker = { color: colour("measured"), symbol: "circle-open", size: 6, line: { width: 1.2 } };
+      traces.push(...band(measured), Object.assign(line(name, measured.x, measured.y), { mode: "markers", marker }));
+    }
+    data.fits[state.spot].forEach((fit, s) => {
+      if (!fit || !fit.curves[c] || state.hidden.has(String(s))) return;
+      const { x, y } = fit.curves[c], look = { color: colour(`line${s % 6}`), dash: DASHES[s % 6], width: 2.2 };
+      traces.push(line(fit.label, x, y, look));
+    });
+    return traces;
+  }
+
+  function drawCurves() {
+    data.channels.forEach((channel, c) => {
+      const there = data.measured[state.spot][c] !== null;
+      element(`curve-${c}`).hidden = !there;
+      if (!there) return;
+      const shape = { xaxis: axis(channel.x), yaxis: axis(channel.y), dragmode: "zoom", uirevision: state.spot };
+      draw(`curve-${c}`, curveTraces(c), layout(shape));
+    });
+  }
+
+  // ------------------------------------------------------------------ sets
+
+  const fopts = (spot) => data.sets.fopt[spot][state.scenario];
+
+  function least(values) {
+    let best = -1;
+    values.forEach((v, i) => { if (v !== null && (best < 0 || v < values[best])) best = i; });
+    return best;
+  }
+
+  /** Sets in the order in which to draw them: the best last, so that they lie on top. */
+  function order(values) {
+    const rank = (v) => (v === null ? Infinity : v);
+    return values.map((_, i) => i).sort((a, b) => rank(values[b]) - rank(values[a]));
+  }
+
+  function look(value) {
+    if (value === null) return { symbol: "cross-thin-open", color: colour("failed") };
+    if (value > data.limits.colour) return { symbol: "x-thin-open", color: colour("above") };
+    const place = Math.round((value / data.limits.colour) * (data.colours.length - 1));
+    return { symbol: "circle", color: data.colours[place] };
+  }
+
+  function points(x, y, values, more) {
+    const drawn = order(values).filter((i) => x[i] !== null && y[i] !== null), looks = drawn.map((i) => look(values[i]));
+    const trace = { type: "scatter", mode: "markers", x: drawn.map((i) => x[i]), y: drawn.map((i) => y[i]), customdata: drawn,
+      text: drawn.map((i) => `set ${data.sets.ids[i]}, Fopt ${four(values[i])}`),
+      marker: { symbol: looks.map((l) => l.symbol), color: looks.map((l) => l.color), size: 7,
+        line: { width: 0.8, color: looks.map((l) => (l.symbol === "circle" ? colour("soft") : l.color)) } },
+      unselected: { marker: { opacity: 0.15 } }, selected: { marker: { size: 9 } },
+      hovertemplate: "%{text}<br>%{x:.4g}, %{y:.4g}<extra></extra>" };
+    if (state.selected) trace.selectedpoints = drawn.flatMap((i, k) => (state.selected.has(i) ? [k] : []));
+    return Object.assign(trace, more);
+  }
+
+  function star(x, y, more) {
+    return Object.assign({ type: "scatter", mode: "markers", x: [x], y: [y], hoverinfo: "skip",
+      marker: { symbol: "star", size: 13, color: colour("least"), line: { width: 1, color: colour("paper") } } }, more);
+  }
+
+  /** Pairs of parameters, then each parameter against Fopt (its second index is −1). */
+  function panels() {
+    const n = data.parameters.length, found = [];
+    for (let i = 0; i < n; i += 1) for (let j = i + 1; j < n; j += 1) found.push([i, j]);
+    const pairs = found.slice(0, data.limits.pairs);
+    return pairs.concat(data.parameters.map((_, i) => [i, -1]));
+  }
+
+  function colourBar() {
+    const scale = data.colours.map((c, k) => [k / (data.colours.length - 1), c]);
+    return { type: "scatter", mode: "markers", x: [null], y: [null], hoverinfo: "skip", marker: { color: [0], cmin: 0,
+      cmax: data.limits.colour, colorscale: scale, showscale: true, colorbar: Object.assign({ thickness: 12, outlinewidth: 0 }, isNarrow()
+        ? { orientation: "h", x: 0.5, len: 0.9, y: 1, yanchor: "bottom", title: { text: "Fopt", side: "top" } }
+        : { x: 1.01, len: 1, title: { text: "Fopt", side: "right" } }) } };
+  }
+
+  function drawPairs() {
+    const list = panels(), width = element("pairs").clientWidth, values = fopts(state.spot), best = least(values);
+    const columns = Math.min(width < 520 ? 1 : width < 860 ? 2 : 3, list.length), rows = Math.ceil(list.length / columns);
+    const gap = [columns > 1 ? 0.11 : 0, Math.min(0.35 / rows, 0.12)];
+    const size = [(1 - gap[0] * (columns - 1)) / columns, (1 - gap[1] * (rows - 1)) / rows];
+    const capped = values.map((v) => (v === null || v > data.limits.distribution ? null : v));
+    const traces = [colourBar()], shape = { dragmode: "select", height: rows * (columns === 1 ? 300 : 290) + 60, uirevision: state.spot };
+    list.forEach(([i, j], k) => {
+      const id = k ? String(k + 1) : "", left = (k % columns) * (size[0] + gap[0]), top = 1 - Math.floor(k / columns) * (size[1] + gap[1]);
+      const p = data.parameters[i], q = data.parameters[j], axes = { xaxis: `x${id}`, yaxis: `y${id}` };
+      const kind = (of) => (of && of.log ? "log" : "linear");
+      shape[`xaxis${id}`] = axis(p.label, { domain: [left, left + size[0]], anchor: `y${id}`, type: kind(p), nticks: 6 });
+      shape[`yaxis${id}`] = axis(q ? q.label : "Fopt (NMSE)", { domain: [Math.max(0, top - size[1]), top], anchor: `x${id}`, type: kind(q), nticks: 6 });
+      const x = data.sets.values[i], y = q ? data.sets.values[j] : capped;
+      traces.push(points(x, y, values, axes));
+      if (best >= 0 && y[best] !== null) traces.push(star(x[best], y[best], axes));
+    });
+    element("pairs").style.height = `${shape.height}px`;
+    draw("pairs", traces, layout(Object.assign(shape, { margin: { l: 56, r: isNarrow() ? 8 : 70, t: isNarrow() ? 64 : 12, b: 48 } })));
+  }
+
+  function median(values) {
+    const sorted = values.filter((v) => v !== null).sort((a, b) => a - b), n = sorted.length;
+    return n ? (sorted[(n - 1) >> 1] + sorted[n >> 1]) / 2 : null;
+  }
+
+  function drawStrip() {
+    const limit = data.limits.distribution, traces = [], annotations = [], shapes = [];
+    data.spots.forEach((name, spot) => {
+      const values = fopts(spot), best = least(values), middle = median(values);
+      const rank = new Map(order(values).reverse().map((i, k) => [i, k]));
+      const x = values.map((_, i) => spot + (((rank.get(i) * GOLDEN) % 1) - 0.5) * 0.5);
+      const y = values.map((v) => (v === null || v > limit ? null : v));
+      traces.push(points(x, y, values, { hovertemplate: "%{text}<extra></extra>" }));
+      if (best >= 0 && y[best] !== null) traces.push(star(spot, y[best]));
+      if (middle !== null && middle <= limit) shapes.push({ type: "line", x0: spot - 0.32, x1: spot + 0.32, y0: middle, y1: middle,
+        line: { color: colour("ink"), width: 2 } });
+      const above = values.filter((v) => v !== null && v > limit).length;
+      if (above) annotations.push({ x: spot, y: limit, yshift: 10, text: `${above} above`, showarrow: false, font: { size: 11 } });
+    });
+    const ticks = { tickvals: data.spots.map((_, i) => i), ticktext: data.spots.map(plain), range: [-0.6, data.spots.length - 0.4] };
+    draw("strip", traces, layout({ xaxis: axis("spot", ticks), yaxis: axis(`Fopt (NMSE), scenario ${data.scenarios[state.scenario].name}`,
+      { rangemode: "tozero" }), annotations, shapes, dragmode: "select", uirevision: state.scenario, height: 380 }));
+  }
+
+  // ------------------------------------------------------------------ selection
+
+  function listed() {
+    const values = fopts(state.spot), rank = (i) => (values[i] === null ? Infinity : values[i]);
+    return [...state.selected].sort((a, b) => rank(a) - rank(b)).slice(0, MOST_LISTED);
+  }
+
+  function cell(kind, text, scope) {
+    const made = document.createElement(kind);
+    made.textContent = text;
+    if (scope) made.scope = scope; else if (kind === "td") made.className = "number";
+    return made;
+  }
+
+  function listSelected() {
+    const n = state.selected ? state.selected.size : 0, box = element("selected");
+    box.hidden = n === 0;
+    box.replaceChildren();
+    const more = n > MOST_LISTED ? `; the best ${MOST_LISTED} are listed, and their curves drawn` : n ? "; their curves are drawn above" : "";
+    element("selected-count").textContent = n ? `${n} of ${data.sets.ids.length} sets ${n === 1 ? "is" : "are"} selected${more}.` : "No set is selected.";
+    if (!n) return;
+    const table = document.createElement("table"), head = table.createTHead().insertRow(), body = table.createTBody();
+    table.createCaption().textContent = `Selected sets, scenario ${data.scenarios[state.scenario].name}`;
+    const names = ["set", ...data.parameters.map((p) => p.label), ...data.spots.map((s) => `Fopt at ${s}`)];
+    names.forEach((name) => head.append(cell("th", name, "col")));
+    listed().forEach((i) => {
+      const row = body.insertRow();
+      row.append(cell("th", data.sets.ids[i], "row"), ...data.sets.values.map((v) => cell("td", four(v[i]))),
+        ...data.spots.map((_, s) => cell("td", four(fopts(s)[i]))));
+    });
+    box.append(table);
+  }
+
+  function select(indices) {
+    state.selected = indices && indices.length ? new Set(indices) : null;
+    listSelected();
+    drawPairs(); drawStrip(); drawCurves();
+  }
+
+  function listen(id) {
+    const own = (event) => event.points.map((p) => p.customdata).filter((i) => i !== undefined);
+    element(id).on("plotly_selected", (event) => { if (event) select(own(event)); });
+    element(id).on("plotly_click", (event) => select(own(event)));
+    element(id).on("plotly_deselect", () => select(null));
+  }
+
+  // ------------------------------------------------------------------ limb
+
+  const eye = { turn: -0.9, tilt: 0.45, far: 1.9 };
+  const camera = () => ({ up: { x: 0, y: 0, z: 1 }, eye: { x: eye.far * Math.cos(eye.tilt) * Math.cos(eye.turn),
+    y: eye.far * Math.cos(eye.tilt) * Math.sin(eye.turn), z: eye.far * Math.sin(eye.tilt) } });
+
+  function drawScene() {
+    const box = element("scene");
+    if (!box || !box.dataset.seen) return;
+    const traces = data.limbs[state.spot].map((t) => Object.assign({}, t, { name: plain(t.name), showlegend: true }));
+    const side = (title) => axis(title, { backgroundcolor: "rgba(0,0,0,0)" });
+    const shape = { scene: { aspectmode: "data", camera: camera(), xaxis: side("x [mm]"), yaxis: side("y [mm]"), zaxis: side("z [mm]") },
+      showlegend: true, legend: { orientation: "h", y: -0.02 }, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: state.spot };
+    draw("scene", traces, layout(shape));
+  }
+
+  function turn(way) {
+    const step = { left: ["turn", -0.35], right: ["turn", 0.35], up: ["tilt", 0.2], down: ["tilt", -0.2] }[way];
+    if (step) eye[step[0]] += step[1];
+    else eye.far *= way === "in" ? 0.85 : 1.18;
+    eye.tilt = Math.min(1.5, Math.max(-1.5, eye.tilt));
+    Plotly.relayout(element("scene"), { "scene.camera": camera() });
+  }
+
+  function prepareScene() {
+    const box = element("scene");
+    if (!box) return;
+    // Turning three-dimensional things costs a page that nobody scrolls down; it waits for that.
+    new IntersectionObserver((entries, watcher) => {
+      if (!entries.some((e) => e.isIntersecting)) return;
+      watcher.disconnect();
+      box.dataset.seen = "yes";
+      drawScene();
+    }, { rootMargin: "200px" }).observe(box);
+    document.querySelectorAll("[data-turn]").forEach((b) => b.addEventListener("click", () => { if (box.dataset.seen) turn(b.dataset.turn); }));
+  }
+
+  // ------------------------------------------------------------------ the page
+
+  function drawAll() { drawCurves(); drawPairs(); drawStrip(); drawScene(); }
+
+  function reset() {
+    ["strip", "pairs", ...data.channels.map((_, c) => `curve-${c}`), "scene"].forEach((id) => {
+      if (element(id) && element(id).data) Plotly.purge(element(id));
+    });
+    Object.assign(eye, { turn: -0.9, tilt: 0.45, far: 1.9 });
+    drawAll();
+    ["pairs", "strip"].forEach(listen);
+  }
+
+  function listenToControls() {
+    for (const id of ["spot", "scenario"]) {
+      element(id).addEventListener("change", (event) => {
+        state[id] = Number(event.target.value);
+        if (state.selected) listSelected();
+        drawAll();
+      });
+    }
+    document.querySelectorAll("[data-toggle]").forEach((box) => box.addEventListener("change", () => {
+      if (box.checked) state.hidden.delete(box.dataset.toggle); else state.hidden.add(box.dataset.toggle);
+      drawCurves();
+    }));
+    element("reset").addEventListener("click", reset);
+    element("clear").addEventListener("click", () => select(null));
+    element("pick").addEventListener("submit", (event) => {
+      event.preventDefault();
+      const most = Number(element("most").value), values = fopts(state.spot);
+      select(values.flatMap((v, i) => (v !== null && v <= most ? [i] : [])));
+    });
+    let waiting = 0, width = window.innerWidth;
+    window.addEventListener("resize", () => {
+      clearTimeout(waiting);
+      waiting = setTimeout(() => { if (window.innerWidth !== width) { width = window.innerWidth; drawAll(); } }, 200);
+    });
+    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
+  }
+
+  async function library() {
+    const packed = Uint8Array.from(atob(element("library").textContent), (c) => c.charCodeAt(0));
+    const text = await new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"))).text();
+    const script = document.createElement("script");
+    script.textContent = text;
+    document.head.append(script);
+    if (!window.Plotly) throw new Error("the plotting library did not start");
+  }
+
+  async function begin() {
+    try {
+      await library();
+      listenToControls();
+      drawAll();
+      ["pairs", "strip"].forEach(listen);
+      prepareScene();
+      document.documentElement.dataset.ready = "yes";
+    } catch (error) {
+      element("trouble").hidden = false;
+      element("trouble").textContent = `The figures cannot be drawn here (${error.message}); the same lie in the folder figures/.`;
+      throw error;
+    }
+  }
+
+  begin();
+})();

@@ -1,0 +1,86 @@
+"""A limb for the page: few enough triangles to turn it on any machine."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from palpate.domain import FloatArray, Indentation, IntArray, Limb, Protocol
+from palpate.limb_view import LimbView, ViewPart, limb_view
+
+MOST_TRIANGLES = 5000
+"""Triangles that one limb may have on the page."""
+
+
+def scene(limb: Limb, protocol: Protocol | None, most: int = MOST_TRIANGLES) -> list[dict[str, Any]]:
+    """Traces for Plotly of a limb, and of the sphere at rest on it and at its greatest depth.
+
+    Parameters
+    ----------
+    limb : Limb
+    protocol : Protocol, optional
+        Whose sphere is shown; none without one.
+    most : int
+        Triangles beyond which parts are made coarser, all to the same size of detail.
+    """
+    indented = protocol if isinstance(protocol, Indentation) else None
+    view = limb_view(limb, indented.indenter.radius_mm if indented else None)
+    traces = coarsened(view, most).traces()
+    spheres = [t for part, t in zip(view.parts, traces, strict=False) if part.role == "sphere"]
+    if indented is not None:
+        depth = float(indented.path[:, 0].max())
+        traces += [_pressed(trace, -depth * limb.spot.normal) for trace in spheres]
+    return traces
+
+
+def _pressed(trace: dict[str, Any], by_mm: FloatArray) -> dict[str, Any]:
+    """The same sphere where it presses deepest; hidden until it is asked for."""
+    moved = {
+        axis: np.round(np.array(trace[axis]) + shift, 2).tolist()
+        for axis, shift in zip("xyz", by_mm.tolist(), strict=True)
+    }
+    depth = float(np.linalg.norm(by_mm))
+    return trace | moved | {"name": f"{trace['name']} at {depth:g} mm", "visible": "legendonly"}
+
+
+def coarsened(view: LimbView, most: int) -> LimbView:
+    """Merge the points of each part within cells of one size, just as large as is needed.
+
+    The sphere, whose triangles are few and do not count, stays what it is.
+    """
+    size = 0.0
+    parts = view.parts
+    while sum(len(part.triangles) for part in parts if part.role != "sphere") > max(most, 0):
+        size = 1.3 * size or 0.5 * _mean_edge(view.parts)
+        parts = tuple(_coarser(part, size) for part in view.parts)
+    return replace(view, parts=parts)
+
+
+def _mean_edge(parts: tuple[ViewPart, ...]) -> float:
+    def lengths() -> Iterator[FloatArray]:
+        for part in parts:
+            corners = part.points_mm[part.triangles]
+            yield np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).ravel()
+
+    return float(np.concatenate(list(lengths())).mean())
+
+
+def _coarser(part: ViewPart, size_mm: float) -> ViewPart:
+    """One point per cell, the mean of those in it; what has become a line is left out."""
+    if part.role == "sphere":
+        return part
+    cells = np.floor(part.points_mm / size_mm).astype(np.int64)
+    _, merged, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    merged = merged.ravel()
+    points = np.zeros((counts.size, 3))
+    np.add.at(points, merged, part.points_mm)
+    return replace(part, points_mm=points / counts[:, None], triangles=_proper(merged[part.triangles]))
+
+
+def _proper(triangles: IntArray) -> IntArray:
+    a, b, c = triangles.T
+    kept = triangles[(a != b) & (b != c) & (c != a)]
+    _, first = np.unique(np.sort(kept, axis=1), axis=0, return_index=True)
+    proper: IntArray = kept[np.sort(first)]
+    return proper

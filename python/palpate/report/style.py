@@ -1,0 +1,104 @@
+"""How every figure for print looks: sizes in mm, type, colours that all eyes tell apart, files."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+SINGLE_MM = 85.0
+"""Width of one column of a journal's page."""
+
+DOUBLE_MM = 175.0
+"""Width of both columns."""
+
+MM = 1.0 / 25.4
+"""Inches in a millimetre."""
+
+STYLE: Mapping[str, Any] = MappingProxyType(
+    {
+        "figure.dpi": 300,
+        "figure.constrained_layout.use": True,
+        # Matplotlib's own, so that a figure is the same on every machine.
+        "font.family": "DejaVu Sans",
+        "font.size": 7.0,
+        "axes.titlesize": 7.0,
+        "axes.labelsize": 7.0,
+        "xtick.labelsize": 6.5,
+        "ytick.labelsize": 6.5,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.linewidth": 0.6,
+        "axes.grid": True,
+        "grid.color": "0.9",
+        "grid.linewidth": 0.5,
+        "axes.axisbelow": True,
+        "axes.formatter.limits": (-2, 4),
+        "axes.formatter.use_mathtext": True,
+        "legend.frameon": False,
+        "legend.fontsize": 6.5,
+        "lines.linewidth": 1.1,
+        "svg.hashsalt": "palpate",
+        # Outlines in SVG, embedded TrueType in PDF: neither asks the reader's machine for a font.
+        "svg.fonttype": "path",
+        "pdf.fonttype": 42,
+    }
+)
+
+Dash = str | tuple[int, tuple[int, ...]]
+
+MEASURED_COLOUR = "#0072B2"
+LEAST_COLOUR = "#D7191C"
+LINES: tuple[tuple[str, Dash], ...] = (
+    ("#D55E00", "-"),
+    ("#E69F00", "--"),
+    ("#CC79A7", "-."),
+    ("#009E73", ":"),
+    ("#56B4E9", (0, (5, 1, 1, 1, 1, 1))),
+    ("#000000", (0, (1, 1))),
+)
+"""Okabe and Ito's colours, which people with any colour vision tell apart, each with its dash."""
+
+SUFFIXES = (".svg", ".pdf", ".png")
+"""Kinds of file that a figure is saved as."""
+
+
+def sized(width_mm: float, height_mm: float) -> Figure:
+    """Make an empty figure."""
+    return Figure(figsize=(width_mm * MM, height_mm * MM))
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write a figure as ``<stem>.svg``, ``<stem>.pdf`` and ``<stem>.png``, alike each time."""
+    svg, pdf, png = (stem.with_name(f"{stem.name}{suffix}") for suffix in SUFFIXES)
+    FigureCanvasSVG(figure).print_figure(svg, metadata={"Date": None})
+    figure.set_layout_engine("none")  # what the first drawing has laid out stays
+    FigureCanvasPdf(figure).print_figure(pdf, metadata={"CreationDate": None})
+    FigureCanvasAgg(figure).print_figure(png, dpi=figure.dpi)
+    return [svg, pdf, png]
+
+
+def entitle(figure: Figure, title: str, notice: str) -> None:
+    """Put the title above a figure, and below it what must be said of the data."""
+    figure.suptitle(f"{title}\n{notice}" if notice else title, fontsize=8)
+
+
+def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
+    """Put one legend of everything that these axes show below a figure."""
+    labelled: dict[str, Any] = {}
+    for axis in axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            labelled.setdefault(label, handle)
+    widest = max(len(label) for label in labelled)
+    n_columns = int(figure.get_figwidth() / (0.45 + 0.052 * widest))
+    figure.legend(
+        list(labelled.values()),
+        list(labelled),
+        loc="outside lower center",
+        ncols=max(1, min(n_columns, len(labelled))),
+    )

@@ -1,0 +1,28 @@
+"""What a run of the analytic tissue leaves for its report, for every test of the report."""
+
+import pytest
+
+from palpate import pipeline
+
+
+@pytest.fixture
+def content(make_study, plugins, tmp_path, monkeypatch):
+    """Content of a run of the analytic tissue."""
+
+    def made(**changes):
+        kept = []
+        study = make_study(**({"n_sets": 40} | changes))
+        with monkeypatch.context() as patch:
+            patch.setattr(pipeline, "write_report", lambda content, folder: kept.append(content) or ())
+            pipeline.run_study(study, tmp_path / "run", plugins)
+        return kept[-1]
+
+    return made
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Report without drawing, for what is not about the pictures."""
+    import palpate.report
+
+    monkeypatch.setattr(palpate.report, "write_figures", lambda content, folder: (folder / "a figure.svg",))

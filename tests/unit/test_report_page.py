@@ -1,0 +1,244 @@
+"""The page: everything in one file, whatever the study's names are, and readable by everybody."""
+
+import base64
+import hashlib
+import json
+import re
+import zlib
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate.report
+from palpate.domain import Indentation, Sphere
+from palpate.limb_view import limb_view
+from palpate.report import make_tables, write_report
+from palpate.report.page import render
+from palpate.report.page_data import MOST_NUMBERS, MOST_SETS, page_data
+from palpate.report.scene import scene
+from palpate.specimens import block
+
+from .hostile import ATTACK, NAMES, REASON, renamed
+
+VOID = {"meta", "link", "input", "br", "img"}
+
+
+class Page(HTMLParser):
+    """Elements of a page in order: tag, attributes and text directly within."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.elements, self._open = [], []
+        self.feed(text)
+        self.close()
+        assert not self._open, f"left open: {self._open}"
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append([tag, dict(attrs), ""])
+        if tag not in VOID:
+            self._open.append(len(self.elements) - 1)
+
+    def handle_endtag(self, tag):
+        assert self.elements[self._open.pop()][0] == tag
+
+    def handle_data(self, data):
+        if self._open:
+            self.elements[self._open[-1]][2] += data
+
+    def all(self, *tags):
+        return [element for element in self.elements if element[0] in tags]
+
+    def text(self):
+        return " ".join(text for tag, _, text in self.elements if tag not in ("script", "style"))
+
+    def data(self):
+        return json.loads(next(t for _, attributes, t in self.elements if attributes.get("id") == "data"))
+
+
+@pytest.fixture
+def page(content):
+    def made(change=lambda content: content, **changes):
+        shown = change(content(**changes))
+        return Page(render(shown, make_tables(shown), [Path("tables/a%20b.csv"), Path("figures/x.svg")]))
+
+    return made
+
+
+def test_the_page_names_every_file_and_says_that_the_data_are_simulated(undrawn, content, tmp_path):
+    files = write_report(content(), tmp_path / "report")
+    text = (tmp_path / "report" / "index.html").read_text()
+    assert "These are simulated data, not a measurement" in text
+    assert 'href="figures/a%20figure.svg"' in text
+    for path in files:
+        assert f'"{path.parent.name}/{path.name}"' in text or path.name in ("index.html", "a figure.svg")
+    write_report(content(data="measured"), tmp_path / "real")
+    real = (tmp_path / "real" / "index.html").read_text()
+    assert "not a measurement" not in real
+    assert "experiment (simulated)" not in real.partition("<script>")[0]
+
+
+def test_the_page_asks_for_nothing_and_may_run_its_own_scripts_alone(page):
+    made = page()
+    (policy,) = (a["content"] for _, a, _ in made.all("meta") if a.get("http-equiv"))
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert "unsafe-eval" not in policy
+    data, library, script = made.all("script")
+    assert data[1]["type"] == "application/json"
+    unpacked = zlib.decompress(base64.b64decode(library[2]))
+    for source in (script[2].encode(), unpacked):
+        assert f"'sha256-{base64.b64encode(hashlib.sha256(source).digest()).decode()}'" in policy
+    asked = [a[k] for _, a, _ in made.elements for k in ("src", "href") if k in a]
+    assert all(re.match(r"#|data:,$|tables/|figures/", place) for place in asked)
+    assert "tables/a%2520b.csv" in asked
+
+
+def test_the_page_is_below_its_limit_with_many_sets_and_meshes(content):
+    made = content()
+    limb = block("tet10", n_across=40, n_down=20)
+    assert sum(len(part.triangles) for part in limb_view(limb).parts) > 6000
+    values = np.random.default_rng(0).uniform(0.1, 50.0, (MOST_SETS, 2))
+    random = np.random.default_rng(1)
+    swept = {key: random.normal(size=(MOST_SETS, old.shape[1])) for key, old in made.swept.items()}
+    many = replace(
+        made,
+        design=replace(made.design, values=values),
+        swept=swept,
+        limbs={"p1": limb, "p2": limb},
+    )
+    numbers = [row for spot in page_data(many)["swept"] for channel in spot for row in channel["y"]]
+    assert 0 < sum(map(len, numbers)) <= MOST_NUMBERS
+    assert 1_000_000 < len(render(many, {}, []).encode()) < 5_000_000
+
+
+def test_of_too_many_sets_the_best_are_shown(content):
+    made = content()
+    n_sets = MOST_SETS + 500
+    values = np.random.default_rng(0).uniform(0.1, 50.0, (n_sets, 2))
+    data = page_data(replace(made, design=replace(made.design, values=values), swept={}))
+    assert set(data["sets"]["ids"]) == set(made.scores["set_id"])
+    assert data["sets"]["n_left_out"] == n_sets - 40
+    assert data["swept"] == []
+
+
+def test_hostile_names_stay_text_in_markup_and_script(page):
+    made = page(renamed)
+    assert len(made.all("script")) == 3
+    assert not made.all("marquee", "img", "iframe")
+    assert not [a for _, a, _ in made.elements if any(key.startswith("on") for key in a)]
+    assert not [a for _, a, _ in made.all("a") if a["href"].startswith("javascript")]
+    data = made.data()
+    told = json.dumps(data, ensure_ascii=False)
+    for name in NAMES:
+        assert json.dumps(name, ensure_ascii=False)[1:-1] in told or name == NAMES[-1]
+    raw = next(t for _, a, t in made.elements if a.get("id") == "data")
+    assert not re.search("[<>&\u2028\u2029]", raw)
+    assert ATTACK in made.text()
+    assert re.sub(r"\d", "…", REASON) in made.text()
+
+
+def test_what_is_not_finite_is_null_in_the_data(page):
+    made = page(lambda content: content)
+    assert "NaN" not in next(t for _, a, t in made.elements if a.get("id") == "data")
+
+
+def test_headings_go_down_one_by_one_and_every_table_and_control_has_a_name(page):
+    made = page(refine=True, truth={"soft_tissue.stiffness": 0.4})
+    assert made.all("html")[0][1]["lang"] == "en"
+    levels = [int(tag[1]) for tag, _, _ in made.elements if re.fullmatch(r"h\d", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(b - a <= 1 for a, b in pairwise(levels))
+    assert len(made.all("caption")) == len(made.all("table"))
+    assert all(a.get("scope") in ("col", "row") for _, a, _ in made.all("th"))
+    for _, attributes, _ in made.all("section"):
+        titles = [a for _, a, _ in made.all("h2") if a.get("id") == attributes["aria-labelledby"]]
+        assert len(titles) == 1
+    ids = [a["id"] for _, a, _ in made.elements if "id" in a]
+    assert len(ids) == len(set(ids))
+    links = [a["href"][1:] for _, a, _ in made.all("a") if a["href"].startswith("#")]
+    assert set(links) <= set(ids)
+    assert all(
+        a.get("aria-label") for _, a, _ in made.elements if a.get("role") in ("img", "region", "group")
+    )
+
+
+def test_what_a_run_lacks_has_no_section(page):
+    made = page(lambda c: replace(c, generalisation=c.generalisation[:0], determination=c.determination[:0]))
+    ids = {a.get("id") for _, a, _ in made.elements}
+    assert not ids & {"generalisation", "determination", "limb"}
+    assert {"verdict", "curves", "space", "distribution", "channels", "convergence", "provenance"} <= ids
+
+
+def test_provenance_has_every_leaf_of_the_manifest_and_each_certificate(page):
+    row = {"problem": "block", "difference": 0.002, "tolerance": 0.01, "verdict": "agrees", "note": None}
+    certificate = {"passed": True, "rows": [row], "missing": ["no solver here"], "solvers": {"a": "1"}}
+    made = page(lambda c: replace(c, certificates={"certificate.json": certificate, "certificate2.json": []}))
+    text = made.text()
+    for word in ("normaliser", "mean_abs", "soft_tissue", "textbook", "study.toml", "agrees", "0.002"):
+        assert word in text
+    assert "no solver here" in text
+    assert text.count("were not found to agree") == 2  # once more in the verdict
+
+
+# --------------------------------------------------------------------- colours
+
+
+def _colours(css, dark):
+    blocks = re.findall(r":root \{(.*?)\}", css, re.DOTALL)
+    found = dict(re.findall(r"--(\S+): (#[0-9a-f]{6});", blocks[0]))
+    return found | (dict(re.findall(r"--(\S+): (#[0-9a-f]{6});", blocks[1])) if dark else {})
+
+
+def _luminance(colour):
+    parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def _contrast(one, other):
+    light, dark = sorted((_luminance(one), _luminance(other)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_text_has_a_contrast_of_4_5_and_lines_of_3(dark):
+    colours = _colours((Path(palpate.report.__file__).parent / "page.css").read_text(), dark)
+    for paper in ("paper", "panel"):
+        for text in ("ink", "soft", "link", "warn", "bad", "good"):
+            assert _contrast(colours[text], colours[paper]) >= 4.5, (text, paper)
+    assert _contrast(colours["ink"], colours["warn-paper"]) >= 4.5
+    for line in ("measured", "least", "above", "failed", *(f"line{i}" for i in range(6))):
+        assert _contrast(colours[line], colours["paper"]) >= 3.0, line
+
+
+# ------------------------------------------------------------------------ limb
+
+
+def test_a_limb_is_made_coarser_and_stays_where_it_is():
+    limb = block("tet10", n_across=30, n_down=20)
+    protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=[(0, 0), (4, 0)], friction=1.0)
+    whole, coarse = scene(limb, protocol, 10**6), scene(limb, protocol, 600)
+    surfaces = [t for t in coarse if t["type"] == "mesh3d" and not t["name"].startswith("sphere")]
+    assert sum(len(t["i"]) for t in surfaces) <= 600
+    assert [t["name"] for t in coarse] == [t["name"] for t in whole]
+    for trace, full in zip(coarse, whole, strict=True):
+        for axis in "xyz":
+            size = max(np.ptp(limb.mesh.points_mm, axis=0))
+            assert abs(min(trace[axis]) - min(full[axis])) < 0.2 * size
+            assert abs(max(trace[axis]) - max(full[axis])) < 0.2 * size
+        if trace["type"] == "mesh3d":
+            assert max(max(trace[k]) for k in "ijk") < len(trace["x"])
+    assert whole == scene(limb, protocol, 10**5)
+
+
+def test_the_sphere_is_shown_at_rest_and_where_it_presses_deepest():
+    limb = block("tet4", n_across=4, n_down=3)
+    protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=[(0, 0), (4, 0), (4, 20)], friction=1.0)
+    traces = {t["name"]: t for t in scene(limb, protocol)}
+    assert min(traces["sphere"]["z"]) == pytest.approx(0.0, abs=0.01)
+    assert min(traces["sphere at 4 mm"]["z"]) == pytest.approx(-4.0, abs=0.01)
+    assert not [name for name in (t["name"] for t in scene(limb, None)) if name.startswith("sphere")]
