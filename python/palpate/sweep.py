@@ -72,6 +72,8 @@ def run_sweep(sweep: Sweep) -> dict[str, Simulation]:
         by_key.setdefault(key, job)
     solvers = _ladder(sweep.study.solver)
     with Writer(sweep.folder, sweep.check) as writer:
+        if writer.repaired:
+            sweep.progress.note(writer.repaired)
         if n_taken := take_over(sweep.folder, writer):
             sweep.progress.note(f"{n_taken} simulations of an earlier version taken over into the ledger")
         writer.plan(sweep.keys, sweep.jobs)

@@ -3,17 +3,23 @@
 import errno
 import json
 import os
+import shutil
 import sqlite3
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from palpate.domain import Curve, Job, Response, Simulation, Status
 from palpate.errors import LedgerError
-from palpate.ledger import Entry, Finished, Ledger, Writer
+from palpate.ledger import Entry, Finished, Ledger, Writer, journal
 from palpate.ledger.cache import ResultCache
 from palpate.ledger.curve_files import pack, unpack
+from palpate.ledger.journal import torn_end
 from palpate.ledger.takeover import take_over
 from palpate.results import frame_of, write_frame
 
@@ -206,23 +212,86 @@ def test_curves_cut_short_are_to_be_done_again(tmp_path):
     assert list(read(tmp_path, 0, 1)) == ["key1"]
 
 
-def test_a_torn_journal_costs_its_last_groups_only(tmp_path):
-    """What a power cut leaves of the journal: a file that ends in the middle of a page."""
-    with Writer(tmp_path) as writer:
+@pytest.fixture
+def killed(tmp_path):
+    """Make copies of a ledger whose writer was killed after six groups, with what is made of its journal."""
+    with Writer(tmp_path / "run") as writer:
         for i in range(6):
             writer.store(finished(i))
             writer.flush()
-        copy = tmp_path / "copy"
-        copy.mkdir()
-        for name in ("ledger.sqlite", "ledger.sqlite-wal"):
-            content = (tmp_path / name).read_bytes()
-            (copy / name).write_bytes(content[:-1000] if name.endswith("wal") else content)
-        (copy / "curves").mkdir()
-        for path in (tmp_path / "curves").iterdir():
-            (copy / "curves" / path.name).write_bytes(path.read_bytes())
-    assert list(read(copy, *range(6))) == [f"key{i}" for i in range(5)]
-    write(copy, finished(5))
-    assert len(read(copy, *range(6))) == 6
+        whole = tmp_path / "whole"
+        shutil.copytree(tmp_path / "run", whole)
+
+    def copy(name, spoil):
+        folder = tmp_path / name
+        shutil.copytree(whole, folder)
+        path = folder / "ledger.sqlite-wal"
+        path.write_bytes(spoil(path.read_bytes()))
+        return folder
+
+    return copy
+
+
+def flipped(content, place):
+    return content[:place] + bytes([content[place] ^ 0x04]) + content[place + 1 :]
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil"),
+    [
+        ("cut in a page", lambda wal: wal[:-1000]),
+        ("cut between frames", lambda wal: wal[:-4120]),
+        ("a bit of the end", lambda wal: flipped(wal, len(wal) - 50)),
+    ],
+)
+def test_a_torn_journal_costs_its_last_group_and_says_so(killed, name, spoil):
+    """What a power cut leaves of the journal."""
+    folder = killed("copy", spoil)
+    assert list(read(folder, *range(6))) == [f"key{i}" for i in range(5)]
+    with Writer(folder) as writer:
+        assert "ledger.sqlite-wal: the last group was cut short and is dropped" in writer.repaired
+        writer.store(finished(5))
+    assert len(read(folder, *range(6))) == 6
+
+
+def test_a_whole_journal_and_one_that_only_a_commit_lacks_are_told_apart(killed):
+    with Writer(killed("whole copy", lambda wal: wal)) as writer:
+        assert writer.repaired == ""
+    assert torn_end(killed("header alone", lambda wal: wal[:32]) / "ledger.sqlite") == ""
+
+
+def test_damage_inside_a_journal_is_refused_with_its_frame_and_nothing_is_dropped(killed):
+    whole = (killed("untouched", lambda wal: wal) / "ledger.sqlite-wal").read_bytes()
+    assert (len(whole) - 32) % 4120 == 0
+    for place in (9, 20, 32 + 3, 32 + 4120 * 2 + 500):
+        folder = killed(f"flipped {place}", lambda wal, place=place: flipped(wal, place))
+        frame = max(0, place - 32) // 4120 + 1
+        with pytest.raises(LedgerError, match=rf"wal: damaged: frame {frame} is not .*\d groups .*Restore"):
+            Writer(folder)
+        assert (folder / "ledger.sqlite-wal").read_bytes() == flipped(whole, place)
+
+
+@given(st.integers(0, 200), st.lists(st.integers(1, 9000), min_size=1, max_size=8), st.data())
+@settings(max_examples=40, deadline=None)
+def test_as_many_frames_are_sound_as_sqlite_finds(seed, lengths, data):
+    """Against SQLite itself: which transactions it recovers from a spoilt journal."""
+    with tempfile.TemporaryDirectory() as name:
+        path, spoilt = Path(name) / "a.sqlite", Path(name) / "b.sqlite"
+        connection = sqlite3.connect(path, isolation_level=None)
+        connection.executescript("PRAGMA journal_mode = WAL; CREATE TABLE t (a)")
+        for length in lengths:
+            connection.execute("INSERT INTO t VALUES (?)", (f"{seed:03d}" * length,))
+        content = Path(f"{path}-wal").read_bytes()
+        content = flipped(content, data.draw(st.integers(32, len(content) - 1)))
+        spoilt.write_bytes(path.read_bytes())
+        Path(f"{spoilt}-wal").write_bytes(content)
+        connection.close()
+        frames = journal._frames(content)
+        ends = np.flatnonzero(frames.ends[: frames.n_sound])
+        other = sqlite3.connect(spoilt)
+        (_, n_recovered, _) = other.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
+        other.close()
+        assert n_recovered == (ends[-1] + 1 if ends.size else 0)
 
 
 def test_an_emptied_ledger_beside_its_curves_is_refused(tmp_path):

@@ -19,6 +19,7 @@ from palpate.domain import Job, Simulation
 from palpate.errors import LedgerError
 from palpate.ledger.curve_files import pack
 from palpate.ledger.format import CURVES, LEDGER, TABLES, check_sound, check_version, digest, is_blank, told
+from palpate.ledger.journal import torn_end
 from palpate.results import plain, write_whole
 
 LARGEST_GROUP = 256
@@ -54,6 +55,11 @@ class Writer:
     check : callable
         Raises where the lock is lost; asked before each group.
 
+    Attributes
+    ----------
+    repaired : str
+        What of a killed runner's last writing was dropped, for people; empty where nothing was.
+
     Raises
     ------
     LedgerError
@@ -68,6 +74,7 @@ class Writer:
         self._failure: BaseException | None = None
         with told(self.path):
             self._curves.mkdir(parents=True, exist_ok=True)
+            self.repaired = torn_end(self.path)
             self._connection = _opened(self.path)
             self._tidy()
         self._thread = threading.Thread(target=self._write_all, daemon=True)
