@@ -27,11 +27,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
 from palpate import pipeline, results
-from palpate.samplers import LatinHypercube
 from palpate.domain import Indentation, Normaliser, ParameterSpace, RegionMaterial, Sphere, Spot
 from palpate.executors import InProcess
 from palpate.ledger import writer
 from palpate.plugins import Plugins, load_file
+from palpate.samplers import LatinHypercube
 from palpate.study import Study, StudySpot
 
 tissue = load_file(TISSUE_FILE)
@@ -187,20 +187,25 @@ def count_writes(number: int, *, after: bool) -> None:
     results.os, writer._insert = os, numbered(writer._insert)
 
 
-def no_orphans(trials: Trials, moment: random.Random) -> None:
-    """Kill a run that has worker processes, and wait for them to end by themselves."""
-    name = "workers"
+def no_orphans(trials: Trials, name: str, moment: random.Random) -> None:
+    """Kill a run once it has worker processes, and wait for them to end by themselves."""
     before = finished(trials.home / name)
     pid = forked(lambda: trials.run(name))
-    time.sleep(moment.uniform(0.2, 1.0) * trials.seconds)
+    until(lambda: n_workers_alive() > 0)
+    time.sleep(moment.uniform(0.0, 0.5) * trials.seconds)
     trials.counts["workers seen"] += n_workers_alive()
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
-    deadline = time.monotonic() + 10.0
-    while (n_left := n_workers_alive()) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    trials.counts["orphans"] += n_left
+    until(lambda: n_workers_alive() == 0)
+    trials.counts["orphans"] += n_workers_alive()
     trials._count("with workers", before, name)
+
+
+def until(reached: Callable[[], bool]) -> None:
+    """Wait for something, but not forever."""
+    deadline = time.monotonic() + 30.0
+    while not reached() and time.monotonic() < deadline:
+        time.sleep(0.02)
 
 
 def n_workers_alive() -> int:
@@ -241,9 +246,9 @@ def main() -> int:
         counts += small.counts + large.counts
         if asked.workers:
             spread = Trials(Path(folder) / "spread", n_sets=60, n_workers=2)
-            for _ in range(asked.workers):
-                no_orphans(spread, moment)
-            spread.check_end("workers")
+            for i in range(asked.workers):
+                no_orphans(spread, f"workers{i}", moment)
+            spread.check_end(f"workers{asked.workers - 1}")
             counts += spread.counts
     bad = {name: counts[name] for name in ("lost", "other bytes", "orphans")}
     sys.stdout.write(json.dumps({**counts, **bad}) + "\n")

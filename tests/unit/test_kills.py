@@ -19,5 +19,5 @@ def test_no_kill_costs_what_was_finished():
     counts = json.loads(done.stdout)
     assert counts["kills random"] == 20
     assert counts["kills at writes"] >= 15
-    assert counts["workers seen"] >= 1
+    assert counts["workers seen"] >= 2
     assert (counts["lost"], counts["other bytes"], counts["orphans"]) == (0, 0, 0)
