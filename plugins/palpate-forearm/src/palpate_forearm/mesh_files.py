@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,8 @@ class MeshFile:
     point_data : mapping of name to array with one row per node
     cell_data : mapping of name to one array per block
     point_sets : mapping of name to array of node numbers
+    cell_sets : mapping of name to one array of element numbers per block
+        Element sets of Abaqus, physical groups of Gmsh.
     """
 
     points: NDArray[np.float64]
@@ -36,6 +39,7 @@ class MeshFile:
     point_data: Mapping[str, NDArray[np.generic]]
     cell_data: Mapping[str, tuple[NDArray[np.generic], ...]]
     point_sets: Mapping[str, NDArray[np.int64]]
+    cell_sets: Mapping[str, tuple[NDArray[np.int64], ...]]
 
 
 def read_mesh_file(path: Path) -> MeshFile:
@@ -66,7 +70,21 @@ def read_mesh_file(path: Path) -> MeshFile:
         point_data={str(k): np.asarray(v) for k, v in mesh.point_data.items()},
         cell_data={str(k): tuple(np.asarray(v) for v in blocks) for k, blocks in mesh.cell_data.items()},
         point_sets={str(k): np.asarray(v, dtype=np.int64) for k, v in mesh.point_sets.items()},
+        cell_sets=_cell_sets(mesh),
     )
+
+
+def _cell_sets(mesh: Any) -> dict[str, tuple[NDArray[np.int64], ...]]:  # noqa: ANN401 - meshio has no types
+    """Groups of elements by name: those that the file lists, and those that it numbers and names apart."""
+    groups = {
+        str(name): tuple(np.asarray(rows, dtype=np.int64).ravel() for rows in blocks)
+        for name, blocks in mesh.cell_sets.items()
+        if not str(name).startswith("gmsh:") and len(blocks) == len(mesh.cells)
+    }
+    numbers = mesh.cell_data.get("gmsh:physical")
+    for name, (number, _) in mesh.field_data.items() if numbers is not None else ():
+        groups.setdefault(str(name), tuple(np.flatnonzero(np.asarray(rows) == number) for rows in numbers))
+    return groups
 
 
 _NAMED = {

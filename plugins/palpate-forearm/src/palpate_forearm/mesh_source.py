@@ -14,6 +14,9 @@ from palpate.errors import MeshError
 from palpate.interfaces import LimbSource, Settings
 from palpate.units import convert
 from palpate_forearm.mesh_files import MeshFile, read_mesh_file
+from palpate_forearm.node_choices import Choice, check_whole, chosen
+
+LONGEST_MM = 3000.0
 
 KINDS: Mapping[str, str] = MappingProxyType({"tetra": "tet4", "tetra10": "tet10", "hexahedron": "hex8"})
 """Volume elements: meshio's cell type to the kind of :class:`palpate.domain.Mesh`."""
@@ -27,6 +30,14 @@ IGNORED = frozenset(
 """Points, edges and faces: a mesh generator leaves them in the file, no volume among them."""
 
 
+def _one_region() -> dict[str, int | str]:
+    return {"soft_tissue": 0}
+
+
+def _plain_names() -> dict[str, Choice | list[Choice]]:
+    return {"fixed": "fixed", "contact": "contact"}
+
+
 class MeshioSettings(Settings):
     """Settings of :class:`MeshioSource`."""
 
@@ -37,22 +48,27 @@ class MeshioSettings(Settings):
         default="region",
         description="Cell data with a whole number per element; empty: the whole mesh is one region.",
     )
-    regions: dict[str, int] = Field(
-        default_factory=lambda: {"soft_tissue": 0},
+    regions: dict[str, int | str] = Field(
+        default_factory=_one_region,
         min_length=1,
-        description="Number of each region in that data, by the region's name.",
+        description="Number of each region in that data, by the region's name; or the group of elements "
+        "(physical group of Gmsh, element set of Abaqus) that it is.",
     )
-    node_sets: dict[str, str] = Field(
-        default_factory=lambda: {"fixed": "fixed", "contact": "contact"},
+    node_sets: dict[str, Choice | list[Choice]] = Field(
+        default_factory=_plain_names,
         min_length=1,
-        description="Point data (not zero: in the set) or point set of the file, by node set.",
+        description="What makes each node set: point data (not zero: in the set), a point set or a group of "
+        "elements by name; { normal, at, within } for a plane; { surface, within } for what is near a "
+        "bone; or a list of these.",
     )
 
     @field_validator("regions")
     @classmethod
-    def _distinct_numbers(cls, regions: dict[str, int]) -> dict[str, int]:
+    def _distinct_numbers(cls, regions: dict[str, int | str]) -> dict[str, int | str]:
         if len(set(regions.values())) < len(regions):
-            raise ValueError("two regions have one number; give each region its own")
+            raise ValueError("two regions have one number or group; give each region its own")
+        if len({type(source) for source in regions.values()}) > 1:
+            raise ValueError("regions by number and by group; name all of them in one way")
         return regions
 
 
@@ -81,14 +97,18 @@ class MeshioSource(LimbSource):
         """
         settings: MeshioSettings = self.settings
         content = read_mesh_file(path)
-        cells, numbers = _volume(path, content, settings.region_data)
-        names = tuple(settings.regions)
+        points = _points(path, content) * convert(f"1 {settings.unit}", "mm")
+        _check_extent(path, points, settings.unit)
+        cells, ids = _volume(path, content, settings)
         mesh = Mesh(
-            points_mm=_points(path, content) * convert(f"1 {settings.unit}", "mm"),
+            points_mm=points,
             cells=cells,
-            cell_regions={kind: _region_ids(path, ids, settings) for kind, ids in numbers.items()},
-            regions=names,
-            node_sets={name: _node_set(path, content, source) for name, source in settings.node_sets.items()},
+            cell_regions=ids,
+            regions=tuple(settings.regions),
+            node_sets={
+                name: chosen(path, content, points, choice if isinstance(choice, list) else [choice])
+                for name, choice in settings.node_sets.items()
+            },
         )
         return Limb(spot=spot, mesh=mesh)
 
@@ -106,10 +126,19 @@ def _points(path: Path, content: MeshFile) -> NDArray[np.float64]:
     return points
 
 
+def _check_extent(path: Path, points_mm: NDArray[np.float64], unit: str) -> None:
+    longest = float(np.ptp(points_mm, axis=0).max()) if len(points_mm) else 0.0
+    if longest > LONGEST_MM:
+        raise MeshError(
+            f"{path}: {longest:.4g} mm long when read in {unit}, longer than any limb ({LONGEST_MM:g} mm); "
+            "set the unit of the file in the limb's settings"
+        )
+
+
 def _volume(
-    path: Path, content: MeshFile, region_data: str
-) -> tuple[dict[str, IntArray], dict[str, NDArray[np.generic]]]:
-    """Cells and region numbers by element kind, blocks of one kind joined."""
+    path: Path, content: MeshFile, settings: MeshioSettings
+) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+    """Cells and their index into the settings' regions by element kind, blocks of one kind joined."""
     found = [cell_type for cell_type, _ in content.blocks]
     other = sorted(set(found) - set(KINDS) - IGNORED)
     if other:
@@ -123,27 +152,57 @@ def _volume(
             f"{path}: no volume elements (found: {', '.join(found) or 'none'}); "
             f"export the volume mesh, of {', '.join(KINDS)}"
         )
-    numbers = _region_numbers(path, content, region_data)
+    of_block = _by_group if isinstance(next(iter(settings.regions.values())), str) else _by_number
     cells: dict[str, list[IntArray]] = {}
-    ids: dict[str, list[NDArray[np.generic]]] = {}
+    ids: dict[str, list[IntArray]] = {}
     for i in volume:
         cells.setdefault(KINDS[found[i]], []).append(content.blocks[i][1])
-        ids.setdefault(KINDS[found[i]], []).append(numbers[i])
+        ids.setdefault(KINDS[found[i]], []).append(of_block(path, content, i, settings))
     return (
         {kind: np.concatenate(blocks) for kind, blocks in cells.items()},
         {kind: np.concatenate(blocks) for kind, blocks in ids.items()},
     )
 
 
-def _region_numbers(path: Path, content: MeshFile, region_data: str) -> tuple[NDArray[np.generic], ...]:
+def _by_group(path: Path, content: MeshFile, block: int, settings: MeshioSettings) -> IntArray:
+    """Index of the region of each element of a block, by the group that it belongs to."""
+    ids = np.full(len(content.blocks[block][1]), -1)
+    for index, (region, group) in enumerate(settings.regions.items()):
+        if group not in content.cell_sets:
+            raise MeshError(
+                f"{path}: no group of elements '{group}' for region '{region}' (there: "
+                f"{', '.join(content.cell_sets) or 'none'}); name one of them, or give the regions by number"
+            )
+        members = content.cell_sets[str(group)][block]
+        twice = members[ids[members] >= 0]
+        if twice.size:
+            other = list(settings.regions)[ids[twice[0]]]
+            raise MeshError(
+                f"{path}: element {twice[0]} belongs to the groups of '{other}' and of '{region}'; let each "
+                "element belong to one"
+            )
+        ids[members] = index
+    if (ids < 0).any():
+        raise MeshError(
+            f"{path}: {np.count_nonzero(ids < 0)} elements belong to none of the groups that regions names, "
+            f"first element {np.flatnonzero(ids < 0)[0]}; name theirs too (there: "
+            f"{', '.join(content.cell_sets)})"
+        )
+    return ids
+
+
+def _by_number(path: Path, content: MeshFile, block: int, settings: MeshioSettings) -> IntArray:
+    """Index of the region of each element of a block, by its number in the cell data."""
+    region_data = settings.region_data
     if not region_data:
-        return tuple(np.zeros(len(cells)) for _, cells in content.blocks)
+        return _region_ids(path, np.zeros(len(content.blocks[block][1])), settings)
     if region_data not in content.cell_data:
+        groups = f", or name regions by group: {', '.join(content.cell_sets)}" if content.cell_sets else ""
         raise MeshError(
             f"{path}: no cell data '{region_data}' (there: {', '.join(content.cell_data) or 'none'}); "
-            'set region_data to one of them, or to "" when the mesh is one region'
+            f'set region_data to one of them, or to "" when the mesh is one region{groups}'
         )
-    return content.cell_data[region_data]
+    return _region_ids(path, content.cell_data[region_data][block], settings)
 
 
 def _region_ids(path: Path, numbers: NDArray[np.generic], settings: MeshioSettings) -> IntArray:
@@ -156,7 +215,7 @@ def _region_ids(path: Path, numbers: NDArray[np.generic], settings: MeshioSettin
                 f"({', '.join(names)}); name the cell data that tells them apart"
             )
         return np.zeros(len(numbers), dtype=np.int64)
-    _check_numbers(path, f"cell data '{settings.region_data}'", numbers)
+    check_whole(path, f"cell data '{settings.region_data}'", numbers)
     ids = np.full(len(numbers), -1)
     for index, number in enumerate(settings.regions.values()):
         ids[numbers == number] = index
@@ -168,28 +227,3 @@ def _region_ids(path: Path, numbers: NDArray[np.generic], settings: MeshioSettin
             "add them to regions in the limb's settings"
         )
     return ids.astype(np.int64)
-
-
-def _check_numbers(path: Path, what: str, values: NDArray[np.generic]) -> None:
-    if values.ndim != 1 or values.dtype.kind not in "biuf":
-        raise MeshError(
-            f"{path}: {what} has shape {values.shape} and type {values.dtype}; give one number each"
-        )
-    numbers = values.astype(np.float64)
-    bad = np.flatnonzero(~np.isfinite(numbers) | (numbers != np.round(numbers)))
-    if bad.size:
-        raise MeshError(f"{path}: {what}[{bad[0]}] is {numbers[bad[0]]}; give whole numbers")
-
-
-def _node_set(path: Path, content: MeshFile, source: str) -> IntArray:
-    if source in content.point_data:
-        marks = content.point_data[source]
-        _check_numbers(path, f"point data '{source}'", marks)
-        return np.flatnonzero(marks)
-    if source in content.point_sets:
-        return content.point_sets[source]
-    there = [*content.point_data, *content.point_sets]
-    raise MeshError(
-        f"{path}: no point data or point set '{source}' (there: {', '.join(there) or 'none'}); "
-        "mark its nodes, or name what marks them under node_sets in the limb's settings"
-    )
