@@ -331,6 +331,7 @@ def _score(
         normaliser=study.normaliser,
         minimum_coverage=study.minimum_coverage,
         weights=study.weights,
+        rank_partial=study.rank_partial,
     )
     run.write_scores(scores)
     return scores

@@ -352,6 +352,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "normaliser": study.normaliser.value,
         "point_weights": study.weights.value,
         "minimum_coverage": study.minimum_coverage,
+        "rank_partial": study.rank_partial,
         "scenarios": {scenario.name: dict(scenario.weights) for scenario in study.scenarios},
         "generalise_by": study.generalise_by,
         "refine": study.refine,

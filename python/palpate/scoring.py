@@ -5,7 +5,7 @@ w = 1/std² of each measured point. Simulated curves are interpolated onto the m
 abscissae branch by branch, because a twist is a path and not a function of the angle.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ SCHEMA = {
     "status": pl.String,
     "message": pl.String,
 }
-"""Columns of the scores. ``nmse`` is null where a set is not to be ranked."""
+"""Columns of the scores. ``nmse`` is null where a set is not to be ranked; ``status`` marks what failed."""
 
 
 LEAST_STD_SHARE = 0.1
@@ -86,6 +86,7 @@ def score(
     normaliser: Normaliser,
     minimum_coverage: float,
     weights: PointWeights = PointWeights.EQUAL,
+    rank_partial: bool = False,
 ) -> pl.DataFrame:
     """Score every simulation in every measured channel.
 
@@ -98,14 +99,16 @@ def score(
         Smallest share of measured points, each counted with its weight, that a simulated curve
         must reach to be ranked.
     weights : PointWeights
+    rank_partial : bool
+        Whether to rank what a simulation that diverged had reached, where that covers enough.
 
     Returns
     -------
     DataFrame
         Columns as in ``SCHEMA``, one row per simulation and measured channel, ordered by
         spot as measured, then set_id, then channel. ``nmse`` is null unless the status is
-        ok and the coverage enough. ``r2`` is the coefficient of determination, with the
-        same weights.
+        ok, or diverged with ``rank_partial``, and the coverage enough. ``r2`` is the
+        coefficient of determination, with the same weights.
 
     Raises
     ------
@@ -117,10 +120,13 @@ def score(
     for simulation in simulations:
         by_spot[simulation.job.spot].append(simulation)
     rows: list[dict[str, object]] = []
+    ranked = (Status.OK, Status.DIVERGED) if rank_partial else (Status.OK,)
     for spot, of_spot in by_spot.items():
         of_spot.sort(key=lambda s: s.job.set_id)
         columns = [
-            _score_channel(of_spot, curve, normaliser, point_weights(curve, weights), minimum_coverage)
+            _score_channel(
+                of_spot, curve, normaliser, point_weights(curve, weights), minimum_coverage, ranked
+            )
             for curve in measured[spot].curves.values()
         ]
         rows += [row for of_set in zip(*columns, strict=True) for row in of_set]
@@ -133,11 +139,12 @@ def _score_channel(
     normaliser: Normaliser,
     weights: FloatArray | None,
     minimum_coverage: float,
+    ranked: Collection[Status],
 ) -> list[dict[str, object]]:
     variance = _variance(measured.ordinate, normaliser, weights)
     scored = _scored(simulations, measured, normaliser, weights)
     return [
-        _row(s, measured.channel, score, minimum_coverage, 1.0 - score.nmse / variance)
+        _row(s, measured.channel, score, minimum_coverage, 1.0 - score.nmse / variance, ranked)
         for s, score in zip(simulations, scored, strict=True)
     ]
 
@@ -230,11 +237,12 @@ def _row(
     scored: _Scored,
     minimum_coverage: float,
     r2: float,
+    statuses: Collection[Status],
 ) -> dict[str, object]:
     nmse, coverage, message = scored.nmse, scored.coverage, scored.message
     if scored.status is Status.OK and not is_enough(coverage, minimum_coverage):
         message = f"covers {coverage:.3f} of the measured '{channel}', less than {minimum_coverage:g}"
-    ranked = scored.status is Status.OK and is_enough(coverage, minimum_coverage) and np.isfinite(nmse)
+    ranked = scored.status in statuses and is_enough(coverage, minimum_coverage) and np.isfinite(nmse)
     return {
         "spot": simulation.job.spot,
         "set_id": simulation.job.set_id,

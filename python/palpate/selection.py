@@ -95,7 +95,8 @@ def select(scores: pl.DataFrame, scenarios: Sequence[Scenario], design: Design) 
     DataFrame
         Columns spot, scenario, set_id, fopt, nmse_<channel>, r2_<channel> (of every channel,
         fitted or not) and <region.parameter>; one row per spot and scenario. A spot at which
-        nothing can be ranked in a scenario has no row there.
+        nothing can be ranked in a scenario has no row there. A column ``partial`` where
+        unfinished curves were ranked.
 
     Raises
     ------
@@ -115,7 +116,20 @@ def select(scores: pl.DataFrame, scenarios: Sequence[Scenario], design: Design) 
     )
     # The first row of a group is not in the order of spots and scenarios.
     keys = candidates.select("spot", "scenario").unique(maintain_order=True)
-    return with_parameters(keys.join(best, on=["spot", "scenario"], maintain_order="left"), design)
+    chosen = keys.join(best, on=["spot", "scenario"], maintain_order="left")
+    return with_parameters(_with_partial(chosen, scores), design)
+
+
+def _with_partial(chosen: pl.DataFrame, scores: pl.DataFrame) -> pl.DataFrame:
+    """Mark the sets that are ranked by curves that a diverged simulation left unfinished, if any is."""
+    ranked = scores.filter(pl.col("nmse").is_not_null())
+    partial = ranked.filter(pl.col("status") != Status.OK.value).select("spot", "set_id").unique()
+    if partial.is_empty():
+        return chosen
+    marked = partial.with_columns(partial=True)
+    return chosen.join(marked, on=["spot", "set_id"], how="left", maintain_order="left").with_columns(
+        pl.col("partial").fill_null(value=False)
+    )
 
 
 def with_parameters(frame: pl.DataFrame, design: Design) -> pl.DataFrame:

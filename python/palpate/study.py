@@ -44,6 +44,8 @@ class Study:
         How much each measured point counts.
     minimum_coverage : float
         Smallest share of measured points that a simulated curve must reach to be ranked.
+    rank_partial : bool
+        Whether a curve that a diverged simulation left unfinished is ranked where it reaches that.
     generalise_by : str
         Name of the scenario whose mean over the spots decides the generalised set.
     refine : bool
@@ -96,6 +98,7 @@ class Study:
     plugin_files: tuple[Path, ...]
     executor: Executor | None = None
     memory_limit_MB: float = 0.0
+    rank_partial: bool = False
     n_attempts: int = 2
     cache: Path | None = None
     n_total: int = 0
@@ -203,6 +206,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         normaliser=settled(tables.scoring).normaliser,
         weights=settled(tables.scoring).weights,
         minimum_coverage=settled(tables.scoring).minimum_coverage,
+        rank_partial=settled(tables.scoring).partial,
         scenarios=scenarios,
         generalise_by=settled(selection).generalise_by or scenarios[0].name,
         refine=settled(selection).refine,

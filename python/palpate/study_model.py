@@ -239,6 +239,11 @@ class ExecutorTable(Table):
 class ScoringTable(Table):
     """How a simulated curve is compared with a measured one."""
 
+    partial: bool = Field(
+        default=False,
+        description="Rank also what a simulation that diverged had reached, where that covers enough of "
+        "the measured curve; its scores and selected sets say so.",
+    )
     normaliser: Annotated[Normaliser, Field(strict=False)] = Field(
         default=Normaliser.MEAN_ABS, description="What the squared error is divided by."
     )

@@ -9,7 +9,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from palpate import pipeline
-from palpate.domain import Normaliser
+from palpate.domain import Normaliser, Response, Status
 from palpate.errors import (
     CurveError,
     NothingSelectableError,
@@ -188,6 +188,28 @@ def test_failures_are_rows_and_the_rest_is_ranked(make_study, plugins, tmp_path,
     table = result.report.tables["failures"]
     assert sorted(table["status"]) == ["crashed", "diverged", "unreadable"]
     assert not set(result.selected.selection["set_id"]) & {3, 4, 5}
+
+
+def test_unfinished_curves_are_ranked_when_asked_for_and_marked_in_every_table(
+    make_study, plugins, tmp_path, tissue
+):
+    class Short(tissue.Analytic):
+        def behave(self, job):
+            whole = super().behave(job)
+            torque = whole.response["torque"]
+            force = whole.response["force"].cut(slice(0, 15))
+            response = Response(curves={"torque": torque, "force": force})
+            return replace(whole, status=Status.DIVERGED, response=response, message="stopped at 7 mm")
+
+    study = make_study(solver=Short(), minimum_coverage=0.5)
+    with pytest.raises(NothingSelectableError, match="stopped at 7 mm"):
+        pipeline.run_study(study, tmp_path / "run", plugins)
+    asked = replace(study, rank_partial=True)
+    result = pipeline.run_study(asked, tmp_path / "run", plugins)
+    assert result.selected.selection["partial"].all()
+    assert result.scores["status"].unique().to_list() == ["diverged"]
+    whole = pipeline.run_study(make_study(), tmp_path / "whole", plugins)
+    assert "partial" not in whole.selected.selection.columns
 
 
 def test_the_manifest_says_what_the_numbers_depended_on(make_study, plugins, tmp_path):

@@ -138,3 +138,19 @@ def test_a_flat_measured_curve_has_no_r2():
     flat = {"p1": Response(curves={"force": curve("force", [0.0, 1.0], [3.0, 3.0])})}
     row = scored([simulation(force=([0.0, 1.0], [3.0, 6.0]))], flat).row(0, named=True)
     assert (row["nmse"], row["r2"]) == (pytest.approx(0.5, rel=1e-14), None)
+
+
+@pytest.mark.parametrize("status", [s for s in Status if s is not Status.OK])
+def test_a_partial_curve_is_ranked_only_when_asked_for_and_marked_then(status):
+    half = simulation(set_id=1, status=status, message="cut short", force=([0.0, 1.0], [0.0, 3.0]))
+
+    def rows(minimum_coverage):
+        return score(
+            [half], MEASURED, normaliser=Normaliser.MEAN_ABS, minimum_coverage=minimum_coverage,
+            rank_partial=True,
+        ).row(0, named=True)  # fmt: skip
+
+    assert rows(0.9)["nmse"] is None
+    row = rows(0.5)
+    assert (row["status"], row["message"]) == (status.value, "cut short")
+    assert (row["nmse"] is not None) == (status is Status.DIVERGED)
