@@ -10,6 +10,8 @@ from polars.testing import assert_frame_equal
 from palpate import pipeline
 from palpate.errors import StoppedError, StudyError
 from palpate.progress import SILENT
+from palpate.report import make_tables
+from palpate.report.page import render
 from palpate.run_directory import RunDirectory
 
 MESSAGE = "so it is"
@@ -103,3 +105,12 @@ def test_a_solver_without_a_proof_leaves_none(doubting, make_study, plugins, tmp
     run_to_selection(make_study(doubting()), tmp_path / "run", plugins)
     assert run_to_selection(make_study(), tmp_path / "run", plugins).proofs.is_empty()
     assert not (tmp_path / "run" / "proofs.parquet").exists()
+
+
+def test_the_report_shows_every_proof_and_distrusts_what_failed(doubting, content):
+    found = content(solver=doubting())
+    table = make_tables(found)["proofs"]
+    assert "key" not in table.columns
+    n_failed = table.height - table["passed"].sum()
+    text = render(found, make_tables(found), ())
+    assert f"{n_failed} of {table.height} chosen sets failed the solver&#39;s own proof" in text

@@ -19,8 +19,6 @@ def show_run(session: Session, study: "Study", result: "RunResult") -> None:
     for name, frame in result.report.tables.items():
         if frame.height:
             session.frame(name.replace("_", " "), _side_by_side(name, frame))
-    if result.selected.proofs.height:
-        session.frame("proofs of the chosen sets", result.selected.proofs.drop("key"))
     if sentence := finding(result.report.tables):
         session.say(sentence)
     for page in result.report.files:

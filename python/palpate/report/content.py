@@ -42,6 +42,8 @@ class Content:
         Empty where there is no mesh.
     manifest : mapping
         What the numbers depended on, as :func:`palpate.run_directory.manifest` tells it.
+    proofs : DataFrame
+        As :func:`palpate.proofs.prove` returns it; empty where the solver has no proof.
     certificates : mapping of file name to its content
         What ``palpate certify`` has written to the run directory.
     """
@@ -61,6 +63,7 @@ class Content:
     convergence: pl.DataFrame = field(default_factory=pl.DataFrame)
     limbs: Mapping[str, Limb] = field(default_factory=dict)
     manifest: Mapping[str, Any] = field(default_factory=dict)
+    proofs: pl.DataFrame = field(default_factory=pl.DataFrame)
     certificates: Mapping[str, Any] = field(default_factory=dict)
 
     @property

@@ -23,6 +23,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "rays": "Best multiple of a set, all moduli scaled together",
         "distance_to_truth": "Distance to the known answer",
         "convergence": "How the simulations ended",
+        "proofs": "What the solver could prove of the chosen sets",
         "failures": "Sets that could not be ranked, by reason",
     }
 )
@@ -48,6 +49,7 @@ def make_tables(content: Content) -> dict[str, pl.DataFrame]:
         "refined": content.refined.table,
         "rays": content.rays,
         "distance_to_truth": distance_to_truth(content),
+        "proofs": content.proofs.drop("key", strict=False),
         "failures": failures_by_reason(content.scores),
     }
     return {name: table for name, table in tables.items() if not table.is_empty()}

@@ -204,6 +204,7 @@ def _cautions(
     yield from _about_sweep(content)
     yield from _about_searches(content)
     yield from _about_conventions(content)
+    yield from _about_proofs(content)
     yield from _about_certificates(content)
 
 
@@ -344,6 +345,15 @@ def _about_conventions(content: Content) -> Iterator[Caution]:
                 what=f"Coefficients of {region.region} are in the convention '{region.convention}'",
                 why=f"The textbook's {region.material.name} has other numbers for the same material.",
             )
+
+
+def _about_proofs(content: Content) -> Iterator[Caution]:
+    doubtful = [row for row in content.proofs.iter_rows(named=True) if not row["passed"]]
+    if doubtful:
+        yield Caution(
+            what=f"{len(doubtful)} of {len(content.proofs)} chosen sets failed the solver's own proof",
+            why=_some([f"{row['spot']}, set {row['set_id']}: {row['message']}" for row in doubtful]),
+        )
 
 
 def _about_certificates(content: Content) -> Iterator[Caution]:
