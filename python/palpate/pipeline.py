@@ -395,5 +395,6 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
         convergence=by_spot(found),
         limbs=limbs,
         manifest=run.manifest(),
+        proofs=run.proofs(),
         certificates=run.certificates(),
     )
