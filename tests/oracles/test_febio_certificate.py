@@ -7,6 +7,7 @@ import pytest
 
 from palpate.cli.app import main
 from palpate.domain import Curve, Response, Simulation, Status
+from palpate.errors import MaterialError
 from palpate.interfaces import Solver
 from palpate.specimens import block
 from palpate_febio.binary import find_binary
@@ -22,7 +23,7 @@ MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
 def test_the_embedded_solver_is_certified_against_febios_curves(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert main(["certify", "yeoh", "--out", str(tmp_path / "certificate.json")]) == 0
+    assert main(["certify", "yeoh", "--out", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     assert "the solvers agree" in shown
     assert "missing: FEBio itself" in shown
@@ -98,7 +99,7 @@ REFERENCES = {"force": ([1.0, 2.0], np.array([1.0, 2.0]), 2.0)}
     [
         (answering(1.0), "agrees", 0.0),
         (answering(1.02), "differs", 0.02),
-        (answering(1.0, Status.DIVERGED, "no balance"), "open", None),
+        (answering(1.0, Status.DIVERGED, "no balance"), "failed", None),
     ],
 )
 def test_verdicts(contender, verdict, difference):
@@ -106,15 +107,34 @@ def test_verdicts(contender, verdict, difference):
     (row,) = compared(case, {"echo": contender}, REFERENCES, 0.01)
     assert row.verdict == verdict
     assert row.difference == (None if difference is None else pytest.approx(difference))
-    assert row.note == ("no balance" if verdict == "open" else "")
+    assert row.note == ("no balance" if verdict == "failed" else "")
     certificate = Certificate(rows=(row,), solvers={}, missing=())
     assert certificate.passed == (verdict == "agrees")
     assert certificate.as_json()["rows"][0]["verdict"] == verdict
 
 
+class Choosy(Echo):
+    """Takes nothing."""
+
+    def check(self, job, limb):
+        raise MaterialError("material 'ogden' is not for me")
+
+
+def test_what_a_solver_does_not_take_is_open_and_certifies_nothing():
+    makers = {"choosy": lambda _: Choosy(None), "echo": answering(1.0)}
+    rows = list(compared(case_of([(0, 0), (1, 0), (2, 0)]), makers, REFERENCES, 0.01))
+    assert [r.verdict for r in rows] == ["open", "agrees"]
+    assert rows[0].note == "material 'ogden' is not for me"
+    certificate = Certificate(rows=tuple(rows), solvers={}, missing=())
+    assert certificate.passed
+    assert certificate.by_solver == {"choosy": False, "echo": True}
+    twisted = list(twist_rows(block(n_across=2, n_down=1), Ogden(), np.ones(3), {"choosy": makers["choosy"]}))
+    assert [r.verdict for r in twisted] == ["open", "open"]
+
+
 def test_an_answer_that_does_not_come_there_is_open():
     (row,) = compared(case_of([(0, 0), (1, 0)]), {"echo": answering(1.0)}, REFERENCES, 0.01)
-    assert (row.verdict, row.note) == ("open", "its force does not come to 2")
+    assert (row.verdict, row.note) == ("failed", "its force does not come to 2")
 
 
 def test_places_are_taken_in_the_order_of_the_path():
@@ -162,7 +182,7 @@ def test_the_recorded_block_is_the_one_that_is_simulated():
         return Simulation(job=job, status=Status.CRASHED, response=None, message="only looking")
 
     rows = list(block_rows("layered", MATERIALS, {"echo": lambda _: Echo(respond)}))
-    assert [r.verdict for r in rows] == ["open"] * 3
+    assert [r.verdict for r in rows] == ["failed"] * 3
     bonded, pressed = asked
     np.testing.assert_allclose(bonded.protocol.path[-1], [3.0, 22.5])
     np.testing.assert_allclose(pressed.protocol.path, [(0, 0), (2, 0), (4, 0)])

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import Curve, FloatArray, Indentation, Job, Limb, Simulation, Sphere, Status
+from palpate.errors import PalpateError
 from palpate.interfaces import Material, Solver
+from palpate.plugins import answering_for
 
 RECORDED = "FEBio 4.11, recorded"
 
@@ -19,8 +21,8 @@ Contender = Callable[[bool | tuple[str, ...]], Solver]
 class Row:
     """One comparison.
 
-    ``difference`` is relative to the peak of what it is compared with; None where
-    there was no answer, or nothing to compare with: ``note`` says why.
+    ``difference`` is relative to the peak of what it is compared with; None where there was
+    no answer: ``note`` says why. ``refused`` is a problem that the solver does not take.
     """
 
     problem: str
@@ -31,12 +33,13 @@ class Row:
     difference: float | None
     tolerance: float
     note: str = ""
+    refused: bool = False
 
     @property
     def verdict(self) -> str:
-        """``agrees``, ``differs``, or ``open`` where there is no figure."""
+        """``agrees``, ``differs``, ``failed`` without answer, or ``open`` where none can be asked."""
         if self.difference is None:
-            return "open"
+            return "open" if self.refused else "failed"
         return "agrees" if self.difference <= self.tolerance else "differs"
 
 
@@ -50,14 +53,25 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
-        """Whether something was compared and nothing differs."""
-        verdicts = [row.verdict for row in self.rows]
-        return "agrees" in verdicts and "differs" not in verdicts
+        """Whether something was compared, nothing differs and nothing failed."""
+        return self._sound(self.rows)
+
+    @property
+    def by_solver(self) -> dict[str, bool]:
+        """The same for the rows of each solver alone."""
+        names = dict.fromkeys(row.solver for row in self.rows)
+        return {name: self._sound([row for row in self.rows if row.solver == name]) for name in names}
+
+    @staticmethod
+    def _sound(rows: Sequence[Row]) -> bool:
+        verdicts = {row.verdict for row in rows}
+        return "agrees" in verdicts and verdicts <= {"agrees", "open"}
 
     def as_json(self) -> dict[str, Any]:
         """Plain values for a script."""
         return {
             "passed": self.passed,
+            "by_solver": self.by_solver,
             "solvers": dict(self.solvers),
             "missing": list(self.missing),
             "rows": [{**asdict(row), "verdict": row.verdict} for row in self.rows],
@@ -91,7 +105,7 @@ class Case:
     mean_dilatation: bool | tuple[str, ...]
 
     def run(self, solver: Solver) -> Simulation:
-        """The case by one solver."""
+        """The case by one solver; what it does not take has crashed with the remark ``refused``."""
         protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=self.path, friction=self.friction)
         job = Job(
             spot=self.limb.spot.name,
@@ -100,7 +114,17 @@ class Case:
             thetas=self.thetas,
             protocol=protocol,
         )
-        solver.check(job, self.limb)
+        try:
+            with answering_for(solver, f"the certificate's {self.problem}"):
+                solver.check(job, self.limb)
+        except PalpateError as error:
+            return Simulation(
+                job=job,
+                status=Status.CRASHED,
+                response=None,
+                message=str(error),
+                diagnostics={"refused": True},
+            )
         return solver.simulate(job, self.limb)
 
 
@@ -148,4 +172,5 @@ def compared(
                 difference=difference,
                 tolerance=tolerance,
                 note=why or note,
+                refused="refused" in simulation.diagnostics,
             )

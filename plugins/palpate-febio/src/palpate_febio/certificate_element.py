@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 
 import numpy as np
@@ -55,7 +55,7 @@ def recorded_deviation(material: Material, rows_of: str, theta: FloatArray) -> f
 
 def one_element(material: Material, febio: FebioSolver | None) -> Iterator[Row]:
     """Palpate's stress against the record, and against the installed FEBio where there is one."""
-    about = {"problem": "one element", "material": material.name, "quantity": "stress", "solver": "palpate"}
+    stress = partial(Row, problem="one element", material=material.name, quantity="stress", solver="palpate")
     if material.name in RECORDED_VALUES:
         rows_of, sent = RECORDED_VALUES[material.name]
         numbers = np.array(sent)
@@ -65,12 +65,18 @@ def one_element(material: Material, febio: FebioSolver | None) -> Iterator[Row]:
         }
         best = min(fits, key=lambda name: fits[name])
         note = f"convention {best}: " + ", ".join(f"{name} {value:.1e}" for name, value in fits.items())
-        yield Row(**about, against=RECORDED, difference=fits[best], tolerance=TOLERANCE, note=note)
+        yield stress(against=RECORDED, difference=fits[best], tolerance=TOLERANCE, note=note)
     if febio is not None:
-        difference, note = None, ""
+        difference, note, refused = None, "", False
         try:
             found = febio.convention(material)
             difference, note = found.deviations[found.convention], f"convention {found.convention}"
         except PalpateError as error:
-            note = str(error)
-        yield Row(**about, against=febio.version(), difference=difference, tolerance=TOLERANCE, note=note)
+            note, refused = str(error), True
+        yield stress(
+            against=febio.version(),
+            difference=difference,
+            tolerance=TOLERANCE,
+            note=note,
+            refused=refused,
+        )

@@ -75,6 +75,7 @@ def _with_itself(case: Case, name: str, coarse: Simulation, fine: Simulation) ->
             difference=change,
             tolerance=TORQUE_TOLERANCE,
             note=why or why_fine,
+            refused="refused" in coarse.diagnostics,
         )
 
 

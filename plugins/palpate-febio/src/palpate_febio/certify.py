@@ -31,11 +31,15 @@ def certify(
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Write the JSON there too.")
+        Path | None,
+        typer.Option(
+            "--out", metavar="FILE", help="Write the JSON there too; in a run's folder, its report shows it."
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare every installed solver with FEBio's recorded curves, and with FEBio where it is installed."""
+    from palpate.results import write_atomically
     from palpate_febio.certificate import Certificate
 
     session = Session.of(context)
@@ -47,7 +51,8 @@ def certify(
     versions = {name: _version(make(True)) for name, make in contenders.items()}
     certificate = Certificate(rows=tuple(rows), solvers=versions, missing=tuple(missing))
     if out is not None:
-        out.write_text(json.dumps(certificate.as_json(), indent=1) + "\n")
+        file = out / "certificate.json" if out.is_dir() else out
+        write_atomically(file, json.dumps(certificate.as_json(), indent=1).encode() + b"\n")
     if as_json:
         session.json(certificate.as_json())
     else:
@@ -171,4 +176,8 @@ def _show(session: Session, certificate: Any) -> None:  # noqa: ANN401 -- a Cert
         session.say(f"{name}: {version}")
     for line in certificate.missing:
         session.say(f"missing: {line}")
-    session.say("verdict: the solvers agree" if certificate.passed else "verdict: NOT certified")
+    if certificate.passed:
+        session.say("verdict: the solvers agree")
+        return
+    doubtful = [name for name, sound in certificate.by_solver.items() if not sound]
+    session.say(f"verdict: NOT certified ({', '.join(doubtful) or 'nothing was compared'})")
