@@ -181,3 +181,9 @@ def test_a_matrix_of_turns_is_known_by_its_numbers() -> None:
 
 def test_nothing_is_proposed_out_of_nothing() -> None:
     assert proposed({"a": np.zeros(9), "b": np.ones(9)}) == {}
+
+
+def test_curves_that_are_processed_already_are_sent_to_their_loader(tmp_path: Path) -> None:
+    path = tmp_path / "curves.csv"
+    path.write_text("depth_mm,force_N\n" + "".join(f"{k},{k * k}\n" for k in range(30)))
+    assert any("processed curves (force)" in finding for finding in inspect_log(path).findings)

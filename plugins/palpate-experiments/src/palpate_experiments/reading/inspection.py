@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from palpate.errors import CurveError
 from palpate.inspection import InspectedTable, Inspection
+from palpate_experiments.csv_loader import FOREARM
 from palpate_experiments.reading.assembly import assemble
 from palpate_experiments.reading.channel_map import ChannelMap
 from palpate_experiments.reading.confined import read_log
@@ -42,7 +43,13 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
     proposal = propose(log)
     clocks = {stream.name: _clock(stream, proposal) for stream in log.streams}
     problem, reads = _try(log, proposal)
-    findings = [*log.notes, *_gap_findings(log, clocks), *_doubts(proposal), *_others(proposal)]
+    findings = [
+        *log.notes,
+        *_processed(log),
+        *_gap_findings(log, clocks),
+        *_doubts(proposal),
+        *_others(proposal),
+    ]
     findings.append(f"with this map: {problem}" if problem else f"this map reads the file: {reads}")
     text = study_text(log, proposal)
     return Inspection(
@@ -60,6 +67,14 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
             "study_toml": text,
         },
     )
+
+
+def _processed(log: RawLog) -> Iterable[str]:
+    """Say so where a file holds curves already, which another loader reads."""
+    names = {name for stream in log.streams for name in stream.columns}
+    found = [key for key, each in FOREARM.items() if {each.abscissa.name, each.ordinate.name} <= names]
+    if found and log.format == "delimited text":
+        yield f'processed curves ({", ".join(found)}) and no log: loader = "csv" reads them without a map'
 
 
 # -------------------------------------------------------------------------- clocks
