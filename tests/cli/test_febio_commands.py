@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.domain import Curve, Response
+from palpate.domain import Curve, Response, Simulation, Status
 from palpate_febio.friction_memory import SCENARIOS, best_multiple, outcomes, recorded, resampled
+from palpate_febio.steps import steps_of
+from palpate_febio.verdict import response_of
 
 ROOT = Path(__file__).parents[1]
 
@@ -135,8 +137,16 @@ def test_the_record_shows_it():
     assert coarse["augmented", 10].relative == pytest.approx(0.44, abs=0.01)
 
 
+def elastic(self, job, limb):
+    """What friction that remembers gives, by a formula."""
+    rows = steps_of(job.protocol, 20, self.settings.rotation_step_deg)
+    answers = np.column_stack([rows.depth_mm, rows.rotation_deg, rows.depth_mm**1.5, rows.rotation_deg])
+    return Simulation(job=job, status=Status.OK, response=response_of(answers))
+
+
 def test_with_febio_every_form_is_run_and_without_it_is_missed(call, fake_on_path, monkeypatch, tmp_path):
     monkeypatch.setattr("palpate_febio.friction_command.DEMO", ("no such study", ""))
+    monkeypatch.setattr("palpate_jax.solver.JaxSolver.simulate", elastic)
     with pytest.warns(UserWarning, match="no memory"):
         found = call("friction-memory", "--steps", "2", "--steps", "4", "--json", plugin=None).json
     ran = [o for o in found["outcomes"] if o["problem"] == "a block"]
