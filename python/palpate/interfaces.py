@@ -97,6 +97,15 @@ class Material(Component):
 
     isotropic: ClassVar[bool] = True
 
+    def __eq__(self, other: object) -> bool:
+        """Whether both have one class and equal settings, and so one energy: what is compiled is shared."""
+        if self is other or not isinstance(other, Material):
+            return self is other
+        return type(self) is type(other) and bool(self.settings == other.settings)
+
+    def __hash__(self) -> int:
+        return hash(type(self))
+
     def to_textbook(self, values: FloatArray, convention: str) -> FloatArray:
         """Convert coefficients (n_parameters,) written in ``convention`` to textbook values.
 

@@ -49,3 +49,9 @@ class TestDrucker(SetFilterContract):
     def values(self, space):
         lower, upper = np.array([[p.lower, p.upper] for p in space.parameters]).T
         return lower + (upper - lower) * np.random.default_rng(0).random((20, lower.size))
+
+
+def test_materials_are_equal_by_class_and_settings():
+    assert Yeoh() == Yeoh()
+    assert Ogden() != Ogden(OgdenSettings(terms=2))
+    assert len({Yeoh(), Yeoh(), NeoHookean()}) == 2

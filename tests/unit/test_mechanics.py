@@ -224,3 +224,19 @@ def test_check_covers_the_physical_range():
     with pytest.raises(MaterialError, match="takes 3 parameters"):
         mechanics.check_reference_state(POWER_LAW, THETA[:2])
     mechanics.check_reference_state(POWER_LAW, THETA)
+
+
+def test_equal_materials_share_what_is_compiled():
+    traced = []
+
+    class Counted(PowerLaw):
+        def energy(self, stretches, theta):
+            traced.append(self)
+            return super().energy(stretches, theta)
+
+    assert Counted() == Counted()
+    assert Counted() != PowerLaw()
+    mechanics.initial_moduli(Counted(), THETA)
+    n_traced = len(traced)
+    mechanics.initial_moduli(Counted(), 2 * THETA)
+    assert len(traced) == n_traced > 0
