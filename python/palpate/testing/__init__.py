@@ -15,9 +15,10 @@ runs the laws that palpate relies on:
 
 from palpate.testing.components import ComponentContract, check_described
 from palpate.testing.designs import SamplerContract, SetFilterContract
-from palpate.testing.executors import ExecutorContract
+from palpate.testing.executors import ExecutorContract, LinearMaterial
 from palpate.testing.files import Expected, LimbSourceContract, LoaderContract
 from palpate.testing.materials import MaterialContract
+from palpate.testing.plugins import plugins_with
 from palpate.testing.scenarios import ScenarioContract
 from palpate.testing.solvers import SolverContract
 
@@ -26,6 +27,7 @@ __all__ = [
     "ExecutorContract",
     "Expected",
     "LimbSourceContract",
+    "LinearMaterial",
     "LoaderContract",
     "MaterialContract",
     "SamplerContract",
@@ -33,4 +35,5 @@ __all__ = [
     "SetFilterContract",
     "SolverContract",
     "check_described",
+    "plugins_with",
 ]

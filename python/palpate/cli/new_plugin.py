@@ -1,0 +1,33 @@
+"""``palpate new-plugin``: a directory to start a plugin from."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.options import AsJson
+from palpate.cli.session import Session
+
+
+def new_plugin(
+    context: typer.Context,
+    kind: Annotated[str, typer.Argument(help="material, solver, loader, scenario, limb or executor.")],
+    name: Annotated[str, typer.Argument(help="What a study will call it: lower case, an identifier.")],
+    into: Annotated[
+        Path, typer.Option("--into", metavar="FOLDER", help="Where to make the folder palpate-NAME.")
+    ] = Path(),
+    as_json: AsJson = False,
+) -> None:
+    """Make a plugin of KIND that works: code, tests that pass at once, and what to change."""
+    from palpate import plugin_kit
+
+    session = Session.of(context)
+    folder = plugin_kit.new_plugin(kind, name, into, session.plugins)
+    files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    if as_json:
+        session.json({"kind": kind, "name": name, "folder": str(folder), "files": files})
+        return
+    session.say(f"{folder}")
+    for file in files:
+        session.say(f"  {file}")
+    session.note(f"next: cd {folder} && pytest")

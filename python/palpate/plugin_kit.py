@@ -1,0 +1,160 @@
+"""A new plugin, as a directory whose tests pass at once: what `palpate new-plugin` writes."""
+
+import importlib.metadata
+import importlib.util
+import keyword
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from palpate.errors import PluginError
+from palpate.plugin_registry import GROUP, suggestion
+from palpate.plugins import Plugins
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+@dataclass(frozen=True, slots=True)
+class Kit:
+    """What can be made: its catalogue, its contract test, and how a study names it.
+
+    Parameters
+    ----------
+    needs : tuple of str
+        Distributions that the plugin depends on.
+    """
+
+    catalogue: str
+    noun: str
+    contract: str
+    in_study: str
+    needs: tuple[str, ...] = ("palpate",)
+
+
+KITS: Mapping[str, Kit] = MappingProxyType(
+    {
+        "material": Kit("materials", "material", "MaterialContract", 'material = "{}"` under `[region.…]'),
+        "solver": Kit("solvers", "solver", "SolverContract", 'name = "{}"` under `[solver]'),
+        "loader": Kit("loaders", "loader", "LoaderContract", 'loader = "{}"` under `[experiment]'),
+        "scenario": Kit(
+            "scenarios",
+            "scenario",
+            "ScenarioContract",
+            'scenarios = ["{}"]` under `[selection]',
+            needs=("palpate", "palpate-forearm"),  # declares force and torque
+        ),
+        "limb": Kit("limb_sources", "limb source", "LimbSourceContract", 'source = "{}"` under `[limb]'),
+        "executor": Kit("executors", "executor", "ExecutorContract", 'name = "{}"` under `[executor]'),
+    }
+)
+"""Kinds of plugin that can be made, by the word on the command line."""
+
+
+def new_plugin(kind: str, name: str, into: Path, plugins: Plugins) -> Path:
+    """Write a plugin of one working component, its tests and its README.
+
+    Parameters
+    ----------
+    kind : str
+        One of ``KITS``.
+    name : str
+        What a study will call the component: lower case, an identifier.
+    into : Path
+        Where the directory ``palpate-<name>`` is made.
+    plugins : Plugins
+        Whose names are taken.
+
+    Returns
+    -------
+    Path
+        The new directory.
+
+    Raises
+    ------
+    PluginError
+        No such kind; the name is no identifier or taken; the directory exists or cannot be written.
+    """
+    if kind not in KITS:
+        known = ", ".join(KITS)
+        raise PluginError(f"no plugin of kind '{kind}' can be made{suggestion(kind, KITS)} (known: {known})")
+    _check_free(kind, name, plugins)
+    folder = into / _distribution(name)
+    if folder.exists():
+        raise PluginError(f"{folder}: exists; choose another name, or another folder with --into")
+    files = _files(kind, name)
+    try:
+        for path, text in files.items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise PluginError(f"{folder}: cannot be written ({error.strerror}); name another folder") from error
+    return folder
+
+
+def _distribution(name: str) -> str:
+    return f"palpate-{name.replace('_', '-')}"
+
+
+def _check_free(kind: str, name: str, plugins: Plugins) -> None:
+    """Refuse a name that Python cannot use, or that an installed plugin has."""
+    if not _NAME.fullmatch(name) or keyword.iskeyword(name) or keyword.issoftkeyword(name):
+        raise PluginError(
+            f"plugin name '{name}': give a Python identifier in lower case that is no keyword, such as "
+            f"{_repaired(name)}"
+        )
+    catalogue = plugins.catalogue(KITS[kind].catalogue)
+    if name in catalogue:
+        raise PluginError(
+            f"{KITS[kind].noun} '{name}' is already provided by plugin '{catalogue.provider(name)}'; "
+            "choose another name"
+        )
+    for point in importlib.metadata.entry_points(group=GROUP):
+        if point.name == name:
+            source = point.dist.name if point.dist else point.value
+            raise PluginError(f"plugin name '{name}' is taken by distribution {source}; choose another name")
+    if name == GROUP or importlib.util.find_spec(f"palpate_{name}") is not None:
+        raise PluginError(f"the module palpate_{name} is installed already; choose another name")
+
+
+def _repaired(name: str) -> str:
+    """Offer an allowed name like the one given."""
+    like = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")
+    return like if _NAME.fullmatch(like) and not keyword.iskeyword(like) else f"my_{like}".rstrip("_")
+
+
+def _files(kind: str, name: str) -> dict[str, str]:
+    """Content of every file, by its path in the directory."""
+    import jinja2
+
+    kit, package = KITS[kind], f"palpate_{name}"
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("palpate", "plugin_templates"),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        autoescape=False,  # Python and TOML, and every word in them is checked
+    )
+    words = {
+        "name": name,
+        "title": name.replace("_", " ").capitalize(),
+        "cls": "".join(word.capitalize() for word in name.split("_")),
+        "constant": name.upper(),
+        "package": package,
+        "distribution": _distribution(name),
+        "noun": kit.noun,
+        "kind_shown": kit.catalogue.replace("_", "-"),
+        "contract": kit.contract,
+        "in_study": kit.in_study.format(name),
+        "needs": kit.needs,
+    }
+    templates = {
+        "pyproject.toml": "pyproject.toml",
+        "README.md": "README.md",
+        f"src/{package}/__init__.py": f"{kind}/module.py",
+        f"tests/test_{name}.py": f"{kind}/test.py",
+    }
+    return {
+        path: environment.get_template(f"{template}.jinja").render(words)
+        for path, template in templates.items()
+    }

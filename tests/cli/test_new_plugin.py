@@ -1,0 +1,115 @@
+"""A new plugin of each kind passes its own tests at once; a name that cannot be is refused."""
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import palpate
+from palpate.errors import PluginError
+from palpate.plugin_kit import KITS, new_plugin
+from palpate.plugins import Plugins
+
+from .conftest import Call
+
+NOTHING = Plugins.load(entry_points=False)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One plugin of each kind, side by side."""
+    into = tmp_path_factory.mktemp("new plugins")
+    return {kind: new_plugin(kind, f"my_{kind}", into, NOTHING) for kind in KITS}
+
+
+def _run(arguments: list[str], folder: Path, paths: list[Path]) -> subprocess.CompletedProcess[str]:
+    own = Path(palpate.__file__).parents[1]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (own, *paths)))}
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+
+
+def test_their_tests_pass_at_once(made: dict[str, Path]) -> None:
+    folder = made["material"].parent
+    sources, tests = zip(*((path / "src", path / "tests") for path in made.values()), strict=True)
+    done = _run(
+        ["-m", "pytest", "-q", "-W", "error", "-p", "no:cacheprovider", *map(str, tests)],
+        folder,
+        [*sources, *(Path(path) for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path)],
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "skipped" not in done.stdout
+    for kind in KITS:
+        assert f"my_{kind}" in "".join(path.name for path in made[kind].glob("tests/*.py"))
+
+
+def test_their_own_settings_find_their_code(made: dict[str, Path]) -> None:
+    done = _run(["-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "finds_it"], made["scenario"], [])
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 passed" in done.stdout
+
+
+def test_their_code_is_clean(made: dict[str, Path]) -> None:
+    folder = made["material"].parent
+    done = _run(["-m", "ruff", "check", "--isolated", "--line-length", "110", "."], folder, [])
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("kind", KITS)
+def test_an_installer_finds_the_entry_point(made: dict[str, Path], kind: str) -> None:
+    project = tomllib.loads((made[kind] / "pyproject.toml").read_text())["project"]
+    assert project["name"] == f"palpate-my-{kind}"
+    assert project["entry-points"]["palpate"] == {f"my_{kind}": f"palpate_my_{kind}"}
+    assert (made[kind] / "src" / f"palpate_my_{kind}" / "__init__.py").is_file()
+
+
+def test_a_material_takes_thirty_lines(made: dict[str, Path]) -> None:
+    code = (made["material"] / "src" / "palpate_my_material" / "__init__.py").read_text()
+    assert len([line for line in code.splitlines() if line.strip()]) <= 30
+
+
+def test_the_command_tells_what_it_wrote_and_what_to_do_next(call: Call, tmp_path: Path) -> None:
+    outcome = call("new-plugin", "scenario", "my_view", "--into", tmp_path / "here")
+    assert outcome.code == 0, outcome.err
+    assert "tests/test_my_view.py" in outcome.out
+    assert "next: cd" in outcome.err
+    told = call("new-plugin", "scenario", "other", "--into", tmp_path, "--json").json
+    assert told["folder"] == str(tmp_path / "palpate-other")
+    assert (tmp_path / "palpate-other" / "src" / "palpate_other" / "__init__.py").is_file()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "said"),
+    [
+        ("materail", "x", "no plugin of kind 'materail' can be made; did you mean 'material'"),
+        ("material", "My Tissue", "in lower case that is no keyword, such as my_tissue"),
+        ("material", "2nd", "such as my_2nd"),
+        ("material", "class", "such as my_class"),
+        ("material", "../x", "such as x"),
+        ("material", "yeoh", "material 'yeoh' is already provided by plugin 'materials'; choose another"),
+        ("limb", "materials", "plugin name 'materials' is taken by distribution palpate-materials"),
+        ("limb", "palpate", "choose another name"),
+    ],
+)
+def test_a_name_that_cannot_be_is_refused(call: Call, kind: str, name: str, said: str) -> None:
+    outcome = call("new-plugin", kind, name, plugin=None)
+    assert outcome.code == 2
+    assert said in outcome.err
+    assert not list(Path.cwd().iterdir())
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "palpate-mine").mkdir()
+    with pytest.raises(PluginError, match="palpate-mine: exists; choose another name"):
+        new_plugin("scenario", "mine", tmp_path, NOTHING)
+    assert not list((tmp_path / "palpate-mine").iterdir())
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(PluginError, match="cannot be written"):
+        new_plugin("scenario", "mine", tmp_path / "file", NOTHING)
