@@ -1,6 +1,6 @@
 """How a stage tells its caller how far it is; the library itself prints nothing."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 class Progress(Protocol):
@@ -17,6 +17,14 @@ class Progress(Protocol):
 
     def going_on(self) -> bool:
         """Whether to begin another simulation; False finishes those begun and stops."""
+
+
+@runtime_checkable
+class CountsRunning(Protocol):
+    """A :class:`Progress` that also wants to know how many simulations are running."""
+
+    def running(self, n_running: int) -> None:
+        """Take notice of how many simulations have begun and not ended."""
 
 
 class Silent:

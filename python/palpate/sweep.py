@@ -4,6 +4,7 @@ Only this process writes results. A job that diverged climbs the solver's ladder
 one that crashed is tried again by the next run, one that is quarantined is not.
 """
 
+import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,8 +18,11 @@ from palpate.ledger import Entry, Finished, Ledger, Writer
 from palpate.ledger.cache import ResultCache
 from palpate.ledger.takeover import take_over
 from palpate.plugins import answering_for
-from palpate.progress import Progress
+from palpate.progress import SILENT, CountsRunning, Progress
 from palpate.study import Study
+
+USUAL_BYTES = 15_000
+"""What a simulation takes on the disk where none is there to tell: two curves of 300 points."""
 
 
 def _no_check() -> None:
@@ -79,6 +83,7 @@ def run_sweep(sweep: Sweep) -> dict[str, Simulation]:
         writer.plan(sweep.keys, sweep.jobs)
         state = _found(sweep, by_key, len(solvers))
         _tell(sweep, state)
+        _warn_of_full_disk(sweep, len(state.rungs))
         _take_from_cache(sweep, by_key, state, writer)
         for rung, solver in enumerate(solvers):
             _climb(sweep, by_key, state, writer, rung, solver, is_last=rung + 1 == len(solvers))
@@ -133,6 +138,18 @@ def _tell(sweep: Sweep, state: _State) -> None:
             sweep.progress.step(state.statuses[key].value)
 
 
+def _warn_of_full_disk(sweep: Sweep, n_left: int) -> None:
+    """Say before the first simulation that there is no room for the last, as far as can be told."""
+    with Ledger(sweep.folder) as ledger:
+        wanted_MB = n_left * (ledger.bytes_each() or USUAL_BYTES) * 1e-6
+    free_MB = shutil.disk_usage(sweep.folder).free * 1e-6
+    if wanted_MB > free_MB:
+        sweep.progress.note(
+            f"{sweep.folder}: {free_MB:.1f} MB are free, and the {n_left} simulations to come take about "
+            f"{wanted_MB:.1f} MB; make room or name another folder; a full disk stops a run but loses nothing"
+        )
+
+
 def _take_from_cache(sweep: Sweep, by_key: Mapping[str, Job], state: _State, writer: Writer) -> None:
     if sweep.study.cache is None:
         return
@@ -160,7 +177,7 @@ def _climb(
     settings, n_jobs = solver.settings.model_dump_json() if rung else "", Counter(sweep.keys)
     cache = ResultCache(sweep.study.cache) if sweep.study.cache else None
     jobs = [by_key[key] for key in keys]
-    for outcome in outcomes(sweep.study, solver, jobs, sweep.limbs, sweep.progress.going_on):
+    for outcome in outcomes(sweep.study, solver, jobs, sweep.limbs, sweep.progress):
         key = keys[outcome.index]
         simulation = outcome.simulation(by_key[key])
         writer.store(
@@ -192,7 +209,7 @@ def outcomes(
     solver: Solver,
     jobs: Sequence[Job],
     limbs: Mapping[str, Limb],
-    going_on: Callable[[], bool] = lambda: True,
+    progress: Progress = SILENT,
 ) -> Iterator[Outcome]:
     """Outcomes of jobs where the study lets them run, each as it comes; nothing is kept.
 
@@ -211,7 +228,8 @@ def outcomes(
             limits=limits,
             n_workers=study.n_workers,
             plugin_files=study.plugin_files,
-            going_on=going_on,
+            going_on=progress.going_on,
+            running=progress.running if isinstance(progress, CountsRunning) else lambda n_running: None,
         )
     )
 

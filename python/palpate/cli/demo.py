@@ -26,7 +26,7 @@ def demo(
     checked = session.study(Path(session.plugins.studies[study].directory) / "study.toml")
     folder = run_folder(checked, out)
     session.note(f"{study}: {checked.description}\nNote: {data_notice(checked)}.")
-    with StageProgress(session) as progress:
+    with StageProgress(session, folder) as progress:
         result = pipeline.run_study(checked, folder, session.plugins, progress)
     if as_json:
         session.json(run_as_json(checked, result))

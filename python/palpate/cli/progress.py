@@ -1,57 +1,59 @@
-"""Progress on stderr: a bar for people, a few lines for a log."""
+"""Progress on stderr: a bar for people, lines for the log of a batch system."""
 
+import contextlib
+import os
 import signal
 import threading
+import time
 from collections import Counter
+from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
-from palpate.errors import StoppedError
+from palpate.errors import PalpateError, StoppedError
 
 if TYPE_CHECKING:
+    import polars as pl
     from rich.progress import Progress, TaskID
-
 
 _ASKING = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask to stop; batch systems send the second before they kill."""
 
+LINE_S = 60.0
+"""Longest time that a log is without a line while simulations end."""
+
+LOOK_S = 5.0
+"""Least time between two looks at the best sets so far."""
+
 
 class StageProgress:
-    """A :class:`palpate.progress.Progress` that shows one stage after the other."""
+    """A :class:`palpate.progress.Progress` that shows one stage after the other.
 
-    def __init__(self, session: Session) -> None:
+    Parameters
+    ----------
+    session : Session
+    folder : Path, optional
+        The run directory, where the best sets so far are to be shown too.
+    """
+
+    def __init__(self, session: Session, folder: Path | None = None) -> None:
         self._console = session.stderr
+        self._folder = folder
         self._bars: Progress | None = None
         self._task: TaskID | None = None
         self._stage = ""
-        self._total = 0
-        self._done = 0
+        self._total = self._done = self._n_running = 0
+        self._last_line = time.monotonic()
+        self._first: tuple[float, int] | None = None
         self._notes: Counter[str] = Counter()
         self._stopping = False
         self._handlers: dict[signal.Signals, Any] = {}
+        self._side = _Side(folder)
 
     def __enter__(self) -> "StageProgress":
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
-
         if self._console.is_terminal:
-            self._bars = Progress(
-                TextColumn("{task.description:<14}"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeElapsedColumn(),
-                TextColumn("left"),
-                TimeRemainingColumn(),
-                TextColumn("{task.fields[notes]}"),
-                console=self._console,
-            )
+            self._bars = _bars(self._console)
             self._bars.start()
         if threading.current_thread() is threading.main_thread():
             self._handlers = {each: signal.signal(each, self._stop) for each in _ASKING}
@@ -63,6 +65,7 @@ class StageProgress:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        self._side.end()
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
         if self._bars is not None:
@@ -72,29 +75,36 @@ class StageProgress:
 
     def begin(self, stage: str, total: int) -> None:
         """Show a new stage of ``total`` steps."""
-        self._stage, self._total, self._done = stage, total, 0
+        self._stage, self._total, self._done, self._n_running = stage, total, 0, 0
+        self._last_line, self._first = time.monotonic(), None
         self._notes = Counter()
         if self._bars is not None:
             self._task = self._bars.add_task(stage, total=total, notes="")
         else:
             self._console.print(f"{stage}: {total} steps", markup=False)
+        if stage == "simulate":
+            self._side.begin()
 
     def step(self, note: str = "") -> None:
         """Count one step, and how it ended."""
         self._done += 1
+        self._n_running = max(0, self._n_running - 1)
         if note:
             self._notes[note] += 1
-        notes = ", ".join(f"{count} {name}" for name, count in self._notes.most_common())
         if self._bars is not None and self._task is not None:
-            self._bars.update(self._task, advance=1, notes=notes)
-        elif self._tenth_done():
-            self._console.print(
-                f"{self._stage}: {self._done} of {self._total} {notes}".rstrip(), markup=False
-            )
+            self._bars.update(self._task, advance=1, notes=self._told())
+        elif self._is_line_due():
+            self._last_line = time.monotonic()
+            line = f"{self._stage}: {self._done} of {self._total} {self._told()}"
+            self._console.print(f"{line.rstrip()}{self._left()}", markup=False)
 
-    def _tenth_done(self) -> bool:
-        tenth = max(1, self._total // 10)
-        return self._total >= 10 and (self._done % tenth == 0 or self._done == self._total)
+    def running(self, n_running: int) -> None:
+        """Show how many simulations are running."""
+        self._n_running = n_running
+        if self._first is None:
+            self._first = (time.monotonic(), self._done)  # what is done already was done by another run
+        if self._bars is not None and self._task is not None:
+            self._bars.update(self._task, notes=self._told())
 
     def note(self, text: str) -> None:
         """Tell of something on the way."""
@@ -104,6 +114,28 @@ class StageProgress:
         """Go on until the user asks to stop."""
         return not self._stopping
 
+    def _told(self) -> str:
+        counts = [f"{count} {name}" for name, count in self._notes.most_common()]
+        running = [f"{self._n_running} running"] if self._n_running else []
+        parts = [", ".join([*counts, *running]), self._side.text]
+        return "; ".join(part for part in parts if part)
+
+    def _left(self) -> str:
+        """Time to come, at the pace so far; the bar has its own."""
+        from palpate.cli.status import duration
+
+        begun, n_before = self._first or (time.monotonic(), self._done)
+        n_left, n_done = self._total - self._done, self._done - n_before
+        if not n_left or not n_done:
+            return ""
+        return f"; about {duration((time.monotonic() - begun) / n_done * n_left)} left"
+
+    def _is_line_due(self) -> bool:
+        tenth = max(1, self._total // 10)
+        if self._total >= 10 and (self._done % tenth == 0 or self._done == self._total):
+            return True
+        return time.monotonic() - self._last_line > LINE_S
+
     def _stop(self, number: int, frame: FrameType | None) -> None:
         """Finish what runs when asked once, stop at once when asked again."""
         if self._stopping or self._stage != "simulate":
@@ -112,3 +144,81 @@ class StageProgress:
         self._console.print(
             "finishing the simulations that are running; once more (Ctrl-C) stops at once", markup=False
         )
+
+
+class _Side:
+    """What a thread of its own looks up beside a sweep: processor, memory, and the best sets so far."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.text = ""
+        self._folder = folder
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def begin(self) -> None:
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._look, daemon=True)
+            self._thread.start()
+
+    def end(self) -> None:
+        self._ended.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _look(self) -> None:
+        from palpate.executors.machine import usage
+        from palpate.run_status import Watcher
+
+        watcher = None if self._folder is None else Watcher(self._folder)
+        before, pause_s = (time.monotonic(), usage()), LOOK_S
+        while not self._ended.wait(pause_s):
+            now = (time.monotonic(), usage())
+            parts = [_use(before, now)]
+            before = now
+            # What is wrong with the folder is told by the sweep itself.
+            with contextlib.suppress(PalpateError, OSError):
+                parts.append(best(watcher.look().best) if watcher else "")
+            self.text = "; ".join(part for part in parts if part)
+            pause_s = max(LOOK_S, 20.0 * (time.monotonic() - now[0]))
+
+
+_Use = tuple[float, tuple[float, float] | None]
+
+
+def _use(before: _Use, now: _Use) -> str:
+    """Processors that worked between two looks, and memory now."""
+    if before[1] is None or now[1] is None:
+        return ""
+    share = max(0.0, now[1][0] - before[1][0]) / max(1e-9, now[0] - before[0])
+    return f"cpu {100.0 * share:.0f} % of {os.cpu_count()} cores, memory {now[1][1] / 1e3:.1f} GB"
+
+
+def best(frame: "pl.DataFrame") -> str:
+    """Least Fopt so far of each scenario, with where it is."""
+    if frame.is_empty():
+        return ""
+    least = frame.sort("fopt").group_by("scenario", maintain_order=True).first().sort("scenario")
+    rows = least.select("scenario", "fopt", "spot", "set_id").rows()
+    return "best " + ", ".join(f"{name} {fopt:.3g} ({spot}/{set_id})" for name, fopt, spot, set_id in rows)
+
+
+def _bars(console: Any) -> "Progress":  # noqa: ANN401 - rich's, imported only where it is needed
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    return Progress(
+        TextColumn("{task.description:<14}"),
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[notes]}"),
+        console=console,
+    )

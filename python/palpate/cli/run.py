@@ -47,7 +47,7 @@ def go(
     from palpate import pipeline
 
     where = folder if fork is None else fork
-    with StageProgress(session) as progress:
+    with StageProgress(session, where) as progress:
         result = pipeline.run_study(
             study,
             where,

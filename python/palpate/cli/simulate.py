@@ -18,7 +18,7 @@ def simulate(
     session = Session.of(context)
     checked = session.study(study)
     folder = run_folder(checked, out)
-    with StageProgress(session) as progress:
+    with StageProgress(session, folder) as progress:
         simulations = pipeline.simulate(checked, folder, session.plugins, progress)
     counts = Counter(str(simulation.status) for simulation in simulations)
     if as_json:

@@ -10,7 +10,7 @@ from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 
 if TYPE_CHECKING:
-    from palpate.run_status import RunStatus
+    from palpate.run_status import RunStatus, Watcher
 
 INTERVAL_S = 2.0
 """Seconds between two looks."""
@@ -29,14 +29,31 @@ def status(
 
     session, watcher = Session.of(context), Watcher(run)
     seen = watcher.look()
-    while watch and seen.runner is not None:
-        session.note(_line(seen))
-        time.sleep(INTERVAL_S)
-        seen = watcher.look()
+    if watch and seen.runner is not None:
+        seen = _watched(session, watcher, seen)
     if as_json:
         session.json(_as_json(seen))
         return
     _show(session, seen)
+
+
+def _watched(session: Session, watcher: "Watcher", seen: "RunStatus") -> "RunStatus":
+    """Show a run until it ends: one line that changes for people, a line for each change in a log."""
+    from rich.live import Live
+
+    said = _line(seen)
+    if not session.stderr.is_terminal:
+        session.stderr.print(said, markup=False)
+    with Live(said, console=session.stderr, transient=True, auto_refresh=False) as live:
+        while seen.runner is not None:
+            time.sleep(INTERVAL_S)
+            seen = watcher.look()
+            if session.stderr.is_terminal:
+                live.update(_line(seen), refresh=True)
+            elif _counts(seen) not in said:
+                said = _line(seen)
+                session.stderr.print(said, markup=False)
+    return seen
 
 
 def _show(session: Session, seen: "RunStatus") -> None:
@@ -49,8 +66,7 @@ def _show(session: Session, seen: "RunStatus") -> None:
 
 
 def _line(seen: "RunStatus") -> str:
-    states = ", ".join(f"{n} {state}" for state, n in seen.states.items()) or "none finished"
-    line = f"{seen.folder}: {seen.n_finished} of {seen.n_simulations} simulations ({states})"
+    line = f"{seen.folder}: {_counts(seen)}"
     if seen.runner is not None:
         line += f"; running: {seen.runner}"
     elif seen.n_finished < seen.n_simulations:
@@ -58,6 +74,11 @@ def _line(seen: "RunStatus") -> str:
     if seen.seconds_left is not None:
         line += f"; about {duration(seen.seconds_left)} left"
     return line
+
+
+def _counts(seen: "RunStatus") -> str:
+    states = ", ".join(f"{n} {state}" for state, n in seen.states.items()) or "none finished"
+    return f"{seen.n_finished} of {seen.n_simulations} simulations ({states})"
 
 
 def duration(seconds: float) -> str:

@@ -25,9 +25,13 @@ class InProcess(Executor):
 
     def outcomes(self, work: Work) -> Iterator[Outcome]:
         """Yield the outcome of each job as it ends."""
+
+        def started(index: int) -> None:
+            work.running(1)
+
         for spot, indices in by_spot(work.jobs).items():
             tasks = [(i, work.jobs[i]) for i in indices]
-            yield from attempt(work.solver, work.limbs.get(spot), tasks, lambda index: None, work.going_on)
+            yield from attempt(work.solver, work.limbs.get(spot), tasks, started, work.going_on)
 
 
 class Processes(Executor):

@@ -68,6 +68,7 @@ class Pool:
         self._limbs = work.limbs
         self._limits = work.limits
         self._going_on = work.going_on
+        self._tell_running = work.running
         self._n_processes = n_processes
         self._n_threads = n_threads or max(1, n_cores() // n_processes)
         solver = _packed_or_refused(work.solver, f"solver '{work.solver.name}'")
@@ -176,6 +177,7 @@ class Pool:
             worker.ready = True
         elif kind == "started":
             worker.started.add(content[0])
+            self._tell_running(sum(len(each.started) for each in self._workers))
         elif kind == "done":
             (outcome,) = content
             worker.started.discard(outcome.index)

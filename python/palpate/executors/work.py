@@ -62,6 +62,10 @@ def _always() -> bool:
     return True
 
 
+def _ignored(n_running: int) -> None:
+    """Nobody wants to know."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Work:
     """Jobs to be done.
@@ -76,6 +80,8 @@ class Work:
         One-file plugins that each worker loads before anything else.
     going_on : callable
         Asked before a job is begun; where it says no, those begun are finished and the rest left.
+    running : callable
+        Told how many jobs are running, as far as the executor knows, whenever that changes.
     """
 
     solver: Solver
@@ -85,3 +91,4 @@ class Work:
     n_workers: int = 0
     plugin_files: Sequence[Path] = ()
     going_on: Callable[[], bool] = _always
+    running: Callable[[int], None] = _ignored

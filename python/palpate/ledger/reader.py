@@ -149,6 +149,13 @@ class Ledger:
         )
         return dict(rows)
 
+    def bytes_each(self) -> float | None:
+        """What a finished simulation takes on the disk, on average; None where there is none."""
+        ((n_finished, n_bytes),) = self._all(
+            "SELECT (SELECT count(*) FROM simulations), (SELECT coalesce(sum(size), 0) FROM curve_files)"
+        )
+        return (n_bytes + max(0, _size(self.path))) / n_finished if n_finished else None
+
     def frame(self, table: str) -> pl.DataFrame:
         """One of the tables as a data frame."""
         with told(self.path):

@@ -109,6 +109,7 @@ class _Flow:
             future = self._client.submit(run_tasks, self._station, tasks, pure=False)
             self._sent[future] = index
             sent.append(future)
+            self._work.running(min(len(self._sent), n_room // (1 + WAITING_PER_THREAD)))
         return sent
 
     def _answer(self, future: Future, index: int) -> list[Outcome]:

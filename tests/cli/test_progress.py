@@ -1,0 +1,156 @@
+"""How a run is watched: bars for people, lines for logs, and what lies beside the counts."""
+
+import io
+import re
+import subprocess
+import sys
+import threading
+import time
+
+import polars as pl
+import pytest
+from rich.console import Console
+
+from palpate.cli import progress as shown
+from palpate.cli import status as status_command
+from palpate.cli.progress import StageProgress, best
+from palpate.cli.session import Session
+from palpate.executors.machine import usage
+from palpate.locking import locked
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+
+@pytest.fixture
+def follow(monkeypatch):
+    """A session whose stderr is kept, as a terminal's or as a log."""
+
+    def make(*, is_terminal, colour=False):
+        session, text = Session(), io.StringIO()
+        console = Console(
+            file=text, force_terminal=is_terminal, width=200, soft_wrap=True, no_color=not colour
+        )
+        monkeypatch.setattr(Session, "stderr", console)
+        return session, text
+
+    return make
+
+
+def test_a_log_gets_lines_with_counts_and_the_time_left(follow, monkeypatch):
+    session, text = follow(is_terminal=False)
+    clock = iter(range(0, 10_000, 2))
+    monkeypatch.setattr(shown.time, "monotonic", lambda: next(clock))
+    with StageProgress(session) as following:
+        following.begin("simulate", 40)
+        for i in range(40):
+            following.running(2)
+            following.step("crashed" if i % 10 == 9 else "ok")
+    lines = text.getvalue().splitlines()
+    assert lines[0] == "simulate: 40 steps"
+    assert len(lines) == 11
+    assert re.fullmatch(r"simulate: 20 of 40 18 ok, 2 crashed, 1 running; about \d+ s left", lines[5]), lines
+    assert lines[-1] == "simulate: 40 of 40 36 ok, 4 crashed, 1 running"
+    assert not re.search(r"[\r\x1b]", text.getvalue())
+
+
+def test_a_log_hears_of_a_slow_sweep_every_minute(follow, monkeypatch):
+    session, text = follow(is_terminal=False)
+    clock = iter(range(0, 10**7, 45))
+    monkeypatch.setattr(shown.time, "monotonic", lambda: next(clock))
+    with StageProgress(session) as following:
+        following.begin("measure", 1000)
+        for _ in range(9):
+            following.step("ok")
+    assert len(text.getvalue().splitlines()) > 3
+
+
+def test_a_terminal_gets_a_bar_and_no_colour_where_none_is_wanted(follow):
+    session, text = follow(is_terminal=True)
+    with StageProgress(session) as following:
+        following.begin("simulate", 3)
+        following.running(2)
+        following.step("ok")
+        following.step("timed_out")
+    assert "2/3" in text.getvalue()
+    assert "1 ok, 1 timed_out" in text.getvalue()
+    assert not re.search(r"\x1b\[[0-9;]*3[0-9]m", text.getvalue())
+
+
+def test_the_side_shows_processor_memory_and_the_best_sets(call, study, tmp_path, follow, monkeypatch):
+    call("run", study, "--out", "run")
+    monkeypatch.setattr(shown, "LOOK_S", 0.05)
+    session, _ = follow(is_terminal=False)
+    with StageProgress(session, tmp_path / "run") as following:
+        following.begin("simulate", 5)
+        deadline = time.monotonic() + 20.0
+        while "best" not in following._side.text and time.monotonic() < deadline:
+            time.sleep(0.02)
+        said = following._side.text
+    assert re.search(r"cpu \d+ % of \d+ cores, memory \d+\.\d GB; best pull only [\d.e-]+ \(s\d/\d+\)", said)
+    assert not following._side._thread.is_alive()
+
+
+def test_the_best_of_each_scenario_is_named_with_its_place():
+    frame = pl.DataFrame(
+        {
+            "spot": ["a", "b", "a"],
+            "scenario": ["I", "I", "II"],
+            "set_id": [4, 7, 1],
+            "fopt": [0.5, 0.25, 1e-9],
+        }
+    )
+    assert best(frame) == "best I 0.25 (b/7), II 1e-09 (a/1)"
+    assert best(frame.clear()) == ""
+
+
+@pytest.mark.skipif(usage() is None, reason="no /proc here")
+def test_the_use_of_workers_and_of_what_they_start_counts():
+    before = usage()
+    hold = "x = bytearray(150_000_000)\nwhile 1: x"
+    busy = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {hold!r}])"
+    child = subprocess.Popen([sys.executable, "-c", busy], start_new_session=True)
+    deadline = time.monotonic() + 20.0
+    try:
+        while (now := usage())[1] < before[1] + 140.0 or now[0] < before[0] + 0.3:
+            assert time.monotonic() < deadline, (before, now)
+            time.sleep(0.05)
+    finally:
+        import os
+        import signal
+
+        os.killpg(child.pid, signal.SIGKILL)
+        child.wait()
+
+
+def test_a_disk_that_is_too_small_is_told_before_the_first_simulation(call, study, monkeypatch):
+    import shutil
+
+    usual = shutil.disk_usage
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usual(path)._replace(free=100_000))
+    ran = call("run", study)
+    assert ran.code == 0
+    said = r"runs/toy: 0\.1 MB are free, and the 20 simulations to come take about 0\.3 MB; make room"
+    assert re.search(said, ran.err), ran.err
+    assert ran.err.index("make room") < ran.err.index("4 of 40")
+    monkeypatch.undo()
+
+
+def test_watching_ends_with_the_run_and_a_log_hears_of_changes_only(call, study, tmp_path, monkeypatch):
+    call("run", study)
+    monkeypatch.setattr(status_command, "INTERVAL_S", 0.05)
+    held, seen = threading.Event(), {}
+
+    def hold():
+        with locked(tmp_path / "runs" / "toy"):
+            held.set()
+            time.sleep(1.0)
+
+    runner = threading.Thread(target=hold)
+    runner.start()
+    held.wait()
+    seen = call("status", "runs/toy", "--watch")
+    runner.join()
+    assert seen.code == 0
+    assert seen.err.count("20 of 20 simulations (20 ok)") == 1
+    assert "running: process" in seen.err
+    assert "Best so far" in seen.out
