@@ -288,6 +288,25 @@ def test_a_bone_with_holes_is_closed_when_it_is_read(tmp_path: Path) -> None:
     assert not defects(read)
 
 
+MYO_SIM = Path(__file__).parents[1] / "data" / "myo_sim"
+
+
+@pytest.mark.parametrize(("name", "holes", "length_mm"), [("radius", 3, 246.0), ("ulna", 3, 259.7)])
+def test_bones_as_others_publish_them_are_closed_and_what_was_mended_is_told(
+    name: str, holes: int, length_mm: float
+) -> None:
+    """MyoSim's bones: in metres, with holes and edges of three faces. A forearm's bone has 20 to 60 cm³."""
+    with pytest.raises(MeshError, match="its unit is perhaps m: say so"):
+        read_bone(MYO_SIM / f"{name}.stl")
+    read = read_bone(MYO_SIM / f"{name}.stl", "m")
+    assert not defects(read)
+    assert f"{holes} holes" in read.mended
+    assert "edges of more than two faces" in read.mended
+    assert "changed by" in read.mended
+    assert np.ptp(read.points_mm, axis=0).max() == pytest.approx(length_mm, abs=0.1)
+    assert 20e3 < read.volume_mm3 < 60e3
+
+
 # --------------------------------------------------------------------- segment
 
 

@@ -1,6 +1,6 @@
 """Bone models: read, closed if need be, and placed in the frame of the scan."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +42,7 @@ def read_bone(path: Path, unit: str = "mm") -> Surface:
     surface = read_surface(path, unit)
     check_size(surface, BONE_MM, unit)
     closed = repaired(outwards(surface))
-    return Surface(name=path.stem, points_mm=closed.points_mm, faces=closed.faces)
+    return replace(closed, name=path.stem)
 
 
 def read_motion(path: Path) -> Placement:

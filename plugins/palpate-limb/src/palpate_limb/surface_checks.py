@@ -4,7 +4,7 @@ import contextlib
 import io
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -119,7 +119,8 @@ def _intersecting(surface: Surface) -> IntArray:
 def repaired(surface: Surface) -> Surface:
     """The largest part of a surface, closed and without crossing faces, by MeshFix.
 
-    Colours are lost. A surface without defects comes back as it is.
+    Colours are lost; ``mended`` says what was wrong and how far points moved or fell away. A
+    surface without defects comes back as it is.
 
     Raises
     ------
@@ -141,16 +142,25 @@ def repaired(surface: Surface) -> Surface:
             f"{surface.name}: cannot be repaired ({'; '.join(map(str, left)) or 'it is inside out'}); "
             "mend it in a mesh editor"
         )
-    return mended
+    return replace(mended, mended=_told(surface, found, mended))
+
+
+def _told(surface: Surface, found: list[Defect], mended: Surface) -> str:
+    """What was mended, and the place of the old surface that is furthest from the new one."""
+    corners = surface.points_mm[np.unique(surface.faces)]
+    _, gaps = mended.nearest(corners)
+    x, y, z = corners[gaps.argmax()]
+    return (
+        f"{'; '.join(map(str, found))}; mended, and changed by {gaps.max():.2g} mm at most, near "
+        f"({x:.4g}, {y:.4g}, {z:.4g}) mm"
+    )
 
 
 def outwards(surface: Surface) -> Surface:
     """The closed surface with its faces outward."""
     if surface.volume_mm3 >= 0.0:
         return surface
-    return Surface(
-        name=surface.name, points_mm=surface.points_mm, faces=surface.faces[:, ::-1], colours=surface.colours
-    )
+    return replace(surface, faces=surface.faces[:, ::-1])
 
 
 @contextlib.contextmanager

@@ -1,6 +1,6 @@
 """Triangulated surfaces, and the only door to the libraries that compute with them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,17 +24,20 @@ class Surface:
     faces : (m, 3) integer array
     colours : (n, 3) array, optional
         sRGB of each point, 0 to 1.
+    mended : str
+        What was wrong with it and has been mended; empty where nothing was.
     """
 
     name: str
     points_mm: FloatArray
     faces: IntArray
     colours: FloatArray | None = None
+    mended: str = ""
 
     def moved(self, motion: FloatArray) -> "Surface":
         """The surface after a rigid motion (4, 4)."""
         points = self.points_mm @ motion[:3, :3].T + motion[:3, 3]
-        return Surface(name=self.name, points_mm=points, faces=self.faces, colours=self.colours)
+        return replace(self, points_mm=points)
 
     @property
     def trimesh(self) -> "trimesh.Trimesh":
