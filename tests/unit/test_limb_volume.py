@@ -120,15 +120,16 @@ def test_a_layered_mesh_lies_on_its_surfaces_and_can_be_simulated() -> None:
     assert set(mesh.node_sets["fixed"]) == set(mesh.node_sets["cut"]) | set(mesh.node_sets["bone"])
     quality = assess(limb, segment(), 6.0)
     check_quality(quality, "p1", 4.0)
+    assert quality.contact_edge_mm == pytest.approx(4.0, rel=0.15), "the size asked for"
     assert abs(quality.volume_error) < 0.01
     below = below_skin(segment(), 2.5)
-    share = (
-        below.contains(mesh.points_mm[mesh.cells["tet10"][:, :4]].mean(axis=1)) == mesh.cell_regions["tet10"]
-    )
-    assert share.mean() > 0.99
-    # Skin of 2.5 mm around 40 mm of limb, from the half-axes at its middle.
+    middles = mesh.points_mm[mesh.cells["tet10"][:, :4]].mean(axis=1)
+    astray = middles[below.contains(middles) != mesh.cell_regions["tet10"]]
+    assert len(astray) < 0.03 * len(middles), "flat elements beside the border, whose edges are bent"
+    assert below.nearest(astray)[1].max() < 0.5
+    # Skin of 2.5 mm around 40 mm of limb, from the half-axes at its middle; 5 % are 0.12 mm of thickness.
     outer, inner = 17.0 * 14.0, 14.5 * 11.5
-    assert quality.regions["skin"] == pytest.approx((outer - inner) / (outer - 4.25**2), rel=0.03)
+    assert quality.regions["skin"] == pytest.approx((outer - inner) / (outer - 4.25**2), rel=0.05)
 
 
 def test_the_sphere_rests_on_the_mesh() -> None:
@@ -143,7 +144,7 @@ def test_a_poor_mesh_is_refused() -> None:
     limb = layered()
     quality = assess(limb, segment(), 6.0)
     with pytest.raises(MeshError, match="edges under the indenter"):
-        check_quality(quality, "p1", 0.3)
+        check_quality(quality, "p1", 0.7 * quality.contact_edge_mm)
     mesh = limb.mesh
     cells = mesh.cells["tet10"][:-100]
     holed = Limb(

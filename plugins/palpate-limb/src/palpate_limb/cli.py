@@ -105,6 +105,8 @@ def _tell(session: Session, notes: list[dict[str, Any]], plan: "ScanPlan", out: 
         for n in notes
     ]
     session.table(f"Limbs in {out}", columns, rows)
+    for name, mended in notes[0]["mended"].items():
+        session.say(f"{name}: {mended}")
     regions = (*plan.mesh.layers_mm, "soft_tissue")
     session.say("\n" + study_tables([n["spot"] for n in notes], regions, out))
     session.next("limb STUDY", "put these tables into a study.toml; ")

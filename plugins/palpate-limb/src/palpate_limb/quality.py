@@ -16,6 +16,8 @@ from palpate_limb.segment import Segment
 
 LEAST_SCALED_JACOBIAN = 0.02
 LARGEST_VOLUME_ERROR = 0.01
+LONGEST_EDGE = 1.35
+"""Mean edge under the indenter over the one asked for, at most."""
 _CORNERS = ((0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 0, 2, 1))
 _PAIRS = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 
@@ -103,7 +105,7 @@ def check_quality(quality: Quality, spot: str, wanted_mm: float) -> None:
             f"spot '{spot}': the mesh has {100 * quality.volume_error:+.2g} % more volume than the scan; use "
             "smaller elements or a smaller tolerance"
         )
-    if quality.contact_edge_mm > 2.0 * wanted_mm:
+    if quality.contact_edge_mm > LONGEST_EDGE * wanted_mm:
         raise MeshError(
             f"spot '{spot}': edges under the indenter are {quality.contact_edge_mm:.3g} mm long where "
             f"{wanted_mm:g} mm were asked for; use a slower growth or another mesher"

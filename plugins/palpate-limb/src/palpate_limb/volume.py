@@ -12,12 +12,14 @@ from palpate.errors import MeshError
 from palpate.specimens.blocks import with_midpoints
 from palpate_limb.curving import curved
 from palpate_limb.layers import below_skin
-from palpate_limb.meshing import MeshingTask, SizeField, mesh_in_child
+from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, adapt_in_child, mesh_in_child
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface, solid, surface_of
 
 TISSUE = "soft_tissue"
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
+FLATTEST = 3.0
+"""Edges of a layer's elements over its thickness, at most: flatter ones are too poor."""
 FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
 """Faces of a tetrahedron, outward; the k-th lies opposite of node k."""
 
@@ -33,7 +35,8 @@ class MeshPlan:
     layers_mm : mapping of region to thickness, from the skin inwards
         Below them everything is ``soft_tissue``.
     tolerance_mm : float
-        How far elements may leave the surfaces before they are bent onto them.
+        How far flat faces may leave the surfaces before they are bent onto them; twice as far
+        where elements can be bent.
     mesher : str
     time_limit_s : float
     """
@@ -75,8 +78,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
     """
     interfaces = _interfaces(segment, plan.layers_mm)
     points, tets = _filled(segment, interfaces, plan)
-    regions = _regions(points, tets, interfaces)
-    boundary = classify(points, tets, segment)
+    points, tets, regions, boundary = _adapted(points, tets, segment, interfaces, plan)
     points, tets, on = (
         _quadratic(points, tets, boundary) if plan.kind == "tet10" else (points, tets, _nodes(boundary))
     )
@@ -86,7 +88,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
         for i, (name, interface) in enumerate(interfaces.items())
     }
     points = curved(points, tets, on, segment, inner)
-    bones = [on[bone.name] for bone in segment.bones if bone.name in on]
+    bones = [on[bone.name] for bone in segment.bones]
     mesh = Mesh(
         points_mm=points,
         cells={plan.kind: tets},
@@ -96,7 +98,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
             "fixed": np.unique(np.concatenate([on["cut"], *bones])),
             "contact": on["skin"],
             "cut": on["cut"],
-            **{bone.name: on[bone.name] for bone in segment.bones if bone.name in on},
+            **{bone.name: on[bone.name] for bone in segment.bones},
         },
     )
     return Limb(spot=Spot(name=segment.name), mesh=mesh)
@@ -134,6 +136,31 @@ def _filled(
     if task.nested:
         tets = tets[segment.tissue.contains(points[tets].mean(axis=1))]
     return _largest(points, _positive(points, tets))
+
+
+def _adapted(
+    points: FloatArray, tets: IntArray, segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan
+) -> tuple[FloatArray, IntArray, IntArray, Boundary]:
+    """Points, tetrahedra, their regions and their boundary, with elements of the sizes asked for."""
+    boundary = classify(points, tets, segment)
+    names = list(boundary.faces)
+    size = plan.size
+    made = adapt_in_child(
+        AdaptTask(
+            points_mm=points,
+            tets=tets,
+            regions=_regions(points, tets, interfaces),
+            faces=np.concatenate(list(boundary.faces.values())),
+            surfaces=np.repeat(np.arange(len(names)) + 1, [len(faces) for faces in boundary.faces.values()]),
+            size_field=np.array([size.fine_mm, size.coarse_mm, size.radius_mm, size.growth]),
+            largest_mm=np.array([*(FLATTEST * t for t in plan.layers_mm.values()), np.inf]),
+            deviation_mm=plan.tolerance_mm * (2.0 if plan.kind == "tet10" else 1.0),
+        ),
+        plan.time_limit_s,
+    )
+    points = made["points_mm"]
+    faces = {name: made["faces"][made["surfaces"] == i + 1] for i, name in enumerate(names)}
+    return points, _positive(points, made["tets"]), made["regions"], Boundary(faces=faces)
 
 
 def _without_ends(surface: Surface, segment: Segment, half: float) -> Surface:
@@ -205,12 +232,13 @@ def classify(points: FloatArray, tets: IntArray, segment: Segment) -> Boundary:
     nearest = np.where(flat, -1, distances.argmin(axis=1))
     found = {"cut": faces[nearest == -1], "skin": faces[nearest == 0]}
     found |= {bone.name: faces[nearest == i + 1] for i, bone in enumerate(segment.bones)}
-    for name in ("cut", "skin"):
-        if not len(found[name]):
+    for name, faces_on in found.items():
+        if not len(faces_on):
             raise MeshError(
-                f"spot '{segment.name}': the mesh has no face on the {name}; use smaller elements"
+                f"spot '{segment.name}': the mesh has no face on '{name}'; use smaller elements or a smaller "
+                "tolerance"
             )
-    return Boundary(faces={name: f for name, f in found.items() if len(f)})
+    return Boundary(faces=found)
 
 
 def _nodes(boundary: Boundary) -> dict[str, IntArray]:

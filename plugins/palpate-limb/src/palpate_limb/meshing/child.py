@@ -1,37 +1,27 @@
-"""The process in which a mesher works: reads a task, writes a mesh."""
+"""The process in which a mesher works: reads arrays, writes arrays."""
 
 import importlib
 import sys
+from pathlib import Path
 
 import numpy as np
 
-from palpate_limb.meshing.mesher import Mesher, MeshingTask
-
-NOT_INSTALLED = 3
+from palpate_limb.meshing.in_child import NOT_INSTALLED, ChildWork, save_arrays
 
 
 def main(target: str, given: str, made: str) -> int:
-    """Mesh the task in one file and write the mesh to another."""
+    """Let a class work on the arrays in one file, and write what it makes to another."""
     module, _, name = target.partition(":")
     try:
-        mesher = getattr(importlib.import_module(module), name)()
-        if not isinstance(mesher, Mesher):
+        worker = getattr(importlib.import_module(module), name)()
+        if not isinstance(worker, ChildWork):
             raise TypeError(f"{target} is no Mesher")
         with np.load(given) as arrays:
-            task = MeshingTask(
-                points_mm=arrays["points_mm"],
-                faces=arrays["faces"],
-                nested=bool(arrays["nested"]),
-                size_points_mm=arrays["size_points_mm"],
-                size_cells=arrays["size_cells"],
-                sizes_mm=arrays["sizes_mm"],
-                tolerance_mm=float(arrays["tolerance_mm"]),
-            )
-        points, tets = mesher.fill(task)
+            result = worker.work(dict(arrays))
     except ImportError as error:
         print(f"mesher {target}: {error}; install it, e.g. pip install 'palpate-limb[all]'", file=sys.stderr)  # noqa: T201
         return NOT_INSTALLED
-    np.savez(made, points_mm=points, tets=tets)
+    save_arrays(Path(made), result)
     return 0
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.domain import FloatArray, IntArray
 from palpate_limb.meshing.mesher import Mesher, MeshingTask
 
-STOP_ENERGY = 8.0
+STOP_ENERGY = 10.0
 """Elements are improved, and sizes met, until the worst has this AMIPS energy; a regular one has 3."""
 N_ROUNDS = 60
 

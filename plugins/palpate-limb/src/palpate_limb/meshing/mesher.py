@@ -1,16 +1,8 @@
-"""What a mesher is, and its run in a process of its own, bounded in time.
+"""What a mesher is: it fills surfaces with tetrahedra, in a process of its own."""
 
-A mesher may loop for ever or end its process on surfaces that it cannot take;
-in a child neither harms the caller.
-"""
-
-import subprocess
-import sys
-import tempfile
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -18,6 +10,7 @@ import numpy as np
 
 from palpate.domain import FloatArray, IntArray
 from palpate.errors import MeshError, PluginError
+from palpate_limb.meshing.in_child import Arrays, ChildWork, work_in_child
 
 MESHERS: Mapping[str, str] = MappingProxyType(
     {
@@ -56,7 +49,7 @@ class MeshingTask:
     tolerance_mm: float
 
 
-class Mesher(ABC):
+class Mesher(ChildWork):
     """Fills surfaces with tetrahedra."""
 
     name: ClassVar[str]
@@ -66,6 +59,20 @@ class Mesher(ABC):
     @abstractmethod
     def fill(self, task: MeshingTask) -> tuple[FloatArray, IntArray]:
         """Points (n, 3) and tetrahedra (m, 4), of positive volume."""
+
+    def work(self, given: Arrays) -> Arrays:
+        """Fill the task that the arrays describe."""
+        task = MeshingTask(
+            points_mm=given["points_mm"],
+            faces=given["faces"],
+            nested=bool(given["nested"]),
+            size_points_mm=given["size_points_mm"],
+            size_cells=given["size_cells"],
+            sizes_mm=given["sizes_mm"],
+            tolerance_mm=float(given["tolerance_mm"]),
+        )
+        points, tets = self.fill(task)
+        return {"points_mm": points, "tets": np.asarray(tets, dtype=np.int64)}
 
 
 def mesh_in_child(mesher: str, task: MeshingTask, time_limit_s: float) -> tuple[FloatArray, IntArray]:
@@ -90,27 +97,8 @@ def mesh_in_child(mesher: str, task: MeshingTask, time_limit_s: float) -> tuple[
         raise PluginError(
             f"no mesher '{mesher}' (there: {', '.join(MESHERS)}); choose one, or name module:class"
         )
-    with tempfile.TemporaryDirectory(prefix="palpate-mesh-") as folder:
-        given, made = Path(folder) / "task.npz", Path(folder) / "mesh.npz"
-        np.savez(given, **{name: getattr(task, name) for name in MeshingTask.__slots__})
-        command = [sys.executable, "-m", "palpate_limb.meshing.child", target, str(given), str(made)]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=time_limit_s, check=False)
-        except subprocess.TimeoutExpired:
-            raise MeshError(
-                f"mesher '{mesher}' was stopped after {time_limit_s:g} s; coarsen the mesh, or raise the "
-                "time limit"
-            ) from None
-        if done.returncode == 3:
-            raise PluginError(done.stderr.strip().splitlines()[-1])
-        if done.returncode or not made.is_file():
-            reason = (done.stderr.strip().splitlines() or ["it ended without a word"])[-1][:300]
-            raise MeshError(
-                f"mesher '{mesher}' failed with exit code {done.returncode} ({reason}); check the "
-                "surfaces, or use another mesher"
-            )
-        with np.load(made) as arrays:
-            points, tets = arrays["points_mm"], arrays["tets"].astype(np.int64)
-    if not len(tets):
+    given = {name: getattr(task, name) for name in MeshingTask.__slots__}
+    made = work_in_child(f"mesher '{mesher}'", target, given, time_limit_s)
+    if not len(made["tets"]):
         raise MeshError(f"mesher '{mesher}' filled nothing; check that the surfaces are closed and outward")
-    return points, tets
+    return made["points_mm"], made["tets"]
