@@ -69,7 +69,9 @@ class Chromium:
         self.events = []
         self.resize(width, dark=dark, height=height)
         self._call("Page.navigate", url=page.as_uri())
-        self.wait("document.documentElement?.dataset.ready || !document.getElementById('trouble')?.hidden")
+        self.wait(
+            "document.documentElement?.dataset.ready || document.getElementById('trouble')?.hidden === false"
+        )
 
     def resize(self, width: int, *, dark: bool = False, height: int = 900) -> None:
         """Make the window this wide, and its colours light or dark."""
@@ -140,14 +142,14 @@ class Chromium:
         return {"clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}}
 
     def complaints(self) -> list[str]:
-        """What the page has said to its console, or thrown, or was refused."""
+        """Errors that the page has said to its console, or thrown, or what it was refused."""
         self.value("0")
         found = []
         for event in self.events:
             what = event["params"]
             if event["method"] == "Runtime.exceptionThrown":
                 found.append(json.dumps(what["exceptionDetails"])[:600])
-            elif event["method"] == "Log.entryAdded" and what["entry"]["level"] in ("error", "warning"):
+            elif event["method"] == "Log.entryAdded" and what["entry"]["level"] == "error":
                 found.append(what["entry"]["text"])
             elif event["method"] == "Runtime.consoleAPICalled" and what["type"] in (
                 "error",

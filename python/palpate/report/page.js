@@ -40,7 +40,14 @@
     modeBarButtons: name === "scene" ? DEEP : FLAT, toImageButtonOptions: { format: name === "scene" ? "png" : "svg", filename: name },
   });
 
-  const draw = (id, traces, shape) => Plotly.react(element(id), traces, shape, config(id));
+  let drawing = 0;
+
+  /** While it draws, the library tells of selections that nobody has made. */
+  function draw(id, traces, shape) {
+    drawing += 1;
+    const pictures = () => element(id).querySelectorAll(".main-svg").forEach((svg) => svg.setAttribute("aria-hidden", "true"));
+    Plotly.react(element(id), traces, shape, config(id)).then(pictures).finally(() => { drawing -= 1; });
+  }
 
   // ------------------------------------------------------------------ curves
 
@@ -244,9 +251,10 @@
 
   function listen(id) {
     const own = (event) => event.points.map((p) => p.customdata).filter((i) => i !== undefined);
-    element(id).on("plotly_selected", (event) => { if (event) select(own(event)); });
-    element(id).on("plotly_click", (event) => select(own(event)));
-    element(id).on("plotly_deselect", () => select(null));
+    const on = (name, then) => element(id).on(name, (event) => { if (!drawing) then(event); });
+    on("plotly_selected", (event) => { if (event) select(own(event)); });
+    on("plotly_click", (event) => select(own(event)));
+    on("plotly_deselect", () => select(null));
   }
 
   // ------------------------------------------------------------------ limb
@@ -307,8 +315,8 @@
         drawAll();
       });
     }
-    document.querySelectorAll("[data-toggle]").forEach((box) => box.addEventListener("change", () => {
-      if (box.checked) state.hidden.delete(box.dataset.toggle); else state.hidden.add(box.dataset.toggle);
+    document.querySelectorAll("[data-shown]").forEach((box) => box.addEventListener("change", () => {
+      if (box.checked) state.hidden.delete(box.dataset.shown); else state.hidden.add(box.dataset.shown);
       drawCurves();
     }));
     element("reset").addEventListener("click", reset);

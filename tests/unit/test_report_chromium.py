@@ -1,0 +1,170 @@
+"""The page in a browser: drawn without an error, linked, for keyboards, phones and dark rooms."""
+
+from dataclasses import replace
+
+import pytest
+
+from palpate.report import make_tables
+from palpate.report.page import render
+from palpate.specimens import block
+
+from .chromium import COMMAND, Chromium
+from .hostile import ATTACK, NAMES, renamed
+
+pytestmark = pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
+
+PANEL = "document.querySelector('#pairs .nsewdrag').getBoundingClientRect()"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Chromium(tmp_path_factory.mktemp("chromium")) as chromium:
+        yield chromium
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("pages")
+
+
+def as_it_is(content):
+    return content
+
+
+@pytest.fixture
+def page(content, folder):
+    """Path of a page of two spots, with limbs; made once of each kind."""
+
+    def made(change=as_it_is):
+        path = folder / f"{change.__name__}.html"
+        if not path.exists():
+            limb = block("tet4", n_across=4, n_down=3)
+            shown = change(replace(content(), limbs={"p1": limb, "p2": limb}))
+            path.write_text(render(shown, make_tables(shown), []))
+        return path
+
+    return made
+
+
+def count(browser, selector):
+    return browser.value(f"document.querySelectorAll({selector!r}).length")
+
+
+def test_it_is_drawn_at_every_width_in_light_and_dark_without_an_error_or_a_request(browser, page):
+    path = page()
+    for width, dark in ((1100, False), (400, False), (1100, True)):
+        browser.open(path, width, dark=dark)
+        assert browser.value("document.documentElement.dataset.ready") == "yes"
+        assert browser.complaints() == []
+        assert browser.requests() == [path.as_uri()]
+        assert browser.value("document.documentElement.scrollWidth") <= width
+        # Of the parameters' plane each set, and the least again.
+        assert count(browser, "#pairs .subplot.xy .point") >= 41
+        assert count(browser, "#curve-0 .scatterlayer .js-line") == 3
+        ink = browser.value("getComputedStyle(document.querySelector('#curve-0 .xtitle')).fill")
+        assert ink == ("rgb(232, 235, 238)" if dark else "rgb(27, 31, 35)")
+
+
+def test_what_is_ticked_and_chosen_is_what_is_shown(browser, page):
+    browser.open(page())
+    lines = "#curve-0 .scatterlayer .js-line"
+    browser.value("document.querySelector('[data-shown=\"1\"]').click()")
+    assert count(browser, lines) == 2
+    browser.value("document.querySelector('[data-shown=\"3\"]').click()")
+    assert count(browser, lines) == 3
+    first = browser.value("document.querySelector('#curve-0').data.at(-1).y.at(-1)")
+    browser.value(
+        "(s => {s.value = '1'; s.dispatchEvent(new Event('change'))})(document.getElementById('spot'))"
+    )
+    assert (
+        browser.value("document.querySelector('#curve-0').data.at(-1).y.at(-1)") == first
+    )  # one set for all
+    assert browser.value("document.querySelector('#curve-0').data[0].y.at(-1)") == pytest.approx(
+        0.5 * 10**1.5, rel=1e-4
+    )
+    assert browser.complaints() == []
+
+
+def test_a_selection_is_the_same_everywhere(browser, page):
+    browser.open(page())
+    assert count(browser, "#selected tr") == 0
+    browser.value(
+        "document.getElementById('most').value = '0.5'; document.getElementById('pick').requestSubmit()"
+    )
+    chosen = browser.value(
+        "document.getElementById('pairs').data.find(t => t.selectedpoints).selectedpoints.length"
+    )
+    assert 0 < chosen < 40
+    assert f"{chosen} of 40 sets are selected" in browser.value(
+        "document.getElementById('selected-count').textContent"
+    )
+    assert browser.value(
+        "[...document.getElementById('pairs').data, ...document.getElementById('strip').data]"
+        f".filter(t => t.selectedpoints).every(t => t.selectedpoints.length === {chosen})"
+    )
+    listed = min(chosen, 12)
+    assert count(browser, "#selected tbody tr") == listed
+    assert count(browser, "#curve-0 .scatterlayer .js-line") == 3 + listed
+    browser.value("document.getElementById('clear').click()")
+    assert browser.value("document.getElementById('selected').hidden")
+    browser.value("document.getElementById('pairs').scrollIntoView()")
+    box = browser.value(f"(b => [b.x, b.y, b.width, b.height])({PANEL})")
+    x, y, width, height = box
+    browser.drag((x + 0.02 * width, y + 0.02 * height), (x + 0.5 * width, y + 0.98 * height))
+    browser.wait("document.querySelectorAll('#selected tbody tr').length > 0")
+    assert browser.complaints() == []
+
+
+def test_the_keyboard_reaches_every_control_in_the_order_of_the_page(browser, page):
+    browser.open(page())
+    browser.press("Tab")
+    assert browser.value("document.activeElement.getAttribute('href')") == "#verdict"
+    assert browser.value("document.activeElement.getBoundingClientRect().x") >= 0.0
+    seen = []
+    for _ in range(200):
+        browser.press("Tab")
+        if browser.value("document.activeElement === document.body"):
+            break
+        seen.append(browser.value(
+            "[...document.querySelectorAll('*')].indexOf(document.activeElement)"
+        ))  # fmt: skip
+        assert browser.value("getComputedStyle(document.activeElement).outlineStyle") != "none"
+    assert seen == sorted(seen)
+    assert len(seen) == len(set(seen)) > 30
+    assert browser.value("[...document.querySelectorAll('.plot button')].every(b => b.ariaLabel)")
+    assert count(browser, ".plot .main-svg:not([aria-hidden=true])") == 0
+    browser.value("document.querySelector('[data-shown=\"0\"]').focus()")
+    browser.press(" ")
+    assert count(browser, "#curve-0 .scatterlayer .js-line") == 2
+
+
+def test_the_limb_turns(browser, page):
+    browser.open(page())
+    browser.value("document.getElementById('scene').scrollIntoView()")
+    browser.wait("document.querySelector('#scene canvas')")
+    eye = "JSON.stringify(document.getElementById('scene').layout.scene.camera.eye)"
+    before = browser.value(eye)
+    browser.value("document.querySelector('[data-turn=left]').click()")
+    assert browser.value(eye) != before
+    names = browser.value("document.getElementById('scene').data.map(t => t.name)")
+    assert {"sphere", "sphere at 10 mm", "normal"} <= set(names)
+    assert browser.complaints() == []
+
+
+def test_hostile_names_are_shown_as_they_are_and_do_nothing(browser, page):
+    browser.open(page(renamed))
+    browser.value("document.querySelectorAll('details').forEach(d => {d.open = true})")
+    assert browser.value("document.documentElement.dataset.ready") == "yes"
+    assert browser.value("window.pwned") is None
+    assert count(browser, "marquee, img, b b, .plot a, iframe") == 0
+    assert browser.value("document.querySelector('h1').textContent") == ATTACK
+    axis = browser.value("document.querySelector('#strip .xtick text').textContent")
+    assert axis == NAMES[0]
+    title = browser.value("document.querySelector('#strip .ytitle').textContent")
+    assert title == f"Fopt (NMSE), scenario {NAMES[2]}"
+    browser.value(
+        "document.getElementById('most').value = '9'; document.getElementById('pick').requestSubmit()"
+    )
+    assert NAMES[0] in browser.value("document.getElementById('selected').textContent")
+    assert browser.value("window.pwned") is None
+    assert browser.complaints() == []
