@@ -1,21 +1,27 @@
-"""How force and torque of a forearm spot depend on the mesh: ``python tests/benchmarks/study_mesh_size.py``.
+"""How force and torque of forearm spots depend on the mesh: ``python tests/benchmarks/study_mesh_size.py``.
 
-The phantom's spot p2, Yeoh's material, a sphere of 7.5 mm, 10 mm deep, twisted by ±22.5°. Every
-mesh is fTetWild's own, so each row is another mesh and not a refinement of the last: the
-differences are of the size and of chance. Richardson's extrapolation fits y(h) = y₀ + c hᵖ.
+The phantom's spots, Yeoh's material, a sphere of 7.5 mm, 10 mm deep, twisted by ±22.5°. All lengths
+of a mesh are in proportion to the edge under the sphere: far edges, and how far flat faces may leave
+the surfaces goes with its square. Richardson's extrapolation fits y(h) = y₀ + c hᵖ. Every mesh is
+made anew, so a value has an error of chance too: ``--again N`` moves the spot by a tenth of a mm
+along the limb N times and prints the spread.
+
+    python tests/benchmarks/study_mesh_size.py --spot p2 --sizes 0.4 0.3 0.225 0.17
 """
 
+import argparse
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from palpate.domain import Indentation, Job, Limb, Sphere
+from palpate.domain import Indentation, Job, Limb, Response, Sphere, Spot
 from palpate_forearm import Phantom
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_limb.meshing import SizeField
-from palpate_limb.quality import assess
+from palpate_limb.quality import Quality, assess
 from palpate_limb.resting import rested
 from palpate_limb.segment import Segment, cut, limb_axis
 from palpate_limb.surfaces import Surface
@@ -23,25 +29,39 @@ from palpate_limb.volume import MeshPlan, mesh_segment
 from palpate_materials.yeoh import Yeoh
 
 RADIUS_MM = 7.5
+DEFAULT = 0.3
+"""Edge under the sphere over its radius, as ``palpate limb SCAN`` takes it."""
 THETA = np.array([0.0141, -0.0011, 1.05e-4, 0.8])
 PATH = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, -22.5), (10.0, 22.5), (10.0, 0.0)])
-SIZES_MM = (3.6, 2.7, 2.0, 1.5)
 
 
-def exact_segment(phantom: Phantom, k: int) -> Segment:
+def exact_segment(phantom: Phantom, spot: Spot) -> Segment:
     """The segment of a spot from the phantom's own surfaces."""
     skin = phantom.skin_surface(1.2)
     bones = [(b.name, phantom.bone_surface(b.name)) for b in phantom.bones]
     scan = Surface(name="phantom", points_mm=skin.points_mm, faces=skin.faces)
     surfaces = [Surface(name=n, points_mm=b.points_mm, faces=b.faces) for n, b in bones]
-    return cut(scan, surfaces, phantom.spots[k], limb_axis(scan))
+    return cut(scan, surfaces, spot, limb_axis(scan))
 
 
-def peaks(limb: Limb) -> tuple[float, float]:
-    """Largest force [N], and half the width [N·mm] of the torque's loop."""
+def plan(ratio: float, kind: str = "tet10") -> MeshPlan:
+    """How a mesh with edges of this share of the radius is made; the default where it is the default's."""
+    share = ratio / DEFAULT
+    size = SizeField(fine_mm=ratio * RADIUS_MM, coarse_mm=2.4 * share * RADIUS_MM, radius_mm=1.2 * RADIUS_MM)
+    return MeshPlan(size=size, tolerance_mm=0.4 * share**2, kind="tet4" if kind == "tet4" else "tet10")
+
+
+def meshed(segment: Segment, ratio: float) -> tuple[Limb, Quality]:
+    """The segment's mesh, with the sphere at rest on it."""
+    limb, _ = rested(mesh_segment(segment, plan(ratio)), RADIUS_MM)
+    return limb, assess(limb, segment, 1.2 * RADIUS_MM)
+
+
+def pressed(limb: Limb) -> Response:
+    """Curves of the press and the twist."""
     protocol = Indentation(indenter=Sphere(radius_mm=RADIUS_MM), path=PATH, friction=1.0)
     job = Job(
-        spot="p2",
+        spot=limb.spot.name,
         set_id=0,
         materials={"soft_tissue": Yeoh()},
         thetas={"soft_tissue": THETA},
@@ -50,43 +70,63 @@ def peaks(limb: Limb) -> tuple[float, float]:
     made = JaxSolver(JaxSettings()).simulate(job, limb)
     if made.response is None or made.status != "ok":
         raise RuntimeError(f"{made.status}: {made.message}")
-    torque = made.response["torque"].ordinate
-    return float(made.response["force"].ordinate.max()), float(0.5 * np.ptp(torque))
+    return made.response
+
+
+def peaks(response: Response) -> tuple[float, float]:
+    """Largest force [N], and half the width [N·mm] of the torque's loop."""
+    torque = response["torque"].ordinate
+    return float(response["force"].ordinate.max()), float(0.5 * np.ptp(torque))
 
 
 def extrapolated(sizes: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """y₀ and p of y(h) = y₀ + c hᵖ, with p between 0.5 and 4."""
+    """y₀ and p of y(h) = y₀ + c hᵖ, with p between 1 and 3."""
     fit = least_squares(
         lambda q: q[0] + q[1] * sizes ** q[2] - values,
         (values[-1], 0.01 * values[-1], 2.0),
-        bounds=((-np.inf, -np.inf, 0.5), (np.inf, np.inf, 4.0)),
+        bounds=((-np.inf, -np.inf, 1.0), (np.inf, np.inf, 3.0)),
     )
     return float(fit.x[0]), float(fit.x[2])
 
 
+def row(segment: Segment, ratio: float) -> tuple[float, float]:
+    """Force and torque of one mesh, told in a line."""
+    start = time.perf_counter()
+    limb, quality = meshed(segment, ratio)
+    done, cpu = time.perf_counter(), time.process_time()
+    force, torque = peaks(pressed(limb))
+    sys.stdout.write(
+        f"{segment.name:>6}{ratio:>7.3f}{quality.contact_edge_mm:>9.2f}{quality.n_nodes:>8}{force:>9.4f}"
+        f"{torque:>13.4f}{quality.least_scaled_jacobian:>9.3f}{done - start:>11.1f}"
+        f"{time.process_time() - cpu:>15.1f}\n"
+    )
+    sys.stdout.flush()
+    return force, torque
+
+
 def main() -> None:
     """Print a row for each size, and the extrapolated values."""
-    segment = exact_segment(Phantom(), 1)
-    rows = []
-    sys.stdout.write("fine mm   nodes  force N  torque N·mm  least scaled Jacobian  meshing s  solving s\n")
-    for fine in SIZES_MM:
-        start = time.perf_counter()
-        size = SizeField(fine_mm=fine, coarse_mm=18.0, radius_mm=9.0)
-        limb, _ = rested(mesh_segment(segment, MeshPlan(size=size)), RADIUS_MM)
-        meshed, cpu = time.perf_counter(), time.process_time()
-        force, torque = peaks(limb)
-        quality = assess(limb, segment, 9.0)
-        rows.append((fine, force, torque))
-        sys.stdout.write(
-            f"{fine:>7}{quality.n_nodes:>8}{force:>9.4f}{torque:>13.4f}{quality.least_scaled_jacobian:>15.3f}"
-            f"{meshed - start:>18.1f}{time.process_time() - cpu:>11.1f}\n"
-        )
-        sys.stdout.flush()
-    sizes, forces, torques = np.array(rows).T
-    for name, values in (("force", forces), ("torque", torques)):
-        limit, order = extrapolated(sizes, values)
-        errors = ", ".join(f"{100 * (v / limit - 1):+.2f} %" for v in values)
+    asked = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    asked.add_argument("--spot", default="p2")
+    asked.add_argument("--sizes", type=float, nargs="+", default=[0.4, 0.3, 0.225, 0.17])
+    asked.add_argument("--again", type=int, default=0)
+    options = asked.parse_args()
+    phantom = Phantom()
+    spot = next(s for s in phantom.spots if s.name == options.spot)
+    sys.stdout.write(
+        "  spot    h/R  edge mm   nodes  force N  torque N·mm  Jacobian  meshing s  solving cpu-s\n"
+    )
+    values = np.array([row(exact_segment(phantom, spot), ratio) for ratio in options.sizes])
+    sizes = np.array(options.sizes)
+    for name, found in zip(("force", "torque"), values.T, strict=True):
+        if len(sizes) < 3:
+            continue
+        limit, order = extrapolated(sizes, found)
+        errors = ", ".join(f"{100 * (v / limit - 1):+.2f} %" for v in found)
         sys.stdout.write(f"{name}: {limit:.4f} at h = 0 (order {order:.2f}); rows are off by {errors}\n")
+    for k in range(options.again):
+        moved = replace(spot, position_mm=spot.position_mm + np.array([0.1 * (k + 1), 0.0, 0.0]))
+        row(exact_segment(phantom, moved), DEFAULT)
 
 
 if __name__ == "__main__":
