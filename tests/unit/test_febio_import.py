@@ -87,6 +87,14 @@ def test_the_limb_is_the_one_that_was_written(deck):
     np.testing.assert_array_equal(found.node_sets["contact"], np.sort(limb.mesh.node_sets["contact"]))
 
 
+def test_the_skin_is_what_the_deck_says_is_touched(deck):
+    named = SOURCE.load(deck, SPOT).mesh.node_sets["contact"]
+    np.testing.assert_array_equal(FebioDeckSource().load(deck, SPOT).mesh.node_sets["contact"], named)
+    deck.write_text(deck.read_text().replace("SurfacePair", "SurfaceTwo"))
+    with pytest.raises(MeshError, match=r"'contact'.*skin_surface"):
+        FebioDeckSource().load(deck, SPOT)
+
+
 def test_regions_units_and_sets_by_name(deck):
     settings = FebioDeckSettings(
         unit="m",

@@ -112,6 +112,7 @@ def _rows(
     from palpate_febio.certificate_twist import twist_rows
 
     materials = session.plugins.materials
+    limb = None if mesh is None else _read(session.plugins, mesh)
     names = list(RECORDED_VALUES) if wanted is None else [wanted]
     for name in names:
         yield from one_element(materials[name](), febio)
@@ -121,8 +122,7 @@ def _rows(
         name = wanted or "ogden"
         material = materials[name]()
         yield from twist_rows(_twist_limb(), material, _middle(material), contenders)
-        if mesh is not None:
-            limb = _read(session.plugins, mesh)
+        if mesh is not None and limb is not None:
             yield from twist_rows(limb, material, _middle(material), contenders, f"twist of {mesh.name}")
     elif mesh is not None:
         raise StudyError(f"{mesh}: no solver that takes a mesh is installed; install palpate-jax")

@@ -52,6 +52,8 @@ class Deck:
         Nodes of the faces.
     held : tuple of str
         Node sets whose displacement is fixed in all directions.
+    touched : tuple of str
+        Primary surfaces of the surface pairs.
     materials : mapping of name to DeckMaterial
     """
 
@@ -60,6 +62,7 @@ class Deck:
     node_sets: Mapping[str, IntArray]
     surfaces: Mapping[str, IntArray]
     held: tuple[str, ...]
+    touched: tuple[str, ...]
     materials: Mapping[str, DeckMaterial]
 
 
@@ -105,6 +108,7 @@ class _Reader:
             node_sets={self.name(e): self.nodes(e, self.set_numbers(e)) for e in mesh.findall("NodeSet")},
             surfaces={self.name(e): self.surface(e) for e in mesh.findall("Surface")},
             held=tuple(self.held()),
+            touched=tuple(e.findtext("primary", "").strip() for e in mesh.findall("SurfacePair")),
             materials=materials,
         )
 

@@ -30,7 +30,8 @@ Make = Callable[[float], Solver]
 def friction_memory(
     context: typer.Context,
     steps: Annotated[
-        list[int] | None, typer.Option("--steps", help="Steps of a quarter of the twist; repeat for more.")
+        list[int] | None,
+        typer.Option("--steps", min=1, help="Steps of a quarter of the twist; repeat for more."),
     ] = None,
     depth_mm: Annotated[float, typer.Option("--depth-mm", min=0.1, help="How deep to press.")] = 3.0,
     as_json: AsJson = False,

@@ -29,8 +29,9 @@ class FebioDeckSettings(Settings):
         "displacement).",
     )
     contact: str = Field(
-        "contact",
-        description="Node set or surface that is the outer skin; the primary surface is a good choice.",
+        "",
+        description="Node set or surface that is the outer skin; empty: 'contact', or else the primary "
+        "surface of the deck's one surface pair.",
     )
 
 
@@ -67,7 +68,7 @@ class FebioDeckSource(LimbSource):
             cells.setdefault(part.kind, []).append(number[part.cells])
             region = names.index(regions[part.name])
             ids.setdefault(part.kind, []).append(np.full(len(part.cells), region))
-        sets = {"fixed": self._fixed(path, deck), "contact": _nodes(path, deck, self.settings.contact)}
+        sets = {"fixed": self._fixed(path, deck), "contact": self._contact(path, deck)}
         mesh = Mesh(
             points_mm=deck.points[used] * convert(f"1 {self.settings.unit}", "mm"),
             cells={kind: np.concatenate(blocks) for kind, blocks in cells.items()},
@@ -107,6 +108,12 @@ class FebioDeckSource(LimbSource):
                 f"in the setting fixed (there: {_there(deck)})"
             )
         return np.unique(np.concatenate([deck.node_sets[name] for name in held]))
+
+    def _contact(self, path: Path, deck: Deck) -> IntArray:
+        name = self.settings.contact or "contact"
+        if not self.settings.contact and name not in {*deck.node_sets, *deck.surfaces}:
+            name = deck.touched[0] if len(deck.touched) == 1 else name
+        return _nodes(path, deck, name)
 
 
 def _nodes(path: Path, deck: Deck, name: str) -> IntArray:
