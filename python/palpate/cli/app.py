@@ -22,13 +22,15 @@ from palpate.cli.explain import explain
 from palpate.cli.init import init
 from palpate.cli.inspect import experiment_commands
 from palpate.cli.limb import limb, limb_commands
-from palpate.cli.listing import EXAMPLES, RUN, START, GroupedCommands, examples
+from palpate.cli.listing import EXAMPLES, RUN, START, GroupedCommands, examples, name_of
 from palpate.cli.listing import STAGES as STAGES_PANEL
+from palpate.cli.new_plugin import new_plugin
 from palpate.cli.plugins import plugins
 from palpate.cli.report import report
 from palpate.cli.resume import resume
 from palpate.cli.run import run
 from palpate.cli.sample import sample
+from palpate.cli.schema import schema
 from palpate.cli.score import score
 from palpate.cli.select import select
 from palpate.cli.session import Session
@@ -39,7 +41,7 @@ from palpate.errors import NothingSelectableError, PalpateError, StoppedError
 
 PANELS = MappingProxyType(
     {
-        START: (init, check, demo, explain, doctor, plugins),
+        START: (init, check, demo, explain, doctor, plugins, new_plugin, schema),
         RUN: (run, resume, status, synthesise),
         STAGES_PANEL: (experiment, limb, sample, simulate, score, select, report),
     }
@@ -87,11 +89,11 @@ def build_app() -> typer.Typer:
     app.callback()(_options)
     for panel, commands in PANELS.items():
         for command in commands:
-            name, epilog = command.__name__, examples(*EXAMPLES[command.__name__])
+            name, epilog = name_of(command), examples(*EXAMPLES[name_of(command)])
             if command in GROUPS:
                 app.add_typer(GROUPS[command](), name=name, rich_help_panel=panel, epilog=epilog)
             else:
-                app.command(rich_help_panel=panel, epilog=epilog)(command)
+                app.command(name, rich_help_panel=panel, epilog=epilog)(command)
     return app
 
 
@@ -140,7 +142,7 @@ def split_plugin_files(arguments: Sequence[str]) -> tuple[list[str], list[Path]]
 
 def _is_core_command(arguments: Sequence[str]) -> bool:
     # Only a plugin's command, or the list of all commands, needs plugins this early.
-    own = {command.__name__ for command in (*COMMANDS, *STAGES)} - {limb.__name__}
+    own = {name_of(command) for command in (*COMMANDS, *STAGES)} - {name_of(limb)}
     return bool(arguments) and (arguments[0] in own or arguments[0] == "--version")
 
 

@@ -11,6 +11,7 @@ from palpate.cli.session import Session
 from palpate.errors import StudyError
 
 if TYPE_CHECKING:
+    from palpate.cli.output import CheckOutput
     from palpate.pipeline import Checked
     from palpate.study import Study
 
@@ -46,7 +47,7 @@ def check(
     session.next(f"run {study}")
 
 
-def _as_json(study: "Study", checked: "Checked") -> dict[str, object]:
+def _as_json(study: "Study", checked: "Checked") -> "CheckOutput":
     return {
         "study": study.name,
         "data": study.data,

@@ -1,6 +1,6 @@
 """Help that teaches: commands in groups, and examples under each."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -21,9 +21,14 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "status": ("palpate status runs/arm", "palpate status runs/arm --watch"),
         "demo": ("palpate demo", "palpate demo --study treloar"),
         "plugins": ("palpate plugins", "palpate plugins materials yeoh"),
+        "new-plugin": (
+            "palpate new-plugin material my_tissue",
+            "palpate new-plugin loader my_log --into plugins",
+        ),
         "synthesise": ("palpate synthesise arm --out planned",),
         "explain": ("palpate explain", "palpate explain shear modulus"),
         "doctor": ("palpate doctor", "palpate doctor /scratch/me --json"),
+        "schema": ("palpate schema", "palpate schema run > run.schema.json"),
         "experiment": ("palpate experiment arm --plots", "palpate experiment inspect press.csv"),
         "limb": ("palpate limb arm",),
         "sample": ("palpate sample arm",),
@@ -34,6 +39,11 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """How each of the core's commands may be called, in the order in which help lists them."""
+
+
+def name_of(command: Callable[..., object]) -> str:
+    """Name of a command: its function's, with hyphens."""
+    return command.__name__.replace("_", "-")
 
 
 def examples(*lines: str) -> str:

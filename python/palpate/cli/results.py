@@ -7,6 +7,7 @@ from palpate.cli.session import Session
 if TYPE_CHECKING:
     import polars as pl
 
+    from palpate.cli.output import RunOutput
     from palpate.pipeline import RunResult
     from palpate.study import Study
 
@@ -43,7 +44,7 @@ def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
     return frame
 
 
-def run_as_json(study: "Study", result: "RunResult") -> dict[str, object]:
+def run_as_json(study: "Study", result: "RunResult") -> "RunOutput":
     """Collect what a run found, for a script."""
     return {
         "study": study.name,

@@ -10,6 +10,7 @@ from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 
 if TYPE_CHECKING:
+    from palpate.cli.output import StatusOutput
     from palpate.run_status import RunStatus, Watcher
 
 INTERVAL_S = 2.0
@@ -89,7 +90,7 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if hours == 0 else f"{hours} h {minutes - 60 * hours} min"
 
 
-def _as_json(seen: "RunStatus") -> dict[str, object]:
+def _as_json(seen: "RunStatus") -> "StatusOutput":
     runner = seen.runner
     return {
         "folder": str(seen.folder),

@@ -1,0 +1,239 @@
+"""What ``--json`` prints, command by command: typed here, so that its schema cannot drift.
+
+Numbers that are not finite are printed as null. A change that could break a script raises
+:data:`VERSION`; ``palpate schema COMMAND`` prints the schema with it.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from pydantic import ConfigDict, TypeAdapter, with_config
+from typing_extensions import TypedDict
+
+VERSION = 1
+"""Version of all that is described here."""
+
+closed = with_config(ConfigDict(extra="forbid"))
+"""Marks an object that has just the keys that are named."""
+
+Number = float | None
+Row = dict[str, float | int | str | bool | None]
+"""A row of a table whose columns depend on the study: channels, parameters, scenarios."""
+
+
+@closed
+class Searched(TypedDict):
+    """A searched parameter, ``region.parameter``, in its region's convention."""
+
+    name: str
+    lower: float
+    upper: float
+    unit: str
+
+
+@closed
+class CheckOutput(TypedDict):
+    """A study that was found in order; ``spots`` has the channels of each."""
+
+    study: str
+    data: str
+    spots: dict[str, list[str]]
+    searched: list[Searched]
+    n_drawn: int
+    n_sets: int
+    solver: str
+    scenarios: list[str]
+
+
+@closed
+class RunOutput(TypedDict):
+    """What a run found; ``tables`` are those of its report."""
+
+    study: str
+    data: str
+    folder: str
+    n_sets: int
+    n_simulations: int
+    selection: list[Row]
+    generalisation: list[Row]
+    refinement: list[Row]
+    rays: list[Row]
+    proofs: list[Row]
+    tables: dict[str, list[Row]]
+    files: list[str]
+
+
+@closed
+class RunnerOutput(TypedDict):
+    """Who works in a run directory."""
+
+    host: str
+    pid: int
+    since: str
+
+
+@closed
+class StatusOutput(TypedDict):
+    """How far a run is; ``states`` counts simulations by how they ended."""
+
+    folder: str
+    running: RunnerOutput | None
+    n_simulations: int
+    n_finished: int
+    states: dict[str, int]
+    seconds_left: Number
+    failures: list[Row]
+    best: list[Row]
+
+
+@closed
+class SampleOutput(TypedDict):
+    """A design: one object of full parameter names in each row of ``sets``; its place is the set_id."""
+
+    n_drawn: int
+    n_sets: int
+    seed: int
+    sets: list[dict[str, float]]
+
+
+@closed
+class SelectOutput(TypedDict):
+    """The chosen sets; a table that was not asked for is empty."""
+
+    selection: list[Row]
+    generalisation: list[Row]
+    refinement: list[Row]
+    rays: list[Row]
+    proofs: list[Row]
+
+
+@closed
+class FilesOutput(TypedDict):
+    """Files that were written."""
+
+    files: list[str]
+
+
+@closed
+class SynthesiseOutput(TypedDict):
+    """Files that were written for a study."""
+
+    study: str
+    files: list[str]
+
+
+@closed
+class ExperimentRow(TypedDict):
+    """A measured curve."""
+
+    spot: str
+    channel: str
+    n_points: int
+    n_presses: int
+    largest_std: Number
+
+
+@closed
+class LimbRow(TypedDict):
+    """The mesh of a spot."""
+
+    spot: str
+    n_nodes: int
+    n_cells: int
+    regions: list[str]
+    node_sets: dict[str, int]
+
+
+@closed
+class ScoreRow(TypedDict):
+    """Score of one channel of one simulation; null where it could not be scored."""
+
+    spot: str
+    set_id: int
+    channel: str
+    status: str
+    message: str
+    nmse: Number
+    r2: Number
+    coverage: Number
+
+
+@closed
+class TermOutput(TypedDict):
+    """A term of the method."""
+
+    name: str
+    text: str
+    aliases: list[str]
+    see: list[str]
+
+
+@closed
+class FindingOutput(TypedDict):
+    """One thing that was looked at; ``level`` is fine, note or wrong."""
+
+    topic: str
+    what: str
+    found: str
+    level: str
+    advice: str
+
+
+@closed
+class TemplateRow(TypedDict):
+    """A ready study."""
+
+    name: str
+    plugin: str
+    summary: str
+
+
+@closed
+class InitOutput(TypedDict):
+    """A ready study that was copied."""
+
+    study: str
+    folder: str
+
+
+@closed
+class NewPluginOutput(TypedDict):
+    """A plugin that was begun: its folder, and the files in it."""
+
+    kind: str
+    name: str
+    folder: str
+    files: list[str]
+
+
+OUTPUTS: Mapping[str, Any] = MappingProxyType(
+    {
+        "init": list[TemplateRow] | InitOutput,
+        "check": CheckOutput,
+        "demo": RunOutput,
+        "plugins": dict[str, list[dict[str, Any]]],
+        "new-plugin": NewPluginOutput,
+        "explain": list[TermOutput],
+        "doctor": list[FindingOutput],
+        "run": RunOutput,
+        "resume": RunOutput,
+        "status": StatusOutput,
+        "synthesise": SynthesiseOutput,
+        "experiment": list[ExperimentRow],
+        "limb": list[LimbRow],
+        "sample": SampleOutput,
+        "simulate": dict[str, int],
+        "score": list[ScoreRow],
+        "select": SelectOutput,
+        "report": FilesOutput,
+    }
+)
+"""What each of the core's commands prints with ``--json``."""
+
+
+def schema(command: str) -> dict[str, Any]:
+    """JSON schema of what a command prints with ``--json``."""
+    made = TypeAdapter(OUTPUTS[command]).json_schema()
+    dialect = "https://json-schema.org/draft/2020-12/schema"
+    return {"$schema": dialect, "$id": f"urn:palpate:{command}:{VERSION}", **made}

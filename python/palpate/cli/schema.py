@@ -1,0 +1,37 @@
+"""``palpate schema``: what ``--json`` prints, for those who write scripts."""
+
+from typing import Annotated
+
+import typer
+
+from palpate.cli.session import Session
+from palpate.errors import StudyError
+
+
+def _commands(incomplete: str) -> list[str]:
+    from palpate.cli.output import OUTPUTS
+
+    return [name for name in OUTPUTS if name.startswith(incomplete)]
+
+
+def schema(
+    context: typer.Context,
+    command: Annotated[
+        str | None, typer.Argument(help="Name of a command.", autocompletion=_commands)
+    ] = None,
+) -> None:
+    """Print the JSON schema of what a command prints with --json; without COMMAND, list the commands."""
+    from palpate.cli.output import OUTPUTS, VERSION, schema
+    from palpate.plugin_registry import suggestion
+
+    session = Session.of(context)
+    if command is None:
+        rows = [[name, str(VERSION)] for name in OUTPUTS]
+        session.table("Commands with a schema", ["command", "version"], rows)
+        session.next("schema COMMAND")
+        return
+    if command not in OUTPUTS:
+        raise StudyError(
+            f"no schema of '{command}'{suggestion(command, OUTPUTS)}; `palpate schema` lists the commands"
+        )
+    session.json(schema(command))

@@ -1,0 +1,81 @@
+"""What ``--json`` prints is what ``palpate schema`` says, and a change of it is a new version."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from palpate.cli.app import COMMANDS, STAGES
+from palpate.cli.listing import name_of
+from palpate.cli.output import OUTPUTS, VERSION, schema
+
+from .conftest import Call
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+PUBLISHED = {1: "7d784a0eff4752b7"}
+"""Digest of all schemas of each version."""
+
+
+def valid(command: str, value: object) -> object:
+    validator = jsonschema.Draft202012Validator(schema(command))
+    validator.check_schema(validator.schema)
+    validator.validate(value)
+    return value
+
+
+def test_every_command_that_prints_json_has_a_schema() -> None:
+    assert set(OUTPUTS) == {name_of(command) for command in (*COMMANDS, *STAGES)} - {"schema"}
+
+
+def test_a_change_is_a_new_version() -> None:
+    """Raise VERSION where scripts would break, and add the digest here."""
+    text = json.dumps([schema(command) for command in OUTPUTS], sort_keys=True)
+    assert hashlib.sha256(text.encode()).hexdigest()[:16] == PUBLISHED[VERSION]
+
+
+def test_what_a_study_prints_from_check_to_report(call: Call, study: Path) -> None:
+    assert valid("check", call("check", study, "--json").json)["n_sets"] == 20
+    for command in ("experiment", "limb", "sample", "simulate", "score", "select", "report"):
+        out = [] if command == "limb" else ["--out", "run"]
+        valid(command, call(command, study, *out, "--json").json)
+    run = valid("run", call("run", study, "--out", "run", "--json").json)
+    assert run["n_simulations"] == 40
+    assert run["tables"]["table1_coefficients"]
+    valid("resume", call("resume", "run", "--json").json)
+    status = valid("status", call("status", "run", "--json").json)
+    assert (status["n_finished"], status["running"]) == (20, None)  # the same at both spots
+
+
+def test_what_synthesise_prints(call: Call, study: Path) -> None:
+    text = (study / "study.toml").read_text()
+    (study / "study.toml").write_text(text.replace('"lines"', '"csv"').replace(".txt", ".csv"))
+    for name in ("s1.csv", "s2.csv"):
+        (study / name).write_text("stretch,stress_MPa\n1.0,0\n1.5,0\n2.0,0\n")
+    printed = call("synthesise", study, "--out", "planned", "--json").json
+    assert "planned/s1.csv" in valid("synthesise", printed)["files"]
+
+
+def test_what_the_others_print(call: Call) -> None:
+    valid("init", call("init", "--json").json)
+    valid("init", call("init", "--study", "treloar", "rubber", "--json").json)
+    valid("plugins", call("plugins", "--json").json)
+    assert valid("explain", call("explain", "--json").json)
+    assert valid("new-plugin", call("new-plugin", "scenario", "mine", "--json").json)
+    assert valid("doctor", call("doctor", "--json").json)
+
+
+def test_the_schema_refuses_what_it_does_not_describe(call: Call, study: Path) -> None:
+    printed = call("check", study, "--json").json
+    for edit in ({"more": 1}, {"n_sets": "20"}, {"searched": [{"name": "k"}]}):
+        assert not jsonschema.Draft202012Validator(schema("check")).is_valid({**printed, **edit})
+
+
+def test_the_command(call: Call) -> None:
+    assert call("schema", "run").json["$id"] == f"urn:palpate:run:{VERSION}"
+    assert "synthesise" in call("schema").out
+    refused = call("schema", "rnu")
+    assert refused.code == 2
+    assert "did you mean 'run'" in refused.err
