@@ -14,6 +14,7 @@ from palpate_febio.limb_source import FebioDeckSettings, FebioDeckSource
 from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver
 
+from . import febio_fake
 from .test_febio_deck import SOLVER, job_of, mixed_limb
 
 SPOT = Spot(name="p1")
@@ -205,6 +206,22 @@ def test_a_template_that_cannot_be_trusted_is_refused(template, old, new, error,
     template.write_text(text.replace(old, new))
     with pytest.raises(error, match=words):
         filled(template)
+
+
+def test_a_changed_template_is_another_solver_and_its_files_are_copied(template, tmp_path, monkeypatch):
+    monkeypatch.setenv("FAKE_FEBIO", "")
+    program = febio_fake.install(tmp_path / "bin")
+    given = SOLVER.settings.model_dump() | {"template": str(template), "executable": str(program)}
+    template.write_text(template.read_text().replace("<logfile>", '<logfile file="mine.log">'))
+    solver, seen = FebioSolver(FebioSettings(**given)), set()
+    (tmp_path / "other.log").write_text("not named")
+    for text in ("precious", "more precious"):
+        (tmp_path / "mine.log").write_text(text)
+        seen.add(solver.version())
+    template.write_text(template.read_text() + "<!-- -->")
+    seen.add(solver.version())
+    assert len(seen) == 3
+    assert solver._beside_template() == [tmp_path / "mine.log"]
 
 
 def test_a_missing_template_is_named(tmp_path):

@@ -237,6 +237,19 @@ def test_a_damaged_cache_costs_a_probe(tmp_path):
     assert remembered(Ogden(), "d" * 64, lambda: fit, tmp_path) == fit
 
 
+def test_a_material_whose_energy_changes_is_probed_again(tmp_path):
+    class Stiffer(Ogden):
+        factor = 1.0
+
+        def energy(self, stretches, theta):
+            return self.factor * super().energy(stretches, theta)
+
+    fit, probes = Fit("textbook", {"textbook": 1e-10}), []
+    for Stiffer.factor in (1.0, 1.0, 1.1):
+        remembered(Stiffer(), "d" * 64, lambda: probes.append(Stiffer.factor) or fit, tmp_path)
+    assert probes == [1.0, 1.1]
+
+
 def test_what_fits_no_convention_is_refused_with_the_figures(fake):
     solver = fake("odd_yeoh")
     with pytest.raises(MaterialError, match=r"textbook \d.*febio4 \d"):

@@ -7,11 +7,18 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from palpate.interfaces import Material
-from palpate_febio.probe import Fit
+from palpate_febio.probe import Fit, probe_theta
 
 FORMAT = 1
 """Changes when a probe's meaning does."""
+
+STRETCHES = np.array([[1.3, 0.9, 0.8], [0.7, 1.2, 1.1]])
+GRADIENT = np.array([[1.2, 0.3, 0.0], [0.1, 0.9, -0.2], [0.0, 0.1, 1.1]])
+for _array in (STRETCHES, GRADIENT):
+    _array.setflags(write=False)
 
 
 def cache_folder() -> Path:
@@ -45,8 +52,10 @@ def remembered(material: Material, digest: str, probe: Callable[[], Fit], folder
 
 
 def _key(material: Material) -> str:
-    """A material with its settings, the way FEBio spells it, and how its coefficients may be written."""
+    """A material with its settings, energy and spelling, and how its coefficients may be written."""
     kind = type(material)
+    theta = probe_theta(material)
+    energy = material.energy(STRETCHES, theta) if kind.isotropic else material.energy_from_F(GRADIENT, theta)
     conventions = {name: list(factors) for name, factors in material.conventions.items()}
     spelled = getattr(material, "febio", None)
     return json.dumps(
@@ -54,6 +63,7 @@ def _key(material: Material) -> str:
             FORMAT,
             f"{kind.__module__}.{kind.__qualname__}",
             material.settings.model_dump_json(),
+            [f"{value:.9g}" for value in np.atleast_1d(energy)],
             conventions,
             None if spelled is None else [spelled[0], sorted(spelled[1].items())],
             [[p.name, p.lower, p.upper] for p in material.parameters],

@@ -92,7 +92,9 @@ class FebioSettings(Settings):
         0.02, gt=0.0, exclude=True, description="relative change of the torque that a gate allows"
     )
     template: str = Field(
-        "", description="a deck of your own with placeholders, in place of the one that palpate writes"
+        "",
+        description="a deck of your own with placeholders, in place of the one that palpate writes; its path "
+        "counts from where palpate is started",
     )
     keep_folder: str = Field(
         "",

@@ -1,6 +1,6 @@
 """FEBio, as palpate's pipeline sees it."""
 
-import os
+import hashlib
 import shutil
 import tempfile
 import time
@@ -101,9 +101,15 @@ class FebioSolver(Solver):
         return self._binary
 
     def version(self) -> str:
-        """Versions of FEBio and of this plugin, and a digest of the binary."""
+        """Versions of FEBio and of this plugin, and digests of the binary and of the template."""
         binary = self.binary()
-        return f"FEBio {binary.version} ({binary.digest[:12]}), palpate-febio {__version__}"
+        told = f"FEBio {binary.version} ({binary.digest[:12]}), palpate-febio {__version__}"
+        if not self.settings.template:
+            return told
+        digest = hashlib.sha256()
+        for file in (Path(self.settings.template), *self._beside_template()):
+            digest.update(hashlib.sha256(_template_bytes(file)).digest())
+        return f"{told}, template {digest.hexdigest()[:12]}"
 
     def command(self, folder: Path) -> list[str]:
         """What is run in a folder that holds the deck; every name is relative to it."""
@@ -198,6 +204,15 @@ class FebioSolver(Solver):
             return fill_template(path, problem.materials, problem.steps, problem.friction)
         return write_deck(problem)
 
+    def _beside_template(self) -> list[Path]:
+        """Files that the template names beside itself, and FEBio will look for."""
+        if not self.settings.template:
+            return []
+        own = Path(self.settings.template)
+        text = _template_bytes(own)
+        beside = sorted(file for file in own.parent.iterdir() if file.is_file() and file != own)
+        return [file for file in beside if f'"{file.name}"'.encode() in text]
+
     # ---------------------------------------------------------------- the run
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
@@ -260,7 +275,8 @@ class FebioSolver(Solver):
     def _try(self, job: Job, problem: Problem, label: str = "") -> Try:
         with self._folder(job, label or problem.rung) as folder:
             (folder / DECK_NAME).write_bytes(self._deck(problem))
-            self._beside_template(folder)
+            for file in self._beside_template():
+                shutil.copy(file, folder)  # never a link: FEBio may write to it
             ended = run_program(
                 self.command(folder),
                 folder,
@@ -332,19 +348,12 @@ class FebioSolver(Solver):
         folder.mkdir(parents=True)
         yield folder
 
-    def _beside_template(self, folder: Path) -> None:
-        """Give FEBio the files that a template names beside itself."""
-        if not self.settings.template:
-            return
-        own = Path(self.settings.template)
-        for file in own.parent.iterdir():
-            named = file.is_file() and file != own and file.name.encode() in own.read_bytes()
-            if named and not (folder / file.name).exists():
-                os.link(file, folder / file.name) if _same_device(file, folder) else shutil.copy(file, folder)
 
-
-def _same_device(file: Path, folder: Path) -> bool:
-    return file.stat().st_dev == folder.stat().st_dev
+def _template_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise StudyError(f"{path}: template cannot be read ({error}); correct the setting template") from None
 
 
 def _indentation(job: Job) -> Indentation:
