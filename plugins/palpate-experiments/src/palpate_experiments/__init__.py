@@ -4,12 +4,11 @@ Names are imported when they are first used: the process that reads a stranger's
 imports this package too, and needs neither the loaders nor what they are made of.
 """
 
-import importlib
 from importlib.resources import files
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from palpate import hookimpl
+from palpate.deferral import deferred
 
 if TYPE_CHECKING:
     from palpate.domain import StudyTemplate
@@ -19,21 +18,15 @@ if TYPE_CHECKING:
 
 __all__ = ["CsvLoader", "CsvSettings", "RobotLogLoader", "RobotLogSettings"]
 
-_HOMES = MappingProxyType(
+__getattr__ = deferred(
+    __name__,
     {
         "CsvLoader": "csv_loader",
         "CsvSettings": "csv_loader",
         "RobotLogLoader": "robot_log",
         "RobotLogSettings": "robot_log",
-    }
+    },
 )
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'palpate_experiments' has no attribute '{name}'")
-    value: object = getattr(importlib.import_module(f"palpate_experiments.{_HOMES[name]}"), name)
-    return value
 
 
 @hookimpl

@@ -3,12 +3,11 @@
 Names are imported when they are first used, so that finding the plugin costs nothing.
 """
 
-import importlib
 from importlib.resources import files
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from palpate import hookimpl
+from palpate.deferral import deferred
 
 if TYPE_CHECKING:
     import typer
@@ -33,7 +32,8 @@ __all__ = [
 ]
 
 
-_HOMES = MappingProxyType(
+__getattr__ = deferred(
+    __name__,
     {
         "MeshioSettings": "mesh_source",
         "MeshioSource": "mesh_source",
@@ -41,15 +41,8 @@ _HOMES = MappingProxyType(
         **dict.fromkeys(
             ("InkMark", "Phantom", "PhantomBone", "Scanner", "Section", "Surface", "scan"), "phantom"
         ),
-    }
+    },
 )
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'palpate_forearm' has no attribute '{name}'")
-    value: object = getattr(importlib.import_module(f"palpate_forearm.{_HOMES[name]}"), name)
-    return value
 
 
 @hookimpl

@@ -3,11 +3,10 @@
 Names are imported when they are first used, so that finding the plugin costs nothing.
 """
 
-import importlib
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from palpate import hookimpl
+from palpate.deferral import deferred
 
 if TYPE_CHECKING:
     from palpate.interfaces import Material, SetFilter
@@ -21,7 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Demiray", "Drucker", "MooneyRivlin", "NeoHookean", "Ogden", "VerondaWestmann", "Yeoh"]
 
-_HOMES = MappingProxyType(
+__getattr__ = deferred(
+    __name__,
     {
         "Demiray": "demiray",
         "Drucker": "stability",
@@ -30,15 +30,8 @@ _HOMES = MappingProxyType(
         "Ogden": "ogden",
         "VerondaWestmann": "veronda_westmann",
         "Yeoh": "yeoh",
-    }
+    },
 )
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'palpate_materials' has no attribute '{name}'")
-    value: object = getattr(importlib.import_module(f"palpate_materials.{_HOMES[name]}"), name)
-    return value
 
 
 @hookimpl

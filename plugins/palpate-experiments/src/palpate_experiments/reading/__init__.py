@@ -5,9 +5,9 @@
 as they stand in the file. Names are imported when they are first used.
 """
 
-import importlib
-from types import MappingProxyType
 from typing import TYPE_CHECKING
+
+from palpate.deferral import deferred
 
 if TYPE_CHECKING:
     from palpate_experiments.reading.assembly import Reading, read_recording
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ChannelMap", "Limits", "Reading", "Request", "TextFormat", "read_log", "read_recording"]
 
-_HOMES = MappingProxyType(
+__getattr__ = deferred(
+    __name__,
     {
         "ChannelMap": "channel_map",
         "Limits": "limits",
@@ -28,15 +29,8 @@ _HOMES = MappingProxyType(
         "TextFormat": "text_layout",
         "read_log": "confined",
         "read_recording": "assembly",
-    }
+    },
 )
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'palpate_experiments.reading' has no attribute '{name}'")
-    value: object = getattr(importlib.import_module(f"palpate_experiments.reading.{_HOMES[name]}"), name)
-    return value
 
 
 def __dir__() -> list[str]:

@@ -1,0 +1,24 @@
+"""Packages whose names are imported when they are used."""
+
+import subprocess
+import sys
+
+import pytest
+
+from palpate.deferral import deferred
+
+
+def test_a_name_comes_from_its_home_and_no_other_exists():
+    get = deferred("palpate", {"Curve": "domain"})
+    assert get("Curve").__module__ == "palpate.curves"
+    with pytest.raises(AttributeError, match="module 'palpate' has no attribute 'Curv'"):
+        get("Curv")
+
+
+@pytest.mark.parametrize(
+    "package", ["palpate", "palpate_materials", "palpate_forearm", "palpate_experiments", "palpate_limb"]
+)
+def test_finding_a_plugin_imports_none_of_what_it_provides(package):
+    code = f"import sys, {package}; print(*{{'numpy', 'pydantic', 'jax', 'polars'}} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
