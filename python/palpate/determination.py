@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 
 from palpate import _core
-from palpate.domain import Design, FloatArray, Parameter, Response, Scenario, Simulation, Status
+from palpate.domain import Design, FloatArray, Parameter, Response, Scenario, Simulation
 from palpate.refinement import Refined
 from palpate.scoring import compare, point_weights
 from palpate.selection import objectives
@@ -60,7 +60,7 @@ def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Respon
     Parameters
     ----------
     simulations : iterable of Simulation
-        Of the sweep; those that failed leave NaN.
+        Of the sweep; what they did not get to is NaN.
     measured : mapping of spot name to Response
     n_sets : int
         Rows of the design.
@@ -72,7 +72,7 @@ def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Respon
     }
     for simulation in simulations:
         spot = simulation.job.spot
-        if simulation.status is Status.OK:
+        if simulation.response is not None:
             for name, curve in measured[spot].curves.items():
                 swept[spot, name][simulation.job.set_id] = compare(simulation, curve).values
     return swept
@@ -313,15 +313,18 @@ def _quadratic(steps: FloatArray) -> FloatArray:
 
 def _scaled(parameters: tuple[Parameter, ...], values: FloatArray) -> FloatArray:
     """Values (n, p) as shares of their ranges, or of the logarithms of them."""
-    columns = [_share(parameter, column) for parameter, column in zip(parameters, values.T, strict=True)]
-    return np.stack(columns, axis=1)
+    columns = [
+        [share_of_range(parameter, value) for value in column]
+        for parameter, column in zip(parameters, values.T.tolist(), strict=True)
+    ]
+    return np.array(columns, dtype=np.float64).T
 
 
-def _share(parameter: Parameter, values: FloatArray) -> FloatArray:
+def share_of_range(parameter: Parameter, value: float) -> float:
+    """Where a value lies in its range, 0 to 1, or in that of the logarithms where these are spread evenly."""
     if parameter.scale == "log":
-        shares: FloatArray = np.log(values / parameter.lower) / np.log(parameter.upper / parameter.lower)
-        return shares
-    return (values - parameter.lower) / (parameter.upper - parameter.lower)
+        return float(np.log(value / parameter.lower) / np.log(parameter.upper / parameter.lower))
+    return (value - parameter.lower) / (parameter.upper - parameter.lower)
 
 
 def _value(parameter: Parameter, share: float) -> float:

@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 import palpate.report
@@ -20,6 +21,7 @@ from palpate.report import make_tables, write_report
 from palpate.report.page import render
 from palpate.report.page_data import MOST_NUMBERS, MOST_SETS, page_data
 from palpate.report.scene import scene
+from palpate.report.tables import TITLES
 from palpate.specimens import block
 
 from .hostile import ATTACK, NAMES, REASON, renamed
@@ -164,6 +166,18 @@ def test_headings_go_down_one_by_one_and_every_table_and_control_has_a_name(page
     assert all(
         a.get("aria-label") for _, a, _ in made.elements if a.get("role") in ("img", "region", "group")
     )
+
+
+def test_every_table_of_a_full_run_is_on_the_page(content):
+    made = content(refine=True, truth={"soft_tissue.stiffness": 0.4})
+    proofs = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [True], "message": [""]})
+    failed = made.scores.with_columns(nmse=pl.when(pl.col("set_id") > 1).then("nmse"))
+    rays = made.refined.table.head(1).select("spot", "scenario", "message")
+    tables = make_tables(replace(made, proofs=proofs, scores=failed, rays=rays))
+    assert set(tables) == set(TITLES) - {"convergence"}
+    captions = [text for tag, _, text in Page(render(made, tables, [])).elements if tag == "caption"]
+    shown = {"determination": "Intervals in scenario I"}
+    assert {shown.get(name, TITLES[name]) for name in TITLES} <= set(captions)
 
 
 def test_what_a_run_lacks_has_no_section(page):

@@ -19,7 +19,7 @@
     const base = {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", autosize: true,
       font: { color: colour("ink"), family: "system-ui, sans-serif", size: isNarrow() ? 11 : 13 },
-      margin: { l: isNarrow() ? 48 : 60, r: 12, t: 12, b: 48 }, showlegend: false, hovermode: "closest",
+      margin: { l: isNarrow() ? 48 : 60, r: 12, t: isNarrow() ? 12 : 32, b: 48 }, showlegend: false, hovermode: "closest",
       hoverlabel: { bgcolor: colour("panel"), bordercolor: colour("soft"), font: { color: colour("ink") } },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("soft"), activecolor: colour("ink") },
     };
@@ -183,7 +183,7 @@
       if (best >= 0 && y[best] !== null) traces.push(star(x[best], y[best], axes));
     });
     element("pairs").style.height = `${shape.height}px`;
-    draw("pairs", traces, layout(Object.assign(shape, { margin: { l: 56, r: isNarrow() ? 8 : 70, t: isNarrow() ? 64 : 12, b: 48 } })));
+    draw("pairs", traces, layout(Object.assign(shape, { margin: { l: 56, r: isNarrow() ? 8 : 70, t: isNarrow() ? 64 : 32, b: 48 } })));
   }
 
   function median(values) {
@@ -259,7 +259,7 @@
 
   // ------------------------------------------------------------------ limb
 
-  const eye = { turn: -0.9, tilt: 0.45, far: 1.9 };
+  const eye = { turn: -0.9, tilt: 0.45, far: 2.3 };
   const camera = () => ({ up: { x: 0, y: 0, z: 1 }, eye: { x: eye.far * Math.cos(eye.tilt) * Math.cos(eye.turn),
     y: eye.far * Math.cos(eye.tilt) * Math.sin(eye.turn), z: eye.far * Math.sin(eye.tilt) } });
 
@@ -302,7 +302,7 @@
     ["strip", "pairs", ...data.channels.map((_, c) => `curve-${c}`), "scene"].forEach((id) => {
       if (element(id) && element(id).data) Plotly.purge(element(id));
     });
-    Object.assign(eye, { turn: -0.9, tilt: 0.45, far: 1.9 });
+    Object.assign(eye, { turn: -0.9, tilt: 0.45, far: 2.3 });
     drawAll();
     ["pairs", "strip"].forEach(listen);
   }

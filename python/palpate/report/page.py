@@ -12,6 +12,8 @@ import jinja2
 import polars as pl
 from markupsafe import Markup
 
+from palpate.determination import share_of_range
+from palpate.domain import Parameter
 from palpate.report.content import Content
 from palpate.report.page_data import page_data
 from palpate.report.space import named_briefly
@@ -64,6 +66,7 @@ def render(content: Content, tables: Mapping[str, pl.DataFrame], files: Sequence
         intervals=list(_intervals(content)),
         data=data,
         generalising=content.generalising.name,
+        generalises="generalised" in tables and len(content.spots) > 1,
         provenance=list(_provenance(content.manifest)),
         certificates=[_certificate(*item) for item in content.certificates.items()],
         files=_by_stem(files),
@@ -147,11 +150,8 @@ def _intervals(content: Content) -> Iterator[Interval]:
     for row in content.determination.iter_rows(named=True):
         parameter, name = brief[row["parameter"]]
 
-        def percent(value: float, low: float = parameter.lower, high: float = parameter.upper) -> float:
-            return round(min(max(100.0 * (value - low) / (high - low), 0.0), 100.0), 2)
-
         known = row["lower"] is not None
-        start, stop = (percent(row["lower"]), percent(row["upper"])) if known else (0.0, 0.0)
+        start, stop = (_percent(parameter, row[end]) if known else 0.0 for end in ("lower", "upper"))
         truth = content.study.truth.get(row["parameter"])
         yield Interval(
             told=row,
@@ -159,9 +159,13 @@ def _intervals(content: Content) -> Iterator[Interval]:
             moves_with=brief[row["moves_with"]][1] if row["moves_with"] else "",
             start=start,
             width=round(stop - start, 2),
-            at=percent(row["value"]),
-            truth=None if truth is None else percent(truth),
+            at=_percent(parameter, row["value"]),
+            truth=None if truth is None else _percent(parameter, truth),
         )
+
+
+def _percent(parameter: Parameter, value: float) -> float:
+    return round(min(max(100.0 * share_of_range(parameter, value), 0.0), 100.0), 2)
 
 
 def _provenance(manifest: Mapping[str, Any]) -> Iterator[tuple[str, list[tuple[str, str]]]]:

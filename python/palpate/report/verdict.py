@@ -1,75 +1,18 @@
 """What a run amounts to: the best parameters, how far they are to be believed, and what is not."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import polars as pl
 
 from palpate.determination import UNCLEAR, WORDS
 from palpate.domain import Parameter
+from palpate.report.best_sets import Best, best_sets, determined_when_generalising, with_brief_names
+from palpate.report.cautions import Caution, cautions
 from palpate.report.content import Content
 from palpate.report.space import label_of, named_briefly
-from palpate.report.tables import cost_of_one_set, failures_by_reason, finding, weighted_channels
-
-GOOD_R2 = 0.95
-"""R² in a fitted channel below which a fit is called poor."""
-
-FEW_SETS = 10
-"""Sets per parameter below which a sweep is called thin."""
-
-EDGE = 0.01
-"""Share of a range within which a value lies at its end."""
-
-FAILED_SHARE = 0.1
-"""Share of simulations without a rank that is worth a word."""
-
-COSTLY = 3.0
-"""Times its own least Fopt at which the set for all spots is called poor for a spot."""
 
 _ORDER = [*(word for _, word in WORDS), UNCLEAR]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Value:
-    """One parameter of a best set; ``lower`` and ``upper`` are None where they cannot be told."""
-
-    value: float
-    lower: float | None
-    upper: float | None
-    determined: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Best:
-    """The best set of one spot in one scenario.
-
-    Parameters
-    ----------
-    fitted_to : str
-        Channels that the scenario weights.
-    found : str
-        ``set 12``, or ``refined`` where a local search went on from there.
-    values : tuple of Value
-        In the order of the design's parameters.
-    r2 : mapping of channel name to number or None
-    """
-
-    spot: str
-    scenario: str
-    fitted_to: str
-    found: str
-    fopt: float
-    values: tuple[Value, ...]
-    r2: Mapping[str, float | None]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Caution:
-    """Something to distrust: what, and why it matters or what to do."""
-
-    what: str
-    why: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,8 +24,9 @@ class Verdict:
     parameters : tuple of str
         Labels of the columns.
     bests : tuple of Best
-    one_set : str
-        Sentence on the set for all spots; empty where there is none.
+    lead : str
+        Sentence on the set for all spots, or on the best set of the only spot; empty where
+        there is none.
     determined : tuple of str
         A sentence on each parameter.
     cautions : tuple of Caution
@@ -90,7 +34,7 @@ class Verdict:
 
     parameters: tuple[str, ...]
     bests: tuple[Best, ...]
-    one_set: str
+    lead: str
     determined: tuple[str, ...]
     cautions: tuple[Caution, ...]
 
@@ -102,63 +46,41 @@ def make_verdict(content: Content, tables: Mapping[str, pl.DataFrame]) -> Verdic
     return Verdict(
         parameters=tuple(label_of(p) for p in brief),
         bests=bests,
-        one_set=_one_set(content, brief),
-        determined=tuple(_determined(content, p, b.name) for p, b in _named(content)),
-        cautions=tuple(_cautions(content, bests, tables)),
+        lead=_lead(content, bests, brief),
+        determined=tuple(_determined(content, p, b.name) for p, b in with_brief_names(content)),
+        cautions=tuple(cautions(content, bests, tables)),
     )
 
 
-def _named(content: Content) -> Iterator[tuple[Parameter, Parameter]]:
-    parameters = content.design.parameters
-    yield from zip(parameters, named_briefly(parameters), strict=True)
-
-
-def best_sets(content: Content) -> Iterator[Best]:
-    """Best set by spot and scenario: the refined one, where there is one."""
-    refined = {(r["spot"], r["scenario"]): r for r in content.refined.table.iter_rows(named=True)}
-    told = {
-        (r["spot"], r["scenario"], r["parameter"]): r for r in content.determination.iter_rows(named=True)
-    }
-    fitted = {s.name: weighted_channels(s) for s in content.study.scenarios}
-    for row in content.selection.iter_rows(named=True):
-        key = row["spot"], row["scenario"]
-        end = refined.get(key, {})
-        best = end if end.get("fopt") is not None else row
-        yield Best(
-            spot=key[0],
-            scenario=key[1],
-            fitted_to=fitted[key[1]],
-            found="refined" if best is end else f"set {row['set_id']}",
-            fopt=best["fopt"],
-            values=tuple(_value(best[p.name], told.get((*key, p.name))) for p in content.design.parameters),
-            r2={name: best.get(f"r2_{name}") for name in content.measured_channels},
-        )
-
-
-def _value(value: float, told: Mapping[str, Any] | None) -> Value:
-    if told is None:
-        return Value(value=value, lower=None, upper=None, determined=UNCLEAR)
-    return Value(value=value, lower=told["lower"], upper=told["upper"], determined=told["determined"])
-
-
-def _one_set(content: Content, brief: Sequence[Parameter]) -> str:
-    if content.generalisation.is_empty() or len(content.spots) < 2:
+def _lead(content: Content, bests: Sequence[Best], brief: Sequence[Parameter]) -> str:
+    if len(content.spots) == 1:
+        best = next((b for b in bests if b.scenario == content.generalising.name), None)
+        return "" if best is None else (
+            f"At {best.spot}, fitted to {best.fitted_to} (scenario {best.scenario}): "
+            f"{_listed(brief, [v.value for v in best.values])}; Fopt {best.fopt:.4g} ({best.found})."
+        )  # fmt: skip
+    if content.generalisation.is_empty():
         return ""
     row = content.generalisation.row(0, named=True)
-    values = ", ".join(
-        f"{b.name} = {row[p.name]:.4g} {b.unit}".rstrip()
-        for p, b in zip(content.design.parameters, brief, strict=True)
-    )
     spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
     return (
-        f"One set for all {len(content.spots)} spots: set {row['set_id']}, {values}; "
+        f"One set for all {len(content.spots)} spots: set {row['set_id']}, "
+        f"{_listed(brief, [row[p.name] for p in content.design.parameters])}; "
         f"mean Fopt {row['fopt_mean']:.4g}{spread} (scenario {row['scenario']})."
     )
 
 
+def _listed(brief: Sequence[Parameter], values: Sequence[float]) -> str:
+    told = (
+        f"{p.name} = {value:.4g} {p.unit if p.unit != '1' else ''}"
+        for p, value in zip(brief, values, strict=True)
+    )
+    return ", ".join(text.rstrip() for text in told)
+
+
 def _determined(content: Content, parameter: Parameter, name: str) -> str:
     """Sentence on one parameter in the scenario that generalises, over all spots."""
-    rows = _of_generalising(content).filter(pl.col("parameter") == parameter.name)
+    rows = determined_when_generalising(content).filter(pl.col("parameter") == parameter.name)
     words = rows["determined"].to_list()
     if not words:
         return f"{name}: nothing is known of how well it is determined."
@@ -166,10 +88,12 @@ def _determined(content: Content, parameter: Parameter, name: str) -> str:
     told = _said(next(iter(counts))) if len(counts) == 1 else ", ".join(
         f"{_said(word)} at {n} of {len(words)} spots" for word, n in counts.items()
     )  # fmt: skip
-    strongest = rows.drop_nulls("correlation").sort(pl.col("correlation").abs(), descending=True)
+    strongest = rows.drop_nulls("correlation").sort(
+        pl.col("correlation").abs(), descending=True, maintain_order=True
+    )
     trade = ""
     if not strongest.is_empty() and abs(strongest["correlation"][0]) >= 0.9:
-        other = {p.name: b.name for p, b in _named(content)}[strongest["moves_with"][0]]
+        other = {p.name: b.name for p, b in with_brief_names(content)}[strongest["moves_with"][0]]
         sign = strongest["correlation"][0]
         trade = f"; it trades with {other} (correlation {sign:.2f}, spot {strongest['spot'][0]})"
     return f"{name}: {told}{trade}."
@@ -177,194 +101,3 @@ def _determined(content: Content, parameter: Parameter, name: str) -> str:
 
 def _said(word: str) -> str:
     return {"not": "not determined", UNCLEAR: "unclear"}.get(word, f"{word} determined")
-
-
-def _of_generalising(content: Content) -> pl.DataFrame:
-    if content.determination.is_empty():
-        return pl.DataFrame(
-            schema=dict.fromkeys(("spot", "parameter", "determined", "moves_with"), pl.String)
-            | dict.fromkeys(("value", "lower", "upper", "correlation"), pl.Float64)
-        )
-    return content.determination.filter(pl.col("scenario") == content.generalising.name)
-
-
-# -------------------------------------------------------------------- what to distrust
-
-
-def _cautions(
-    content: Content, bests: Sequence[Best], tables: Mapping[str, pl.DataFrame]
-) -> Iterator[Caution]:
-    yield from _about_data(content)
-    if sentence := finding(tables):
-        what, _, why = sentence.partition(": ")
-        yield Caution(what=what, why=why[:1].upper() + why[1:])
-    yield from _about_fits(content, bests)
-    yield from _about_determination(content)
-    yield from _about_one_set(content)
-    yield from _about_sweep(content)
-    yield from _about_searches(content)
-    yield from _about_conventions(content)
-    yield from _about_proofs(content)
-    yield from _about_certificates(content)
-
-
-def _about_data(content: Content) -> Iterator[Caution]:
-    if content.notice:
-        yield Caution(
-            what="The experiment is simulated",
-            why="The 'measured' curves were computed; a fit says that the machinery works, "
-            "not what any limb is made of.",
-        )
-    curves = [curve for response in content.measured.values() for curve in response.curves.values()]
-    if not content.notice and all(curve.std is None for curve in curves):
-        yield Caution(
-            what="No spread was measured",
-            why="Without repeated presses nothing is known of how far another press would lie from these "
-            "curves; the intervals rest on the misfit alone.",
-        )
-
-
-def _about_fits(content: Content, bests: Sequence[Best]) -> Iterator[Caution]:
-    fitted = {s.name: [c for c, weight in s.weights.items() if weight > 0.0] for s in content.study.scenarios}
-    poor = [
-        f"{best.spot}, scenario {best.scenario}: {channel} R² {best.r2[channel]:.3f}"
-        for best in bests
-        for channel in fitted[best.scenario]
-        if best.r2.get(channel) is not None and (best.r2[channel] or 0.0) < GOOD_R2
-    ]
-    if poor:
-        yield Caution(
-            what=f"{len(poor)} of the best fits {'is' if len(poor) == 1 else 'are'} poor",
-            why=f"{_some(poor)}. The material, the mesh or the contact may not be what was pressed.",
-        )
-    ends = [
-        f"{brief.name} at {best.spot}, scenario {best.scenario}"
-        for best in bests
-        for (parameter, brief), value in zip(_named(content), best.values, strict=True)
-        if _at_end(parameter, value.value)
-    ]
-    if ends:
-        yield Caution(
-            what="Best values lie at the end of their range",
-            why=f"{_some(ends)}. Widen the range: the least may lie outside it.",
-        )
-
-
-def _at_end(parameter: Parameter, value: float) -> bool:
-    margin = EDGE * (parameter.upper - parameter.lower)
-    return value <= parameter.lower + margin or value >= parameter.upper - margin
-
-
-def _about_determination(content: Content) -> Iterator[Caution]:
-    rows = _of_generalising(content)
-    brief = {p.name: b.name for p, b in _named(content)}
-    names = list(dict.fromkeys(rows.filter(pl.col("determined") == "not")["parameter"]))
-    if names:
-        yield Caution(
-            what=f"Not determined: {', '.join(brief[name] for name in names)}",
-            why="Somewhere, sets that fit about as well reach across most of the range; "
-            "do not read the value as the tissue's.",
-        )
-    if UNCLEAR in rows["determined"].to_list():
-        yield Caution(
-            what="How well some parameters are determined is unclear",
-            why="Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets.",
-        )
-    apart = [text for name in brief for text in _apart(rows, name, brief[name])]
-    if apart:
-        yield Caution(
-            what="The spots disagree",
-            why=f"{_some(apart)}. One material may not explain them all.",
-        )
-
-
-def _apart(rows: pl.DataFrame, parameter: str, name: str) -> Iterator[str]:
-    known = rows.filter(pl.col("parameter") == parameter).drop_nulls("lower")
-    if known.height > 1 and known["lower"].max() > known["upper"].min():  # type: ignore[operator]
-        highest, lowest = known.sort("lower").row(-1, named=True), known.sort("upper").row(0, named=True)
-        yield f"{name} at {lowest['spot']} and {highest['spot']} have intervals that do not meet"
-
-
-def _about_one_set(content: Content) -> Iterator[Caution]:
-    if len(content.spots) < 2:
-        return
-    costs = cost_of_one_set(content)
-    if costs.is_empty():
-        yield Caution(what="No set for all spots", why="No set could be ranked at every spot.")
-        return
-    costly = [
-        f"{row['spot']} ({row['times']:.3g} times)"
-        for row in costs.iter_rows(named=True)
-        if row["times"] is not None and row["times"] >= COSTLY
-    ]
-    if costly:
-        yield Caution(
-            what="The set for all spots fits some of them much worse than their own",
-            why=f"Fopt of the one set, over the least there: {_some(costly)}.",
-        )
-
-
-def _about_sweep(content: Content) -> Iterator[Caution]:
-    n_parameters = len(content.design.parameters)
-    if content.design.n_sets < FEW_SETS * n_parameters:
-        yield Caution(
-            what=f"A thin sweep: {content.design.n_sets} sets for {n_parameters} parameters",
-            why="The best set is the best of few; raise n_sets, or refine.",
-        )
-    jobs = content.scores.select("spot", "set_id").unique().height
-    reasons = failures_by_reason(content.scores)
-    n_failed = int(reasons["n"].sum()) if reasons.height else 0
-    if n_failed > FAILED_SHARE * jobs:
-        first = reasons.row(0, named=True)
-        said = first["reason"] or first["status"]
-        yield Caution(
-            what=f"{n_failed} of {jobs} simulations could not be ranked",
-            why=f"Most often ({first['n']}): {said}. What to try: {first['remedy']}.",
-        )
-
-
-def _about_searches(content: Content) -> Iterator[Caution]:
-    for table, expected, what in (
-        (content.refined.table, "converged", "Not every local search converged"),
-        (content.rays, "kept", "Not every multiple of a set was what it promised"),
-    ):
-        messages = [row["message"] for row in table.iter_rows(named=True) if row["message"] != expected]
-        if messages:
-            yield Caution(what=what, why=f"{_some(list(dict.fromkeys(messages)))}.")
-
-
-def _about_conventions(content: Content) -> Iterator[Caution]:
-    if content.study.normaliser.value == "mean":
-        yield Caution(
-            what="NMSE is over the mean of the measured curve",
-            why="Over a symmetric twist that is close to zero, and inflates the error of the torque.",
-        )
-    for region in content.study.space.regions:
-        if region.convention != "textbook":
-            yield Caution(
-                what=f"Coefficients of {region.region} are in the convention '{region.convention}'",
-                why=f"The textbook's {region.material.name} has other numbers for the same material.",
-            )
-
-
-def _about_proofs(content: Content) -> Iterator[Caution]:
-    doubtful = [row for row in content.proofs.iter_rows(named=True) if not row["passed"]]
-    if doubtful:
-        yield Caution(
-            what=f"{len(doubtful)} of {len(content.proofs)} chosen sets failed the solver's own proof",
-            why=_some([f"{row['spot']}, set {row['set_id']}: {row['message']}" for row in doubtful]),
-        )
-
-
-def _about_certificates(content: Content) -> Iterator[Caution]:
-    for file, certificate in content.certificates.items():
-        if not isinstance(certificate, Mapping) or certificate.get("passed") is not True:
-            yield Caution(
-                what="The solvers were not found to agree",
-                why=f"See the rows of {file} under provenance.",
-            )
-
-
-def _some(texts: Sequence[str], most: int = 4) -> str:
-    more = f"; and {len(texts) - most} more" if len(texts) > most else ""
-    return "; ".join(texts[:most]) + more

@@ -1,0 +1,95 @@
+"""The best set of each spot and scenario, with how well its parameters are determined."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import polars as pl
+
+from palpate.determination import UNCLEAR
+from palpate.domain import Parameter
+from palpate.report.content import Content
+from palpate.report.space import named_briefly
+from palpate.report.tables import weighted_channels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Value:
+    """One parameter of a best set; ``lower`` and ``upper`` are None where they cannot be told."""
+
+    value: float
+    lower: float | None
+    upper: float | None
+    determined: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Best:
+    """The best set of one spot in one scenario.
+
+    Parameters
+    ----------
+    fitted_to : str
+        Channels that the scenario weights.
+    found : str
+        ``set 12``, or ``refined`` where a local search went on from there.
+    values : tuple of Value
+        In the order of the design's parameters.
+    r2 : mapping of channel name to number or None
+    """
+
+    spot: str
+    scenario: str
+    fitted_to: str
+    found: str
+    fopt: float
+    values: tuple[Value, ...]
+    r2: Mapping[str, float | None]
+
+
+def best_sets(content: Content) -> Iterator[Best]:
+    """Best set by spot and scenario: the refined one, where there is one."""
+    refined = {(r["spot"], r["scenario"]): r for r in content.refined.table.iter_rows(named=True)}
+    told = {
+        (r["spot"], r["scenario"], r["parameter"]): r for r in content.determination.iter_rows(named=True)
+    }
+    fitted = {s.name: weighted_channels(s) for s in content.study.scenarios}
+    for row in content.selection.iter_rows(named=True):
+        key = row["spot"], row["scenario"]
+        end = refined.get(key, {})
+        best = end if end.get("fopt") is not None else row
+        yield Best(
+            spot=key[0],
+            scenario=key[1],
+            fitted_to=fitted[key[1]],
+            found="refined" if best is end else _set(row),
+            fopt=best["fopt"],
+            values=tuple(_value(best[p.name], told.get((*key, p.name))) for p in content.design.parameters),
+            r2={name: best.get(f"r2_{name}") for name in content.measured_channels},
+        )
+
+
+def _set(row: Mapping[str, Any]) -> str:
+    return f"set {row['set_id']}{', unfinished' if row.get('partial') else ''}"
+
+
+def _value(value: float, told: Mapping[str, Any] | None) -> Value:
+    if told is None:
+        return Value(value=value, lower=None, upper=None, determined=UNCLEAR)
+    return Value(value=value, lower=told["lower"], upper=told["upper"], determined=told["determined"])
+
+
+def with_brief_names(content: Content) -> Iterator[tuple[Parameter, Parameter]]:
+    """Pair each parameter of the design with the same under its brief name."""
+    parameters = content.design.parameters
+    yield from zip(parameters, named_briefly(parameters), strict=True)
+
+
+def determined_when_generalising(content: Content) -> pl.DataFrame:
+    """Rows of the determination in the scenario that generalises."""
+    if content.determination.is_empty():
+        return pl.DataFrame(
+            schema=dict.fromkeys(("spot", "parameter", "determined", "moves_with"), pl.String)
+            | dict.fromkeys(("value", "lower", "upper", "correlation"), pl.Float64)
+        )
+    return content.determination.filter(pl.col("scenario") == content.generalising.name)

@@ -1,0 +1,220 @@
+"""What to distrust of a run, and why."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import polars as pl
+
+from palpate.determination import UNCLEAR, share_of_range
+from palpate.domain import Parameter
+from palpate.report.best_sets import Best, determined_when_generalising, with_brief_names
+from palpate.report.content import Content
+from palpate.report.tables import cost_of_one_set, failures_by_reason, finding
+
+GOOD_R2 = 0.95
+"""R² in a fitted channel below which a fit is called poor."""
+
+FEW_SETS = 10
+"""Sets per parameter below which a sweep is called thin."""
+
+EDGE = 0.01
+"""Share of a range within which a value lies at its end."""
+
+FAILED_SHARE = 0.1
+"""Share of simulations without a rank that is worth a word."""
+
+COSTLY = 3.0
+"""Times its own least Fopt at which the set for all spots is called poor for a spot."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Caution:
+    """Something to distrust: what, and why it matters or what to do."""
+
+    what: str
+    why: str
+
+
+def cautions(
+    content: Content, bests: Sequence[Best], tables: Mapping[str, pl.DataFrame]
+) -> Iterator[Caution]:
+    """Everything that there is to distrust, the data first."""
+    yield from _about_data(content)
+    if sentence := finding(tables):
+        what, _, why = sentence.partition(": ")
+        yield Caution(what=what, why=why[:1].upper() + why[1:])
+    yield from _about_fits(content, bests)
+    yield from _about_determination(content)
+    yield from _about_one_set(content)
+    yield from _about_sweep(content)
+    yield from _about_searches(content)
+    yield from _about_conventions(content)
+    yield from _about_proofs(content)
+    yield from _about_certificates(content)
+
+
+def _about_data(content: Content) -> Iterator[Caution]:
+    if content.notice:
+        yield Caution(
+            what="The experiment is simulated",
+            why="The 'measured' curves were computed; a fit says that the machinery works, "
+            "not what any limb is made of.",
+        )
+    curves = [curve for response in content.measured.values() for curve in response.curves.values()]
+    if not content.notice and all(curve.std is None for curve in curves):
+        yield Caution(
+            what="No spread was measured",
+            why="Without repeated presses nothing is known of how far another press would lie from these "
+            "curves; the intervals rest on the misfit alone.",
+        )
+
+
+def _about_fits(content: Content, bests: Sequence[Best]) -> Iterator[Caution]:
+    fitted = {s.name: [c for c, weight in s.weights.items() if weight > 0.0] for s in content.study.scenarios}
+    poor = [
+        f"{best.spot}, scenario {best.scenario}: {channel} R² {best.r2[channel]:.3f}"
+        for best in bests
+        for channel in fitted[best.scenario]
+        if best.r2.get(channel) is not None and (best.r2[channel] or 0.0) < GOOD_R2
+    ]
+    if poor:
+        yield Caution(
+            what=f"{len(poor)} of the best fits {'is' if len(poor) == 1 else 'are'} poor",
+            why=f"{_some(poor)}. The material, the mesh or the contact may not be what was pressed.",
+        )
+    unfinished = [f"{best.spot}, scenario {best.scenario}" for best in bests if "unfinished" in best.found]
+    if unfinished:
+        yield Caution(
+            what="A best set is of a simulation that did not finish",
+            why=f"{_some(unfinished)}. It is ranked by what its curves had reached.",
+        )
+    ends = [
+        f"{brief.name} at {best.spot}, scenario {best.scenario}"
+        for best in bests
+        for (parameter, brief), value in zip(with_brief_names(content), best.values, strict=True)
+        if _at_end(parameter, value.value)
+    ]
+    if ends:
+        yield Caution(
+            what="Best values lie at the end of their range",
+            why=f"{_some(ends)}. Widen the range: the least may lie outside it.",
+        )
+
+
+def _at_end(parameter: Parameter, value: float) -> bool:
+    return not EDGE < share_of_range(parameter, value) < 1.0 - EDGE
+
+
+def _about_determination(content: Content) -> Iterator[Caution]:
+    rows = determined_when_generalising(content)
+    brief = {p.name: b.name for p, b in with_brief_names(content)}
+    names = list(dict.fromkeys(rows.filter(pl.col("determined") == "not")["parameter"]))
+    if names:
+        yield Caution(
+            what=f"Not determined: {', '.join(brief[name] for name in names)}",
+            why="Somewhere, sets that fit about as well reach across most of the range; "
+            "do not read the value as the tissue's.",
+        )
+    if UNCLEAR in rows["determined"].to_list():
+        yield Caution(
+            what="How well some parameters are determined is unclear",
+            why="Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets.",
+        )
+    apart = [text for name in brief for text in _apart(rows, name, brief[name])]
+    if apart:
+        yield Caution(
+            what="The spots disagree",
+            why=f"{_some(apart)}. One material may not explain them all.",
+        )
+
+
+def _apart(rows: pl.DataFrame, parameter: str, name: str) -> Iterator[str]:
+    known = rows.filter(pl.col("parameter") == parameter).drop_nulls("lower")
+    if known.height > 1 and known["lower"].max() > known["upper"].min():  # type: ignore[operator]
+        highest, lowest = known.sort("lower").row(-1, named=True), known.sort("upper").row(0, named=True)
+        yield f"{name} at {lowest['spot']} and {highest['spot']} have intervals that do not meet"
+
+
+def _about_one_set(content: Content) -> Iterator[Caution]:
+    if len(content.spots) < 2:
+        return
+    costs = cost_of_one_set(content)
+    if costs.is_empty():
+        yield Caution(what="No set for all spots", why="No set could be ranked at every spot.")
+        return
+    costly = [
+        f"{row['spot']} ({row['times']:.3g} times)"
+        for row in costs.iter_rows(named=True)
+        if row["times"] is not None and row["times"] >= COSTLY
+    ]
+    if costly:
+        yield Caution(
+            what="The set for all spots fits some of them much worse than their own",
+            why=f"Fopt of the one set, over the least there: {_some(costly)}.",
+        )
+
+
+def _about_sweep(content: Content) -> Iterator[Caution]:
+    n_parameters = len(content.design.parameters)
+    if content.design.n_sets < FEW_SETS * n_parameters:
+        yield Caution(
+            what=f"A thin sweep: {content.design.n_sets} sets for {n_parameters} parameters",
+            why="The best set is the best of few; raise n_sets, or refine.",
+        )
+    jobs = content.scores.select("spot", "set_id").unique().height
+    reasons = failures_by_reason(content.scores)
+    n_failed = int(reasons["n"].sum()) if reasons.height else 0
+    if n_failed > FAILED_SHARE * jobs:
+        first = reasons.row(0, named=True)
+        said = first["reason"] or first["status"]
+        yield Caution(
+            what=f"{n_failed} of {jobs} simulations could not be ranked",
+            why=f"Most often ({first['n']}): {said}. What to try: {first['remedy']}.",
+        )
+
+
+def _about_searches(content: Content) -> Iterator[Caution]:
+    for table, expected, what in (
+        (content.refined.table, "converged", "Not every local search converged"),
+        (content.rays, "kept", "Not every multiple of a set was what it promised"),
+    ):
+        messages = [row["message"] for row in table.iter_rows(named=True) if row["message"] != expected]
+        if messages:
+            yield Caution(what=what, why=f"{_some(list(dict.fromkeys(messages)))}.")
+
+
+def _about_conventions(content: Content) -> Iterator[Caution]:
+    if content.study.normaliser.value == "mean":
+        yield Caution(
+            what="NMSE is over the mean of the measured curve",
+            why="Over a symmetric twist that is close to zero, and inflates the error of the torque.",
+        )
+    for region in content.study.space.regions:
+        if region.convention != "textbook":
+            yield Caution(
+                what=f"Coefficients of {region.region} are in the convention '{region.convention}'",
+                why=f"The textbook's {region.material.name} has other numbers for the same material.",
+            )
+
+
+def _about_proofs(content: Content) -> Iterator[Caution]:
+    doubtful = [row for row in content.proofs.iter_rows(named=True) if not row["passed"]]
+    if doubtful:
+        yield Caution(
+            what=f"{len(doubtful)} of {len(content.proofs)} chosen sets failed the solver's own proof",
+            why=_some([f"{row['spot']}, set {row['set_id']}: {row['message']}" for row in doubtful]),
+        )
+
+
+def _about_certificates(content: Content) -> Iterator[Caution]:
+    for file, certificate in content.certificates.items():
+        if not isinstance(certificate, Mapping) or certificate.get("passed") is not True:
+            yield Caution(
+                what="The solvers were not found to agree",
+                why=f"See the rows of {file} under provenance.",
+            )
+
+
+def _some(texts: Sequence[str], most: int = 4) -> str:
+    more = f"; and {len(texts) - most} more" if len(texts) > most else ""
+    return "; ".join(texts[:most]) + more

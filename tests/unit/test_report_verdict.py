@@ -1,0 +1,182 @@
+"""The verdict says what was found and what to distrust, and says nothing where there is nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from palpate.domain import Normaliser, Response
+from palpate.report import make_tables
+from palpate.report.tables import cost_of_one_set, failures_by_reason
+from palpate.report.verdict import make_verdict
+
+
+def verdict(content):
+    return make_verdict(content, make_tables(content))
+
+
+def distrusted(content):
+    return {caution.what: caution.why for caution in verdict(content).cautions}
+
+
+def about(content, words):
+    """Why of the one caution whose heading holds these words; None where there is none."""
+    found = [why for what, why in distrusted(content).items() if words in what]
+    assert len(found) < 2
+    return found[0] if found else None
+
+
+def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
+    made = content()
+    told = verdict(made)
+    assert told.parameters == ("stiffness [MPa]", "grip [MPa]")
+    assert [(b.spot, b.scenario, b.fitted_to) for b in told.bests[:2]] == [
+        ("p1", "I", "force + torque"), ("p1", "II", "torque"),
+    ]  # fmt: skip
+    row = made.selection.row(0, named=True)
+    best = told.bests[0]
+    assert best.found == f"set {row['set_id']}"
+    assert [v.value for v in best.values] == [row["soft_tissue.stiffness"], row["soft_tissue.grip"]]
+    assert best.values[0].lower < 0.4 < best.values[0].upper
+    assert told.bests[1].values[0].determined == "not"
+    assert told.lead.startswith(
+        f"One set for all 2 spots: set {made.generalisation['set_id'][0]}, stiffness = "
+    )
+
+
+def test_a_refined_set_stands_for_the_sweeps(content):
+    made = content(refine=True)
+    best = verdict(made).bests[0]
+    assert best.found == "refined"
+    assert best.values[0].value == made.refined.table["soft_tissue.stiffness"][0]
+    assert best.fopt < made.selection["fopt"][0]
+
+
+def test_one_spot_has_its_own_set_in_the_lead_and_nothing_to_generalise(content):
+    made = content()
+    one = pl.col("spot") == "p1"
+    alone = replace(
+        made,
+        measured={"p1": made.measured["p1"]},
+        selection=made.selection.filter(one),
+        scores=made.scores.filter(one),
+        determination=made.determination.filter(one),
+    )
+    told = verdict(alone)
+    assert told.lead.startswith("At p1, fitted to force + torque (scenario I): stiffness = ")
+    assert about(alone, "set for all spots") is None
+
+
+def test_how_well_each_parameter_is_determined_is_a_sentence(content):
+    made = content()
+    worse = made.determination.with_columns(
+        determined=pl.when(pl.col("spot") == "p2").then(pl.lit("not")).otherwise(pl.lit("well")),
+        correlation=pl.lit(-0.97),
+    )
+    told = verdict(replace(made, determination=worse)).determined
+    assert told[0].startswith("stiffness: well determined at 1 of 2 spots, not determined at 1 of 2 spots")
+    assert "it trades with grip (correlation -0.97, spot p1)" in told[0]
+    unknown = verdict(replace(made, determination=made.determination[:0])).determined
+    assert unknown[0] == "stiffness: nothing is known of how well it is determined."
+
+
+def test_simulated_data_and_measured_ones_without_a_spread_are_named(content):
+    made = content()
+    assert "not what any limb is made of" in about(made, "experiment is simulated")
+    real = replace(made, study=replace(made.study, data="measured"))
+    assert about(real, "simulated") is None
+    assert about(real, "No spread was measured")
+    curves = {
+        name: replace(curve, std=np.ones(curve.ordinate.size))
+        for name, curve in made.measured["p1"].curves.items()
+    }
+    repeated = replace(real, measured=dict(real.measured) | {"p1": Response(curves=curves)})
+    assert about(repeated, "No spread") is None
+
+
+def test_a_poor_fit_is_named_with_its_channel(content):
+    made = content()
+    assert about(made, "poor") is None
+    poor = replace(made, selection=made.selection.with_columns(r2_torque=pl.lit(0.5)))
+    assert "p1, scenario I: torque R² 0.500; p1, scenario II: torque R² 0.500" in about(poor, "poor")
+
+
+def test_a_best_value_at_the_end_of_its_range_is_named(content):
+    made = content()
+    at_end = made.selection.with_columns(pl.lit(0.1001).alias("soft_tissue.stiffness"))
+    assert "stiffness at p1, scenario I" in about(replace(made, selection=at_end), "end of their range")
+    inside = made.selection.with_columns(pl.lit(0.5).alias("soft_tissue.stiffness"))
+    inside = inside.with_columns(pl.lit(20.0).alias("soft_tissue.grip"))
+    assert about(replace(made, selection=inside), "end of their range") is None
+
+
+def test_what_is_not_determined_or_unclear_and_spots_that_disagree_are_named(content):
+    made = content()
+    first = pl.col("spot") == "p1"
+    apart = made.determination.with_columns(
+        lower=pl.when(first).then(0.1).otherwise(0.4),
+        upper=pl.when(first).then(0.3).otherwise(0.9),
+        determined=pl.when(first).then(pl.lit("not")).otherwise(pl.lit("unclear")),
+    )
+    made = replace(made, determination=apart)
+    assert about(made, "Not determined: stiffness, grip")
+    assert about(made, "unclear")
+    assert "stiffness at p1 and p2 have intervals that do not meet" in about(made, "spots disagree")
+
+
+def test_the_price_of_one_set_is_the_ratio_to_the_least(content):
+    made = content()
+    costs = cost_of_one_set(made)
+    own = made.selection.filter(scenario="I")["fopt"]
+    assert costs["times"].to_list() == (made.generalisation["fopt"] / own).to_list()
+    assert (costs["times"] >= 1.0).all()
+    cheap = made.generalisation.with_columns(fopt=100.0 * own)
+    assert "p1 (100 times); p2 (100 times)" in about(replace(made, generalisation=cheap), "fits some of them")
+    assert about(replace(made, generalisation=made.generalisation[:0]), "No set for all spots")
+
+
+def test_few_sets_and_many_failures_are_named_by_reason(content):
+    thin = content(n_sets=12)
+    assert about(thin, "thin sweep: 12 sets for 2 parameters")
+    made = content()
+    assert about(made, "thin") is None
+    failed = made.scores.with_columns(
+        nmse=pl.when(pl.col("set_id") < 10).then(None).otherwise(pl.col("nmse")),
+        status=pl.when(pl.col("set_id") < 10).then(pl.lit("diverged")).otherwise(pl.col("status")),
+        message=pl.format("no balance at step {}", pl.col("set_id")),
+    )
+    reasons = failures_by_reason(failed)
+    assert reasons.select("status", "reason", "n").rows() == [("diverged", "no balance at step …", 20)]
+    why = about(replace(made, scores=failed), "20 of 80 simulations could not be ranked")
+    assert "no balance at step …" in why
+    assert "narrow the ranges" in why
+
+
+def test_searches_conventions_certificates_and_unfinished_sets_are_named(content):
+    made = content(refine=True)
+    region = replace(made.study.space.regions[0], convention="febio4")
+    study = replace(
+        made.study, normaliser=Normaliser.MEAN, space=replace(made.study.space, regions=(region,))
+    )
+    table = made.refined.table.with_columns(message=pl.lit("stopped after 40 steps"))
+    doubtful = replace(
+        made, study=study, refined=replace(made.refined, table=table),
+        certificates={"certificate.json": {"passed": False}, "certificate-good.json": {"passed": True}},
+        rays=pl.DataFrame({"message": ["kept", "the ray promised more"]}),
+        selection=made.selection.with_columns(partial=pl.lit(True)),
+    )  # fmt: skip
+    assert about(doubtful, "local search") == "stopped after 40 steps."
+    assert about(doubtful, "multiple") == "the ray promised more."
+    assert "close to zero" in about(doubtful, "mean of the measured")
+    assert about(doubtful, "convention 'febio4'")
+    assert "certificate.json" in about(doubtful, "solvers")
+    unfinished = replace(doubtful, refined=replace(made.refined, table=table[:0]))
+    assert "p1, scenario I" in about(unfinished, "did not finish")
+    assert about(made, "did not finish") is None
+
+
+@pytest.mark.parametrize("passed", [True, False])
+def test_a_proof_that_failed_is_named(content, passed):
+    proofs = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [passed], "message": ["x"], "key": ["k"]})
+    assert (about(replace(content(), proofs=proofs), "proof") is None) is passed
