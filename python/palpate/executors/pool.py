@@ -76,6 +76,7 @@ class Pool:
         self._pending: dict[str, deque[int]] = {}
         self._alone: deque[int] = deque()
         self._crashes: Counter[int] = Counter()
+        self._unbegun: Counter[int] = Counter()
         self._events: queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]] = queue.SimpleQueue()
         self._workers: list[_Worker] = []
 
@@ -90,6 +91,7 @@ class Pool:
         _packed_or_refused(jobs[0], "a material of the study")
         self._jobs, self._pending, n_left = jobs, by_spot(jobs), len(jobs)
         self._crashes.clear()
+        self._unbegun.clear()
         for worker in list(self._workers):
             if worker.has_ended:  # while it had nothing to do: no job of these is to blame
                 self._dismiss(worker)
@@ -218,12 +220,18 @@ class Pool:
     def _gone(self, worker: "_Worker") -> list[Outcome]:
         """Try the jobs of a worker that died again, alone, before they are quarantined."""
         worker.await_end()
+        had_begun = bool(worker.started)
         suspects = self._dismiss(worker)
         if not worker.ready:
             raise PluginError(
                 f"a worker process ended before it was ready ({worker.how_it_ended()}); "
                 "check that the plugins import in a fresh Python"
             )
+        if not had_begun:
+            # Somebody else may have ended it between two jobs; what dies on being handed over dies again.
+            self._unbegun.update(suspects)
+            self._alone.extend(index for index in suspects if self._unbegun[index] == 1)
+            suspects = [index for index in suspects if self._unbegun[index] > 1]
         self._crashes.update(suspects)
         n_attempts = self._limits.n_attempts
         final = [index for index in suspects if self._crashes[index] >= n_attempts]
