@@ -1,12 +1,16 @@
 """palpate finds what soft tissue is made of from how it pushes back and twists.
 
-The stages of a study as typed functions, for scripts and notebooks:
+The stages of a study as functions, for scripts and notebooks, with polars frames in and out::
 
->>> from pathlib import Path
+    study = palpate.read_study("arm")
+    measured, design = palpate.measure(study), palpate.sample(study)
+    simulated = palpate.simulate(study, design, measured)
+    scores = palpate.score(study, simulated, measured)
+    palpate.select(study, scores, design)
+
 >>> import palpate
->>> plugins = palpate.Plugins.load()
->>> sorted(plugins.samplers)
-['lhs']
+>>> list(palpate.Plugins.load(entry_points=False).samplers)
+['lhs', 'optimised_lhs', 'sobol']
 
 Plugins mark their hooks with :data:`hookimpl`. Names are imported when they are
 first used, so that ``import palpate`` costs next to nothing.
@@ -52,8 +56,9 @@ if TYPE_CHECKING:
         Settings,
         Solver,
     )
-    from palpate.pipeline import run_study
+    from palpate.pipeline import RunResult, run_study
     from palpate.plugins import Plugins
+    from palpate.stages import generalise, measure, sample, score, select, simulate
     from palpate.study import Study, read_study
 
 __all__ = [
@@ -77,6 +82,7 @@ __all__ = [
     "Plugins",
     "RegionMaterial",
     "Response",
+    "RunResult",
     "Sampler",
     "Scenario",
     "SetFilter",
@@ -89,9 +95,15 @@ __all__ = [
     "Study",
     "StudyTemplate",
     "__version__",
+    "generalise",
     "hookimpl",
+    "measure",
     "read_study",
     "run_study",
+    "sample",
+    "score",
+    "select",
+    "simulate",
 ]
 
 __version__ = "0.1.0"
@@ -113,8 +125,9 @@ _HOMES = MappingProxyType(
             "Settings",
             "Solver",
         ),
-        "pipeline": ("run_study",),
+        "pipeline": ("RunResult", "run_study"),
         "plugins": ("Plugins",),
+        "stages": ("generalise", "measure", "sample", "score", "select", "simulate"),
         "study": ("Study", "read_study"),
     }
 )

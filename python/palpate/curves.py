@@ -71,6 +71,18 @@ class Curve:
             object.__setattr__(self, "std", frozen_floats(self.std))
             self._check_std(self.std)
 
+    def __repr__(self) -> str:
+        x, y = self.abscissa, self.ordinate
+        return (
+            f"Curve({self.channel!r}: {x.size} points, {len(self.branches)} branches, "
+            f"{x.min():.4g} … {x.max():.4g}; {y.min():.4g} … {y.max():.4g})"
+        )
+
+    def _repr_html_(self) -> str:
+        from palpate import views
+
+        return views.picture(self)
+
     def _check_points(self) -> None:
         where = f"curve '{self.channel}'"
         if self.abscissa.ndim != 1 or self.abscissa.shape != self.ordinate.shape:
@@ -159,6 +171,14 @@ class Response:
     def __post_init__(self) -> None:
         object.__setattr__(self, "curves", MappingProxyType(dict(self.curves)))
         object.__setattr__(self, "record", MappingProxyType(dict(self.record)))
+
+    def __repr__(self) -> str:
+        return f"Response({', '.join(map(repr, self.curves.values()))})"
+
+    def _repr_html_(self) -> str:
+        from palpate import views
+
+        return views.pictures(self.curves)
 
     def __getitem__(self, channel: str) -> Curve:
         return self.curves[channel]

@@ -330,6 +330,15 @@ class Design:
                 f"design: values of shape {self.values.shape} for {len(self.parameters)} parameters"
             )
 
+    def __repr__(self) -> str:
+        names = ", ".join(p.name for p in self.parameters)
+        return f"Design({self.n_sets} sets of {names}, seed {self.seed})"
+
+    def _repr_html_(self) -> str:
+        from palpate import views
+
+        return views.design(self)
+
     @property
     def n_sets(self) -> int:
         """Number of sets that are simulated."""

@@ -104,6 +104,15 @@ class RunResult:
     selected: Selected
     report: Report
 
+    def __repr__(self) -> str:
+        chosen = self.selected.selection.height
+        return f"RunResult({self.folder}: {len(self.simulations)} simulations, {chosen} chosen sets)"
+
+    def _repr_html_(self) -> str:
+        from palpate import views
+
+        return views.run_result(self)
+
 
 def check(study: Study, plugins: Plugins) -> Checked:
     """Read and check every input of the study without writing or simulating anything.

@@ -92,6 +92,11 @@ class Catalogue(Mapping[str, T]):
     def __repr__(self) -> str:
         return f"Catalogue({self.noun}: {', '.join(self)})"
 
+    def _repr_html_(self) -> str:
+        from palpate import views
+
+        return views.catalogue(cast("Catalogue[object]", self))
+
     def provider(self, name: str) -> str:
         """Name of the plugin that provides ``name``."""
         return self._entry(name)[1]

@@ -103,6 +103,18 @@ class Study:
     cache: Path | None = None
     n_total: int = 0
 
+    def __repr__(self) -> str:
+        searched = ", ".join(p.name for p in self.space.parameters)
+        return (
+            f"Study({self.name!r}: {self.n_sets} sets of {searched} at {len(self.spots)} spots, "
+            f"solver {self.solver.name})"
+        )
+
+    def _repr_html_(self) -> str:
+        from palpate import views
+
+        return views.study(self)
+
     @property
     def folder(self) -> Path:
         """Folder of the study file."""
@@ -125,15 +137,15 @@ class Study:
         return next(spot for spot in self.spots if spot.spot.name == name)
 
 
-def read_study(path: Path, plugins: Plugins, *, need_measured: bool = True) -> Study:
+def read_study(path: Path | str, plugins: Plugins | None = None, *, need_measured: bool = True) -> Study:
     """Read and check a study file.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         A study.toml, or the folder that holds one.
-    plugins : Plugins
-        Where the names in the file are looked up.
+    plugins : Plugins, optional
+        Where the names in the file are looked up; the installed ones when left out.
     need_measured : bool
         Whether the files of measured curves must exist; False before an experiment.
 
@@ -142,6 +154,7 @@ def read_study(path: Path, plugins: Plugins, *, need_measured: bool = True) -> S
     StudyError
         Listing everything that is wrong, each with line, key and what to do.
     """
+    path, plugins = Path(path), plugins or Plugins.load()
     if path.is_dir():
         path = path / "study.toml"
     text, raw = _parse(path)

@@ -1,0 +1,60 @@
+"""The notebook-style example runs, cell by cell, and every cell has something to show."""
+
+import ast
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+FILE = Path(__file__).parents[2] / "examples" / "notebook.py"
+
+
+def cells(text: str) -> list[str]:
+    """Code of each cell."""
+    parts = text.split("\n# %%")
+    return [part.split("\n", 1)[1] for part in parts[1:] if not part.startswith(" [markdown]")]
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], list[Any]]:
+    """Names after the last cell, and what each cell showed."""
+    out = tmp_path_factory.mktemp("notebook")
+    values: dict[str, Any] = {}
+    found = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PALPATE_SETS", "24")
+        patch.setenv("PALPATE_OUT", str(out))
+        for code in cells(FILE.read_text(encoding="utf-8")):
+            *body, last = ast.parse(code).body
+            if isinstance(last, ast.Expr):
+                exec(compile(ast.Module(body, []), str(FILE), "exec"), values)
+                found.append(eval(compile(ast.Expression(last.value), str(FILE), "eval"), values))
+            else:
+                exec(compile(ast.Module([*body, last], []), str(FILE), "exec"), values)
+    assert (out / "chosen.csv").is_file()
+    return values, found
+
+
+def test_every_cell_shows_itself_as_html_or_text(shown: tuple[dict[str, Any], list[Any]]) -> None:
+    _, found = shown
+    assert len(found) == 8
+    for value in found:
+        html = value if isinstance(value, str) else value._repr_html_()
+        assert html.strip()
+        assert "object at 0x" not in html + repr(value)
+
+
+def test_frames_go_from_stage_to_stage(shown: tuple[dict[str, Any], list[Any]]) -> None:
+    values, _ = shown
+    design, stiff, simulated, scores, chosen = (
+        values[name] for name in ("design", "stiff", "simulated", "scores", "chosen")
+    )
+    assert design.height == 24
+    assert 0 < stiff.height < 24
+    assert set(simulated["set_id"]) == set(stiff["set_id"])
+    assert scores.height == 3 * stiff.height
+    assert chosen["scenario"].to_list() == [s.name for s in values["study"].scenarios]
+    row = chosen.row(0, named=True)
+    same = design.row(by_predicate=pl.col("set_id") == row["set_id"], named=True)
+    assert row["specimen.c1"] == same["specimen.c1"]

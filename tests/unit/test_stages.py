@@ -1,0 +1,106 @@
+"""The stages on frames: what they refuse, and how what failed is shown."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+import palpate
+from palpate import pipeline
+from palpate.domain import Curve, Design, Response
+from palpate.errors import StudyError
+
+
+@pytest.fixture
+def study(make_study):
+    return make_study("Faulty", n_sets=8, n_workers=2, time_limit_s=1.5)
+
+
+def test_frames_of_a_sweep_with_failures(study, plugins):
+    measured, design = palpate.measure(study, plugins), palpate.sample(study)
+    assert measured.columns == ["spot", "channel", "point", "abscissa", "ordinate"]
+    simulated = palpate.simulate(study, design, measured)
+    status = dict(simulated.group_by("set_id").agg(pl.col("status").first()).iter_rows())
+    assert [status[k] for k in range(5)] == ["ok", "crashed", "timed_out", "crashed", "diverged"]
+    failed = simulated.filter(pl.col("set_id") == 3)
+    assert failed.height == 2  # one row for each spot, without a curve
+    assert failed["channel"].null_count() == 2
+    assert "ZeroDivisionError" in failed["message"][0]
+    scores = palpate.score(study, simulated, measured)
+    chosen = palpate.select(study, scores, design)
+    assert set(chosen["set_id"]) <= {0, 5, 6, 7}
+    assert palpate.generalise(study, scores, design).height == 2
+
+
+def test_sets_keep_their_number_when_others_are_dropped(make_study, plugins, tmp_path):
+    study = make_study()
+    measured, design = palpate.measure(study, plugins), palpate.sample(study)
+    some = design.filter(pl.col("set_id") % 3 == 1).reverse()
+    simulated = palpate.simulate(study, some, measured, folder=tmp_path / "kept")
+    assert simulated["set_id"].unique(maintain_order=True).to_list() == [10, 7, 4, 1]
+    scores = palpate.score(study, simulated, measured)
+    whole = palpate.score(study, palpate.simulate(study, design, measured), measured)
+    same = whole.filter(pl.col("set_id") % 3 == 1)
+    assert scores.sort("spot", "set_id", "channel").equals(same.sort("spot", "set_id", "channel"))
+    for row in palpate.select(study, whole, some).iter_rows(named=True):
+        own = design.row(by_predicate=pl.col("set_id") == row["set_id"], named=True)
+        assert row["set_id"] % 3 == 1
+        assert {name: row[name] for name in own} == own
+
+
+def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
+    study = make_study()
+    measured, design = palpate.measure(study, plugins), palpate.sample(study)
+    scores = palpate.score(study, palpate.simulate(study, design, measured), measured)
+    pipeline.measure(study, tmp_path, plugins)
+    drawn = pipeline.sample(study, tmp_path, plugins)
+    pipeline.simulate(study, tmp_path, plugins)
+    kept = pipeline.score(study, tmp_path, plugins)
+    np.testing.assert_array_equal(drawn.values, design.drop("set_id").to_numpy())
+    assert scores.equals(kept)
+    selected = pipeline.select(study, tmp_path, plugins)
+    assert palpate.select(study, scores, design).equals(selected.selection)
+    assert palpate.generalise(study, scores, design).equals(selected.generalisation)
+    result = palpate.RunResult(
+        folder=tmp_path,
+        measured={},
+        design=drawn,
+        simulations=(),
+        scores=kept,
+        selected=selected,
+        report=pipeline.Report(tables={}, files=()),
+    )
+    assert repr(result) == f"RunResult({tmp_path}: 0 simulations, {selected.selection.height} chosen sets)"
+    assert "<td>p1</td>" in result._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: d.drop("set_id"), "design: the frame lacks column 'set_id' .* palpate.sample"),
+        (lambda d: d.rename({"soft_tissue.grip": "grip"}), "lacks column 'soft_tissue.grip'"),
+        (lambda d: d.with_columns(pl.lit(float("nan")).alias("soft_tissue.grip")), "row 0, .* is not finite"),
+        (lambda d: d.with_columns(set_id=pl.lit(3)), "set_id 3 stands in two rows"),
+    ],
+)
+def test_a_frame_that_is_no_design_is_refused(make_study, plugins, change, said):
+    study = make_study()
+    measured, design = palpate.measure(study, plugins), palpate.sample(study)
+    with pytest.raises(StudyError, match=f"(?s){said}"):
+        palpate.simulate(study, change(design), measured)
+
+
+def test_values_show_themselves(make_study, plugins):
+    study = make_study()
+    assert repr(study) == (
+        "Study('sponge': 12 sets of soft_tissue.stiffness, soft_tissue.grip at 2 spots, solver analytic)"
+    )
+    assert "soft_tissue.grip" in study._repr_html_()
+    assert "<td>analytic</td><td>analytic_tissue</td>" in plugins.solvers._repr_html_()
+    curve = Curve(channel="<torque>", abscissa=[0.0, -1.0, 1.0], ordinate=[0.0, -2.0, 2.0])
+    assert repr(curve) == "Curve('<torque>': 3 points, 2 branches, -1 … 1; -2 … 2)"
+    assert "&lt;torque&gt;" in curve._repr_html_()
+    assert "<torque>" not in curve._repr_html_()
+    assert "<polyline" in Response(curves={"torque": curve})._repr_html_()
+    design = Design(parameters=study.space.parameters, values=np.ones((3, 2)), seed=1, n_drawn=4)
+    assert repr(design) == "Design(3 sets of soft_tissue.stiffness, soft_tissue.grip, seed 1)"
+    assert "3 sets of 4 drawn" in design._repr_html_()
