@@ -13,6 +13,9 @@ from palpate.plugins import answering_for
 
 RECORDED = "FEBio 4.11, recorded"
 
+COUPLED = frozenset({"neo_hookean"})
+"""Materials whose hex8 is a plain 8-point element in FEBio."""
+
 Contender = Callable[[bool | tuple[str, ...]], Solver]
 """Makes a solver for a case, given which regions have one volume change per element."""
 

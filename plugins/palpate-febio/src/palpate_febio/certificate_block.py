@@ -12,7 +12,7 @@ import numpy as np
 from palpate.domain import FloatArray, Limb
 from palpate.interfaces import Material
 from palpate.specimens import block
-from palpate_febio.certificate import Case, Contender, Row, compared
+from palpate_febio.certificate import COUPLED, Case, Contender, Row, compared
 
 BONDED_RADIUS_MM = 5.0
 BONDED_TIMES = (0.6, 1.0, 2.0, 4.0)
@@ -22,9 +22,6 @@ FRICTIONLESS_TIMES = (0.5, 1.0)
 BONDED_TOLERANCE = 1e-3
 FRICTIONLESS_TOLERANCE = 1e-2
 OUR_NAMES: Mapping[str, str] = {"k": "kappa", "v": "nu"}
-COUPLED = frozenset({"neo_hookean"})
-"""Materials whose hex8 is a plain 8-point element in FEBio."""
-
 KINDS = ("bonded", "frictionless")
 NAMES = ("ogden", "yeoh", "neo_hookean", "layered")
 SKIN_MM = 2.0

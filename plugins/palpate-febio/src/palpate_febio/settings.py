@@ -42,7 +42,9 @@ class FebioSettings(Settings):
         1200.0, gt=0.0, exclude=True, description="a run is stopped when nothing was written for so long [s]"
     )
     depth_steps: int = Field(20, ge=1, description="steps from the surface to the greatest depth")
-    rotation_step_deg: float = Field(2.25, gt=0.0, description="largest step of rotation [degrees]")
+    rotation_step_deg: float = Field(
+        4.5, gt=0.0, description="largest step of rotation [degrees]; friction forgets a little in each"
+    )
     contact: Literal["right", "paper"] = Field(
         "right",
         description="right: augmented Lagrangian where there is friction, a stiff penalty without; "
