@@ -26,7 +26,7 @@ from palpate.progress import SILENT, Progress
 from palpate.proofs import prove, proves
 from palpate.rays import best_on_rays
 from palpate.refinement import Refined, refine
-from palpate.report import Content, by_spot, draw_presses, make_tables, write_report
+from palpate.report import Content, by_spot, contact_along, draw_presses, make_tables, write_report
 from palpate.run_directory import RunDirectory, manifest
 from palpate.sampling import draw_design
 from palpate.study import Study
@@ -402,6 +402,7 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
         swept=swept,
         determination=determine(study, design, measured, swept, scores, chosen, refined),
         convergence=by_spot(found),
+        contact=contact_along(found),
         limbs=limbs,
         manifest=run.manifest(),
         proofs=run.proofs(),

@@ -15,12 +15,12 @@ import polars as pl
 import pytest
 
 import palpate.report
-from palpate.domain import Indentation, Sphere
+from palpate.domain import Indentation, Job, Simulation, Sphere, Status
 from palpate.limb_view import limb_view
-from palpate.report import make_tables, write_report
+from palpate.report import contact_along, make_tables, write_report
 from palpate.report.page import render
 from palpate.report.page_data import MOST_NUMBERS, MOST_SETS, page_data
-from palpate.report.scene import scene
+from palpate.report.scene import edge_of_contact, scene
 from palpate.report.tables import TITLES
 from palpate.specimens import block
 
@@ -252,7 +252,31 @@ def test_a_limb_is_made_coarser_and_stays_where_it_is():
 def test_the_sphere_is_shown_at_rest_and_where_it_presses_deepest():
     limb = block("tet4", n_across=4, n_down=3)
     protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=[(0, 0), (4, 0), (4, 20)], friction=1.0)
-    traces = {t["name"]: t for t in scene(limb, protocol)}
+    traces = {t["name"]: t for t in scene(limb, protocol, 1000)}
     assert min(traces["sphere"]["z"]) == pytest.approx(0.0, abs=0.01)
     assert min(traces["sphere at 4 mm"]["z"]) == pytest.approx(-4.0, abs=0.01)
-    assert not [name for name in (t["name"] for t in scene(limb, None)) if name.startswith("sphere")]
+    assert not [name for name in (t["name"] for t in scene(limb, None, 1000)) if name.startswith("sphere")]
+
+
+def test_the_edge_of_the_contact_lies_on_the_pressed_sphere():
+    limb = block("tet4", n_across=4, n_down=3)
+    protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=[(0, 0), (4, 0), (4, 20)], friction=1.0)
+    path = {"depth_mm": [2.0, 4.0, 4.0], "rotation_deg": [0.0, 0.0, 20.0]}
+    edge = edge_of_contact(limb, protocol, path | {"contact_radius_mm": [2.0, 5.0, 5.5]})
+    points = np.array([edge["x"], edge["y"], edge["z"]]).T
+    np.testing.assert_allclose(np.linalg.norm(points - [0.0, 0.0, 3.5], axis=1), 7.5, atol=0.02)
+    np.testing.assert_allclose(np.linalg.norm(points[:, :2], axis=1), 5.0, atol=0.02)
+    assert (points[:, 2] < 3.5).all()
+    assert edge_of_contact(limb, protocol, path | {"sticking": [1.0, 1.0, 0.5]}) is None
+
+
+def test_contact_is_taken_from_diagnostics_that_follow_the_path_alone():
+    def told(**diagnostics):
+        job = Job(spot="p", set_id=3, materials={}, thetas={}, protocol=None)
+        return contact_along([Simulation(job=job, status=Status.OK, response=None, diagnostics=diagnostics)])
+
+    path = {"depth_mm": [1.0, 2.0], "rotation_deg": [0, 0]}
+    found = told(**path, sticking=[1.0, 0.5], penetration_mm=[0.1], contact_radius_mm="a")
+    assert found == {("p", 3): path | {"sticking": [1.0, 0.5]}}
+    assert told(sticking=[1.0]) == {}
+    assert told(**path) == {}

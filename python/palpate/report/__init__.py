@@ -3,14 +3,14 @@
 from pathlib import Path
 
 from palpate.report.content import Content
-from palpate.report.convergence import by_spot
+from palpate.report.convergence import by_spot, contact_along
 from palpate.report.figures import write_figures
 from palpate.report.page import write_page
 from palpate.report.presses import draw_presses
 from palpate.report.table_files import write_tables
 from palpate.report.tables import finding, make_tables
 
-__all__ = ["Content", "by_spot", "draw_presses", "finding", "make_tables", "write_report"]
+__all__ = ["Content", "by_spot", "contact_along", "draw_presses", "finding", "make_tables", "write_report"]
 
 
 def write_report(content: Content, folder: Path) -> tuple[Path, ...]:

@@ -9,6 +9,7 @@ import polars as pl
 from palpate.determination import Swept
 from palpate.domain import Channel, Design, Limb, Response, Scenario
 from palpate.refinement import Refined
+from palpate.report.convergence import Contact
 from palpate.study import Study
 
 
@@ -38,6 +39,8 @@ class Content:
         As :func:`palpate.determination.determine` returns it.
     convergence : DataFrame
         As :func:`palpate.report.convergence.by_spot` returns it.
+    contact : mapping of (spot, set_id) to mapping
+        Contact along the path, as :func:`palpate.report.convergence.contact_along` collects it.
     limbs : mapping of spot name to Limb
         Empty where there is no mesh.
     manifest : mapping
@@ -61,6 +64,7 @@ class Content:
     swept: Swept = field(default_factory=dict)
     determination: pl.DataFrame = field(default_factory=pl.DataFrame)
     convergence: pl.DataFrame = field(default_factory=pl.DataFrame)
+    contact: Mapping[tuple[str, int], Contact] = field(default_factory=dict)
     limbs: Mapping[str, Limb] = field(default_factory=dict)
     manifest: Mapping[str, Any] = field(default_factory=dict)
     proofs: pl.DataFrame = field(default_factory=pl.DataFrame)

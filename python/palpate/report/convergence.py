@@ -1,11 +1,26 @@
-"""How the simulations of a sweep ended, spot by spot."""
+"""How the simulations of a sweep ended, spot by spot, and how the sphere lay on the limb."""
 
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import polars as pl
 
 from palpate.domain import Simulation, Status
+
+CONTACT: Mapping[str, str] = MappingProxyType(
+    {
+        "contact_radius_mm": "contact radius [mm]",
+        "penetration_mm": "deepest penetration [mm]",
+        "sticking": "share of the contact that sticks",
+    }
+)
+"""What a solver may tell of the contact at each step of its path, and its label.
+
+It does so in its diagnostics, as lists as long as ``depth_mm`` and ``rotation_deg`` there.
+"""
+
+Contact = Mapping[str, list[float]]
 
 
 def by_spot(simulations: Iterable[Simulation]) -> pl.DataFrame:
@@ -48,3 +63,22 @@ def _numbers(diagnostics: Mapping[str, Any]) -> dict[str, float]:
         for name, value in diagnostics.items()
         if isinstance(value, (int, float)) and not isinstance(value, bool)
     }
+
+
+def contact_along(simulations: Iterable[Simulation]) -> dict[tuple[str, int], Contact]:
+    """Collect the contact along the path by spot and set, of the simulations whose solver tells it."""
+    found = {(s.job.spot, s.job.set_id): _contact(s.diagnostics) for s in simulations}
+    return {key: contact for key, contact in found.items() if contact}
+
+
+def _contact(diagnostics: Mapping[str, Any]) -> Contact:
+    path = [diagnostics.get(name) for name in ("depth_mm", "rotation_deg")]
+    if not all(_are_numbers(values) for values in path):
+        return {}
+    lists = {name: diagnostics[name] for name in CONTACT if _are_numbers(diagnostics.get(name))}
+    told = {name: values for name, values in lists.items() if len(values) == len(path[0] or [])}
+    return {"depth_mm": path[0], "rotation_deg": path[1], **told} if told else {}  # type: ignore[dict-item]
+
+
+def _are_numbers(values: object) -> bool:
+    return isinstance(values, list) and bool(values) and all(isinstance(v, (int, float)) for v in values)

@@ -263,10 +263,30 @@
   const camera = () => ({ up: { x: 0, y: 0, z: 1 }, eye: { x: eye.far * Math.cos(eye.tilt) * Math.cos(eye.turn),
     y: eye.far * Math.cos(eye.tilt) * Math.sin(eye.turn), z: eye.far * Math.sin(eye.tilt) } });
 
+  const contact = () => (data.contact.length ? data.contact[state.spot][state.scenario] : null);
+
+  function drawContact() {
+    data.contact_labels.forEach((label, k) => {
+      const box = element(`contact-${k}`), told = contact(), values = told && told.series[k];
+      if (!box) return;
+      box.hidden = !values;
+      if (!values) return;
+      const trace = line(`set ${told.set_id}`, values.map((_, i) => i + 1), values, { color: colour(`line${state.scenario % 6}`), width: 2 });
+      Object.assign(trace, { mode: "lines+markers", text: told.depth.map((d, i) => `${four(d)} mm, ${four(told.rotation[i])}°`),
+        hovertemplate: "%{text}: %{y:.4g}<extra>%{fullData.name}</extra>" });
+      draw(`contact-${k}`, [trace], layout({ xaxis: axis("step of the path"), yaxis: axis(label, { rangemode: "tozero" }), height: 260 }));
+    });
+  }
+
   function drawScene() {
+    drawContact();
     const box = element("scene");
     if (!box || !box.dataset.seen) return;
-    const traces = data.limbs[state.spot].map((t) => Object.assign({}, t, { name: plain(t.name), showlegend: true }));
+    const told = contact(), shown = told && told.edge ? [...data.limbs[state.spot], told.edge] : data.limbs[state.spot];
+    const traces = shown.map((t) => Object.assign({}, t, { name: plain(t.name), showlegend: true }));
+    traces.forEach((t) => {
+      if (t.type === "scatter3d" && t.mode === "lines") t.line = Object.assign({ width: 6 }, t.line, { color: colour("ink") });
+    });
     const side = (title) => axis(title, { backgroundcolor: "rgba(0,0,0,0)" });
     const shape = { scene: { aspectmode: "data", camera: camera(), xaxis: side("x [mm]"), yaxis: side("y [mm]"), zaxis: side("z [mm]") },
       showlegend: true, legend: { orientation: "h", y: -0.02 }, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: state.spot };

@@ -6,10 +6,11 @@ import matplotlib as mpl
 import numpy as np
 import polars as pl
 
-from palpate.domain import Curve, FloatArray, IntArray
+from palpate.domain import Curve, FloatArray, Indentation, IntArray
 from palpate.report.content import Content
+from palpate.report.convergence import CONTACT
 from palpate.report.figures import DISTRIBUTION_LIMIT, fit_of
-from palpate.report.scene import scene
+from palpate.report.scene import edge_of_contact, scene
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, colours, label_of, named_briefly
 from palpate.report.tables import weighted_channels
 from palpate.selection import objectives
@@ -62,6 +63,8 @@ def page_data(content: Content) -> dict[str, Any]:
         "sets": _sets(content, sets),
         "swept": _swept(content, sets),
         "limbs": _limbs(content),
+        "contact": [_contacts(content, spot) for spot in content.spots] if content.contact else [],
+        "contact_labels": list(CONTACT.values()),
     }
 
 
@@ -169,6 +172,30 @@ def _limbs(content: Content) -> list[list[dict[str, Any]]]:
         scene(content.limbs[spot], content.study.protocol_at(spot), most) if spot in content.limbs else []
         for spot in content.spots
     ]
+
+
+def _contacts(content: Content, spot: str) -> list[dict[str, Any] | None]:
+    """Contact along the path of the set that each scenario selected; None where nobody told."""
+    chosen = content.selection.filter(pl.col("spot") == spot)
+    sets = dict(chosen.select("scenario", "set_id").iter_rows())
+    return [_contact(content, spot, sets.get(scenario.name)) for scenario in content.study.scenarios]
+
+
+def _contact(content: Content, spot: str, set_id: int | None) -> dict[str, Any] | None:
+    contact = None if set_id is None else content.contact.get((spot, set_id))
+    if contact is None:
+        return None
+    limb, protocol = content.limbs.get(spot), content.study.protocol_at(spot)
+    edge = edge_of_contact(limb, protocol, contact) if limb and isinstance(protocol, Indentation) else None
+    told = {name: [_four(value) for value in values] for name, values in contact.items()}
+    series = [told.get(name) for name in CONTACT]
+    return {
+        "set_id": set_id,
+        "depth": told["depth_mm"],
+        "rotation": told["rotation_deg"],
+        "series": series,
+        "edge": edge,
+    }
 
 
 # ------------------------------------------------------------------- numbers

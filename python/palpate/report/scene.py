@@ -8,12 +8,10 @@ import numpy as np
 
 from palpate.domain import FloatArray, Indentation, IntArray, Limb, Protocol
 from palpate.limb_view import LimbView, ViewPart, limb_view
-
-MOST_TRIANGLES = 5000
-"""Triangles that one limb may have on the page."""
+from palpate.report.convergence import Contact
 
 
-def scene(limb: Limb, protocol: Protocol | None, most: int = MOST_TRIANGLES) -> list[dict[str, Any]]:
+def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, Any]]:
     """Traces for Plotly of a limb, and of the sphere at rest on it and at its greatest depth.
 
     Parameters
@@ -42,6 +40,23 @@ def _pressed(trace: dict[str, Any], by_mm: FloatArray) -> dict[str, Any]:
     }
     depth = float(np.linalg.norm(by_mm))
     return trace | moved | {"name": f"{trace['name']} at {depth:g} mm", "visible": "legendonly"}
+
+
+def edge_of_contact(limb: Limb, protocol: Indentation, contact: Contact) -> dict[str, Any] | None:
+    """Trace of the circle on the sphere, where it presses deepest, up to which it is touched."""
+    depths, radii = contact["depth_mm"], contact.get("contact_radius_mm")
+    if radii is None:
+        return None
+    k = int(np.argmax(depths))
+    ball, radius = protocol.indenter.radius_mm, min(radii[k], protocol.indenter.radius_mm)
+    normal = limb.spot.normal
+    centre = limb.spot.position_mm + (ball - depths[k] - np.sqrt(ball**2 - radius**2)) * normal
+    across = np.linalg.svd(normal[None])[2][1:]
+    turns = np.linspace(0.0, 2.0 * np.pi, 49)
+    points = centre + radius * np.column_stack([np.cos(turns), np.sin(turns)]) @ across
+    x, y, z = np.round(points, 2).T.tolist()
+    name = f"edge of the contact at {depths[k]:g} mm: radius {radius:.3g} mm"
+    return {"type": "scatter3d", "mode": "lines", "name": name, "x": x, "y": y, "z": z, "hoverinfo": "name"}
 
 
 def coarsened(view: LimbView, most: int) -> LimbView:
