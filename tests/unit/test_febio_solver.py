@@ -8,6 +8,7 @@ import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Sphere, Status
 from palpate.errors import MaterialError, MeshError, PluginError, StudyError
+from palpate.simulation import solver_key
 from palpate.specimens import block
 from palpate.testing import SolverContract
 from palpate_febio.conventions import remembered
@@ -293,6 +294,13 @@ def test_ogden_and_neo_hookean_fit_the_textbook(fake):
         found = fake().convention(material)
         assert found.convention == "textbook"
         assert found.deviations["textbook"] < 1e-9
+
+
+def test_only_what_changes_a_result_makes_another_simulation(fake, tmp_path):
+    key = solver_key(fake())
+    harmless = {"threads": 2, "time_limit_s": 9.0, "keep_folder": str(tmp_path / "kept"), "gates": "never"}
+    assert solver_key(fake(**harmless)) == key
+    assert len({key, solver_key(fake(penalty=50.0)), solver_key(fake(contact="paper"))}) == 3
 
 
 # ------------------------------------------------------------------ bad input
