@@ -1,6 +1,8 @@
 """Reports: what the stages found, laid out, whatever the channels are called."""
 
 import csv
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -259,3 +261,9 @@ def test_two_regions_keep_their_names(space):
     assert [p.name for p in named_briefly(one)] == ["stiffness", "grip"]
     two = ParameterSpace(regions=(*space.regions, replace(space.regions[0], region="skin"))).parameters
     assert named_briefly(two) == two
+
+
+def test_what_draws_is_imported_when_something_is_drawn():
+    names = "('matplotlib', 'plotly', 'jinja2')"
+    code = f"import palpate.pipeline, sys; sys.exit(any(name in sys.modules for name in {names}))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,12 +1,17 @@
-"""Tables, figures and one page from what a run has found; recomputes nothing."""
+"""Tables, figures and one page from what a run has found; simulates nothing.
 
+What draws is imported when something is drawn: most commands do not, and it takes long.
+"""
+
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import polars as pl
+
+from palpate.domain import Channel, Response
+from palpate.experiment import Presses
 from palpate.report.content import Content
 from palpate.report.convergence import by_spot, contact_along
-from palpate.report.figures import write_figures
-from palpate.report.page import write_page
-from palpate.report.presses import draw_presses
 from palpate.report.table_files import write_tables
 from palpate.report.tables import finding, make_tables
 
@@ -20,3 +25,28 @@ def write_report(content: Content, folder: Path) -> tuple[Path, ...]:
     figure_files = write_figures(content, folder / "figures")
     page = write_page(content, tables, (*table_files, *figure_files), folder)
     return (*table_files, *figure_files, page)
+
+
+def write_figures(content: Content, folder: Path) -> tuple[Path, ...]:
+    """Draw every figure: see :func:`palpate.report.figures.write_figures`."""
+    from palpate.report import figures
+
+    return figures.write_figures(content, folder)
+
+
+def write_page(
+    content: Content, tables: Mapping[str, pl.DataFrame], files: Sequence[Path], folder: Path
+) -> Path:
+    """Write ``index.html``: see :func:`palpate.report.page.write_page`."""
+    from palpate.report import page
+
+    return page.write_page(content, tables, files, folder)
+
+
+def draw_presses(
+    presses: Presses, mean: Response, channels: Mapping[str, Channel], notice: str, folder: Path
+) -> tuple[Path, ...]:
+    """Draw what was measured at a spot: see :func:`palpate.report.presses.draw_presses`."""
+    from palpate.report import presses as pictures
+
+    return pictures.draw_presses(presses, mean, channels, notice, folder)
