@@ -2,13 +2,13 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PLUGINS := materials jax experiments forearm limb febio dask template
+PLUGINS := materials jax experiments forearm limb febio dask
 EDITABLE := $(foreach p,$(PLUGINS),-e plugins/palpate-$(p))
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
 PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test chaos lint format bench bench-core bench-logs bench-ledger bench-solver bench-sparse clean
+.PHONY: help demo test chaos lint format hooks bench bench-core bench-logs bench-ledger bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -43,6 +43,9 @@ format: $(VENV)/installed ## rewrite the sources in the project's format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	cargo fmt
+
+hooks: $(VENV)/installed ## write the reference of hooks into plugins/README.md anew
+	$(BIN)/python -m palpate.hook_reference plugins/README.md
 
 bench: $(VENV)/installed ## timings, each beside a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py

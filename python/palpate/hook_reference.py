@@ -1,0 +1,131 @@
+"""The reference of hooks in ``plugins/README.md``, from the hooks and interfaces themselves.
+
+``python -m palpate.hook_reference plugins/README.md`` writes it anew between its two marks.
+"""
+
+import dataclasses
+import inspect
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from palpate import hookspecs
+from palpate.errors import PluginError
+from palpate.interfaces import Component
+from palpate.plugin_kit import KITS
+from palpate.plugin_registry import KINDS
+
+BEGIN = "<!-- hooks: written by python -m palpate.hook_reference -->"
+END = "<!-- end of hooks -->"
+
+CONTRACTS: Mapping[str, str] = MappingProxyType(
+    {kit.catalogue: kit.contract for kit in KITS.values()}
+    | {"samplers": "SamplerContract", "set_filters": "SetFilterContract"}
+)
+"""Contract test of :mod:`palpate.testing` by catalogue."""
+
+
+def reference() -> str:
+    """Describe every hook, in pipeline order: what it returns, what to subclass, what tests it."""
+    specs = {name: spec for name, spec in vars(hookspecs).items() if hasattr(spec, "palpate_spec")}
+    kinds = {kind.hook: key for key, kind in KINDS.items()}
+    return "\n".join(line for name, spec in specs.items() for line in _hook(name, spec, kinds.get(name)))
+
+
+def written(text: str, where: str) -> str:
+    """Put the reference between the marks of a text.
+
+    Raises
+    ------
+    PluginError
+        The marks are not there.
+    """
+    pattern = re.compile(f"{re.escape(BEGIN)}.*{re.escape(END)}", flags=re.DOTALL)
+    if not pattern.search(text):
+        raise PluginError(f"{where}: has no lines '{BEGIN}' and '{END}'; put them where the hooks belong")
+    return pattern.sub(lambda _: f"{BEGIN}\n\n{reference()}\n{END}", text)
+
+
+def _hook(name: str, spec: Any, kind: str | None) -> Iterator[str]:  # noqa: ANN401 - a function with marks
+    yield f"### `{name}`"
+    yield ""
+    yield f"`{_signature(spec)}`"
+    yield ""
+    yield _plain(inspect.getdoc(spec) or "")
+    yield ""
+    if kind is None:
+        return
+    base = KINDS[kind].base
+    yield " ".join(_around(kind))
+    yield ""
+    yield from _component(base) if issubclass(base, Component) else _fields(base)
+    yield ""
+
+
+def _around(kind: str) -> Iterator[str]:
+    """Say how to list, to begin and to test something of a kind."""
+    yield f"Listed by `palpate plugins {kind.replace('_', '-')}`."
+    for word, kit in KITS.items():
+        if kit.catalogue == kind:
+            yield f"Begun by `palpate new-plugin {word} NAME`."
+    if kind in CONTRACTS:
+        yield f"Tested by `palpate.testing.{CONTRACTS[kind]}`."
+
+
+def _signature(function: Any) -> str:  # noqa: ANN401
+    return f"{function.__name__}{_short(str(inspect.signature(function)))}"
+
+
+def _component(base: type[Component]) -> Iterator[str]:
+    """List what a subclass sets, defines and may override."""
+    yield f"Subclass `palpate.interfaces.{base.__name__}`:"
+    yield ""
+    yield f"| `{base.__name__}` | | |"
+    yield "|---|---|---|"
+    for name, kind in inspect.get_annotations(base).items():
+        told = kind if isinstance(kind, str) else inspect.formatannotation(kind)
+        told = re.sub(r"(typing\.)?ClassVar\[(.*)\]", r"\2", told)
+        yield f"| {'may set' if hasattr(base, name) else 'set'} | `{name}` | `{_short(told)}` |"
+    for name, member in vars(base).items():
+        if name.startswith("_") or not callable(getattr(base, name)) or inspect.isclass(member):
+            continue
+        needed = "define" if name in base.__abstractmethods__ else "may override"
+        arguments = ", ".join(p for p in inspect.signature(getattr(base, name)).parameters if p != "self")
+        summary = _plain((inspect.getdoc(getattr(base, name)) or "").split("\n")[0])
+        yield f"| {needed} | `{name}({arguments})` | {summary} |"
+
+
+def _fields(base: type) -> Iterator[str]:
+    """List the fields of a value."""
+    yield f"Values of `palpate.{base.__name__}`:"
+    yield ""
+    yield f"| `{base.__name__}` | |"
+    yield "|---|---|"
+    for field in dataclasses.fields(base):
+        kind = field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
+        needed = "" if field.default is dataclasses.MISSING else ", may be left out"
+        yield f"| `{field.name}` | `{_short(kind)}`{needed} |"
+
+
+def _short(text: str) -> str:
+    """Leave the modules out of the names of types."""
+    return re.sub(r"\b(?:palpate|collections|numpy|typer)(?:\.\w+)*\.(?=[A-Z])", "", text).replace("'", "")
+
+
+def _plain(docstring: str) -> str:
+    """Write a docstring as Markdown: no roles, single backticks, each paragraph on one line."""
+    text = re.sub(r":\w+:`~?([^`]*)`", r"`\1`", docstring).replace("``", "`").replace("|", "\\|")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
+
+
+def main(arguments: list[str]) -> None:
+    """Write the reference into each of the files."""
+    for path in map(Path, arguments):
+        path.write_text(written(path.read_text(encoding="utf-8"), str(path)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

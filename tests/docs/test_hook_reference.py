@@ -1,0 +1,69 @@
+"""What plugins/README.md says of hooks, contracts and plugins is so."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from palpate import testing
+from palpate.errors import PluginError
+from palpate.hook_reference import BEGIN, END, main, reference, written
+from palpate.plugin_kit import KITS
+from palpate.plugins import HOOKS, Plugins
+
+FOLDER = Path(__file__).parents[2] / "plugins"
+README = (FOLDER / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_reference_is_current(tmp_path: Path) -> None:
+    assert written(README, "README.md") == README, "run `make hooks`"
+    stale = tmp_path / "README.md"
+    stale.write_text(README.replace("### `palpate_materials`", "### `palpate_stuff`"))
+    main([str(stale)])
+    assert stale.read_text() == README
+
+
+def test_it_tells_every_hook_in_pipeline_order_with_what_to_define() -> None:
+    told = reference()
+    hooks = re.findall(r"^### `(palpate_\w+)`$", told, flags=re.MULTILINE)
+    assert set(hooks) == HOOKS
+    assert hooks.index("palpate_experiment_loaders") < hooks.index("palpate_solvers")
+    assert "| define | `simulate(job, limb)` | Simulate one job." in told
+    assert "| set | `parameters` | `tuple[Parameter, ...]` |" in told
+    assert "| `weights` | `Mapping[str, float]` |" in told
+    assert not re.search(r":\w+:`|``", told)
+
+
+@pytest.mark.parametrize("text", ["", BEGIN, f"{END}\n{BEGIN}"])
+def test_a_text_without_marks_is_refused(text: str) -> None:
+    with pytest.raises(PluginError, match=r"x\.md: has no lines"):
+        written(text, "x.md")
+
+
+def test_every_contract_is_told_with_its_laws() -> None:
+    contracts = {name for name in testing.__all__ if name.endswith("Contract")} - {"ComponentContract"}
+    table = README.split("| contract | tells |")[1].split("## Hooks")[0]
+    assert set(re.findall(r"`(\w+Contract)`", table)) == contracts
+    assert {kit.contract for kit in KITS.values()} <= contracts
+    assert contracts == set(re.findall(r"palpate\.testing\.(\w+)", reference()))
+
+
+def test_every_plugin_of_the_folder_is_told() -> None:
+    told = set(re.findall(r"^\| \[([\w-]+)\]", README, flags=re.MULTILINE))
+    assert told == {path.parent.name for path in FOLDER.glob("*/pyproject.toml")}
+
+
+def test_every_kind_of_new_plugin_is_told() -> None:
+    line = next(line for line in README.splitlines() if line.lstrip().startswith("palpate new-plugin"))
+    assert set(KITS) <= set(re.findall(r"\w+", line))
+
+
+def test_what_is_linked_exists() -> None:
+    for target in re.findall(r"\]\(([^)#]+)", README):
+        assert (FOLDER / target).exists(), target
+
+
+def test_every_listed_catalogue_exists() -> None:
+    plugins = Plugins.load(entry_points=False)
+    for kind in re.findall(r"`palpate plugins ([\w-]+)`", reference()):
+        assert plugins.catalogue(kind.replace("-", "_")) is not None
