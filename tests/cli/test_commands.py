@@ -10,6 +10,7 @@ import pytest
 
 from palpate import __version__
 from palpate.cli.app import COMMANDS, STAGES, main, split_plugin_files
+from palpate.cli.listing import name_of
 
 from .conftest import PLUGIN, TOY, Call
 
@@ -28,7 +29,7 @@ def test_help_lists_every_command_and_those_of_plugins(call: Call) -> None:
     outcome = call("--help")
     assert outcome.code == 0
     for command in (*COMMANDS, *STAGES):
-        assert f"  {command.__name__} " in outcome.out
+        assert f"  {name_of(command)} " in outcome.out
     assert "toy-hello" in outcome.out
 
 

@@ -6,10 +6,10 @@ import pytest
 from typer.main import get_command
 
 from palpate.cli.app import COMMANDS, STAGES, build_app, main
-from palpate.cli.listing import EXAMPLES
+from palpate.cli.listing import EXAMPLES, name_of
 from palpate.plugin_registry import add_commands
 
-CORE = [command.__name__ for command in (*COMMANDS, *STAGES)]
+CORE = [name_of(command) for command in (*COMMANDS, *STAGES)]
 LINES = [line for lines in EXAMPLES.values() for line in lines]
 
 
@@ -56,7 +56,7 @@ def test_commands_stand_under_headings_in_the_order_of_a_study(capsys):
     out = capsys.readouterr().out
     places = [out.index(f"\n{heading}") for heading in ("Start:", "Run:", "Stages, each", "More:")]
     assert places == sorted(places)
-    stages = [out.index(f"\n  {stage.__name__} ") for stage in STAGES]
+    stages = [out.index(f"\n  {name_of(stage)} ") for stage in STAGES]
     assert stages == sorted(stages)
 
 
