@@ -4,17 +4,20 @@ import os
 import signal
 import time
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import polars as pl
 import pytest
 
-from palpate import simulation
+from palpate import run_status, simulation
 from palpate.domain import Curve, Response, Simulation, Status
 from palpate.errors import StudyError
 from palpate.executors import InProcess, Limits, Processes, Work, machine, pool
 from palpate.ledger import Ledger
+from palpate.locking import Runner, locked
 from palpate.plugins import load_file
 from palpate.sampling import draw_design
 
@@ -229,3 +232,27 @@ def test_a_limit_that_nothing_would_hold_is_refused(tmp_path):
     with pytest.raises(StudyError, match=r"executor\.memory_limit.*'in_process' holds no job to it"):
         read_study(path, plugins)
     assert not InProcess.holds_limits
+
+
+# --------------------------------------------------------------------- clock
+
+
+def test_a_clock_that_jumps_ends_no_job_and_no_lock(make_study, tissue, tmp_path, monkeypatch):
+    jumps = iter(np.random.default_rng(3).uniform(-1e7, 1e7, 10**5))
+    true = time.time
+    monkeypatch.setattr(time, "time", lambda: true() + next(jumps))
+    with locked(tmp_path) as check:
+        found = list(Processes().outcomes(work_for(make_study(), 20)))
+        check()
+    assert {o.status for o in found} == {Status.OK}
+    assert all(0.0 <= o.seconds < 60.0 for o in found)
+
+
+@pytest.mark.parametrize("jump_h", [-30, 0, 30])
+def test_a_clock_that_jumps_gives_no_negative_time_left(jump_h):
+    runner = Runner(host="h", pid=1, since="2026-01-01 12:00:00 UTC", token="t")
+    begun = datetime(2026, 1, 1, 12, tzinfo=UTC)
+    times = [begun + timedelta(seconds=i) + timedelta(hours=jump_h) * (i > 5) for i in range(12)]
+    rows = pl.DataFrame({"finished_at": [each.isoformat(timespec="milliseconds") for each in times]})
+    left = run_status._seconds_left(rows, 10, runner)
+    assert left is None or left >= 0.0
