@@ -41,7 +41,7 @@ def friction_memory(
 
     session = Session.of(context)
     limb, problem = _forearm(session.plugins)
-    forms, missing = _forms(session.plugins)
+    forms, missing = _forms(session.plugins, limb)
     runs, right = {}, None
     for form, make in forms.items():
         for n in steps or [5, 10]:
@@ -101,8 +101,8 @@ def _forearm(plugins: Plugins) -> tuple[Limb, str]:
     return block(n_across=8, n_down=4, grading=1.3), "a block"
 
 
-def _forms(plugins: Plugins) -> tuple[dict[str, Make], list[str]]:
-    """The embedded solver, and FEBio's two forms of contact where it is installed."""
+def _forms(plugins: Plugins, limb: Limb) -> tuple[dict[str, Make], list[str]]:
+    """The embedded solver with FEBio's elements, and FEBio's two forms of contact where it is installed."""
     from palpate_febio.settings import FebioSettings
     from palpate_febio.solver import FebioSolver
 
@@ -110,7 +110,8 @@ def _forms(plugins: Plugins) -> tuple[dict[str, Make], list[str]]:
     missing = []
     if "jax" in plugins.solvers:
         jax = plugins.solvers["jax"]
-        forms[RIGHT] = lambda step: jax(jax.Settings.model_validate({"rotation_step_deg": step}))
+        elements = {"mean_dilatation": "hex8" in limb.mesh.cells}
+        forms[RIGHT] = lambda step: jax(jax.Settings.model_validate({"rotation_step_deg": step} | elements))
     try:
         FebioSolver().binary()
     except PalpateError as error:
