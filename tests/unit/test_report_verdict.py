@@ -1,13 +1,15 @@
 """The verdict says what was found and what to distrust, and says nothing where there is nothing."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 
 from palpate.domain import Normaliser, Response
-from palpate.report import make_tables
+from palpate.report import cautions, make_tables
+from palpate.report.style import DOUBLE_MM, SINGLE_MM, STYLE
 from palpate.report.tables import cost_of_one_set, failures_by_reason
 from palpate.report.verdict import make_verdict
 
@@ -180,3 +182,15 @@ def test_searches_conventions_certificates_and_unfinished_sets_are_named(content
 def test_a_proof_that_failed_is_named(content, passed):
     proofs = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [passed], "message": ["x"], "key": ["k"]})
     assert (about(replace(content(), proofs=proofs), "proof") is None) is passed
+
+
+def test_the_guide_tells_the_limits_that_are_applied():
+    guide = (Path(__file__).parents[2] / "docs" / "report.md").read_text(encoding="utf-8")
+    for said in (
+        f"R² below {cautions.GOOD_R2:g}", f"within {100 * cautions.EDGE:g} %",
+        f"fewer than {cautions.FEW_SETS} sets per parameter", f"more than 1 in {1 / cautions.FAILED_SHARE:g}",
+        f"{SINGLE_MM:g} mm wide for one column or {DOUBLE_MM:g} mm for two", f"({STYLE['figure.dpi']} dpi)",
+    ):  # fmt: skip
+        assert said in guide
+    assert cautions.COSTLY == 3.0
+    assert "three times the least Fopt there, or more" in guide
