@@ -135,7 +135,7 @@ def name_marks(
     if len(marks) != len(wanted):
         raise MeshError(
             f"{where}: {len(marks)} marks found where {len(wanted)} were named ({', '.join(wanted)}). Found: "
-            f"{found}. Name them all, or change the least and largest radius of a mark"
+            f"{found}. Name them all, or change the radii between which ink is a mark (--mark-radii)"
         )
     colours = list(wanted.values())
     if any(colour is None for colour in colours):

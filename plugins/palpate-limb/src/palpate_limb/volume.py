@@ -113,10 +113,10 @@ def _interfaces(segment: Segment, layers_mm: Mapping[str, float]) -> dict[str, S
 def _filled(
     segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan
 ) -> tuple[FloatArray, IntArray]:
-    surfaces = [surface_of(solid(segment.tissue).simplify(0.5 * plan.tolerance_mm), "tissue")]
+    surfaces = [surface_of(solid(segment.tissue).simplify(plan.tolerance_mm), "tissue")]
     half = 0.5 * segment.length_mm
     for name, interface in interfaces.items():
-        body = solid(interface).simplify(0.5 * plan.tolerance_mm)
+        body = solid(interface).simplify(plan.tolerance_mm)
         for sign in (1.0, -1.0):
             body = body.trim_by_plane((sign * segment.axis).tolist(), -half)
         surfaces.append(_without_ends(surface_of(body, name), segment, half))
