@@ -122,8 +122,13 @@ def test_doubts_name_the_figures(results):
     assert by_place["the generalised Yeoh set"].found.startswith("possible: ")
     assert "point 1, II" in by_place["the generalised Yeoh set"].found
     assert f"of {SETS} yeoh" in by_place["Drucker's criterion"].here
-    assert "12 of 12" in by_place["a law of table 2"].paper
-    assert by_place["a law of table 2"].here == "holds in every row"
+    assert (
+        by_place["the text on the Yeoh model"].found == "at point 3 0.1101 is less than neo-Hookean's 0.1301"
+    )
+    assert "ogden at point 2 (I = III)" in by_place["curves that coincide"].found
+    assert "point 1" not in by_place["curves that coincide"].found
+    assert "12 of 12" in by_place["a check that table 2 passes"].paper
+    assert by_place["a check that table 2 passes"].here == "holds in every row"
 
 
 def test_files_tell_all_of_it(results, made):
