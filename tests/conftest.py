@@ -1,11 +1,13 @@
 """A study of a tissue whose answer is known in closed form, for the tests of every stage."""
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import hypothesis
 import pytest
 
 from palpate.domain import (
@@ -22,6 +24,18 @@ from palpate.executors import InProcess
 from palpate.plugins import Plugins, load_file
 from palpate.samplers import LatinHypercube
 from palpate.study import Study, StudySpot
+
+# How long an example takes says more of the machine than of the code.
+hypothesis.settings.register_profile(
+    "palpate", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+hypothesis.settings.load_profile("palpate")
+
+# Kernels are compiled once for all test processes and worker processes, and for the next run of the
+# tests; set before anything imports JAX. Its keys hold the code, its own version and its flags.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
 TISSUE_FILE = Path(__file__).parent / "data" / "plugins" / "analytic_tissue.py"
 TRUTH = {"p1": (0.4, 20.0), "p2": (0.5, 25.0)}
