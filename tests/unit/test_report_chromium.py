@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from palpate.domain import Response
 from palpate.report import make_tables
 from palpate.report.page import render
 from palpate.specimens import block
@@ -12,8 +14,6 @@ from .chromium import COMMAND, Chromium
 from .hostile import ATTACK, NAMES, renamed
 
 pytestmark = pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
-
-PANEL = "document.querySelector('#pairs .nsewdrag').getBoundingClientRect()"
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +48,11 @@ def page(content, folder):
 
 def count(browser, selector):
     return browser.value(f"document.querySelectorAll({selector!r}).length")
+
+
+def rectangle(browser, selector):
+    found = f"document.querySelector({selector!r}).getBoundingClientRect()"
+    return browser.value(f"(b => [b.x, b.y, b.width, b.height])({found})")
 
 
 def test_it_is_drawn_at_every_width_in_light_and_dark_without_an_error_or_a_request(browser, page):
@@ -85,6 +90,43 @@ def test_what_is_ticked_and_chosen_is_what_is_shown(browser, page):
     assert browser.complaints() == []
 
 
+def banded(content):
+    """The same experiment with a standard deviation at each point."""
+    measured = {
+        spot: Response(
+            curves={n: replace(c, std=np.full(c.ordinate.size, 2.0)) for n, c in response.curves.items()}
+        )
+        for spot, response in content.measured.items()
+    }
+    return replace(content, measured=measured)
+
+
+def test_the_band_is_one_standard_deviation_to_each_side_branch_by_branch(browser, page):
+    browser.open(page(banded))
+    bands = "document.querySelector('#curve-{}').data.filter(t => t.fill === 'toself')"
+    assert browser.value(f"{bands.format(0)}.length") == 1
+    assert browser.value(f"{bands.format(1)}.length") == 3  # to -22.5°, to 22.5°, and back
+    assert browser.value(
+        f"{bands.format(1)}.every(t => t.y.every((y, i) => Math.abs(Math.abs(y - t.y.at(-1 - i)) - 4) < 1e-3)"
+        ")"
+    )
+    assert count(browser, "#curve-1 .fills path, #curve-1 .js-fill") >= 3
+    browser.value("document.querySelector('[data-shown=measured]').click()")
+    assert browser.value(f"{bands.format(1)}.length") == 0
+
+
+def test_zooming_and_resetting(browser, page):
+    browser.open(page())
+    browser.value("document.getElementById('curve-0').scrollIntoView({block: 'center'})")
+    x, y, width, height = rectangle(browser, "#curve-0 .nsewdrag")
+    across = "document.querySelector('#curve-0').layout.xaxis.range"
+    whole = browser.value(across)
+    browser.drag((x + 0.3 * width, y + 0.3 * height), (x + 0.6 * width, y + 0.7 * height))
+    browser.wait(f"{across}[1] - {across}[0] < {0.5 * (whole[1] - whole[0])}")
+    browser.value("document.getElementById('reset').click()")
+    assert browser.value(across) == pytest.approx(whole)
+
+
 def test_a_selection_is_the_same_everywhere(browser, page):
     browser.open(page())
     assert count(browser, "#selected tr") == 0
@@ -108,8 +150,7 @@ def test_a_selection_is_the_same_everywhere(browser, page):
     browser.value("document.getElementById('clear').click()")
     assert browser.value("document.getElementById('selected').hidden")
     browser.value("document.getElementById('pairs').scrollIntoView()")
-    box = browser.value(f"(b => [b.x, b.y, b.width, b.height])({PANEL})")
-    x, y, width, height = box
+    x, y, width, height = rectangle(browser, "#pairs .nsewdrag")
     browser.drag((x + 0.02 * width, y + 0.02 * height), (x + 0.5 * width, y + 0.98 * height))
     browser.wait("document.querySelectorAll('#selected tbody tr').length > 0")
     assert browser.complaints() == []

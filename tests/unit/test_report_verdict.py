@@ -68,6 +68,7 @@ def test_one_spot_has_its_own_set_in_the_lead_and_nothing_to_generalise(content)
     told = verdict(alone)
     assert told.lead.startswith("At p1, fitted to force + torque (scenario I): stiffness = ")
     assert about(alone, "set for all spots") is None
+    assert "cost_of_one_set" not in make_tables(alone)
 
 
 def test_how_well_each_parameter_is_determined_is_a_sentence(content):

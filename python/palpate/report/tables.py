@@ -174,8 +174,8 @@ def generalised(content: Content) -> pl.DataFrame:
 
 
 def cost_of_one_set(content: Content) -> pl.DataFrame:
-    """Fopt of the set for all spots beside the least at each spot; ``times`` is their ratio."""
-    if content.generalisation.is_empty():
+    """Fopt of the set for all spots beside the least at each, and their ratio; empty for one spot."""
+    if content.generalisation.is_empty() or len(content.spots) < 2:
         return pl.DataFrame()
     own = content.selection.filter(pl.col("scenario") == content.generalising.name)
     own = own.select("spot", own_set="set_id", own_fopt="fopt")
