@@ -1,7 +1,10 @@
 """Limbs: made by the study's limb source, and refused when they cannot be simulated."""
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -11,6 +14,8 @@ from palpate.domain import CELL_NODES, BoolArray, FloatArray, Indentation, IntAr
 from palpate.errors import MeshError, StudyError
 from palpate.plugins import answering_for
 from palpate.study import Study
+
+MOST_NOTE_BYTES = 1_000_000
 
 
 def load_limbs(study: Study) -> dict[str, Limb]:
@@ -44,6 +49,30 @@ def load_limbs(study: Study) -> dict[str, Limb]:
             raise MeshError(f"{spot.mesh}: {error}") from error
         limbs[name] = limb
     return limbs
+
+
+def mesh_note(mesh: Path) -> dict[str, Any] | None:
+    """What whoever made a mesh wrote beside it, as ``<mesh>.json``; None where nothing lies there.
+
+    Raises
+    ------
+    MeshError
+        It is no JSON object, or larger than 1 MB.
+    """
+    beside = mesh.with_suffix(".json")
+    if not beside.is_file():
+        return None
+    try:
+        if beside.stat().st_size > MOST_NOTE_BYTES:
+            raise ValueError("larger than 1 MB")
+        note = json.loads(beside.read_text(encoding="utf-8"))
+        if not isinstance(note, dict):
+            raise ValueError("not an object")
+    except ValueError as error:
+        raise MeshError(
+            f"{beside}: not a note on the mesh beside it ({error}); make it anew, or move it away"
+        ) from error
+    return note
 
 
 def check_limb(limb: Limb, regions: Sequence[str]) -> None:

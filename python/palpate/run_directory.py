@@ -34,6 +34,7 @@ import polars as pl
 from palpate.domain import Channel, Design, Indentation, Parameter, Protocol, Response
 from palpate.errors import StudyError
 from palpate.interfaces import Component
+from palpate.limb import mesh_note
 from palpate.locking import locked
 from palpate.plugins import answering_for
 from palpate.refinement import Refined
@@ -406,6 +407,8 @@ def _spot(study: Study, spot: StudySpot) -> dict[str, Any]:
         told["protocol"] = _protocol(spot.protocol)
     if spot.loader is not None:
         told["loader"] = _component(spot.loader)
+    if spot.mesh is not None and (note := mesh_note(spot.mesh)) is not None:
+        told["mesh"] = note
     return told
 
 
