@@ -134,7 +134,14 @@ def test_the_record_shows_it():
     coarse = {(o.form, o.n_steps): o for o in recorded() if o.problem.startswith("coarse block")}
     assert coarse["embedded", 10].relative == pytest.approx(1.0, abs=0.002)
     assert coarse["penalty", 10].stiffness["II"] == pytest.approx(1.86, abs=0.01)
-    assert coarse["augmented", 10].relative == pytest.approx(0.44, abs=0.01)
+    assert coarse["augmented to 1 %", 10].relative == pytest.approx(0.50, abs=0.01)
+    assert coarse["augmented", 10].relative == pytest.approx(coarse["augmented", 5].relative, rel=0.005)
+    forearm = {(o.form, o.n_steps): o for o in recorded() if "forearm" in o.problem}
+    by_torque = [forearm["penalty", n].stiffness["II"] for n in (5, 10, 20)]
+    assert by_torque == sorted(by_torque)
+    assert by_torque[-1] / by_torque[0] == pytest.approx(1.126, abs=0.001)
+    assert len({forearm["penalty", n].stiffness["III"] for n in (5, 10, 20)}) == 1
+    assert forearm["embedded", 10].stiffness["II"] == pytest.approx(1.0, abs=0.002)
 
 
 def elastic(self, job, limb):

@@ -118,15 +118,15 @@ def first_extreme(curve: Curve) -> float:
 def recorded() -> Sequence[Outcome]:
     """What was measured with FEBio 4.11, relative to the embedded solver, or to the first augmented run.
 
-    Only the torque was recorded, so only scenario II can be given: the stiffness
-    that this torque asks for.
+    Where only a torque was recorded there is only scenario II: the stiffness that
+    this torque asks for.
     """
     text = files("palpate_febio").joinpath("data/friction_recorded.csv").read_text()
     rows = list(csv.DictReader(text.splitlines()))
     right: dict[str, float] = {}
     for form in ("embedded", "augmented"):
         for row in rows:
-            if row["form"] == form:
+            if row["form"].startswith(form):
                 right.setdefault(row["problem"], float(row["torque_Nmm"]))
     return [
         Outcome(
@@ -135,7 +135,8 @@ def recorded() -> Sequence[Outcome]:
             n_steps=int(row["n_steps"]),
             torque_Nmm=float(row["torque_Nmm"]),
             relative=float(row["torque_Nmm"]) / right[row["problem"]],
-            stiffness={"II": right[row["problem"]] / float(row["torque_Nmm"])},
+            stiffness={name: float(row[name]) for name in SCENARIOS if row[name]}
+            or {"II": right[row["problem"]] / float(row["torque_Nmm"])},
             note="recorded" if row["form"] == "embedded" else "recorded with FEBio 4.11",
         )
         for row in rows
