@@ -9,7 +9,7 @@ import pytest
 
 from palpate import Curve, Response, Simulation, Solver, Status
 from palpate.cli.app import main
-from palpate.errors import StudyError
+from palpate.errors import NothingSelectableError, StoppedError, StudyError
 from palpate.executors import InProcess
 from palpate.mechanics import initial_moduli
 from palpate.plugins import Plugins
@@ -21,6 +21,20 @@ from palpate_forearm.reproduction import REGIONS, Cost, Reproduction, prepare, s
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
 SETS = 9
+
+
+class Failing(Solver):
+    """Never gets anywhere."""
+
+    name = "failing"
+    summary = "diverges"
+    needs_limb = False
+
+    def version(self) -> str:
+        return "1"
+
+    def simulate(self, job, limb):
+        return Simulation(job=job, status=Status.DIVERGED, response=None, message="no step", seconds=0.1)
 
 
 class Scaled(Solver):
@@ -59,8 +73,11 @@ def plugins():
     return Plugins.load()
 
 
-def scaled(made: Reproduction) -> Reproduction:
-    studies = {n: replace(s, solver=Scaled(), executor=InProcess()) for n, s in made.studies.items()}
+def scaled(made: Reproduction, failing: str = "") -> Reproduction:
+    studies = {
+        name: replace(study, solver=Failing() if name == failing else Scaled(), executor=InProcess())
+        for name, study in made.studies.items()
+    }
     return replace(made, studies=studies)
 
 
@@ -70,8 +87,13 @@ def made(tmp_path_factory, plugins):
 
 
 @pytest.fixture(scope="module")
-def results(made, plugins, no_pictures):
+def outcome(made, plugins, no_pictures):
     return reproduction.run(made, plugins)
+
+
+@pytest.fixture(scope="module")
+def results(outcome):
+    return outcome.results
 
 
 def test_the_studies_are_the_papers(made):
@@ -91,8 +113,8 @@ def test_the_studies_are_the_papers(made):
             assert parameter.lower <= row["value"] <= parameter.upper, row
 
 
-def test_tables_stand_beside_the_papers(results):
-    found = compare(results)
+def test_tables_stand_beside_the_papers(results, outcome):
+    found = compare(outcome)
     assert found.tables["table1"].height == table1().height
     assert found.tables["table2"].height == table2().height
     for table in ("table1", "table2"):
@@ -113,8 +135,8 @@ def test_tables_stand_beside_the_papers(results):
     assert general["here"] >= each_alone * (1.0 - 1e-12)
 
 
-def test_doubts_name_the_figures(results):
-    by_place = {doubt.where: doubt for doubt in compare(results).doubts}
+def test_doubts_name_the_figures(outcome):
+    by_place = {doubt.where: doubt for doubt in compare(outcome).doubts}
     assert (
         "0.0031 for II (neo_hookean, point 1) and 0.0259 for III (yeoh, point 3)"
         in by_place["table 2 and the text"].found
@@ -131,8 +153,8 @@ def test_doubts_name_the_figures(results):
     assert by_place["a check that table 2 passes"].here == "holds in every row"
 
 
-def test_files_tell_all_of_it(results, made):
-    file = write(compare(results), results, made.folder)
+def test_files_tell_all_of_it(outcome, made):
+    file = write(compare(outcome), outcome.results, made.folder)
     text = file.read_text()
     assert "**The curves are simulated.**" in text
     assert "| yeoh | p1 | II | c1 | MPa | 0.01292 |" in text
@@ -144,7 +166,7 @@ def test_files_tell_all_of_it(results, made):
 
 def test_more_sets_keep_the_first(made, plugins, results):
     more = made.extended(2 * SETS)
-    again = reproduction.run(more, plugins)
+    again = reproduction.run(more, plugins).results
     for name, result in results.items():
         before, after = result.design.values, again[name].design.values
         np.testing.assert_array_equal(after[: len(before)], before)
@@ -153,16 +175,53 @@ def test_more_sets_keep_the_first(made, plugins, results):
         made.extended(5)
 
 
+def test_a_material_that_fails_does_not_stop_the_others(tmp_path, plugins):
+    told = []
+    both = scaled(prepare(tmp_path / "both", plugins, ["ogden", "neo_hookean"], 3), failing="ogden")
+    outcome = reproduction.run(both, plugins, announce=told.append)
+    assert list(outcome.results) == ["neo_hookean"]
+    assert "ogden …" in told
+    assert any(line.startswith("ogden: none") and "no step" in line for line in told)
+    text = write(compare(outcome), outcome.results, both.folder).read_text()
+    assert "**Nothing of ogden:**" in text
+    with pytest.raises(NothingSelectableError, match=r"ogden: .*no step"):
+        reproduction.run(replace(both, studies={"ogden": both.studies["ogden"]}), plugins)
+
+
+def test_stopping_says_how_to_go_on(tmp_path, plugins):
+    class Stopping:
+        def __getattr__(self, name):
+            return lambda *given: False
+
+    made = scaled(prepare(tmp_path / "my runs", plugins, ["ogden"], 3))
+    with pytest.raises(StoppedError, match=r"stopped in ogden; .*`palpate reproduce '.*my runs'` goes on"):
+        reproduction.run(made, plugins, Stopping())
+
+
 def test_a_folder_that_cannot_serve_is_refused(tmp_path, plugins):
     (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "thesis.tex").touch()
+    (tmp_path / "mine" / "study").mkdir()
+    (tmp_path / "mine" / "study" / "thesis.tex").touch()
     with pytest.raises(StudyError, match="holds no reproduction"):
         prepare(tmp_path / "mine", plugins, ["yeoh"], SETS)
     with pytest.raises(StudyError, match="'gent' is not in the paper; it has ogden, yeoh, neo_hookean"):
         prepare(tmp_path / "new", plugins, ["gent"], SETS)
     prepare(tmp_path / "new", plugins, ["yeoh"], SETS)
-    with pytest.raises(StudyError, match="was begun on the coarse phantom"):
+    with pytest.raises(StudyError, match="was begun on the coarse phantom; leave out --fine"):
         prepare(tmp_path / "new", plugins, ["yeoh"], SETS, "fine")
+
+
+def test_a_copy_that_was_cut_off_is_made_again(tmp_path, plugins, monkeypatch):
+    def cut_off(*given, **more):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", cut_off)
+        with pytest.raises(KeyboardInterrupt):
+            prepare(tmp_path, plugins, ["ogden"], SETS)
+    assert not (tmp_path / "study").exists()
+    prepare(tmp_path, plugins, ["ogden"], SETS)
+    assert [path.name for path in tmp_path.iterdir()] == ["study"]
 
 
 def test_a_changed_study_stays_changed(tmp_path, plugins):
@@ -186,19 +245,35 @@ def test_sizes_follow_the_time():
     )
 
 
-def test_markdown_escapes_what_would_break_a_table(results):
-    frame = compare(results).tables["sets"].head(1).with_columns(material=None, n_ok=1.23456)
+def test_markdown_escapes_what_would_break_a_table(outcome):
+    frame = compare(outcome).tables["sets"].head(1).with_columns(material=None, n_ok=1.23456)
     assert markdown(frame).splitlines()[2].startswith("| – |")
     assert markdown(frame).endswith("| 1.235 |")
 
 
-def test_the_command_estimates_where_nobody_can_be_asked(monkeypatch, capsys):
+def test_the_command_estimates_where_nobody_can_be_asked(monkeypatch, capsys, tmp_path):
     costs = [Cost(n_drawn=250, n_kept=250, n_spots=4, seconds_each=3.0)]
     monkeypatch.setattr("palpate_forearm.reproduce_command._costs", lambda *given: costs)
+    monkeypatch.chdir(tmp_path)
     assert main(["reproduce"]) == 0
     out, err = capsys.readouterr()
     assert "250" in out
     assert "--minutes 60" in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_nothing_is_timed_for_a_call_that_cannot_work(monkeypatch, capsys, tmp_path):
+    def timed(*given):
+        raise AssertionError
+
+    monkeypatch.setattr("palpate_forearm.reproduce_command._costs", timed)
+    (tmp_path / "thesis.tex").touch()
+    assert main(["reproduce", str(tmp_path)]) == 2
+    assert "holds no reproduction" in capsys.readouterr().err
+    assert main(["reproduce", str(tmp_path / "new"), "--material", "yeho"]) == 2
+    assert "it has ogden, yeoh" in capsys.readouterr().err
+    assert main(["reproduce", str(tmp_path / "new"), "--sets", "9", "--minutes", "3"]) == 2
+    assert "give one of them" in capsys.readouterr().err
 
 
 def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
@@ -212,5 +287,12 @@ def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
     assert Path(printed["file"]) == folder / "comparison.md"
     assert {row["material"] for row in printed["tables"]["table2"]} == {"ogden"}
     assert len(printed["not_shared"]) == 4
+    assert main(["reproduce", str(folder), "--sets", "8", "--material", "ogden"]) == 0
+    out, _ = capsys.readouterr()
+    assert max(len(line) for line in out.split("isochoric")[1].split("Comparison:")[0].splitlines()) <= 80
+    assert main(["reproduce", str(folder), "--material", "ogden", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["tables"]["sets"][0]["n_drawn"] == 8
+    assert "going on with 8 sets" in err
     assert main(["reproduce", str(folder), "--sets", "3", "--material", "ogden"]) == 2
     assert "cannot become 3" in capsys.readouterr().err

@@ -10,6 +10,7 @@ import polars as pl
 from palpate.pipeline import RunResult
 from palpate_forearm.paper_doubts import NOT_SHARED, Doubt, doubts
 from palpate_forearm.paper_tables import beside
+from palpate_forearm.reproduction import Outcome
 
 TITLES = {
     "sets": "Sets and simulations",
@@ -28,11 +29,14 @@ class Comparison:
     tables : mapping of name to DataFrame
         As :func:`palpate_forearm.paper_tables.beside` returns them.
     doubts : tuple of Doubt
+    failed : mapping of material name to str
+        Materials without a row, and why.
     not_shared : tuple of str
     """
 
     tables: Mapping[str, pl.DataFrame]
     doubts: tuple[Doubt, ...]
+    failed: Mapping[str, str]
     not_shared: tuple[str, ...] = NOT_SHARED
 
     def as_dict(self) -> dict[str, Any]:
@@ -40,13 +44,15 @@ class Comparison:
         return {
             "tables": {name: frame.to_dicts() for name, frame in self.tables.items()},
             "doubts": [asdict(doubt) for doubt in self.doubts],
+            "failed": dict(self.failed),
             "not_shared": list(self.not_shared),
         }
 
 
-def compare(results: Mapping[str, RunResult]) -> Comparison:
+def compare(outcome: Outcome) -> Comparison:
     """Lay the paper's figures beside those of the runs, by material name."""
-    return Comparison(tables=beside(results), doubts=tuple(doubts(results)))
+    results = outcome.results
+    return Comparison(tables=beside(results), doubts=tuple(doubts(results)), failed=outcome.failed)
 
 
 def write(comparison: Comparison, results: Mapping[str, RunResult], folder: Path) -> Path:
@@ -71,6 +77,7 @@ def _markdown(comparison: Comparison, results: Mapping[str, RunResult], folder: 
         "**The curves are simulated.** What this cannot have in common with the paper:",
         "\n".join(f"- {line}" for line in comparison.not_shared),
         "Rows stand beside each other for their pattern: the spots are not the paper's points.",
+        *(f"**Nothing of {name}:** {why}" for name, why in comparison.failed.items()),
         *(f"## {TITLES[name]}\n\n{markdown(frame)}" for name, frame in comparison.tables.items()),
         "## What in the paper does not fit",
         markdown(pl.DataFrame([asdict(doubt) for doubt in comparison.doubts])),

@@ -103,7 +103,7 @@ def _generalised(material: str, result: RunResult) -> pl.DataFrame:
     units = {}
     for parameter in result.design.parameters:
         name = parameter.name.split(".", 1)[1]
-        here[name], units[name] = row.get(parameter.name), parameter.unit
+        here[name], units[name] = row.get(parameter.name), parameter.unit or "1"
     rows = [(material, key, units.get(key, "1"), paper.get(key), value) for key, value in here.items()]
     schema = {
         "material": pl.String,

@@ -1,7 +1,8 @@
 """``palpate reproduce``: the paper's study end to end, with its tables beside these."""
 
-import os
+import math
 import sys
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,12 +10,18 @@ import typer
 
 from palpate.cli.options import AsJson
 from palpate.cli.progress import StageProgress
-from palpate.cli.session import Session
+from palpate.cli.session import TEXT_WIDTH, Session
+from palpate.errors import StudyError
+from palpate.executors.machine import n_cores
 
 if TYPE_CHECKING:
+    from palpate_forearm.paper_doubts import Doubt
     from palpate_forearm.reproduction import Cost, Reproduction
 
 MATERIALS = ("ogden", "yeoh", "neo_hookean")
+
+LEAST_SETS = 2
+"""Fewest sets that can be drawn."""
 
 
 def reproduce(
@@ -24,7 +31,7 @@ def reproduce(
     ] = Path("runs/reproduce"),
     n_sets: Annotated[
         int | None,
-        typer.Option("--sets", min=2, help="Sets to draw of each material; the paper draws 250."),
+        typer.Option("--sets", min=LEAST_SETS, help="Sets to draw of each material; the paper draws 250."),
     ] = None,
     minutes: Annotated[
         float | None,
@@ -41,12 +48,13 @@ def reproduce(
 ) -> None:
     """Repeat the paper's study on a simulated phantom: three materials, four spots, three scenarios.
 
-    Without --sets and --minutes the time of several sizes is estimated, and asked for in a terminal.
-    Called again with more sets it keeps what is simulated.
+    Without --sets and --minutes a reproduction that was begun goes on with the sets it has. For a
+    new one the time of several sizes is estimated, and asked for in a terminal. Called again with
+    more sets it keeps what is simulated.
     """
     session = Session.of(context)
-    chosen, phantom = material or list(MATERIALS), "fine" if fine else "coarse"
-    size = n_sets or _size(session, chosen, phantom, minutes)
+    chosen, phantom = list(dict.fromkeys(material or MATERIALS)), "fine" if fine else "coarse"
+    size = _size(session, folder, chosen, phantom, n_sets=n_sets, minutes=minutes)
     if size is None:
         session.note("choose a size: palpate reproduce --sets 250, or --minutes 60")
         return
@@ -61,23 +69,69 @@ def _prepared(
     return prepare(folder, session.plugins, materials, n_sets, phantom).extended(n_sets)
 
 
-def _size(session: Session, materials: list[str], phantom: str, minutes: float | None) -> int | None:
-    """Sets to draw, by the time there is or as somebody answers; None where nobody can be asked."""
-    from palpate_forearm.reproduction import PAPER_SETS, sets_within
+def _size(
+    session: Session,
+    folder: Path,
+    materials: list[str],
+    phantom: str,
+    *,
+    n_sets: int | None,
+    minutes: float | None,
+) -> int | None:
+    """Sets to draw: as asked for, as there were, or by the time there is; None where nobody can be asked."""
+    from palpate_forearm.reproduction import refuse, sets_of
 
-    n_workers = os.cpu_count() or 1
+    if n_sets is not None and minutes is not None:
+        raise StudyError("--sets and --minutes both say how many sets to draw; give one of them")
+    refuse(folder, materials, phantom)
+    if n_sets is not None:
+        return n_sets
+    begun = sets_of(folder, materials, session.plugins)
+    if minutes is None and begun:
+        session.note(f"going on with {begun} sets of each material")
+        return begun
     costs = _costs(session, materials, phantom)
-    if minutes is not None:
-        return sets_within(minutes, costs, n_workers)
-    rows = []
-    for n in (sets_within(15.0, costs, n_workers), sets_within(60.0, costs, n_workers), PAPER_SETS):
-        n_simulations = sum(round(c.n_simulations * n / c.n_drawn) for c in costs)
-        seconds = sum(c.seconds(n_workers) * n / c.n_drawn for c in costs)
-        rows.append([str(n), str(n_simulations), f"{seconds / 60:.0f} min"])
-    session.table(f"About, with {n_workers} workers", ["sets", "simulations", "time"], rows)
+    return _asked(session, costs) if minutes is None else _fitting(session, costs, minutes, begun)
+
+
+def _fitting(session: Session, costs: "list[Cost]", minutes: float, begun: int) -> int:
+    """Sets for a time, and no fewer than there are."""
+    from palpate_forearm.reproduction import sets_within
+
+    size = max(begun, sets_within(minutes, costs, n_cores()))
+    session.note(f"{size} sets of each material: about {_minutes(costs, size)} from the beginning")
+    return size
+
+
+def _asked(session: Session, costs: "list[Cost]") -> int | None:
+    from palpate_forearm.reproduction import FEWEST_SETS, PAPER_SETS, sets_within
+
+    sizes = sorted({FEWEST_SETS, *(sets_within(m, costs, n_cores()) for m in (15.0, 60.0)), PAPER_SETS})
+    rows = [
+        [str(n), str(sum(round(c.n_simulations * n / c.n_drawn) for c in costs)), _minutes(costs, n)]
+        for n in sizes
+    ]
+    session.table(f"About, with {n_cores()} workers", ["sets", "simulations", "time"], rows)
     if not (sys.stdin.isatty() and session.stderr.is_terminal):
         return None
-    return int(typer.prompt("sets of each material", default=int(rows[1][0]), type=int, err=True))
+    default = sets_within(60.0, costs, n_cores())
+    return int(typer.prompt("sets of each material", default=default, value_proc=_number, err=True))
+
+
+def _minutes(costs: "list[Cost]", n_sets: int) -> str:
+    seconds = sum(c.seconds(n_cores()) * n_sets / c.n_drawn for c in costs)
+    return f"{math.ceil(seconds / 60.0)} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def _number(text: str) -> int:
+    """Number of sets that somebody typed."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < LEAST_SETS:
+        raise typer.BadParameter(f"'{text}' is not a whole number of {LEAST_SETS} or more")
+    return number
 
 
 def _costs(session: Session, materials: list[str], phantom: str) -> "list[Cost]":
@@ -92,21 +146,29 @@ def _costs(session: Session, materials: list[str], phantom: str) -> "list[Cost]"
 
 
 def _go(session: Session, reproduction: "Reproduction", *, as_json: bool) -> None:
-    from palpate_forearm.comparison import compare, write
+    from palpate_forearm.comparison import TITLES, compare, write
     from palpate_forearm.reproduction import run
 
     with StageProgress(session) as progress:
-        results = run(
-            reproduction, session.plugins, progress, announce=lambda name: session.note(f"{name} …")
-        )
-    comparison = compare(results)
-    file = write(comparison, results, reproduction.folder)
+        outcome = run(reproduction, session.plugins, progress, announce=progress.note)
+    comparison = compare(outcome)
+    file = write(comparison, outcome.results, reproduction.folder)
     if as_json:
         session.json({"file": str(file), **comparison.as_dict()})
         return
     for name, frame in comparison.tables.items():
-        session.frame(name, frame)
+        session.frame(TITLES[name], frame)
     for doubt in comparison.doubts:
-        session.say(f"{doubt.where}: the paper: {doubt.paper}. {doubt.found}. Here: {doubt.here}.")
-    session.say("Not shared with the paper: " + "; ".join(comparison.not_shared) + ".")
+        session.say(_told(doubt))
+    session.paragraph("Not shared with the paper: " + "; ".join(comparison.not_shared) + ".")
     session.say(f"Comparison: {file}")
+
+
+def _told(doubt: "Doubt") -> str:
+    """A doubt in lines that fit a terminal."""
+    parts = {"paper": doubt.paper, "found": doubt.found, "here": doubt.here}
+    lines = [
+        textwrap.fill(text, TEXT_WIDTH, initial_indent=f"  {name}: ".ljust(9), subsequent_indent=" " * 9)
+        for name, text in parts.items()
+    ]
+    return "\n".join([doubt.where, *lines])

@@ -3,6 +3,7 @@
 The folder of a reproduction holds what it needs and what it found::
 
     study/measured/  study/meshes/  study/<material>.toml     the three studies
+    study/phantom.txt                                         coarse or fine
     <material>/                                               a run directory each
     tables/*.csv  comparison.md                               the paper's figures beside these
 
@@ -10,6 +11,7 @@ so that it moves freely, any of the studies can be changed, and a run that was s
 """
 
 import math
+import shlex
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,9 +25,10 @@ import numpy as np
 
 from palpate import pipeline, simulation
 from palpate.domain import Design
-from palpate.errors import StudyError
+from palpate.errors import NothingSelectableError, StoppedError, StudyError
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
+from palpate.run_directory import RunDirectory
 from palpate.study import Study, read_study
 
 PAPER_SETS = 250
@@ -33,6 +36,9 @@ PAPER_SETS = 250
 
 FEWEST_SETS = 8
 """Fewest sets that a size is proposed for."""
+
+_PARTIAL = ".study"
+"""Folder that becomes ``study/`` once it is whole."""
 
 PHANTOMS = MappingProxyType({"coarse": "forearm-demo", "fine": "forearm"})
 """Ready study whose curves and meshes are taken: 1,500 or 3,600 nodes a spot."""
@@ -185,12 +191,8 @@ def prepare(
     StudyError
         Another material or phantom, the folder holds something else, or cannot be written.
     """
-    unknown = [name for name in materials if name not in REGIONS]
-    if unknown:
-        raise StudyError(f"material '{unknown[0]}' is not in the paper; it has {', '.join(REGIONS)}")
+    refuse(folder, materials, phantom)
     within = folder / "study"
-    if folder.exists() and not within.is_dir() and (folder.is_file() or any(folder.iterdir())):
-        raise StudyError(f"{folder}: holds no reproduction; name a new or an empty folder")
     try:
         _copy_data(within, phantom)
         for material in materials:
@@ -198,22 +200,64 @@ def prepare(
             if not file.exists():
                 file.write_text(study_text(material, n_sets), encoding="utf-8")
     except OSError as error:
-        raise StudyError(f"{folder}: cannot be written ({error}); name another folder") from error
+        raise StudyError(f"{folder}: cannot be written ({error.strerror}); name another folder") from error
     studies = {name: read_study(within / f"{name}.toml", plugins) for name in materials}
     return Reproduction(folder=folder, studies=studies)
 
 
+def refuse(folder: Path, materials: Sequence[str], phantom: str) -> None:
+    """Raise where :func:`prepare` could not begin or go on, before anything is written or timed.
+
+    Raises
+    ------
+    StudyError
+        A material is not in the paper, or the folder holds something else, or the other phantom.
+    """
+    unknown = [name for name in materials if name not in REGIONS]
+    if unknown:
+        raise StudyError(f"material '{unknown[0]}' is not in the paper; it has {', '.join(REGIONS)}")
+    begun = _phantom_of(folder)
+    if begun is None:
+        if folder.is_file() or (folder.is_dir() and {each.name for each in folder.iterdir()} - {_PARTIAL}):
+            raise StudyError(f"{folder}: holds no reproduction; name a new or an empty folder")
+    elif begun != phantom:
+        flag = "leave out --fine" if phantom == "fine" else "add --fine"
+        raise StudyError(f"{folder}: was begun on the {begun} phantom; {flag}, or name another folder")
+
+
+def sets_of(folder: Path, materials: Sequence[str], plugins: Plugins) -> int:
+    """Most sets that the reproduction in a folder has of one of these materials; 0 before there is one.
+
+    Raises
+    ------
+    StudyError
+        A study in the folder cannot be read.
+    """
+    most = 0
+    for material in materials:
+        file, run_folder = folder / "study" / f"{material}.toml", RunDirectory(folder / material)
+        if file.exists():
+            most = max(most, read_study(file, plugins).n_sets)
+        if run_folder.is_begun:
+            most = max(most, run_folder.manifest()["n_total"])
+    return most
+
+
+def _phantom_of(folder: Path) -> str | None:
+    marker = folder / "study" / "phantom.txt"
+    return marker.read_text(encoding="utf-8").strip() if marker.is_file() else None
+
+
 def _copy_data(within: Path, phantom: str) -> None:
-    """Copy curves and meshes once; a folder that has those of the other phantom is refused."""
-    marker = within / "phantom.txt"
-    if marker.exists():
-        if (found := marker.read_text(encoding="utf-8").strip()) != phantom:
-            raise StudyError(f"{within.parent}: was begun on the {found} phantom; name another folder")
+    """Copy curves and meshes once, whole or not at all."""
+    if within.exists():
         return
     source = Path(str(files("palpate_forearm") / "studies" / PHANTOMS[phantom]))
+    partial = within.with_name(_PARTIAL)
     for part in ("measured", "meshes"):
-        shutil.copytree(source / part, within / part, dirs_exist_ok=True)
-    marker.write_text(f"{phantom}\n", encoding="utf-8")  # last: it says that the copy is whole
+        shutil.copytree(source / part, partial / part, dirs_exist_ok=True)
+    (partial / "phantom.txt").write_text(f"{phantom}\n", encoding="utf-8")
+    partial.rename(within)
 
 
 # ------------------------------------------------------------------- how long
@@ -274,21 +318,62 @@ def sets_within(minutes: float, costs: Iterable[Cost], n_workers: int) -> int:
 # ------------------------------------------------------------------------ run
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What became of each material.
+
+    Parameters
+    ----------
+    results : mapping of material name to RunResult
+    failed : mapping of material name to str
+        Why nothing could be selected.
+    """
+
+    results: Mapping[str, pipeline.RunResult]
+    failed: Mapping[str, str]
+
+
 def run(
     reproduction: Reproduction,
     plugins: Plugins,
     progress: Progress = SILENT,
     *,
-    announce: Callable[[str], Any] = lambda material: None,
-) -> dict[str, pipeline.RunResult]:
+    announce: Callable[[str], Any] = lambda text: None,
+) -> Outcome:
     """Run each material's study; simulations that are finished are kept.
+
+    Parameters
+    ----------
+    reproduction : Reproduction
+    plugins : Plugins
+    progress : Progress
+    announce : callable
+        Told which material is next, and which gave nothing.
 
     Raises
     ------
+    NothingSelectableError
+        Every simulation of every material failed; one material alone does not stop the others.
+    StoppedError
+        The user asked to stop.
     PalpateError
+        Something in a study or the folder is wrong.
     """
-    found = {}
+    results, failed = {}, {}
     for material, study in reproduction.studies.items():
-        announce(material)
-        found[material] = pipeline.run_study(study, reproduction.run_folder(material), plugins, progress)
-    return found
+        announce(f"{material} …")
+        try:
+            results[material] = pipeline.run_study(
+                study, reproduction.run_folder(material), plugins, progress
+            )
+        except NothingSelectableError as error:
+            failed[material] = str(error)
+            announce(f"{material}: {error}")
+        except StoppedError as error:
+            raise StoppedError(
+                f"stopped in {material}; what is simulated is kept, and `palpate reproduce "
+                f"{shlex.quote(str(reproduction.folder))}` goes on"
+            ) from error
+    if not results:
+        raise NothingSelectableError("; ".join(f"{name}: {why}" for name, why in failed.items()))
+    return Outcome(results=results, failed=failed)
