@@ -75,12 +75,12 @@ material = "yeoh"
 
 [region.soft_tissue.parameters]
 c1 = { lower = "4 kPa", upper = "20 kPa" }
-c2 = { lower = "-1.2 kPa", upper = "0 kPa" }
+c2 = "-0.6 kPa"
 c3 = "0.06 kPa"
 kappa = "0.5 MPa"
 
 [sampling]
-n_sets = 30
+n_sets = 12
 seed = 1
 
 [sampling.filters.drucker]
@@ -95,7 +95,6 @@ generalise_by = "I"
 [truth]
 skin.E = "0.15 MPa"
 soft_tissue.c1 = "9 kPa"
-soft_tissue.c2 = "-0.6 kPa"
 """
 
 
@@ -104,7 +103,7 @@ def main(folder: Path) -> None:
     write_phantom(folder, LIMB, Scanner(spacing_mm=1.2))
     scan = ["limb", str(folder / "scan.ply"), "--bones", str(folder / "bone.stl")]
     marks = ["--mark", "p1=green", "--mark", "p2=red"]
-    sizes = ["--length", "50 mm", "--radius", "5 mm", "--size", "2.5 mm", "--skin", "2.5 mm"]
+    sizes = ["--length", "50 mm", "--radius", "5 mm", "--size", "3 mm", "--skin", "2.5 mm"]
     run = folder / "run"
     study = folder / "study.toml"
     study.write_text(STUDY)

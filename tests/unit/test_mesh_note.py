@@ -8,6 +8,8 @@ import pytest
 from palpate.errors import MeshError
 from palpate.limb import mesh_note
 from palpate.run_directory import manifest
+from palpate_limb.cli import DEFAULT_SIZE
+from palpate_limb.mesh_error import RATIOS, mesh_error
 
 
 def test_the_note_beside_a_mesh_stands_in_the_manifest(make_study, plugins, tmp_path):
@@ -29,3 +31,19 @@ def test_what_is_no_note_is_refused_by_name(tmp_path, text):
 
 def test_a_mesh_without_a_note_has_none(tmp_path):
     assert mesh_note(tmp_path / "p1.vtu") is None
+
+
+def test_the_default_size_keeps_force_within_2_and_torque_within_3_percent():
+    told = mesh_error(DEFAULT_SIZE * 7.5, 7.5, "tet10")
+    assert 0.0 < told["force"] < 0.02
+    assert 0.0 < told["torque"] < 0.03
+    assert "phantom" in told["measured_on"]
+
+
+def test_nothing_is_said_of_meshes_that_were_not_studied():
+    assert mesh_error(DEFAULT_SIZE, 1.0, "tet4")["force"] is None
+    assert mesh_error(0.5 * RATIOS[0], 1.0, "tet10")["torque"] is None
+    assert mesh_error(2.0 * RATIOS[-1], 1.0, "tet10")["torque"] is None
+    finer, coarser = (mesh_error(ratio, 1.0, "tet10") for ratio in (0.25, 0.35))
+    assert finer["force"] < coarser["force"]
+    assert finer["torque"] < coarser["torque"]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from palpate_limb.volume import MeshPlan
 
 DEFAULT_SIZE = 0.3
-"""Edge length under the indenter in units of its radius."""
+"""Edge length under the indenter over its radius; ``mesh_error`` tells what it costs."""
 DEFAULT_MARKS = ("p1=red", "p2=green", "p3=blue", "p4=yellow")
 
 
@@ -92,7 +92,7 @@ def _written(read: Any, made: Any, plan: "ScanPlan", out: Path) -> dict[str, Any
 
     name = made.found.spot.name
     write_limb(out / f"{name}.vtu", made.limb)
-    content = note(read, made)
+    content = note(read, made, plan.indenter_radius_mm)
     write_note(out / f"{name}.json", content)
     draw(made, out / f"{name}.png", plan.indenter_radius_mm)
     return content
@@ -101,23 +101,27 @@ def _written(read: Any, made: Any, plan: "ScanPlan", out: Path) -> dict[str, Any
 def _tell(session: Session, notes: list[dict[str, Any]], plan: "ScanPlan", out: Path) -> None:
     from palpate_limb.limb_files import study_tables
 
-    columns = ["spot", "nodes", "elements", "edge mm", "least Jacobian", "volume", "± mm", "± normal"]
+    columns = ["spot", "nodes", "edge mm", "least Jacobian", "volume", "± mm", "± normal", "force", "torque"]
     rows = [
         [
             n["spot"],
             str(n["quality"]["n_nodes"]),
-            str(n["quality"]["n_cells"]),
             f"{n['quality']['contact_edge_mm']:.2f}",
             f"{n['quality']['least_scaled_jacobian']:.3f}",
             f"{100 * n['quality']['volume_error']:+.2f} %",
             f"{n['std_across_mm']:.2f}",
             f"{n['std_normal_deg']:.2f}°",
+            *(_share(n["mesh_error"][channel]) for channel in ("force", "torque")),
         ]
         for n in notes
     ]
-    session.table(f"Limbs in {out}", columns, rows)
+    session.table(f"Limbs in {out}; force and torque: what the mesh adds, by the phantom", columns, rows)
     for name, mended in notes[0]["mended"].items():
         session.say(f"{name}: {mended}")
     regions = (*plan.mesh.layers_mm, "soft_tissue")
     session.say("\n" + study_tables([n["spot"] for n in notes], regions, out))
     session.next("limb STUDY", "put these tables into a study.toml; ")
+
+
+def _share(error: float | None) -> str:
+    return "not studied" if error is None else f"{100 * error:+.1f} %"

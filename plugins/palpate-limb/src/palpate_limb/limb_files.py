@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.domain import Limb
 from palpate_limb.from_scan import ReadScan, ScannedLimb
+from palpate_limb.mesh_error import mesh_error
 
 VTU_TYPES = {"tet4": "tetra", "tet10": "tetra10", "hex8": "hexahedron"}
 
@@ -29,8 +30,9 @@ def write_limb(path: Path, limb: Limb) -> None:
     ).write(path)
 
 
-def note(scan: ReadScan, made: ScannedLimb) -> dict[str, Any]:
+def note(scan: ReadScan, made: ScannedLimb, radius_mm: float) -> dict[str, Any]:
     """What is known of a limb beside its mesh, as plain values."""
+    (kind,) = made.limb.mesh.cells
     found = made.found
     return {
         "spot": found.spot.name,
@@ -46,6 +48,7 @@ def note(scan: ReadScan, made: ScannedLimb) -> dict[str, Any]:
         "bones_to_scan": scan.placement.motion.tolist(),
         "bones_residual_mm": scan.placement.residual_mm,
         "quality": made.quality.record(),
+        "mesh_error": mesh_error(made.quality.contact_edge_mm, radius_mm, kind),
     }
 
 
