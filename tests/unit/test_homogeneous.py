@@ -220,3 +220,15 @@ def test_an_incompressible_specimen_does_not_feel_the_bulk_modulus(material, vol
 
 def test_parameters_that_are_felt_are_not_ignored():
     assert HomogeneousSolver(HomogeneousSettings(incompressible=True)).ignored(NeoHookean()) == ()
+
+
+@pytest.mark.parametrize("solver", [COMPRESSIBLE, INCOMPRESSIBLE])
+def test_an_answer_has_the_same_bits_whichever_others_come_with_it(solver):
+    paths = dict.fromkeys(FREE, STRETCHES)
+    jobs = [job(Ogden(), [0.02 * (1 + i), 2.0 + 0.1 * i, 1.0], paths, set_id=i) for i in range(21)]
+    together = {s.job.set_id: s for s in solver.simulate_many(jobs, None)}
+    for some in (jobs[::-1], jobs[3:5], jobs[7:8], jobs[4:21]):
+        for found in solver.simulate_many(some, None):
+            for mode in FREE:
+                expected = together[found.job.set_id].response[mode].ordinate
+                assert np.array_equal(found.response[mode].ordinate, expected)

@@ -10,12 +10,12 @@ import pytest
 from palpate import simulation
 from palpate.domain import Simulation, Status
 from palpate.errors import StoppedError
-from palpate.executors import Processes
-from palpate.executors.work import Limits, Work
+from palpate.executors import InProcess, Limits, Processes, Work
 from palpate.experiment import load_measured
 from palpate.ledger import Ledger
 from palpate.plugins import load_file
 from palpate.sampling import draw_design
+from palpate.sweep import outcomes
 
 
 class Following:
@@ -177,7 +177,7 @@ def test_a_job_that_takes_too_much_memory_fails_alone(make_study, tmp_path):
 def test_workers_finish_what_they_began_and_begin_nothing_more(make_study, tissue, tmp_path):
     log = tmp_path / "log.txt"
     study = make_study(solver=tissue.Analytic(tissue.AnalyticSettings(log=str(log))))
-    outcomes = []
+    ended = []
     work = Work(
         solver=study.solver,
         jobs=jobs_for(study, 200),
@@ -185,12 +185,43 @@ def test_workers_finish_what_they_began_and_begin_nothing_more(make_study, tissu
         limits=Limits(time_s=30.0),
         n_workers=2,
         plugin_files=study.plugin_files,
-        going_on=lambda: len(outcomes) < 5,
+        going_on=lambda: len(ended) < 5,
     )
     for outcome in Processes().outcomes(work):
-        outcomes.append(outcome)  # noqa: PERF402 - going_on looks at how many there are
-    assert 5 <= len(outcomes) < 100
-    assert {o.status for o in outcomes} == {Status.OK}
+        ended.append(outcome)  # noqa: PERF402 - going_on looks at how many there are
+    assert 5 <= len(ended) < 100
+    assert {o.status for o in ended} == {Status.OK}
     for pid in {int(line.split()[-1]) for line in log.read_text().splitlines()}:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+MINDFUL = """
+from dataclasses import replace
+from palpate import Curve, Response, Simulation, Solver, Status
+class Mindful(Solver):
+    name, summary, needs_limb = "mindful", "begins each job from the one before", False
+    def version(self): return "1"
+    def simulate(self, job, limb): return self.answer(job, 0.0)
+    def simulate_many(self, jobs, limb):
+        for n_before, job in enumerate(jobs): yield self.answer(job, 1e-9 * n_before)
+    def answer(self, job, error):
+        force = Curve(channel="force", abscissa=[0.0, 1.0], ordinate=[0.0, 1.0 + error])
+        return Simulation(job=job, status=Status.OK, response=Response(curves={"force": force}))
+"""
+
+
+@pytest.mark.parametrize("executor", [InProcess(), Processes()])
+def test_a_repeatable_sweep_keeps_every_bit_whatever_came_before_a_job(make_study, tmp_path, executor):
+    path = tmp_path / "mindful.py"
+    path.write_text(MINDFUL)
+    study = make_study(solver=load_file(path).Mindful())
+    plugin_files = (*study.plugin_files, path)
+
+    def values(*, repeatable):
+        asked = replace(study, repeatable=repeatable, executor=executor, plugin_files=plugin_files)
+        found = outcomes(asked, asked.solver, jobs_for(asked, 5), {})
+        return {float(o.response["force"].ordinate[1]) for o in found}
+
+    assert values(repeatable=True) == {1.0}
+    assert values(repeatable=False) > {1.0}

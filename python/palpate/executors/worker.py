@@ -12,14 +12,15 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any
 
 from palpate.domain import Limb
 from palpate.executors.attempts import attempt
-from palpate.interfaces import Component, Solver
+from palpate.interfaces import Component
 from palpate.plugins import load_file
 
 _LENGTH = struct.Struct("<Q")
@@ -99,7 +100,7 @@ def _end_with(parent: int) -> None:
 
 def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
     try:
-        plugin_files, solver_pickle, memory_MB = receive(inbox)
+        plugin_files, solver_pickle, memory_MB, one_by_one = receive(inbox)
         _load_plugins(plugin_files)
         solver = pickle.loads(solver_pickle)
         if memory_MB:
@@ -117,15 +118,11 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
             spot, limb_pickle = content
             limbs = {spot: pickle.loads(limb_pickle)}
         else:
-            _work(solver, limbs, content[0], tell)
-
-
-def _work(solver: Solver, limbs: Mapping[str, Limb], tasks_pickle: bytes, tell: Callable[..., None]) -> None:
-    tasks = pickle.loads(tasks_pickle)
-    limb = limbs.get(tasks[0][1].spot)
-    for outcome in attempt(solver, limb, tasks, lambda index: tell("started", index)):
-        tell("done", outcome)
-    tell("idle")
+            tasks = pickle.loads(content[0])
+            limb, started = limbs.get(tasks[0][1].spot), partial(tell, "started")
+            for outcome in attempt(solver, limb, tasks, started, one_by_one=one_by_one):
+                tell("done", outcome)
+            tell("idle")
 
 
 def _limit_memory(memory_MB: float) -> None:

@@ -65,8 +65,8 @@ MAXIMUM_STEPS = 100
 STEP_TOLERANCE = 1e-11
 """A transverse stretch counts as found when its logarithm moves by less."""
 
-SETS_AT_ONCE = 256
-"""Sets evaluated in one call by ``simulate_many``."""
+SETS_AT_ONCE = 16
+"""Sets evaluated in one call, however many there are to evaluate."""
 
 Lateral = Callable[[Array, Array], Array]
 
@@ -315,9 +315,9 @@ class HomogeneousSolver(Solver):
         """Stresses by mode, (n_jobs, n)."""
         material, _ = _specimen(jobs[0])
         thetas = np.array([_specimen(job)[1] for job in jobs])
-        # Rounded up to a power of two, so that few batch sizes are compiled.
-        n_padded = 1 << (len(jobs) - 1).bit_length()
-        padded = np.concatenate([thetas, np.repeat(thetas[-1:], n_padded - len(jobs), axis=0)])
+        # One size for all: what is compiled for another may round otherwise, and a set's answer
+        # must not depend on which others come with it.
+        padded = np.concatenate([thetas, np.repeat(thetas[-1:], SETS_AT_ONCE - len(jobs), axis=0)])
         paths = dict(_tests(jobs[0]).paths)
         results = self._evaluate(material, tuple(paths))(padded, paths)
         return {mode: np.asarray(values)[: len(jobs)] for mode, values in results.items()}
