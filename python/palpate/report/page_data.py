@@ -1,5 +1,6 @@
 """What the page draws, as plain lists: names are values and never keys, so that any name will do."""
 
+import math
 from typing import Any
 
 import matplotlib as mpl
@@ -15,8 +16,11 @@ from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, colours, label_of, na
 from palpate.report.tables import weighted_channels
 from palpate.selection import objectives
 
-MOST_SETS = 2000
+MOST_SETS = 1000
 """Most sets that the page shows; of more, those that fit best somewhere."""
+
+MOST_DOTS = 12_000
+"""Most points in the panels of the parameter space together: more are slow to draw and to select."""
 
 MOST_POINTS = 400
 """Most points of one measured or chosen curve."""
@@ -107,11 +111,13 @@ def _fit(content: Content, label: str, curves: dict[str, Curve]) -> dict[str, An
 
 def _shown_sets(content: Content) -> IntArray:
     """Ids of the sets that the page shows, in order."""
-    n_sets = content.design.n_sets
-    if n_sets <= MOST_SETS:
+    n_sets, n_parameters = content.design.n_sets, len(content.design.parameters)
+    n_panels = min(math.comb(n_parameters, 2), MOST_PAIRS) + n_parameters
+    most = min(MOST_SETS, MOST_DOTS // n_panels)
+    if n_sets <= most:
         return np.arange(n_sets)
     best = objectives(content.scores, content.study.scenarios).group_by("set_id").agg(pl.col("fopt").min())
-    return np.sort(best.sort("fopt", "set_id").head(MOST_SETS)["set_id"].to_numpy())
+    return np.sort(best.sort("fopt", "set_id").head(most)["set_id"].to_numpy())
 
 
 def _sets(content: Content, sets: IntArray) -> dict[str, Any]:
