@@ -70,7 +70,7 @@ best = chosen.filter(pl.col("scenario") == "joint")["set_id"][0]
 curves = simulated.filter(pl.col("set_id") == best).join(
     measured.select("channel", "point", measured="ordinate"), on=["channel", "point"]
 )
-miss = (curves["ordinate"] - curves["measured"]).abs().max()
+miss = curves.select((pl.col("ordinate") - pl.col("measured")).abs().max()).item()
 f"the joint set {best} misses no point by more than {miss:.2f} MPa"
 
 # %% [markdown]
@@ -78,7 +78,6 @@ f"the joint set {best} misses no point by more than {miss:.2f} MPa"
 # draws itself:
 
 # %%
-material = study.space.regions[0].material
 palpate.Curve(
     channel="uniaxial",
     abscissa=measured.filter(pl.col("channel") == "uniaxial")["abscissa"].to_numpy(),

@@ -29,11 +29,16 @@ class InKilopascal(Sound):
     parameters = (parameter("mu", 10.0, 100.0, unit="kPa"), *Sound.parameters[1:])
 
 
-class InPascal(Sound):
-    """Forgets that the numbers it gets are in MPa."""
+class EnergyInKilopascal(Sound):
+    """Forgets that the energy is to be in MPa."""
 
     def energy(self, stretches, theta):
-        return 1e6 * super().energy(stretches, theta)
+        return 1e3 * super().energy(stretches, theta)
+
+
+class EnergyInGigapascal(Sound):
+    def energy(self, stretches, theta):
+        return 1e-3 * super().energy(stretches, theta)
 
 
 class TooWide(Sound):
@@ -121,7 +126,8 @@ def hold(test, material):
 
 CASES = [
     ("parameters_say_what_they_are", InKilopascal(), "'mu' is a modulus in 'kPa': a modulus is in MPa"),
-    ("energy_is_in_megapascals", InPascal(), "initial shear modulus of .* is the energy in MPa"),
+    ("energy_is_in_megapascals", EnergyInKilopascal(), "initial modulus of 250 MPa: is the energy in MPa"),
+    ("energy_is_in_megapascals", EnergyInGigapascal(), "of 0.00025 MPa: is the energy in MPa"),
     ("energy_is_finite_and_positive_over_the_ranges", TooWide(), "narrow the declared ranges"),
     ("reference_state_is_sound", Offset(), "energy .* in the undeformed state"),
     ("reference_state_is_sound", Prestressed(), "stress .* in the undeformed state"),

@@ -284,6 +284,13 @@ class Forgetful(Executor):
         yield from (o for o in InProcess().outcomes(work) if o.status is Status.OK)
 
 
+class Silent(Forgetful):
+    """Keeps that a job failed, and not why."""
+
+    def outcomes(self, work):
+        yield from (replace(outcome, message="") for outcome in InProcess().outcomes(work))
+
+
 class Muddled(Forgetful):
     """Counts the outcomes instead of reading whose they are."""
 
@@ -308,6 +315,7 @@ class Unstoppable(Forgetful):
     [
         ("every_job_has_one_outcome", Forgetful(), r"no outcome for the jobs at \[2, 8\]"),
         ("every_job_has_one_outcome", Doubling(), "24 outcomes for 12 jobs"),
+        ("outcomes_are_those_of_their_jobs", Silent(), "why it failed is lost"),
         ("outcomes_are_those_of_their_jobs", Muddled(), "holds the answer of another job"),
         ("begins_nothing_when_told_to_stop", Unstoppable(), "goes on although"),
     ],

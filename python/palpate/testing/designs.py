@@ -33,17 +33,23 @@ class SamplerContract(ComponentContract):
 
     def test_draws_in_the_open_unit_cube(self, sampler: Sampler) -> None:
         points = sampler.draw(16, 3, 1)
-        assert points.shape == (16, 3)
-        assert ((points > 0.0) & (points < 1.0)).all()
+        assert points.shape == (16, 3), f"16 sets of 3 parameters are drawn as {points.shape}"
+        assert ((points > 0.0) & (points < 1.0)).all(), (
+            f"points from {points.min():g} to {points.max():g}: draw in the open unit cube, palpate spreads "
+            "them over the ranges"
+        )
 
     def test_a_seed_decides_the_draw(self, sampler: Sampler) -> None:
         points = sampler.draw(16, 3, 1)
-        np.testing.assert_array_equal(points, sampler.draw(16, 3, 1))
-        assert not np.array_equal(points, sampler.draw(16, 3, 2))
+        again = sampler.draw(16, 3, 1)
+        np.testing.assert_array_equal(points, again, "one seed gives two draws: take every number from it")
+        assert not np.array_equal(points, sampler.draw(16, 3, 2)), "two seeds give one draw"
 
     def test_an_extension_begins_with_the_points_there_were(self, sampler: Sampler) -> None:
         points = sampler.draw(16, 3, 1)
-        np.testing.assert_array_equal(sampler.extend(points, 32, 1)[:16], points)
+        extended = sampler.extend(points, 32, 1)
+        assert extended.shape == (32, 3), f"an extension to 32 sets has the shape {extended.shape}"
+        np.testing.assert_array_equal(extended[:16], points, "an extension changes the sets there were")
 
 
 class SetFilterContract(ComponentContract):
@@ -75,17 +81,21 @@ class SetFilterContract(ComponentContract):
         return set_filter.accept(space, values)
 
     def test_keeps_some_and_drops_some(self, values: FloatArray, kept: BoolArray) -> None:
-        assert kept.shape == (len(values),)
-        assert kept.dtype == np.bool_
-        assert 0 < kept.sum() < len(values)
+        assert kept.shape == (len(values),), f"a verdict of shape {kept.shape} on {len(values)} sets"
+        assert kept.dtype == np.bool_, f"a verdict of {kept.dtype}, not of true and false"
+        assert 0 < kept.sum() < len(values), (
+            f"keeps {kept.sum()} of {len(values)}: it does not tell them apart"
+        )
 
     def test_judges_each_set_for_itself(
         self, set_filter: SetFilter, space: ParameterSpace, values: FloatArray, kept: BoolArray
     ) -> None:
-        np.testing.assert_array_equal(set_filter.accept(space, values[::-1]), kept[::-1])
-        np.testing.assert_array_equal(set_filter.accept(space, values[:1]), kept[:1])
+        said = "the verdict on a set depends on the other sets"
+        np.testing.assert_array_equal(set_filter.accept(space, values[::-1]), kept[::-1], said)
+        np.testing.assert_array_equal(set_filter.accept(space, values[:1]), kept[:1], said)
 
     def test_takes_no_sets_at_all(
         self, set_filter: SetFilter, space: ParameterSpace, values: FloatArray
     ) -> None:
-        assert set_filter.accept(space, values[:0]).shape == (0,)
+        shape = set_filter.accept(space, values[:0]).shape
+        assert shape == (0,), f"a verdict of shape {shape} on no sets"
