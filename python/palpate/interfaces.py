@@ -58,6 +58,9 @@ class Component(ABC):
     def __init__(self, settings: BaseModel | None = None) -> None:
         self.settings: Any = self.Settings() if settings is None else settings
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.settings})"
+
 
 class Material(Component):
     """A hyperelastic material, given by its energy alone.
@@ -96,6 +99,11 @@ class Material(Component):
         raise MaterialError(f"material '{self.name}' is isotropic: use energy(stretches, theta)")
 
     isotropic: ClassVar[bool] = True
+
+    def _repr_html_(self) -> str:
+        from palpate import views
+
+        return views.parameters(self.parameters, f"{self.name}: {self.summary}")
 
     def __eq__(self, other: object) -> bool:
         """Whether both have one class and equal settings, and so one energy: what is compiled is shared."""

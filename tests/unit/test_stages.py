@@ -95,6 +95,9 @@ def test_values_show_themselves(make_study, plugins):
         "Study('sponge': 12 sets of soft_tissue.stiffness, soft_tissue.grip at 2 spots, solver analytic)"
     )
     assert "soft_tissue.grip" in study._repr_html_()
+    assert repr(study.solver) == "Analytic(offset=0.0 log='')"
+    material = study.space.regions[0].material
+    assert "<caption>spongy: a material of two numbers</caption>" in material._repr_html_()
     assert "<td>analytic</td><td>analytic_tissue</td>" in plugins.solvers._repr_html_()
     curve = Curve(channel="<torque>", abscissa=[0.0, -1.0, 1.0], ordinate=[0.0, -2.0, 2.0])
     assert repr(curve) == "Curve('<torque>': 3 points, 2 branches, -1 … 1; -2 … 2)"
