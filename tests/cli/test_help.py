@@ -6,11 +6,11 @@ import pytest
 from typer.main import get_command
 
 from palpate.cli.app import COMMANDS, STAGES, build_app, main
+from palpate.cli.inspect import STAGE
 from palpate.cli.listing import EXAMPLES, name_of
 from palpate.plugin_registry import add_commands
 
 CORE = [name_of(command) for command in (*COMMANDS, *STAGES)]
-LINES = [line for lines in EXAMPLES.values() for line in lines]
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +27,26 @@ def test_every_core_command_has_an_example_of_its_own():
         assert all(line.startswith(f"palpate {name}") for line in lines)
 
 
-@pytest.mark.parametrize("line", LINES)
-def test_an_example_can_be_called(group, line):
+def leaves(command, *names):
+    """Every command by its words, those of plugins too; a stage's own command stands for the stage."""
+    for name, inner in getattr(command, "commands", {}).items():
+        if name != STAGE:
+            yield (*names, name), inner
+            yield from leaves(inner, *names, name)
+
+
+def test_every_command_ends_with_examples_that_can_be_called(group):
+    found = dict(leaves(group))
+    assert {("reproduce",), ("certify",), ("experiment", "inspect"), ("limb", "scan")} <= set(found)
+    for words, command in found.items():
+        lines = [line.strip() for line in (command.epilog or "").splitlines()[2:]]
+        assert lines, words
+        for line in lines:
+            assert line.startswith(f"palpate {words[0]}")
+            be_called(group, line)
+
+
+def be_called(group, line):
     words = shlex.split(line.split(" > ")[0])[1:]
     context = group.make_context("palpate", list(words), resilient_parsing=True)
     name, command, rest = group.resolve_command(context, words)
@@ -40,7 +58,9 @@ def test_an_example_can_be_called(group, line):
     command.make_context(name, rest, parent=context)
 
 
-@pytest.mark.parametrize("name", ["", *CORE, "reproduce"])
+@pytest.mark.parametrize(
+    "name", ["", *CORE, "reproduce", "certify", "febio-deck", "febio-prove", "friction-memory"]
+)
 def test_help_fits_into_80_columns_and_ends_with_the_examples(name, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert main([*([name] if name else []), "--help"]) == 0
@@ -54,7 +74,7 @@ def test_help_fits_into_80_columns_and_ends_with_the_examples(name, capsys, monk
 def test_commands_stand_under_headings_in_the_order_of_a_study(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
-    places = [out.index(f"\n{heading}") for heading in ("Start:", "Run:", "Stages, each", "More:")]
+    places = [out.index(f"\n{heading}") for heading in ("Start:", "Run:", "Stages, each", "FEBio:")]
     assert places == sorted(places)
     stages = [out.index(f"\n  {name_of(stage)} ") for stage in STAGES]
     assert stages == sorted(stages)

@@ -7,6 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 from palpate.cli.experiment import experiment
+from palpate.cli.listing import examples
 from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 
@@ -38,7 +39,10 @@ def experiment_commands() -> typer.Typer:
         help=experiment.__doc__,
     )
     group.command(STAGE)(experiment)
-    group.command()(inspect)
+    calls = examples(
+        "palpate experiment inspect press.csv", "palpate experiment inspect bag/ --loader robot_log"
+    )
+    group.command(epilog=calls)(inspect)
     return group
 
 

@@ -11,8 +11,13 @@ if TYPE_CHECKING:
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """Add ``palpate limb SCAN`` to the stage that reads a study's limbs."""
+    from palpate.cli.listing import examples
     from palpate_limb.cli import scan
 
+    calls = examples(
+        "palpate limb scan.ply --bones radius.stl --bones ulna.stl",
+        'palpate limb scan.ply --mark p1=red --skin "2 mm" --layer fat=5mm',
+    )
     for group in app.registered_groups:
         if group.name == "limb" and group.typer_instance is not None:
-            group.typer_instance.command()(scan)
+            group.typer_instance.command(epilog=calls)(scan)
