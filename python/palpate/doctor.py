@@ -41,7 +41,6 @@ FEW_FREE_MB = 2_000.0
 
 Level = Literal["fine", "note", "wrong"]
 
-
 LABELS: Mapping[Level, str] = MappingProxyType({"fine": "", "note": "note", "wrong": "WRONG"})
 """How a level is shown."""
 
@@ -235,4 +234,5 @@ def _write_s(folder: Path, n_writes: int = 5) -> float:
 
 
 def _existing(folder: Path) -> Path:
-    return next(place for place in (folder, *folder.resolve().parents) if place.is_dir())
+    # Unlike Path.is_dir this says no, and raises nothing, where the folder may not be looked into.
+    return next(place for place in (folder, *folder.resolve().parents) if os.path.isdir(place))

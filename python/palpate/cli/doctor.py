@@ -13,9 +13,9 @@ from palpate.cli.session import Session
 
 def doctor(
     context: typer.Context,
-    folder: Annotated[Path, typer.Argument(help="Where runs are kept; its disk is looked at.")] = Path(
-        "runs"
-    ),
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Where runs are kept; its disk is looked at.")
+    ] = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
     """Show versions, solvers, broken plugins, threads, disk, and what is slow and why."""
@@ -31,6 +31,6 @@ def doctor(
     session.table("palpate doctor", ["topic", "what", "found", ""], rows)
     for finding in findings:
         if finding.advice:
-            session.say(f"{finding.what}: {finding.advice}")
+            session.paragraph(f"{finding.what}: {finding.advice}")
     n_wrong = sum(finding.level == "wrong" for finding in findings)
     session.say("nothing is wrong" if n_wrong == 0 else f"{n_wrong} wrong")

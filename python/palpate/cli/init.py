@@ -14,7 +14,9 @@ from palpate.errors import StudyError
 
 def init(
     context: typer.Context,
-    folder: Annotated[Path | None, typer.Argument(help="Folder to make; must be empty or new.")] = None,
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="FOLDER", help="Folder to make; must be empty or new.")
+    ] = None,
     study: Annotated[str, typer.Option("--study", help="Name of a ready study.")] = DEMO,
     as_json: AsJson = False,
 ) -> None:

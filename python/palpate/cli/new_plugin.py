@@ -11,8 +11,12 @@ from palpate.cli.session import Session
 
 def new_plugin(
     context: typer.Context,
-    kind: Annotated[str, typer.Argument(help="material, solver, loader, scenario, limb or executor.")],
-    name: Annotated[str, typer.Argument(help="What a study will call it: lower case, an identifier.")],
+    kind: Annotated[
+        str, typer.Argument(metavar="KIND", help="material, solver, loader, scenario, limb or executor.")
+    ],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="What a study will call it: lower case, an identifier.")
+    ],
     into: Annotated[
         Path, typer.Option("--into", metavar="FOLDER", help="Where to make the folder palpate-NAME.")
     ] = Path(),

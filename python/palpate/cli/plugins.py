@@ -22,10 +22,14 @@ def plugins(
     kind: Annotated[
         str | None,
         typer.Argument(
-            help="studies, channels, loaders, materials, solvers, scenarios …", autocompletion=_kinds
+            metavar="KIND",
+            help="studies, channels, loaders, materials, solvers, scenarios …",
+            autocompletion=_kinds,
         ),
     ] = None,
-    name: Annotated[str | None, typer.Argument(help="One entry of that kind, in full.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="One entry of that kind, in full.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Show what plugins provide, and which are broken and why."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def resume(
     context: typer.Context,
-    run: Annotated[Path, typer.Argument(help="A run directory.", show_default=False)],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run directory.", show_default=False)],
     study: Annotated[
         Path | None,
         typer.Option(

@@ -17,7 +17,7 @@ def _commands(incomplete: str) -> list[str]:
 def schema(
     context: typer.Context,
     command: Annotated[
-        str | None, typer.Argument(help="Name of a command.", autocompletion=_commands)
+        str | None, typer.Argument(metavar="COMMAND", help="Name of a command.", autocompletion=_commands)
     ] = None,
 ) -> None:
     """Print the JSON schema of what a command prints with --json; without COMMAND, list the commands."""

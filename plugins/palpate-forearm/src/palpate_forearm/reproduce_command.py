@@ -27,7 +27,7 @@ LEAST_SETS = 2
 def reproduce(
     context: typer.Context,
     folder: Annotated[
-        Path, typer.Argument(help="Folder of the reproduction; one that was begun goes on.")
+        Path, typer.Argument(metavar="FOLDER", help="Folder of the reproduction; one that was begun goes on.")
     ] = Path("runs/reproduce"),
     n_sets: Annotated[
         int | None,
