@@ -195,6 +195,7 @@ def test_provenance_has_every_leaf_of_the_manifest_and_each_certificate(page):
     for word in ("normaliser", "mean_abs", "soft_tissue", "textbook", "study.toml", "agrees", "0.002"):
         assert word in text
     assert "no solver here" in text
+    assert "Compared: a 1." in text
     assert text.count("were not found to agree") == 2  # once more in the verdict
 
 

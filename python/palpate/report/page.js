@@ -88,7 +88,7 @@
     const traces = chosenCurves(c), measured = data.measured[state.spot][c];
     if (measured && !state.hidden.has("measured")) {
       const name = data.notice ? "experiment (simulated)" : "experiment";
-      const marker = { color: colour("measured"), symbol: "circle-open", size: 6, line: { width: 1.2 } };
+      const marker = { color: colour("measured"), symbol: "circle-open", size: measured.x.length > 80 ? 3.5 : 6, line: { width: 1.2 } };
       traces.push(...band(measured), Object.assign(line(name, measured.x, measured.y), { mode: "markers", marker }));
     }
     data.fits[state.spot].forEach((fit, s) => {
@@ -176,8 +176,8 @@
       const id = k ? String(k + 1) : "", left = (k % columns) * (size[0] + gap[0]), top = 1 - Math.floor(k / columns) * (size[1] + gap[1]);
       const p = data.parameters[i], q = data.parameters[j], axes = { xaxis: `x${id}`, yaxis: `y${id}` };
       const kind = (of) => (of && of.log ? "log" : "linear");
-      shape[`xaxis${id}`] = axis(p.label, { domain: [left, left + size[0]], anchor: `y${id}`, type: kind(p), nticks: 6 });
-      shape[`yaxis${id}`] = axis(q ? q.label : "Fopt (NMSE)", { domain: [Math.max(0, top - size[1]), top], anchor: `x${id}`, type: kind(q), nticks: 6 });
+      shape[`xaxis${id}`] = axis(p.label, { domain: [left, left + size[0]], anchor: `y${id}`, type: kind(p), nticks: 5 });
+      shape[`yaxis${id}`] = axis(q ? q.label : "Fopt (NMSE)", { domain: [Math.max(0, top - size[1]), top], anchor: `x${id}`, type: kind(q), nticks: 5 });
       const x = data.sets.values[i], y = q ? data.sets.values[j] : capped;
       traces.push(points(x, y, values, axes));
       if (best >= 0 && y[best] !== null) traces.push(star(x[best], y[best], axes));

@@ -201,6 +201,7 @@ def _certificate(name: str, content: Any) -> dict[str, Any]:  # noqa: ANN401 - w
     columns = tuple(dict.fromkeys(str(key) for row in rows for key in row))
     return {
         "passed": told.get("passed") is True,
+        "solvers": ", ".join(f"{solver} {version}" for solver, version in _items(told.get("solvers"))),
         "missing": [shown(item) for item in told.get("missing") or []],
         "table": Table(
             name=name,
@@ -211,6 +212,11 @@ def _certificate(name: str, content: Any) -> dict[str, Any]:  # noqa: ANN401 - w
             ),
         ),
     }
+
+
+def _items(value: object) -> Iterator[tuple[str, str]]:
+    if isinstance(value, Mapping):
+        yield from ((str(key), shown(item)) for key, item in value.items())
 
 
 def _by_stem(files: Sequence[Path]) -> list[tuple[str, list[tuple[str, str]]]]:
