@@ -1,6 +1,6 @@
 """The CSV loader keeps the loaders' contract, and the contract catches one that does not."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +8,7 @@ import pytest
 
 from palpate.domain import Response
 from palpate.interfaces import ExperimentLoader
-from palpate.testing import LoaderContract
+from palpate.testing import Expected, LoaderContract
 from palpate_experiments import CsvLoader, CsvSettings
 
 GOOD = "depth_mm,angle_deg,force_N,torque_Nmm\n0,0,0,0\n5,0,2,0\n10,0,7,0.5\n10,-9,6,-3\n10,9,6,3\n"
@@ -32,6 +32,13 @@ class TestCsv(LoaderContract):
             (tmp_path / f"{name}.csv").write_text(text)
         return [tmp_path / f"{name}.csv" for name in texts]
 
+    @pytest.fixture
+    def expected(self) -> Mapping[str, Expected]:
+        return {
+            "force": Expected(abscissa=(0.0, 10.0), ordinate=(0.0, 7.0)),
+            "torque": Expected(abscissa=(-9.0, 9.0), ordinate=(-3.0, 3.0), n_branches=2),
+        }
+
 
 class Rounded(CsvLoader):
     """Writes fewer digits than it read."""
@@ -52,6 +59,10 @@ class TestCsvWithStd(TestCsv):
         path = tmp_path / "good.csv"
         path.write_text(GOOD.replace("-3", "3"))
         return path
+
+    @pytest.fixture
+    def expected(self) -> Mapping[str, Expected]:
+        return {"force": Expected(abscissa=(0.0, 10.0), ordinate=(0.0, 7.0))}
 
 
 class Telling(CsvLoader):

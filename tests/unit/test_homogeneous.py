@@ -44,6 +44,10 @@ class TestCompressible(SolverContract):
     def job(self):
         return job(Ogden(), [0.061, 3.1, 1.3], dict.fromkeys(MODES, np.linspace(0.7, 1.6, 8)))
 
+    @pytest.fixture
+    def hopeless(self):
+        return job(Torn(), [0.1, 0.45], {"uniaxial": PATH})
+
 
 def test_every_mode_is_a_channel():
     assert [channel.name for channel in CHANNELS] == list(MODES)
