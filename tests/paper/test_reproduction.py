@@ -296,3 +296,16 @@ def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
     assert "going on with 8 sets" in err
     assert main(["reproduce", str(folder), "--sets", "3", "--material", "ogden"]) == 2
     assert "cannot become 3" in capsys.readouterr().err
+
+
+def test_minutes_never_ask_for_fewer_sets_than_there_are(monkeypatch, capsys, tmp_path, plugins):
+    from palpate.cli.session import Session
+    from palpate_forearm.reproduce_command import _size
+
+    prepare(tmp_path / "begun", plugins, ["ogden"], 40)
+    slow = [Cost(n_drawn=250, n_kept=250, n_spots=4, seconds_each=1e3)]
+    monkeypatch.setattr("palpate_forearm.reproduce_command._costs", lambda *given: slow)
+    for folder, size in (("begun", 40), ("new", 8)):
+        given = (Session(), tmp_path / folder, ["ogden"], "coarse")
+        assert _size(*given, n_sets=None, minutes=0.1) == size
+    assert "8 sets of each material: about" in capsys.readouterr().err
