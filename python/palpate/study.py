@@ -11,6 +11,7 @@ from palpate.errors import StudyError
 from palpate.interfaces import Executor, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins import Plugins
 from palpate.study_build import (
+    Components,
     Context,
     build_components,
     build_scenarios,
@@ -195,13 +196,8 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     measured = {spot.spot.name: spot.measured.keys() for spot in spots}
     scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
     truth = build_truth(context, tables, space)
-    if selection and selection.rays:
-        check_rays(context, space)
-    if parts.solver:
-        check_solver_needs(context, parts.solver, tables)
     running = tables.executor or ExecutorTable()
-    if parts.executor:
-        check_limits(context, parts.executor, running)
+    _check_together(context, tables, parts, space, running)
     context.problems.raise_if_any()
     return Study(
         name=settled(header).name,
@@ -237,3 +233,15 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         n_attempts=running.attempts,
         cache=context.file.parent / running.cache if running.cache else None,
     )
+
+
+def _check_together(
+    context: Context, tables: Tables, parts: Components, space: ParameterSpace, running: ExecutorTable
+) -> None:
+    """Note what each table allows by itself and another forbids."""
+    if tables.selection and tables.selection.rays:
+        check_rays(context, space)
+    if parts.solver:
+        check_solver_needs(context, parts.solver, tables)
+    if parts.executor:
+        check_limits(context, parts.executor, running)
