@@ -2,8 +2,8 @@
 
 import pytest
 
-from palpate.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 from palpate.interfaces import Sampler
+from palpate.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 from palpate.testing import SamplerContract
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from palpate import _core
-from palpate.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 from palpate.domain import ParameterSpace
 from palpate.errors import SamplingError
 from palpate.interfaces import Sampler, SetFilter
+from palpate.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 from palpate.sampling import draw_design
 
 
