@@ -37,6 +37,7 @@ def scan(
     landmarks: options.Landmarks = None,
     reference: options.Reference = None,
     repair: options.Repair = False,
+    smoothing: options.Smoothing = 20,
     linear: options.Linear = False,
     mesher: options.MesherName = "ftetwild",
     as_json: AsJson = False,
@@ -45,19 +46,18 @@ def scan(
     from palpate_limb.from_scan import BonePlaces, ScanPlan, limbs_of, read_scan
 
     session = Session.of(context)
-    options.length_mm("--unit", f"1 {unit}")
-    options.length_mm("--bone-unit", f"1 {bone_unit}")
     radius_mm = options.length_mm("--radius", radius)
     plan = ScanPlan(
         marks=options.marks_of(marks or list(DEFAULT_MARKS)),
         mesh=_mesh_plan(radius_mm, size, options.layers_of(skin, layers or []), linear, mesher),
-        unit=unit,
-        bone_unit=bone_unit,
+        unit=options.unit_of("--unit", unit),
+        bone_unit=options.unit_of("--bone-unit", bone_unit),
         length_mm=options.length_mm("--length", length),
         indenter_radius_mm=radius_mm,
         axis=options.axis_of(axis),
         repair=repair,
         mark_radii_mm=options.radii_mm(mark_radii),
+        n_smoothing=smoothing,
     )
     places = BonePlaces(motion=motion, landmarks=landmarks, reference=reference)
     read = read_scan(file, bones or [], plan, places)

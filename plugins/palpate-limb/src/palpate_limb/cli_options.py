@@ -61,6 +61,9 @@ Reference: TypeAlias = Annotated[
 Repair: TypeAlias = Annotated[
     bool, typer.Option("--repair", help="Close holes and mend crossings of the scan.")
 ]
+Smoothing: TypeAlias = Annotated[
+    int, typer.Option(min=0, max=200, help="Rounds of Taubin's filter against the scan's noise; 0: none.")
+]
 Linear: TypeAlias = Annotated[bool, typer.Option("--linear", help="Four-node elements; they lock.")]
 MesherName: TypeAlias = Annotated[str, typer.Option(help="ftetwild, gmsh, tetgen, or module:class.")]
 
@@ -82,6 +85,12 @@ def length_mm(option: str, given: str) -> float:
     if not value > 0.0:
         raise MeshError(f"{option}: {given}; give more than 0 mm")
     return value
+
+
+def unit_of(option: str, given: str) -> str:
+    """A unit of length, as given."""
+    length_mm(option, f"1 {given}")
+    return given
 
 
 def radii_mm(given: str) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from palpate_limb.quality import scaled_jacobians
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface
 
-LEAST_SCALED_JACOBIAN = 0.08
+LEAST_SCALED_JACOBIAN = 0.05
 EDGES = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)])
 EDGES.setflags(write=False)
 

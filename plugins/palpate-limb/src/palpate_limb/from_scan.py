@@ -17,7 +17,7 @@ from palpate_limb.segment import Segment, cut, limb_axis
 from palpate_limb.spots import FoundSpot, locate
 from palpate_limb.surface_checks import LIMB_MM, check_size, defects, outwards, repaired
 from palpate_limb.surface_files import read_surface
-from palpate_limb.surfaces import Surface
+from palpate_limb.surfaces import Surface, smoothed
 from palpate_limb.volume import MeshPlan, mesh_segment
 
 
@@ -64,6 +64,8 @@ class ScanPlan:
         Mend the scan's holes and crossings instead of refusing them.
     mark_radii_mm : tuple of float
         Least and largest radius of a mark.
+    n_smoothing : int
+        Rounds of Taubin's filter against the scan's noise; 0 for none. Spots are found without it.
     """
 
     marks: Mapping[str, str | None]
@@ -75,6 +77,7 @@ class ScanPlan:
     axis: FloatArray | None = None
     repair: bool = False
     mark_radii_mm: tuple[float, float] = (1.2, 10.0)
+    n_smoothing: int = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,7 +126,8 @@ def read_scan(
     placement = _placement(places or BonePlaces(), closed, plan)
     models = tuple(read_bone(bone, plan.bone_unit).moved(placement.motion) for bone in bones)
     _check_names([model.name for model in models])
-    return ReadScan(surface=closed, spots=spots, axis=axis, bones=models, placement=placement)
+    smooth = smoothed(closed, plan.n_smoothing)
+    return ReadScan(surface=smooth, spots=spots, axis=axis, bones=models, placement=placement)
 
 
 def limbs_of(scan: ReadScan, plan: ScanPlan) -> Iterator[ScannedLimb]:
