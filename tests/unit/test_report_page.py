@@ -100,7 +100,7 @@ def test_the_page_asks_for_nothing_and_may_run_its_own_scripts_alone(page):
 
 def test_the_page_is_below_its_limit_with_many_sets_and_meshes(content):
     made = content()
-    limb = block("tet10", n_across=40, n_down=20)
+    limb = block("tet10", n_across=30, n_down=12)
     assert sum(len(part.triangles) for part in limb_view(limb).parts) > 6000
     values = np.random.default_rng(0).uniform(0.1, 50.0, (MOST_SETS, 2))
     random = np.random.default_rng(1)
@@ -234,7 +234,7 @@ def test_text_has_a_contrast_of_4_5_and_lines_of_3(dark):
 
 
 def test_a_limb_is_made_coarser_and_stays_where_it_is():
-    limb = block("tet10", n_across=30, n_down=20)
+    limb = block("tet10", n_across=16, n_down=10)
     protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=[(0, 0), (4, 0)], friction=1.0)
     whole, coarse = scene(limb, protocol, 10**6), scene(limb, protocol, 600)
     surfaces = [t for t in coarse if t["type"] == "mesh3d" and not t["name"].startswith("sphere")]
