@@ -4,16 +4,17 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import palpate
-from palpate.interfaces import LimbSource, Solver
 
 if TYPE_CHECKING:
     import typer
+
+    from palpate.interfaces import LimbSource, Solver
 
 __version__ = "0.1.0"
 
 
 @palpate.hookimpl
-def palpate_limb_sources() -> Iterable[type[LimbSource]]:
+def palpate_limb_sources() -> "Iterable[type[LimbSource]]":
     """``febio_deck``."""
     from palpate_febio.limb_source import FebioDeckSource
 
@@ -21,7 +22,7 @@ def palpate_limb_sources() -> Iterable[type[LimbSource]]:
 
 
 @palpate.hookimpl
-def palpate_solvers() -> Iterable[type[Solver]]:
+def palpate_solvers() -> "Iterable[type[Solver]]":
     """``febio``."""
     from palpate_febio.solver import FebioSolver
 

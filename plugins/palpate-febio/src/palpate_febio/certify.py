@@ -1,18 +1,23 @@
 """``palpate certify``: whether the installed solvers agree with each other and with FEBio."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from palpate.cli.options import AsJson
 from palpate.cli.session import Session
-from palpate.domain import Limb, Spot
 from palpate.errors import PalpateError, StudyError
-from palpate.interfaces import Material, Solver
-from palpate.plugins import Plugins
+
+if TYPE_CHECKING:
+    from palpate.domain import Limb
+    from palpate.interfaces import Material, Solver
+    from palpate.plugins import Plugins
+    from palpate_febio.solver import FebioSolver
 
 FAILED = 1
 
@@ -141,6 +146,8 @@ def _twist_limb() -> Limb:
 
 
 def _read(plugins: Plugins, mesh: Path) -> Limb:
+    from palpate.domain import Spot
+
     source = plugins.limb_sources["febio_deck" if mesh.suffix == ".feb" else "meshio"]
     return source().load(mesh, Spot(name=mesh.stem))
 

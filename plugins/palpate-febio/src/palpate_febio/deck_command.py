@@ -1,15 +1,19 @@
 """``palpate febio-deck``: what stands in a deck, as lines of a study."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from palpate.cli.options import AsJson
 from palpate.cli.session import Session
-from palpate.interfaces import Material
-from palpate_febio.deck_reader import RIGID, Deck, DeckMaterial
+
+if TYPE_CHECKING:
+    from palpate.interfaces import Material
+    from palpate_febio.deck_reader import Deck, DeckMaterial
 
 
 def febio_deck(
@@ -43,6 +47,8 @@ def describe(deck: Deck, materials: Mapping[str, type[Material]]) -> dict[str, A
     materials : mapping of name to Material class
         Those that may be its counterpart.
     """
+    from palpate_febio.deck_reader import RIGID
+
     unique = {m.name: m for m in deck.materials.values() if m.febio_type != RIGID}
     return {
         "n_nodes": len(deck.points),

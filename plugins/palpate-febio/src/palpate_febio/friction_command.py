@@ -1,19 +1,22 @@
 """``palpate friction-memory``: torque against the number of steps, and the stiffness found with it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from palpate.cli.options import AsJson
 from palpate.cli.session import Session
-from palpate.domain import Indentation, Job, Limb, Response, Sphere, Status
 from palpate.errors import PalpateError
-from palpate.interfaces import Material, Solver
-from palpate.plugins import Plugins
+
+if TYPE_CHECKING:
+    from palpate.domain import Limb, Response
+    from palpate.interfaces import Material, Solver
+    from palpate.plugins import Plugins
 
 TWIST_DEG = 22.5
 MATERIAL = "yeoh"
@@ -23,7 +26,7 @@ THETA = (0.0129, -1.008e-3, 9.2077e-5, 0.6)
 DEMO = ("forearm-demo", "meshes/p1.vtu")
 RIGHT = "embedded"
 
-Make = Callable[[float], Solver]
+Make = Callable[[float], "Solver"]
 """Makes a solver whose steps of rotation are at most this many degrees."""
 
 
@@ -128,6 +131,10 @@ def _forms(plugins: Plugins, limb: Limb) -> tuple[dict[str, Make], list[str]]:
 
 
 def _run(plugins: Plugins, limb: Limb, depth_mm: float, solver: Solver) -> tuple[Response | None, str]:
+    import numpy as np
+
+    from palpate.domain import Indentation, Job, Sphere, Status
+
     material: Material = plugins.materials[MATERIAL]()
     waypoints = [(0.0, 0.0), (depth_mm, 0.0), (depth_mm, -TWIST_DEG), (depth_mm, TWIST_DEG), (depth_mm, 0.0)]
     job = Job(

@@ -1,18 +1,20 @@
 """``palpate febio-prove``: what FEBio says of the sets that a run chose by whatever solver."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from palpate.cli.options import AsJson, OutFolder, StudyPath
 from palpate.cli.session import Session, run_folder
-from palpate.domain import Simulation
 from palpate.errors import StudyError
-from palpate.study import Study
-from palpate_febio.friction_memory import first_extreme
-from palpate_febio.solver import FebioSolver
+
+if TYPE_CHECKING:
+    from palpate.domain import Simulation
+    from palpate.study import Study
 
 HEADS = ("spot", "set_id", "verdict", "halving", "hold", "force", "torque", "message")
 
@@ -58,6 +60,7 @@ def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
     from palpate.limb import load_limbs
     from palpate.run_directory import RunDirectory
     from palpate.simulation import job_for, stored
+    from palpate_febio.solver import FebioSolver
 
     run = RunDirectory(folder)
     design, chosen = run.design(), run.selection().select("spot", "set_id").unique(maintain_order=True)
@@ -88,6 +91,8 @@ def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
 
 def _differences(found: Simulation, kept: Simulation | None) -> dict[str, float | None]:
     """How far FEBio's force and torque are from those of the run, relative to the run's."""
+    from palpate_febio.friction_memory import first_extreme
+
     differences: dict[str, float | None] = {"force": None, "torque": None}
     if kept is None or kept.response is None or found.response is None:
         return differences

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from palpate.errors import MeshError
 
+MOST_BYTES = 1_000_000_000
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeshFile:
@@ -52,6 +54,10 @@ def read_mesh_file(path: Path) -> MeshFile:
     """
     if not path.is_file():
         raise MeshError(f"{path}: no such file; check the path of the mesh")
+    if path.stat().st_size > MOST_BYTES:
+        raise MeshError(
+            f"{path}: larger than {MOST_BYTES / 1e9:g} GB; keep the segment around the spot alone"
+        )
     _refuse_outside(path)
     import meshio  # here, so that whoever reads no mesh does not wait for it
 

@@ -1,16 +1,19 @@
 """The solvers that come with palpate: embedded finite elements, and homogeneous tests."""
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import palpate
-from palpate.domain import Channel
-from palpate.interfaces import Solver
+
+if TYPE_CHECKING:
+    from palpate.domain import Channel
+    from palpate.interfaces import Solver
 
 __version__ = "0.1.0"
 
 
 @palpate.hookimpl
-def palpate_channels() -> Iterable[Channel]:
+def palpate_channels() -> "Iterable[Channel]":
     """Channels of the homogeneous tests; force and torque belong to the forearm study."""
     from palpate_jax.homogeneous import CHANNELS
 
@@ -18,7 +21,7 @@ def palpate_channels() -> Iterable[Channel]:
 
 
 @palpate.hookimpl
-def palpate_solvers() -> Iterable[type[Solver]]:
+def palpate_solvers() -> "Iterable[type[Solver]]":
     """``jax`` and ``homogeneous``."""
     from palpate_jax.homogeneous import HomogeneousSolver
     from palpate_jax.solver import JaxSolver
