@@ -14,7 +14,7 @@ from palpate.executors import InProcess
 from palpate.mechanics import initial_moduli
 from palpate.plugins import Plugins
 from palpate_forearm import reproduction
-from palpate_forearm.comparison import compare, markdown, write
+from palpate_forearm.comparison import compare, write
 from palpate_forearm.paper_tables import table1, table2
 from palpate_forearm.reproduction import REGIONS, Cost, Reproduction, prepare, sets_within
 
@@ -243,12 +243,6 @@ def test_sizes_follow_the_time():
         <= 1800.0
         < sum(c.seconds(2) for c in costs) * (n + 1) / 250
     )
-
-
-def test_markdown_escapes_what_would_break_a_table(outcome):
-    frame = compare(outcome).tables["sets"].head(1).with_columns(material=None, n_ok=1.23456)
-    assert markdown(frame).splitlines()[2].startswith("| – |")
-    assert markdown(frame).endswith("| 1.235 |")
 
 
 def test_the_command_estimates_where_nobody_can_be_asked(monkeypatch, capsys, tmp_path):

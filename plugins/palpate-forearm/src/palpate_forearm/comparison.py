@@ -8,6 +8,7 @@ from typing import Any
 import polars as pl
 
 from palpate.pipeline import RunResult
+from palpate.report.table_files import markdown
 from palpate_forearm.paper_doubts import NOT_SHARED, Doubt, doubts
 from palpate_forearm.paper_tables import beside
 from palpate_forearm.reproduction import Outcome
@@ -72,30 +73,16 @@ def _markdown(comparison: Comparison, results: Mapping[str, RunResult], folder: 
         for page in result.report.files
         if page.suffix == ".html"
     ]
+    doubts_as_table = pl.DataFrame([asdict(doubt) for doubt in comparison.doubts])
     parts = [
         "# The paper's study, repeated",
         "**The curves are simulated.** What this cannot have in common with the paper:",
         "\n".join(f"- {line}" for line in comparison.not_shared),
         "Rows stand beside each other for their pattern: the spots are not the paper's points.",
         *(f"**Nothing of {name}:** {why}" for name, why in comparison.failed.items()),
-        *(f"## {TITLES[name]}\n\n{markdown(frame)}" for name, frame in comparison.tables.items()),
-        "## What in the paper does not fit",
-        markdown(pl.DataFrame([asdict(doubt) for doubt in comparison.doubts])),
+        *(f"## {markdown(TITLES[name], frame)}" for name, frame in comparison.tables.items()),
+        f"## {markdown('What in the paper does not fit', doubts_as_table)}",
         "## Reports",
         "\n".join(pages),
     ]
     return "\n\n".join(parts) + "\n"
-
-
-def markdown(frame: pl.DataFrame) -> str:
-    """Write a data frame as a Markdown table: four digits, a dash for nothing."""
-    head = [frame.columns, ["---"] * frame.width]
-    rows = [[_cell(value) for value in row] for row in frame.rows()]
-    return "\n".join(f"| {' | '.join(row)} |" for row in [*head, *rows])
-
-
-def _cell(value: object) -> str:
-    if value is None:
-        return "–"
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
-    return text.replace("|", "\\|")
