@@ -1,12 +1,14 @@
 """Options of ``palpate limb SCAN``, and what their text means."""
 
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from palpate.domain import FloatArray
 from palpate.errors import MeshError
+
+if TYPE_CHECKING:
+    from palpate.domain import FloatArray
 
 ScanFile: TypeAlias = Annotated[
     Path, typer.Argument(metavar="SCAN", help="Coloured scan: .ply, .obj or .glb.")
@@ -104,7 +106,7 @@ def radii_mm(given: str) -> tuple[float, float]:
     return between
 
 
-def axis_of(given: str) -> FloatArray | None:
+def axis_of(given: str) -> "FloatArray | None":
     """A direction; None where none is given."""
     import numpy as np
 
