@@ -30,7 +30,7 @@ from palpate_materials.yeoh import Yeoh
 
 RADIUS_MM = 7.5
 DEFAULT = 0.3
-"""Edge under the sphere over its radius, as ``palpate limb SCAN`` takes it."""
+"""Edge under the sphere over its radius, of the mesh that all lengths of the others are in proportion to."""
 THETA = np.array([0.0141, -0.0011, 1.05e-4, 0.8])
 PATH = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, -22.5), (10.0, 22.5), (10.0, 0.0)])
 
@@ -45,7 +45,7 @@ def exact_segment(phantom: Phantom, spot: Spot) -> Segment:
 
 
 def plan(ratio: float, kind: str = "tet10") -> MeshPlan:
-    """How a mesh with edges of this share of the radius is made; the default where it is the default's."""
+    """How a mesh with edges of this share of the radius is made."""
     share = ratio / DEFAULT
     size = SizeField(fine_mm=ratio * RADIUS_MM, coarse_mm=2.4 * share * RADIUS_MM, radius_mm=1.2 * RADIUS_MM)
     return MeshPlan(size=size, tolerance_mm=0.4 * share**2, kind="tet4" if kind == "tet4" else "tet10")

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from palpate_limb.from_scan import ScanPlan
     from palpate_limb.volume import MeshPlan
 
-DEFAULT_SIZE = 0.3
+DEFAULT_SIZE = 0.28
 """Edge length under the indenter over its radius; ``mesh_error`` tells what it costs."""
 DEFAULT_MARKS = ("p1=red", "p2=green", "p3=blue", "p4=yellow")
 

@@ -37,7 +37,7 @@ Axis: TypeAlias = Annotated[
 Length: TypeAlias = Annotated[str, typer.Option(help="Length of a segment, centred on its spot.")]
 Radius: TypeAlias = Annotated[str, typer.Option(help="Radius of the spherical indenter.")]
 Size: TypeAlias = Annotated[
-    str, typer.Option(help="Edge length under the indenter; default: 0.3 of its radius.")
+    str, typer.Option(help="Edge length under the indenter; default: 0.28 of its radius.")
 ]
 Skin: TypeAlias = Annotated[
     str, typer.Option(help="Thickness of a skin layer, a region of its own; default: none.")

@@ -18,7 +18,7 @@ from palpate_limb.surfaces import Surface, solid, surface_of
 
 TISSUE = "soft_tissue"
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
-FLATTEST = 3.0
+FLATTEST = 2.5
 """Edges of a layer's elements over its thickness, at most: flatter ones are too poor."""
 FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
 """Faces of a tetrahedron, outward; the k-th lies opposite of node k."""
