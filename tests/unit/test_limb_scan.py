@@ -322,6 +322,8 @@ def test_smoothing_takes_the_noise_and_leaves_the_limb() -> None:
     assert abs(off(smooth).mean()) < 0.02
     assert smooth.volume_mm3 == pytest.approx(noisy.volume_mm3, rel=2e-3)
     assert smooth.colours is noisy.colours
+    moved = np.linalg.norm(smooth.points_mm - noisy.points_mm, axis=1)
+    assert moved.max() < 0.5, "the rims of the flat ends stay too"
     assert smoothed(noisy, 0) is noisy
 
 
