@@ -1,5 +1,6 @@
 """Scans: read, checked, their marks found and named, their bones placed, their segments cut."""
 
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -190,6 +191,13 @@ def test_defects_are_named_with_a_place_and_mended(kind: str, what: str) -> None
 
 def test_a_sound_surface_is_left_alone() -> None:
     assert defects(bone("ulna")) == []
+    assert repaired(bone("ulna")) is bone("ulna")
+
+
+def test_mending_asks_for_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymeshfix", None)
+    with pytest.raises(MeshError, match=r'holes.*pip install "palpate-limb\[repair\]"'):
+        repaired(spoiled("hole"))
     assert repaired(bone("ulna")) is bone("ulna")
 
 

@@ -125,12 +125,17 @@ def repaired(surface: Surface) -> Surface:
     Raises
     ------
     MeshError
-        Nothing is left, or it cannot be closed.
+        Nothing is left, it cannot be closed, or MeshFix is not installed.
     """
-    import pymeshfix
-
     if not (found := defects(surface)):
         return surface
+    try:
+        import pymeshfix
+    except ModuleNotFoundError:
+        raise MeshError(
+            f"{surface.name}: {'; '.join(map(str, found))}; mend it in a mesh editor, or let MeshFix (AGPL) do "
+            'it: pip install "palpate-limb[repair]"'
+        ) from None
     fixer = pymeshfix.MeshFix(surface.points_mm, surface.faces.astype(np.int32))
     with _silenced():
         fixer.repair()
