@@ -133,8 +133,8 @@ def repaired(surface: Surface) -> Surface:
         import pymeshfix
     except ModuleNotFoundError:
         raise MeshError(
-            f"{surface.name}: {'; '.join(map(str, found))}; mend it in a mesh editor, or let MeshFix (AGPL) do "
-            'it: pip install "palpate-limb[repair]"'
+            f"{surface.name}: {'; '.join(map(str, found))}; mend it in a mesh editor, or let MeshFix (AGPL) "
+            'do it: pip install "palpate-limb[repair]"'
         ) from None
     fixer = pymeshfix.MeshFix(surface.points_mm, surface.faces.astype(np.int32))
     with _silenced():
