@@ -52,12 +52,13 @@ def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
     call, study, tmp_path, press, presses, said
 ):
     assert call("run", study, "--out", "whole").code == 0
+    handler = signal.getsignal(signal.SIGINT)
     release = press(presses)
     stopped = call("run", study, "--out", "stopped")
     release()
     assert stopped.code == 130
     assert re.search(said, stopped.err), stopped.err
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is handler
     status = call("status", "stopped", "--json").json
     assert status["running"] is None
     assert 4 <= status["n_finished"] < status["n_simulations"] == 20

@@ -7,6 +7,7 @@ import os
 import select
 import shutil
 import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,15 @@ COMMAND = next(
 """The browser, or None where there is none."""
 
 DEADLINE_S = 120.0
+
+_LAUNCHER = """
+import fcntl, os, sys
+ends = [fcntl.fcntl(int(end), fcntl.F_DUPFD, 10) for end in sys.argv[1:3]]
+for end, number in zip(ends, (3, 4)):
+    os.dup2(end, number)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
+"""Puts the two pipes where the browser looks for them, in a child, since this process may have threads."""
 
 
 class Chromium:
@@ -36,11 +46,11 @@ class Chromium:
             "--headless=new", "--no-sandbox", "--remote-debugging-pipe", f"--user-data-dir={folder}",
             "--enable-unsafe-swiftshader", "--no-first-run", "--disable-extensions", "--disable-sync",
             "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
+            "about:blank",
         ]  # fmt: skip
         self._process = subprocess.Popen(
-            [str(COMMAND), *arguments, "about:blank"],
-            preexec_fn=lambda: (os.dup2(hear, 3), os.dup2(speak, 4)),
-            pass_fds=(3, 4),
+            [sys.executable, "-SEc", _LAUNCHER, str(hear), str(speak), str(COMMAND), *arguments],
+            pass_fds=(hear, speak),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )

@@ -1,10 +1,12 @@
 """Jobs on Dask clusters: the same bits as here, limits held, nothing lost with the scheduler."""
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -220,7 +222,7 @@ def test_the_scheduler_s_death_loses_nothing_and_the_sweep_goes_on_elsewhere(stu
     scheduler, file = cluster
     settings = study.solver.settings.model_copy(update={"pause_s": 0.1})
     study = replace(study, n_sets=40, solver=type(study.solver)(settings))
-    there = DaskExecutor(DaskSettings(scheduler_file=str(file), timeout="60 s"))
+    there = DaskExecutor(DaskSettings(scheduler_file=str(file), timeout="15 s"))
 
     class Killing:
         """Kills the scheduler once some simulations are counted."""
@@ -284,6 +286,9 @@ def test_jobs_of_a_batch_system_work_over_tls_and_end_with_the_run(study, tmp_pa
     assert "--nthreads 2" in job
     for _, pid in started(tmp_path):
         until_ended(int(pid))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # dask-jobqueue leaves files of its keys open
+        gc.collect()
 
 
 def until_ended(pid):
