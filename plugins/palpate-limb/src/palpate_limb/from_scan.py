@@ -1,6 +1,7 @@
 """From a coloured scan and bone models to the limb around every marked spot."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,6 +20,9 @@ from palpate_limb.surface_checks import LIMB_MM, check_size, defects, outwards, 
 from palpate_limb.surface_files import read_surface
 from palpate_limb.surfaces import Surface, smoothed
 from palpate_limb.volume import MeshPlan, mesh_segment
+
+MOST_MESHES = 4
+"""Meshes that are made of a segment before a poor one is refused."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,11 +144,24 @@ def limbs_of(scan: ReadScan, plan: ScanPlan) -> Iterator[ScannedLimb]:
     """
     for found in scan.spots.values():
         segment = cut(scan.surface, scan.bones, found.spot, scan.axis, plan.length_mm)
-        limb, rise = rested(mesh_segment(segment, plan.mesh), plan.indenter_radius_mm)
+        limb, rise = rested(sound_mesh(segment, plan.mesh), plan.indenter_radius_mm)
         quality = assess(limb, segment, plan.mesh.size.radius_mm)
         check_quality(quality, found.spot.name, plan.mesh.size.fine_mm)
         check_limb(limb, limb.mesh.regions)
         yield ScannedLimb(limb=limb, found=found, segment=segment, quality=quality, rise_mm=rise)
+
+
+def sound_mesh(segment: Segment, plan: MeshPlan) -> Limb:
+    """Mesh a segment, again where the mesh is poor: the mesher makes another one each time.
+
+    The last of :data:`MOST_MESHES` is returned whatever it is like.
+    """
+    for _ in range(MOST_MESHES):
+        limb = mesh_segment(segment, plan)
+        with suppress(MeshError):
+            check_quality(assess(limb, segment, plan.size.radius_mm), segment.name, plan.size.fine_mm)
+            break
+    return limb
 
 
 def _axis(scan: Surface, plan: ScanPlan) -> FloatArray:
