@@ -381,7 +381,11 @@ class Solver(Component):
         return {}
 
     def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
-        """Simulate jobs of one limb, yielding each as it ends; override to share work."""
+        """Simulate jobs of one limb, yielding each as it ends; override to share work.
+
+        An answer must have the same bits whatever other jobs stand beside its own, so that a sweep
+        which is stopped, resumed or spread over workers gives the same tables.
+        """
         for job in jobs:
             yield self.simulate(job, limb)
 

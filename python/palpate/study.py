@@ -59,8 +59,6 @@ class Study:
         Local worker processes; 0: one per core, as far as there is memory for them.
     time_limit_s : float
         Longest time that one simulation may take.
-    repeatable : bool
-        Whether every bit of a simulation is the same in whatever order the sweep came to it.
     executor : Executor, optional
         Where the simulations run; by itself in worker processes of this machine.
     memory_limit_MB : float
@@ -102,7 +100,6 @@ class Study:
     executor: Executor | None = None
     memory_limit_MB: float = 0.0
     rank_partial: bool = False
-    repeatable: bool = False
     n_attempts: int = 2
     cache: Path | None = None
     n_total: int = 0
@@ -226,7 +223,6 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         truth=truth,
         n_workers=settled(solving).n_workers,
         time_limit_s=settled(solving).time_limit,
-        repeatable=settled(solving).repeatable,
         plugin_files=context.plugins.files,
         executor=parts.executor,
         memory_limit_MB=running.memory_limit or 0.0,

@@ -215,12 +215,6 @@ class SolverTable(Table):
         description="Local worker processes; 0: one per core, and no more than a memory limit has room for.",
     )
     time_limit: Seconds = Field(default=600.0, gt=0.0, description="Longest time for one simulation.")
-    repeatable: bool = Field(
-        default=False,
-        description="Simulate each set as if there were no other. A solver may otherwise begin a set from "
-        "those before it: faster, and the same to within its tolerance, but not to the last bit when a "
-        "sweep is stopped, resumed or spread over workers.",
-    )
     settings: dict[str, Any] = Field(default={}, description="Settings of the solver.")
 
 

@@ -227,7 +227,6 @@ def outcomes(
             limbs=limbs,
             limits=limits,
             n_workers=study.n_workers,
-            one_by_one=study.repeatable,
             plugin_files=study.plugin_files,
             going_on=progress.going_on,
             running=progress.running if isinstance(progress, CountsRunning) else lambda n_running: None,

@@ -209,14 +209,14 @@ def cold(mesh: str, n_sets: int, k: int) -> dict[str, Any]:
 
 def guided(mesh: str, n_sets: int) -> dict[str, Any]:
     """All sets in one process, and where the time goes: of the first few, and of those after them."""
-    from palpate_jax.solver import JaxSolver
+    from palpate_jax.solver import JaxSettings, JaxSolver
 
     limb, clock = load(mesh), watched()
     work = jobs(designed(n_sets), limb)
     clock.shares()
     ready, spent = time.process_time(), {}
     found = []
-    for simulation in JaxSolver().simulate_many(work, limb):
+    for simulation in JaxSolver(JaxSettings(guided=True)).simulate_many(work, limb):
         found.append(simulation)
         if len(found) in (N_EARLY, n_sets):
             spent["early" if len(found) == N_EARLY else "late"] = clock.shares()

@@ -10,12 +10,11 @@ import pytest
 from palpate import simulation
 from palpate.domain import Simulation, Status
 from palpate.errors import StoppedError
-from palpate.executors import InProcess, Limits, Processes, Work
+from palpate.executors import Limits, Processes, Work
 from palpate.experiment import load_measured
 from palpate.ledger import Ledger
 from palpate.plugins import load_file
 from palpate.sampling import draw_design
-from palpate.sweep import outcomes
 
 
 class Following:
@@ -194,34 +193,3 @@ def test_workers_finish_what_they_began_and_begin_nothing_more(make_study, tissu
     for pid in {int(line.split()[-1]) for line in log.read_text().splitlines()}:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
-
-
-MINDFUL = """
-from dataclasses import replace
-from palpate import Curve, Response, Simulation, Solver, Status
-class Mindful(Solver):
-    name, summary, needs_limb = "mindful", "begins each job from the one before", False
-    def version(self): return "1"
-    def simulate(self, job, limb): return self.answer(job, 0.0)
-    def simulate_many(self, jobs, limb):
-        for n_before, job in enumerate(jobs): yield self.answer(job, 1e-9 * n_before)
-    def answer(self, job, error):
-        force = Curve(channel="force", abscissa=[0.0, 1.0], ordinate=[0.0, 1.0 + error])
-        return Simulation(job=job, status=Status.OK, response=Response(curves={"force": force}))
-"""
-
-
-@pytest.mark.parametrize("executor", [InProcess(), Processes()])
-def test_a_repeatable_sweep_keeps_every_bit_whatever_came_before_a_job(make_study, tmp_path, executor):
-    path = tmp_path / "mindful.py"
-    path.write_text(MINDFUL)
-    study = make_study(solver=load_file(path).Mindful())
-    plugin_files = (*study.plugin_files, path)
-
-    def values(*, repeatable):
-        asked = replace(study, repeatable=repeatable, executor=executor, plugin_files=plugin_files)
-        found = outcomes(asked, asked.solver, jobs_for(asked, 5), {})
-        return {float(o.response["force"].ordinate[1]) for o in found}
-
-    assert values(repeatable=True) == {1.0}
-    assert values(repeatable=False) > {1.0}

@@ -31,8 +31,7 @@ class InProcess(Executor):
 
         for spot, indices in by_spot(work.jobs).items():
             tasks = [(i, work.jobs[i]) for i in indices]
-            limb, one_by_one = work.limbs.get(spot), work.one_by_one
-            yield from attempt(work.solver, limb, tasks, started, work.going_on, one_by_one=one_by_one)
+            yield from attempt(work.solver, work.limbs.get(spot), tasks, started, work.going_on)
 
 
 class Processes(Executor):

@@ -2,7 +2,6 @@
 
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from time import perf_counter
 
 from palpate.domain import Job, Limb, Response, Simulation, Status
@@ -67,8 +66,6 @@ def attempt(
     tasks: Sequence[Task],
     started: Callable[[int], None],
     going_on: Callable[[], bool] = lambda: True,
-    *,
-    one_by_one: bool = False,
 ) -> Iterator[Outcome]:
     """Outcomes of jobs of one limb, each as it ends and exactly one for each job.
 
@@ -81,20 +78,17 @@ def attempt(
         Told the index of a job when the solver takes it.
     going_on : callable
         Asked before the solver takes a job; where it says no the rest has no outcome.
-    one_by_one : bool
-        Whether the solver is not to share work between jobs.
 
     Notes
     -----
     A solver must not raise; if it does while it works on one job, that job has crashed and
     the others go on. If it worked on several, each is tried alone to find the culprit.
     """
-    many = partial(Solver.simulate_many, solver) if one_by_one else solver.simulate_many
     left = list(tasks)
     while left and going_on():
         flight = _InFlight(left, started, going_on)
         try:
-            for simulation in many(flight.feed(), limb):
+            for simulation in solver.simulate_many(flight.feed(), limb):
                 if (outcome := flight.answer(simulation)) is not None:
                     yield outcome
         except (Exception, SystemExit) as error:

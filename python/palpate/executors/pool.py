@@ -72,7 +72,7 @@ class Pool:
         self._n_processes = n_processes
         self._n_threads = n_threads or max(1, n_cores() // n_processes)
         solver = _packed_or_refused(work.solver, f"solver '{work.solver.name}'")
-        self._setup = (tuple(work.plugin_files), solver, work.limits.memory_MB, work.one_by_one)
+        self._setup = (tuple(work.plugin_files), solver, work.limits.memory_MB)
         self._pending: dict[str, deque[int]] = {}
         self._alone: deque[int] = deque()
         self._crashes: Counter[int] = Counter()
@@ -277,7 +277,7 @@ class _Worker:
 
     def __init__(
         self,
-        setup: tuple[tuple[Path, ...], bytes, float, bool],
+        setup: tuple[tuple[Path, ...], bytes, float],
         n_threads: int,
         events: "queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]]",
     ) -> None:

@@ -76,9 +76,6 @@ class Work:
         Empty for a solver that needs none.
     n_workers : int
         0 means one per core.
-    one_by_one : bool
-        Whether the solver is to simulate each job as if there were no other, so that an answer
-        has the same bits whatever came before it.
     plugin_files : sequence of Path
         One-file plugins that each worker loads before anything else.
     going_on : callable
@@ -92,7 +89,6 @@ class Work:
     limbs: Mapping[str, Limb]
     limits: Limits
     n_workers: int = 0
-    one_by_one: bool = False
     plugin_files: Sequence[Path] = ()
     going_on: Callable[[], bool] = _always
     running: Callable[[int], None] = _ignored

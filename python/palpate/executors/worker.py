@@ -100,7 +100,7 @@ def _end_with(parent: int) -> None:
 
 def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
     try:
-        plugin_files, solver_pickle, memory_MB, one_by_one = receive(inbox)
+        plugin_files, solver_pickle, memory_MB = receive(inbox)
         _load_plugins(plugin_files)
         solver = pickle.loads(solver_pickle)
         if memory_MB:
@@ -120,7 +120,7 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
         else:
             tasks = pickle.loads(content[0])
             limb, started = limbs.get(tasks[0][1].spot), partial(tell, "started")
-            for outcome in attempt(solver, limb, tasks, started, one_by_one=one_by_one):
+            for outcome in attempt(solver, limb, tasks, started):
                 tell("done", outcome)
             tell("idle")
 

@@ -43,7 +43,6 @@ class Shared:
     solver: bytes
     limbs: bytes
     limits: Limits
-    one_by_one: bool
     plugin_files: tuple[Path, ...]
     versions: Mapping[str, str]
 
@@ -54,7 +53,6 @@ def shared_by(work: Work) -> Shared:
         solver=packed(work.solver),
         limbs=packed(dict(work.limbs)),
         limits=work.limits,
-        one_by_one=work.one_by_one,
         plugin_files=tuple(path.resolve() for path in work.plugin_files),
         versions=versions(work.solver, work.plugin_files),
     )
@@ -85,7 +83,6 @@ class Station(WorkerPlugin):  # type: ignore[misc]
             jobs=(),
             limbs=pickle.loads(self.shared.limbs),
             limits=self.shared.limits,
-            one_by_one=self.shared.one_by_one,
             plugin_files=self.shared.plugin_files,
             going_on=lambda: not self._ended.is_set(),
         )
