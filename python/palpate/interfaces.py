@@ -384,7 +384,8 @@ class Solver(Component):
         """Simulate jobs of one limb, yielding each as it ends; override to share work.
 
         An answer must have the same bits whatever other jobs stand beside its own, so that a sweep
-        which is stopped, resumed or spread over workers gives the same tables.
+        which is stopped, resumed or spread over workers gives the same tables; a solver may offer a
+        setting that asks for something else.
         """
         for job in jobs:
             yield self.simulate(job, limb)

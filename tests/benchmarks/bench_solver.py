@@ -250,13 +250,13 @@ def with_slopes(mesh: str) -> dict[str, Any]:
 
 
 def two_workers(mesh: str, n_sets: int) -> dict[str, Any]:
-    """All sets on two worker processes, by wall clock."""
+    """All sets on two worker processes, guided in each, by wall clock."""
     from palpate.executors import Limits, Processes, Work
-    from palpate_jax.solver import JaxSolver
+    from palpate_jax.solver import JaxSettings, JaxSolver
 
     limb = load(mesh)
     work = Work(
-        solver=JaxSolver(),
+        solver=JaxSolver(JaxSettings(guided=True)),
         jobs=jobs(designed(n_sets), limb),
         limbs={limb.spot.name: limb},
         limits=Limits(time_s=3600.0),
