@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 
 from palpate.cli.progress import StageProgress
+from palpate.cli.status import duration
 from palpate.errors import StoppedError
 from palpate.ledger import Ledger
 from palpate.locking import locked
@@ -67,6 +68,14 @@ def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
     assert resumed.code == 0, resumed.err
     assert tables(tmp_path / "stopped") == tables(tmp_path / "whole")
     assert call("status", "stopped", "--json").json["n_finished"] == status["n_simulations"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"),
+    [(89.4, "89 s"), (100.0, "2 min"), (3500.0, "58 min"), (3590.0, "1 h 0 min"), (7190.0, "2 h 0 min")],
+)
+def test_a_time_is_told_in_two_units_at_most(seconds, told):
+    assert duration(seconds) == told
 
 
 def test_a_signal_outside_the_sweep_stops_at_once(call, study):

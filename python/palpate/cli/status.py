@@ -84,10 +84,10 @@ def _counts(seen: "RunStatus") -> str:
 
 def duration(seconds: float) -> str:
     """Tell a time in two units at most."""
-    minutes, hours = round(seconds / 60), int(seconds // 3600)
     if seconds < 90:
         return f"{seconds:.0f} s"
-    return f"{minutes} min" if hours == 0 else f"{hours} h {minutes - 60 * hours} min"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
 def _as_json(seen: "RunStatus") -> "StatusOutput":
