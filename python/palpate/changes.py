@@ -1,7 +1,7 @@
 """What a study changed since its run directory was written, and what stays valid of it."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,15 +59,19 @@ def changed(
         Keys of the simulations that the study asks for.
     """
     finished = ledger.finished_of_last_sweep()
-    return Changed(
-        changes=differences(before, after), n_finished=len(finished), n_valid=len(finished & set(keys))
-    )
+    n_valid = len(finished & set(keys))
+    changes = differences(before, after)
+    if not changes and n_valid < len(finished):  # then a file matters: of a mesh, or what a test followed
+        changes = differences({"inputs": before.get("inputs")}, {"inputs": after["inputs"]}, left_out=())
+    return Changed(changes=changes, n_finished=len(finished), n_valid=n_valid)
 
 
-def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Change]:
+def differences(
+    before: Mapping[str, Any], after: Mapping[str, Any], left_out: Collection[str] = _ABOUT_NOTHING
+) -> list[Change]:
     """Differences of two manifests, key by key, in the order of the later one."""
-    old = _flat(_plain(before))
-    new = _flat(_plain(after))
+    old = _flat(_plain(before, left_out))
+    new = _flat(_plain(after, left_out))
     return [
         Change(key=key, before=old.get(key), after=new.get(key))
         for key in dict.fromkeys([*new, *old])
@@ -75,8 +79,8 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Cha
     ]
 
 
-def _plain(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    kept = {key: value for key, value in manifest.items() if key not in _ABOUT_NOTHING}
+def _plain(manifest: Mapping[str, Any], left_out: Collection[str]) -> dict[str, Any]:
+    kept = {key: value for key, value in manifest.items() if key not in left_out}
     plain: dict[str, Any] = json.loads(json.dumps(kept))
     return plain
 

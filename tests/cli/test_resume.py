@@ -172,6 +172,18 @@ def test_a_changed_study_shows_what_changed_and_forks_or_goes_on(call, study, tm
     assert "already there; name a folder without a run" in call("run", study, "--fork", "forked").err
 
 
+def test_a_changed_input_file_that_costs_simulations_is_told_and_asked_about(call, study, tmp_path):
+    call("run", study)
+    for name in ("s1.txt", "s2.txt"):
+        lines = (study / name).read_text().splitlines()
+        (study / name).write_text("\n".join(lines[:-1]) + "\n")
+    refused = call("run", study)
+    assert refused.code == 2
+    assert re.search(r"inputs\.s1\.txt: .* → (.|\n)*inputs\.s2\.txt: ", refused.err)
+    assert "0 of 20 finished simulations are still valid" in refused.err
+    assert call("run", study, "--go-on").code == 0
+
+
 def test_a_change_that_costs_nothing_is_told_and_gone_on_with(call, study):
     call("run", study)
     path = study / "study.toml"
