@@ -425,9 +425,12 @@ def test_a_spoilt_file_of_the_cache_is_as_none(tmp_path):
     cache.store("key0", finished(0).simulation)
     (path,) = tmp_path.rglob("*.simulation")
     whole = path.read_bytes()
-    for spoilt in (b"", whole[:20], whole[:-1], whole[:-9] + b"x" + whole[-8:]):
+    other_head = [whole.replace(b'"status"', b'"stbtus"'), whole.replace(b'"ok"', b'"nk"'), b"[]\n"]
+    for spoilt in (b"", whole[:20], whole[:-1], whole[:-9] + b"x" + whole[-8:], *other_head):
         path.write_bytes(spoilt)
         assert cache.load("key0", job()) is None
+        cache.store("key0", finished(0).simulation)
+        assert path.read_bytes() == whole
 
 
 def test_a_copy_taken_while_somebody_writes_is_whole(tmp_path):

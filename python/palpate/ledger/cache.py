@@ -30,7 +30,7 @@ class ResultCache:
         self.folder = folder
 
     def store(self, key: str, simulation: Simulation) -> None:
-        """Share a simulation, unless it is there already.
+        """Share a simulation, unless it is there already, and whole.
 
         Raises
         ------
@@ -38,7 +38,7 @@ class ResultCache:
             The folder cannot be written.
         """
         path = self._path(key)
-        if simulation.status not in _SHARED or path.exists():
+        if simulation.status not in _SHARED or self.load(key, simulation.job) is not None:
             return
         curves = b"" if simulation.response is None else pack({key: simulation.response})
         told = {
@@ -61,18 +61,18 @@ class ResultCache:
         try:
             head, curves = self._path(key).read_bytes().split(b"\n", 1)
             told = json.loads(head)
-        except (OSError, ValueError):
+            if hashlib.sha256(curves).hexdigest() != told["sha256"]:
+                return None
+            return Simulation(
+                job=job,
+                status=Status(told["status"]),
+                response=unpack(curves, [key])[key] if curves else None,
+                message=told["message"],
+                seconds=told["seconds"],
+                diagnostics=told["diagnostics"],
+            )
+        except (OSError, ValueError, KeyError, TypeError):
             return None
-        if hashlib.sha256(curves).hexdigest() != told["sha256"]:
-            return None
-        return Simulation(
-            job=job,
-            status=Status(told["status"]),
-            response=unpack(curves, [key])[key] if curves else None,
-            message=told["message"],
-            seconds=told["seconds"],
-            diagnostics=told["diagnostics"],
-        )
 
     def _path(self, key: str) -> Path:
         return self.folder / key[:2] / f"{key}.simulation"
