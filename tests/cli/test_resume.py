@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import signal
+from pathlib import Path
 
 import polars as pl
 import pytest
@@ -17,6 +18,7 @@ from palpate.locking import locked
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
+GUIDE = Path(__file__).parents[2] / "docs" / "runs.md"
 TABLES = ("scores.parquet", "selection.parquet", "generalisation.parquet", "design.parquet")
 
 
@@ -182,6 +184,16 @@ def test_a_changed_input_file_that_costs_simulations_is_told_and_asked_about(cal
     assert re.search(r"inputs\.s1\.txt: .* → (.|\n)*inputs\.s2\.txt: ", refused.err)
     assert "0 of 20 finished simulations are still valid" in refused.err
     assert call("run", study, "--go-on").code == 0
+
+
+def test_the_guide_reads_a_run_without_palpate(call, study):
+    call("run", study, "--out", "runs/forearm-demo")
+    (code,) = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    found = {}
+    exec(code, found)
+    found["ledger"].close()
+    assert (found["rows"].height, found["one"].height) == (40, 11)
+    assert set(found["one"]["key"]) == {found["key"]}
 
 
 def test_a_change_that_costs_nothing_is_told_and_gone_on_with(call, study):

@@ -101,6 +101,8 @@ def test_each_attempt_stays_on_record_and_the_last_counts(tmp_path):
     assert (row["state"], row["n_attempts"], row["rung"]) == ("ok", 2, 1)
     assert attempts["state"].to_list() == ["diverged", "ok"]
     assert attempts["settings"].to_list() == ["", '{"steps": 40}']
+    assert pl.read_parquet(tmp_path / "curves" / row["curves"]).height == 100
+    assert pl.read_parquet(tmp_path / "curves" / "*.parquet").height == 200
 
 
 def test_others_read_it_without_palpate(tmp_path):

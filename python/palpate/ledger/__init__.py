@@ -12,7 +12,9 @@ A simulation counts as finished once its row is on the disk, and its row is writ
 its curves are. Any SQLite and any Parquet reader opens both without palpate::
 
     polars.read_database("SELECT * FROM simulations", sqlite3.connect("ledger.sqlite"))
-    polars.scan_parquet("curves/*.parquet").filter(polars.col("key") == key)
+    polars.scan_parquet(f"curves/{row['curves']}").filter(polars.col("key") == row["key"])
+
+The file that a row names holds the curves that count; another may hold those of an earlier attempt.
 """
 
 from palpate.ledger.reader import Entry, Ledger
