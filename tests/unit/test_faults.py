@@ -217,6 +217,17 @@ def test_a_batch_system_s_share_of_the_memory_counts(monkeypatch, tmp_path):
     assert machine.free_memory() > 10.0
 
 
+def test_a_share_of_a_group_around_this_process_counts(monkeypatch, tmp_path):
+    (tmp_path / "own").write_text("0::/slurm/job_7/step_0\n")
+    monkeypatch.setattr(machine, "_CGROUP", tmp_path)
+    monkeypatch.setattr(machine, "_OWN_GROUP", tmp_path / "own")
+    for name, most in (("slurm", "max"), ("slurm/job_7", "9000000"), ("slurm/job_7/step_0", "max")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "memory.max").write_text(f"{most}\n")
+        (tmp_path / name / "memory.current").write_text("2000000\n")
+    assert machine.free_memory() == pytest.approx(7.0)
+
+
 def test_a_limit_that_nothing_would_hold_is_refused(tmp_path):
     from palpate.plugins import Plugins
     from palpate.study import read_study

@@ -1,5 +1,6 @@
 """What this machine has for workers: cores, threads for each, and memory."""
 
+import contextlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +16,7 @@ THREAD_VARIABLES = (
     "NPROC",  # read by XLA for the size of its thread pools
 )
 
-_CGROUP = Path("/sys/fs/cgroup")
+_CGROUP, _OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
 def n_cores() -> int:
@@ -55,13 +56,23 @@ def _free_of_machine() -> float | None:
 
 
 def _free_of_group() -> float | None:
-    """Free part of what a batch system or a container allows."""
+    """Free part of what a batch system or a container allows, to this process or a group around it."""
+    found: list[float] = []
+    for folder in _groups():
+        with contextlib.suppress(OSError, ValueError):  # "max" is no number: no limit
+            most = int((folder / "memory.max").read_text())
+            found.append((most - int((folder / "memory.current").read_text())) * 1e-6)
+    return min(found, default=None)
+
+
+def _groups() -> list[Path]:
+    """Folders of this process's control group and of those around it."""
     try:
-        most = (_CGROUP / "memory.max").read_text().strip()
-        taken = int((_CGROUP / "memory.current").read_text())
-    except (OSError, ValueError):
-        return None
-    return None if most == "max" else (int(most) - taken) * 1e-6
+        lines = _OWN_GROUP.read_text().splitlines()
+    except OSError:
+        lines = []
+    own = next((line.removeprefix("0::/") for line in lines if line.startswith("0::/")), "")
+    return [folder for folder in (_CGROUP / own / "x").parents if folder.is_relative_to(_CGROUP)]
 
 
 def thread_limits(n_threads: int) -> dict[str, str]:
