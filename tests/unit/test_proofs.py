@@ -101,6 +101,26 @@ def test_a_stop_keeps_what_is_proved(doubting, make_study, plugins, tmp_path):
     assert len(RunDirectory(tmp_path / "run").proofs()) == 1
 
 
+def test_a_stop_keeps_what_an_earlier_run_has_proved(doubting, make_study, plugins, tmp_path):
+    class Gone:
+        begin = step = note = lambda *_: None
+
+        def __init__(self, n):
+            self.left = iter([True] * n)
+
+        def going_on(self):
+            return next(self.left, False)
+
+    study, run = make_study(doubting()), RunDirectory(tmp_path / "run")
+    proved = run_to_selection(study, run.folder, plugins).proofs
+    with pytest.raises(StoppedError):
+        pipeline.select(study, run.folder, plugins, Gone(1))
+    assert set(run.proofs()["key"]) == set(proved["key"])
+    n_asked = len(doubting.asked)
+    assert_frame_equal(pipeline.select(study, run.folder, plugins).proofs, proved)
+    assert len(doubting.asked) == n_asked
+
+
 def test_a_solver_without_a_proof_leaves_none(doubting, make_study, plugins, tmp_path):
     run_to_selection(make_study(doubting()), tmp_path / "run", plugins)
     assert run_to_selection(make_study(), tmp_path / "run", plugins).proofs.is_empty()
