@@ -120,6 +120,17 @@ def test_the_executor_is_a_plugin_s():
     assert Plugins.load().executors["dask"] is DaskExecutor
 
 
+def test_what_cannot_be_sent_is_refused_before_there_is_a_cluster(study, monkeypatch):
+    class Local(type(study.space.regions[0].material)):
+        pass
+
+    monkeypatch.setattr("palpate_dask.executor.connected", None)
+    region = replace(study.space.regions[0], material=Local())
+    work = work_of(replace(study, space=ParameterSpace(regions=(region,))))
+    with pytest.raises(PluginError, match="a material of the study cannot be sent"):
+        list(DaskExecutor().outcomes(work))
+
+
 def test_a_cluster_of_this_machine_holds_limits_and_gives_the_same_bits(study, tmp_path):
     study = hurting(study, tmp_path)
     found = {o.index: o for o in DaskExecutor().outcomes(work_of(study, time_s=1.5))}

@@ -71,7 +71,7 @@ class Pool:
         self._tell_running = work.running
         self._n_processes = n_processes
         self._n_threads = n_threads or max(1, n_cores() // n_processes)
-        solver = _packed_or_refused(work.solver, f"solver '{work.solver.name}'")
+        solver = packed_or_refused(work.solver, f"solver '{work.solver.name}'")
         self._setup = (tuple(work.plugin_files), solver, work.limits.memory_MB)
         self._pending: dict[str, deque[int]] = {}
         self._alone: deque[int] = deque()
@@ -88,7 +88,7 @@ class Pool:
         PluginError
             A material cannot be sent to a worker, or a worker cannot start.
         """
-        _packed_or_refused(jobs[0], "a material of the study")
+        packed_or_refused(jobs[0], "a material of the study")
         self._jobs, self._pending, n_left = jobs, by_spot(jobs), len(jobs)
         self._crashes.clear()
         self._unbegun.clear()
@@ -262,13 +262,20 @@ def _times(n: int) -> str:
     return {1: "once", 2: "twice"}.get(n, f"{n} times")
 
 
-def _packed_or_refused(value: object, what: str) -> bytes:
+def packed_or_refused(value: object, what: str) -> bytes:
+    """Pickle what every worker process is to be sent.
+
+    Raises
+    ------
+    PluginError
+        It cannot be sent.
+    """
     try:
         return packed(value)
     except Exception as error:
         raise PluginError(
             f"{what} cannot be sent to a worker process ({type(error).__name__}: {error}); define it in an "
-            "importable module or a plugin file, or set one worker"
+            "importable module or a plugin file, or set executor.name = 'in_process'"
         ) from error
 
 

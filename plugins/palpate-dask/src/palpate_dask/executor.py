@@ -13,6 +13,7 @@ from distributed.scheduler import KilledWorker
 from palpate.domain import Status
 from palpate.errors import ExecutorError, PalpateError
 from palpate.executors import Outcome, Work, n_cores
+from palpate.executors.pool import packed_or_refused
 from palpate.executors.worker import packed
 from palpate.interfaces import Executor
 from palpate_dask.cluster import connected
@@ -48,6 +49,8 @@ class DaskExecutor(Executor):
         """
         if not work.jobs:
             return
+        packed_or_refused(work.solver, f"solver '{work.solver.name}'")
+        packed_or_refused(work.jobs[0], "a material of the study")
         n_workers = min(work.n_workers or n_cores(), len(work.jobs))
         with connected(self.settings, n_workers) as client, _stationed(client, work) as station:
             yield from _Flow(client, station, work).outcomes()
