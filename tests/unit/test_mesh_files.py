@@ -26,11 +26,18 @@ XDMF = '<Xdmf Version="3.0"><Domain><Grid><DataItem Format="HDF">{}:/points</Dat
         ("m.inp", INP + "*INCLUDE, INPUT=/etc/hostname\n"),
         ("m.inp", INP + "*include , input = ../other.inp\n"),
         ("m.xdmf", XDMF.format("../other.h5")),
+        ("m.inp", INP + "INCLUDE, PART=1, FILE=/etc/hostname\n"),
+        ("m.inp", INP + "*INCLUDE, INPUT=m.inp\n*INCLUDE, INPUT=inner.txt\n"),
         ("m.xmf", XDMF.format("/data/other.h5")),
+        ("m.xdmf", XDMF.format("/data/other.h5").replace(":/", ":")),
+        ("m.xdmf", XDMF.format("&#47;data/other.h5")),
+        ("m.xdmf", XDMF.format("<![CDATA[/data/other.h5]]>")),
+        ("m.xdmf", '<Xdmf><DataItem Format="Binary">/etc/hostname</DataItem></Xdmf>'),
     ],
 )
 def test_a_file_elsewhere_is_refused_by_name(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
+    (tmp_path / "inner.txt").write_text("*Include,INPUT=../other.inp\n")
     with pytest.raises(MeshError, match="outside of its folder; move it beside"):
         read_mesh_file(tmp_path / name)
 

@@ -8,10 +8,11 @@ becomes a :class:`~palpate.errors.MeshError` or a plain value.
 import contextlib
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,29 +94,53 @@ def _cell_sets(mesh: Any) -> dict[str, tuple[NDArray[np.int64], ...]]:  # noqa: 
     return groups
 
 
-_NAMED = {
-    ".inp": re.compile(rb"^\s*\*include\s*,\s*input\s*=\s*([^,\r\n]+)", re.IGNORECASE | re.MULTILINE),
-    ".xdmf": re.compile(rb">\s*([^<>\s][^<>]*?):/", re.MULTILINE),
-}
-"""How a file of each kind names another: an include, or the HDF5 file of an array."""
+_KEYWORD = re.compile(rb"^(?!\*\*)([^,\n]*+)[^\n]*=([^\n]*)$", re.MULTILINE)
+"""A line of Abaqus that may include a file: its keyword, and what follows the last ``=``."""
 _ENTITY = re.compile(rb"<!(doctype|entity)", re.IGNORECASE)
 
 
 def _refuse_outside(path: Path) -> None:
     """Refuse a mesh file that would have another folder's files read, or that defines XML entities."""
-    kind = {".xmf": ".xdmf"}.get(path.suffix.lower(), path.suffix.lower())
-    if kind not in {".inp", ".xdmf", ".vtu"}:
-        return
-    content = path.read_bytes()
-    if kind != ".inp" and _ENTITY.search(content[:100_000]):
-        raise MeshError(f"{path}: it defines XML entities, which no mesh needs; write the mesh anew")
-    for named in _NAMED[kind].findall(content) if kind in _NAMED else ():
-        other = Path(named.decode(errors="replace").strip().strip("'\""))
+    kind = path.suffix.lower()
+    named: Iterator[str] = iter(())
+    if kind == ".inp":
+        named = _included(path)
+    elif kind in {".xdmf", ".xmf", ".vtu"}:
+        with path.open("rb") as stream:
+            if _ENTITY.search(stream.read(100_000)):
+                raise MeshError(f"{path}: it defines XML entities, which no mesh needs; write the mesh anew")
+        named = iter(()) if kind == ".vtu" else _data_files(path)
+    for name in named:
+        other = Path(name)
         if other.is_absolute() or ".." in other.parts:
             raise MeshError(
                 f"{path}: it names the file '{other}', which lies outside of its folder; move it beside "
                 "the mesh"
             )
+
+
+def _included(path: Path, by: frozenset[Path] = frozenset()) -> Iterator[str]:
+    """Files that an Abaqus file includes, as meshio takes its lines, and those that these include."""
+    by |= {path}
+    for keyword, value in _KEYWORD.findall(path.read_bytes().replace(b"\r", b"\n")):
+        if keyword.decode(errors="replace").strip().replace("*", "").upper() != "INCLUDE":
+            continue
+        name = value.decode(errors="replace").strip().strip("'\"")
+        yield name
+        if (path.parent / name).is_file() and path.parent / name not in by:
+            yield from _included(path.parent / name, by)
+
+
+def _data_files(path: Path) -> Iterator[str]:
+    """Files in which an XDMF keeps its arrays; one that is no XML is left for meshio to refuse."""
+    with path.open("rb") as stream, contextlib.suppress(ElementTree.ParseError):
+        for _, element in ElementTree.iterparse(stream):
+            text = (element.text or "").strip()
+            if element.get("Format") == "HDF":
+                yield text.partition(":")[0]
+            elif element.get("Format") == "Binary":
+                yield text
+            element.clear()
 
 
 def _integers(path: Path, cells: object) -> NDArray[np.int64]:
