@@ -148,6 +148,8 @@ def test_every_format_gives_the_same_scan(tmp_path: Path, suffix: str) -> None:
 def test_a_unit_is_applied_and_a_wrong_one_is_named(tmp_path: Path) -> None:
     folder = files(tmp_path)
     assert read_surface(folder / "scan.ply", "cm").points_mm.max() == pytest.approx(2200.0, rel=1e-2)
+    with pytest.raises(MeshError, match=r"scan\.ply: its unit"):
+        read_surface(folder / "scan.ply", "MPa")
     metres = scanned()
     small = Surface(name="s", points_mm=metres.points_mm / 1000.0, faces=metres.faces)
     with pytest.raises(MeshError, match="perhaps m: say so"):
@@ -271,8 +273,11 @@ def test_landmarks_and_a_motion_place_the_bones(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_landmarks(tmp_path / "l.csv").motion, turn, atol=1e-9)
     np.savetxt(tmp_path / "m.txt", turn)
     np.testing.assert_allclose(read_motion(tmp_path / "m.txt").motion, turn, atol=1e-12)
-    with pytest.raises(MeshError, match="on one line"):
-        by_landmarks(source[[0, 1, 1]], target[[0, 1, 1]])
+    for chosen in ([0, 1, 1], [0, 0, 0]):
+        with pytest.raises(MeshError, match="on one line"):
+            by_landmarks(source[chosen], target[chosen])
+        with pytest.raises(MeshError, match="on one line"):
+            by_landmarks(source[:3], target[chosen])
     np.savetxt(tmp_path / "m.txt", 2.0 * turn)
     with pytest.raises(MeshError, match="not a rigid motion"):
         read_motion(tmp_path / "m.txt")
@@ -313,6 +318,16 @@ def test_bones_as_others_publish_them_are_closed_and_what_was_mended_is_told(
     assert "changed by" in read.mended
     assert np.ptp(read.points_mm, axis=0).max() == pytest.approx(length_mm, abs=0.1)
     assert 20e3 < read.volume_mm3 < 60e3
+
+
+def test_a_scan_that_is_inside_out_has_the_same_normals(tmp_path: Path) -> None:
+    body = scanned().trimesh
+    body.visual.vertex_colors = np.round(255 * scanned().colours).astype(np.uint8)
+    body.invert()
+    body.export(tmp_path / "s.ply")
+    found = read_scan(tmp_path / "s.ply", [], PLAN)
+    for spot in Phantom().spots:
+        assert found.spots[spot.name].spot.normal @ spot.normal > 0.99
 
 
 def test_smoothing_takes_the_noise_and_leaves_the_limb() -> None:
@@ -421,3 +436,7 @@ def test_a_scan_and_its_bones_are_read_together(tmp_path: Path) -> None:
         BonePlaces(motion=folder, landmarks=folder)
     with pytest.raises(MeshError, match="that name is taken"):
         read_scan(folder / "scan.ply", [folder / "radius.stl", folder / "radius.stl"], PLAN)
+    for name in ("skin", "bonded"):  # names of other sets of a mesh
+        (folder / f"{name}.stl").write_bytes((folder / "ulna.stl").read_bytes())
+        with pytest.raises(MeshError, match=f"'{name}': that name is taken"):
+            read_scan(folder / "scan.ply", [folder / f"{name}.stl"], PLAN)

@@ -119,14 +119,14 @@ def read_scan(
     MeshError
         Naming the file, the place and what to do.
     """
-    scan = read_surface(path, plan.unit)
+    scan = outwards(read_surface(path, plan.unit))
     check_size(scan, LIMB_MM, plan.unit)
     axis = _axis(scan, plan)
     least, largest = plan.mark_radii_mm
     marks = find_marks(scan, least_radius_mm=least, largest_radius_mm=largest)
     named = name_marks(marks, dict(plan.marks), axis, scan.name)
     closed = _closed(scan, plan)
-    spots = {name: locate(name, mark, closed if closed is scan else scan) for name, mark in named.items()}
+    spots = {name: locate(name, mark, scan) for name, mark in named.items()}
     placement = _placement(places or BonePlaces(), closed, plan)
     models = tuple(read_bone(bone, plan.bone_unit).moved(placement.motion) for bone in bones)
     _check_names([model.name for model in models])
@@ -175,8 +175,7 @@ def _axis(scan: Surface, plan: ScanPlan) -> FloatArray:
 
 
 def _closed(scan: Surface, plan: ScanPlan) -> Surface:
-    """The scan with its faces outward, mended where that was asked for."""
-    scan = outwards(scan)
+    """The scan, mended where that was asked for."""
     if not (found := defects(scan)):
         return scan
     if not plan.repair:
@@ -198,7 +197,7 @@ def _placement(places: BonePlaces, scan: Surface, plan: ScanPlan) -> Placement:
 
 
 def _check_names(names: list[str]) -> None:
-    taken = {"fixed", "contact", "cut"}
+    taken = {"fixed", "contact", "cut", "skin", "bonded"}
     for name in names:
         if name in taken:
             raise MeshError(f"bone '{name}': that name is taken; rename its file")

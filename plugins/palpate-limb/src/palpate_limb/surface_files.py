@@ -22,7 +22,7 @@ def read_surface(path: Path, unit: str = "mm") -> Surface:
     Parameters
     ----------
     path : Path
-        .ply, .obj, .glb, .stl or .off. Nothing but this file (and an OBJ's own
+        .ply, .obj, .glb, .stl or .off. Nothing but this file (and its own
         material and texture beside it) is read.
     unit : str
         Of the file's coordinates.
@@ -30,7 +30,8 @@ def read_surface(path: Path, unit: str = "mm") -> Surface:
     Raises
     ------
     MeshError
-        Missing, too large, broken, without triangles, or with coordinates that are not finite.
+        Missing, too large, broken, without triangles, with coordinates that are not finite, or in a
+        unit that is not one of length.
     """
     if not path.is_file():
         raise MeshError(f"{path}: no such file; check the path")
@@ -38,14 +39,17 @@ def read_surface(path: Path, unit: str = "mm") -> Surface:
         raise MeshError(f"{path}: palpate reads surfaces from {', '.join(sorted(SUFFIXES))}; convert it")
     if path.stat().st_size > MOST_BYTES:
         raise MeshError(f"{path}: larger than {MOST_BYTES / 1e9:g} GB; reduce the scan")
+    try:
+        factor = convert(f"1 {unit}", "mm")
+    except ValueError as error:
+        raise MeshError(f"{path}: its unit: {error}") from error
     mesh = _loaded(path)
     if not hasattr(mesh, "faces"):
         raise MeshError(f"{path}: no triangles; export the surface, not the points alone")
     points, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     _check(path, points, faces)
     colours = _colours(mesh)
-    points = points * convert(f"1 {unit}", "mm")
-    return _merged(Surface(name=path.name, points_mm=points, faces=faces, colours=colours))
+    return _merged(Surface(name=path.name, points_mm=points * factor, faces=faces, colours=colours))
 
 
 def _loaded(path: Path) -> Any:  # noqa: ANN401 - a Trimesh
