@@ -1,6 +1,7 @@
 """Decks of others: templates with placeholders, and limbs; what reaches outside or bombs is refused."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +10,13 @@ from palpate.domain import Spot
 from palpate.errors import MeshError, StudyError
 from palpate.specimens import block
 from palpate.testing import LimbSourceContract
+from palpate_febio import certify
 from palpate_febio.deck_reader import read_deck
 from palpate_febio.limb_source import FebioDeckSettings, FebioDeckSource
 from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver
+from palpate_forearm import MeshioSource
+from palpate_limb.limb_files import write_limb
 
 from . import febio_fake
 from .test_febio_deck import SOLVER, job_of, mixed_limb
@@ -60,6 +64,8 @@ class TestFebioDeckSource(LimbSourceContract):
             "not_held": text.replace("zero displacement", "zero fluid pressure"),
             "text_node": text.replace('<node id="1">-0.5', '<node id="1">here'),
             "nan_node": text.replace('<node id="1">-0.5', '<node id="1">nan'),
+            "no_id": text.replace('<node id="1">', '<node id=" ">'),
+            "same_id": text.replace('<node id="2">', '<node id="1">'),
             "two_numbers": text.replace('<node id="1">-0.5,', '<node id="1">'),
             "no_such_node": text.replace('<elem id="1">1,', '<elem id="1">999999,'),
             "word_in_cell": text.replace('<elem id="1">1,', '<elem id="1">one,'),
@@ -108,6 +114,12 @@ def test_regions_units_and_sets_by_name(deck):
     assert np.ptp(found.points_mm[:, 2]) == pytest.approx(1000.0)
     with pytest.raises(MeshError, match="named by no region"):
         FebioDeckSource(replace_settings(settings, regions={"outer": "1_skin"})).load(deck, SPOT)
+
+
+def test_a_mesh_is_certified_as_one_material_whatever_its_regions(tmp_path):
+    write_limb(tmp_path / "limb.vtu", block(n_across=2, n_down=2, layers_mm={"skin": 2.0}))
+    plugins = SimpleNamespace(limb_sources={"meshio": MeshioSource, "febio_deck": FebioDeckSource})
+    assert certify._read(plugins, tmp_path / "limb.vtu").mesh.regions == ("soft_tissue",)
 
 
 def replace_settings(settings, **change):

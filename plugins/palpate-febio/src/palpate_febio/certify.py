@@ -148,8 +148,10 @@ def _twist_limb() -> Limb:
 def _read(plugins: Plugins, mesh: Path) -> Limb:
     from palpate.domain import Spot
 
-    source = plugins.limb_sources["febio_deck" if mesh.suffix == ".feb" else "meshio"]
-    return source().load(mesh, Spot(name=mesh.stem))
+    is_deck = mesh.suffix == ".feb"
+    source = plugins.limb_sources["febio_deck" if is_deck else "meshio"]
+    one_region = source.Settings.model_validate({} if is_deck else {"region_data": ""})
+    return source(one_region).load(mesh, Spot(name=mesh.stem))
 
 
 def _show(session: Session, certificate: Any) -> None:  # noqa: ANN401 -- a Certificate

@@ -67,7 +67,7 @@ class Deck:
 
 
 def read_deck(path: Path) -> Deck:
-    """Read a deck of FEBio 3 or 4.
+    """Read a deck of version 2.5, 3.0 or 4.0.
 
     Raises
     ------
@@ -121,7 +121,10 @@ class _Reader:
     def points(self, mesh: ET.Element) -> FloatArray:
         rows: list[list[float]] = []
         for node in mesh.iterfind("Nodes/node"):
-            self.number[self.integer(node, node.get("id"))] = len(rows)
+            number = self.integer(node, node.get("id"))
+            if number in self.number:
+                raise self.refused(f"two nodes have the id {number}; give each its own")
+            self.number[number] = len(rows)
             row = self.floats(node, node.text)
             if len(row) != 3:
                 raise self.refused(f"node {node.get('id')} has {len(row)} coordinates; give three")
@@ -197,7 +200,10 @@ class _Reader:
             raise self.refused(f"'{what}' names node {missing}, which is not there") from None
 
     def integer(self, element: ET.Element, text: str | None) -> int:
-        return self.integers(element, text or "?")[0]
+        found = self.integers(element, text)
+        if len(found) != 1:
+            raise self.refused(f"<{element.tag}> has the id {text!r}; one whole number is needed")
+        return found[0]
 
     def integers(self, element: ET.Element, text: str | None) -> list[int]:
         try:
