@@ -70,8 +70,6 @@ def test_a_phantom_that_cannot_be_is_refused() -> None:
         Phantom(sections=Phantom().sections[:1])
     with pytest.raises(MeshError, match="move the mark"):
         Phantom(marks=(InkMark(name="p1", station_mm=400.0, angle_deg=0.0, colour=(1, 0, 0)),))
-    with pytest.raises(MeshError, match="mm of skin"):
-        Phantom(skin_mm=50.0)
 
 
 def test_the_files_hold_what_was_made(tmp_path: Path) -> None:

@@ -104,14 +104,11 @@ class Phantom:
     bones : tuple of PhantomBone
     marks : tuple of InkMark
         Between the first section and the last.
-    skin_mm : float
-        Thickness of the skin; 0 for a limb of one material.
     """
 
     sections: tuple[Section, ...] = FOREARM_SECTIONS
     bones: tuple[PhantomBone, ...] = FOREARM_BONES
     marks: tuple[InkMark, ...] = FOREARM_MARKS
-    skin_mm: float = 0.0
 
     def __post_init__(self) -> None:
         stations = np.array([s.station_mm for s in self.sections])
@@ -127,8 +124,6 @@ class Phantom:
                     f"phantom: mark '{mark.name}' at {mark.station_mm:g} mm, and the limb reaches from "
                     f"{stations[0]:g} to {stations[-1]:g} mm; move the mark"
                 )
-        if not 0.0 <= self.skin_mm < axes.min():
-            raise MeshError(f"phantom: {self.skin_mm:g} mm of skin; give 0 to {axes.min():g} mm")
 
     @property
     def span_mm(self) -> tuple[float, float]:
