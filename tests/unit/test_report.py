@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from matplotlib import rc_context, rcParams
 from matplotlib.image import imread
@@ -185,6 +186,21 @@ def test_the_distribution_is_cut_and_says_how_many_are_above(content):
     assert offsets[:, 1].max() <= figures.DISTRIBUTION_LIMIT
     n_above = sum(int(t.get_text().split()[0]) for t in axis.texts)
     assert len(offsets) + n_above == 80
+
+
+def test_a_legend_names_what_the_first_spot_or_channel_lacks(content):
+    made = content()
+    worse = pl.when(pl.col("spot") == "p1").then(pl.col("nmse") + 10.0).otherwise(pl.col("nmse"))
+    above = replace(made, scores=made.scores.with_columns(nmse=worse))
+    assert "least" in legend_of(nmse_distribution(above))
+    best = made.selection["set_id"][0]
+    torque = Response(curves={"torque": made.responses["p1", best]["torque"]})
+    half = replace(made, responses={("p1", best): torque})
+    assert f"scenario I, set {best}" in legend_of(responses(half, "p1"))
+
+
+def legend_of(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_the_parameter_space_shows_each_set_once(content):

@@ -70,7 +70,7 @@ def responses(content: Content, spot: str) -> Figure:
             label, fit = fit_of(content, spot, scenario.name)
             if channel in fit:
                 _draw(axis, fit[channel], colour, dash, label)
-    legend_below(figure, axes[:1])
+    legend_below(figure, list(axes))
     entitle(figure, f"{content.study.name}, spot {spot}: least NMSE by scenario", content.notice)
     return figure
 
@@ -182,19 +182,15 @@ def _draw_distribution(axis: Axes, place: int, fopt: FloatArray) -> None:
     shown = np.sort(fopt[fopt <= DISTRIBUTION_LIMIT])
     # The golden ratio spreads neighbours evenly, and the same data always look the same.
     spread = (np.arange(shown.size) * 0.6180339887 % 1.0 - 0.5) * 0.5
-    # Matplotlib leaves what begins with an underscore out of the legend.
-    hide = "" if place == 0 else "_"
-    axis.scatter(
-        place + spread, shown, s=7, color=MEASURED_COLOUR, alpha=0.5, linewidths=0, label=f"{hide}set"
-    )
+    axis.scatter(place + spread, shown, s=7, color=MEASURED_COLOUR, alpha=0.5, linewidths=0, label="set")
     if fopt.size:
         least, middle = float(fopt.min()), float(np.median(fopt))
         if middle <= DISTRIBUTION_LIMIT:
             axis.hlines(middle, place - 0.32, place + 0.32, color="black", linewidth=1.3,
-                        label=f"{hide}median of all sets")  # fmt: skip
+                        label="median of all sets")  # fmt: skip
         if least <= DISTRIBUTION_LIMIT:
             axis.scatter([place], [least], marker="*", s=50, color=LEAST_COLOUR, zorder=4, clip_on=False,
-                         label=f"{hide}least")  # fmt: skip
+                         label="least")  # fmt: skip
     n_above = int((fopt > DISTRIBUTION_LIMIT).sum())
     if n_above:
         axis.text(place, DISTRIBUTION_LIMIT * 1.06, f"{n_above} above", ha="center", va="center", fontsize=6)

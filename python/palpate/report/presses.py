@@ -45,7 +45,7 @@ def draw_presses(
         axes = figure.subplots(1, len(mean.curves), squeeze=False)[0]
         for axis, (name, curve) in zip(axes, mean.curves.items(), strict=True):
             _draw(axis, presses.curves(name), curve, channels[name])
-        legend_below(figure, axes[:1])
+        legend_below(figure, list(axes))
         entitle(figure, f"spot {presses.spot.spot.name}: measured curves", notice)
         return tuple(save(figure, folder / "curves"))
 

@@ -89,7 +89,7 @@ def entitle(figure: Figure, title: str, notice: str) -> None:
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Put one legend of everything that these axes show below a figure."""
+    """Put one legend of everything that these axes show below a figure, each label once."""
     labelled: dict[str, Any] = {}
     for axis in axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
