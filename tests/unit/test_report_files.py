@@ -130,8 +130,10 @@ def test_latex_reads_a_hostile_table(tmp_path):
 
 
 def test_numbers_are_short_where_they_are_read_and_whole_where_they_are_used(tmp_path):
-    table = pl.DataFrame({"x": [0.123456789], "n": [12], "none": [None], "inf": [float("inf")]})
+    table = pl.DataFrame(
+        {"x": [0.123456789], "n": [12], "none": [None], "inf": [float("inf")], "yes": [True]}
+    )
     write_tables({"t": table}, tmp_path)
     assert "0.123456789,12,," in (tmp_path / "t.csv").read_text()
-    assert "| 0.1235 | 12 | – | inf |" in (tmp_path / "t.md").read_text()
-    assert r"$0.1235$ & $12$ & -- & $\infty$ \\" in (tmp_path / "t.tex").read_text()
+    assert "| 0.1235 | 12 | – | inf | True |" in (tmp_path / "t.md").read_text()
+    assert r"$0.1235$ & $12$ & -- & $\infty$ & True \\" in (tmp_path / "t.tex").read_text()

@@ -100,7 +100,7 @@ def _latex_cell(value: object) -> str:
     if isinstance(value, float) and "e" in text:
         mantissa, exponent = text.split("e")
         return rf"${mantissa}\times10^{{{int(exponent)}}}$"
-    if isinstance(value, (int, float)):
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
         return f"${text.replace('inf', _INFINITE)}$"
     return text.translate(_LATEX)
 
