@@ -14,9 +14,9 @@ from markupsafe import Markup
 
 from palpate.determination import share_of_range
 from palpate.domain import Parameter
+from palpate.report.best_sets import with_brief_names
 from palpate.report.content import Content
 from palpate.report.page_data import page_data
-from palpate.report.space import named_briefly
 from palpate.report.table_files import shown
 from palpate.report.tables import TITLES
 from palpate.report.verdict import make_verdict
@@ -143,13 +143,9 @@ class Interval:
 
 
 def _intervals(content: Content) -> Iterator[Interval]:
-    brief = {
-        p.name: (p, b.name)
-        for p, b in zip(content.design.parameters, named_briefly(content.design.parameters), strict=True)
-    }
+    brief = {p.name: (p, b.name) for p, b in with_brief_names(content)}
     for row in content.determination.iter_rows(named=True):
         parameter, name = brief[row["parameter"]]
-
         known = row["lower"] is not None
         start, stop = (_percent(parameter, row[end]) if known else 0.0 for end in ("lower", "upper"))
         truth = content.study.truth.get(row["parameter"])
