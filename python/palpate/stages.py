@@ -206,6 +206,8 @@ def _design(study: Study, frame: pl.DataFrame) -> Design:
     """Sets of a frame, numbered by row."""
     names = tuple(p.name for p in study.space.parameters)
     _check_columns("design", frame, ("set_id", *names), "palpate.sample")
+    if frame.is_empty():
+        raise StudyError("design: the frame has no row; keep at least one set")
     values = frame.select(names).to_numpy().astype(np.float64)
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:

@@ -80,6 +80,7 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
         (lambda d: d.rename({"soft_tissue.grip": "grip"}), "lacks column 'soft_tissue.grip'"),
         (lambda d: d.with_columns(pl.lit(float("nan")).alias("soft_tissue.grip")), "row 0, .* is not finite"),
         (lambda d: d.with_columns(set_id=pl.lit(3)), "set_id 3 stands in two rows"),
+        (lambda d: d.head(0), "design: the frame has no row"),
     ],
 )
 def test_a_frame_that_is_no_design_is_refused(make_study, plugins, change, said):
