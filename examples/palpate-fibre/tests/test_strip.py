@@ -37,6 +37,8 @@ class TestStrip(LoaderContract):
             "size": GOOD.replace("area_mm2: 10\n", ""),
             "flat": GOOD.replace("area_mm2: 10", "area_mm2: 0"),
             "word": GOOD.replace("0.5", "half"),
+            "colon": GOOD.replace("4 3", "4: 3"),
+            "late": GOOD + "area_mm2: 20\n",
             "one": GOOD.split("1 0.5")[0],
             "nan": GOOD.replace("4 3", "4 nan"),
         }

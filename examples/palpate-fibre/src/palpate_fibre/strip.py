@@ -48,13 +48,14 @@ def _read(path: Path) -> tuple[dict[str, float], FloatArray]:
     except (OSError, UnicodeDecodeError) as error:
         raise CurveError(f"{path}: cannot be read ({error}); give a text file in UTF-8") from None
     size: dict[str, float] = {}
-    rows = []
+    rows: list[tuple[float, float]] = []
     for number, line in enumerate(lines, start=1):
         key, colon, value = line.partition(":")
         where = f"{path}, row {number}: '{line[:40]}'"
-        if colon and key.strip() in NEEDED:
-            size[key.strip()] = _positive(value, where)
-        elif line.strip() and not colon:
+        if colon and not rows:
+            if key.strip() in NEEDED:
+                size[key.strip()] = _positive(value, where)
+        elif line.strip():
             rows.append(_pair(line, where))
     if missing := [key for key in NEEDED if key not in size]:
         raise CurveError(f"{path}: the preamble lacks {missing[0]}; add a line such as {missing[0]}: 20")
