@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+import palpate
 from palpate.errors import PluginError
 from palpate.plugin_registry import GROUP, suggestion
 from palpate.plugins import Plugins
 
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
+_NAME = re.compile(r"[a-z]([a-z0-9_]*[a-z0-9])?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +99,8 @@ def _distribution(name: str) -> str:
 
 
 def _check_free(kind: str, name: str, plugins: Plugins) -> None:
-    """Refuse a name that Python cannot use, or that an installed plugin has."""
-    if not _NAME.fullmatch(name) or keyword.iskeyword(name) or keyword.issoftkeyword(name):
+    """Refuse a name that Python cannot use, or that palpate or an installed plugin has."""
+    if not _is_allowed(name):
         raise PluginError(
             f"plugin name '{name}': give a Python identifier in lower case that is no keyword, such as "
             f"{_repaired(name)}"
@@ -114,14 +115,27 @@ def _check_free(kind: str, name: str, plugins: Plugins) -> None:
         if point.name == name:
             source = point.dist.name if point.dist else point.value
             raise PluginError(f"plugin name '{name}' is taken by distribution {source}; choose another name")
+    if _class(name) in palpate.__all__:
+        raise PluginError(
+            f"plugin name '{name}': its class would hide palpate's own {_class(name)}; choose another name, "
+            f"such as my_{name}"
+        )
     if name == GROUP or importlib.util.find_spec(f"palpate_{name}") is not None:
         raise PluginError(f"the module palpate_{name} is installed already; choose another name")
+
+
+def _is_allowed(name: str) -> bool:
+    return bool(_NAME.fullmatch(name)) and not keyword.iskeyword(name) and not keyword.issoftkeyword(name)
 
 
 def _repaired(name: str) -> str:
     """Offer an allowed name like the one given."""
     like = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")
-    return like if _NAME.fullmatch(like) and not keyword.iskeyword(like) else f"my_{like}".rstrip("_")
+    return like if _is_allowed(like) else f"my_{like}".rstrip("_")
+
+
+def _class(name: str) -> str:
+    return "".join(word.capitalize() for word in name.split("_"))
 
 
 def _files(kind: str, name: str) -> dict[str, str]:
@@ -138,7 +152,7 @@ def _files(kind: str, name: str) -> dict[str, str]:
     words = {
         "name": name,
         "title": name.replace("_", " ").capitalize(),
-        "cls": "".join(word.capitalize() for word in name.split("_")),
+        "cls": _class(name),
         "constant": name.upper(),
         "package": package,
         "distribution": _distribution(name),
