@@ -387,6 +387,7 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
     design, limbs, measured = checked.design, checked.limbs, checked.measured
     scores, chosen, refined = run.scores(), run.selection(), run.refinement()
     found = simulation.stored(study, design, limbs, measured, run.folder)
+    _check_unchanged(run, len(found), scores.select("spot", "set_id").n_unique())
     swept = at_measured(found, measured, design.n_sets)
     return Content(
         study=study,
@@ -408,3 +409,12 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
         proofs=run.proofs(),
         certificates=run.certificates(),
     )
+
+
+def _check_unchanged(run: RunDirectory, n_found: int, n_scored: int) -> None:
+    if n_found < n_scored:
+        raise StudyError(
+            f"{run.folder}: {n_scored - n_found} of {n_scored} scored simulations are not those of the study "
+            "as it is now: a mesh, a material, the solver, its settings or a version has changed since; "
+            "`palpate run` simulates them anew, with --fork in a copy of this folder"
+        )

@@ -61,6 +61,15 @@ def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
     assert recorder.stages == {"simulate": [120, 120], "refine": [6, 6]}
 
 
+def test_no_page_is_made_of_simulations_of_another_study(make_study, plugins, tissue, tmp_path):
+    study = make_study()
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    other = replace(study, solver=tissue.Analytic(tissue.AnalyticSettings(offset=0.1)))
+    with pytest.raises(StudyError, match=r"24 of 24 scored simulations are not those .* `palpate run`"):
+        pipeline.report(other, tmp_path / "run", plugins)
+    assert pipeline.report(study, tmp_path / "run", plugins).files
+
+
 def test_the_verbs_alone_leave_what_the_run_leaves(make_study, plugins, tmp_path):
     study = make_study(refine=True)
     result = pipeline.run_study(study, tmp_path / "whole", plugins)
