@@ -80,13 +80,14 @@ c3 = "0.06 kPa"
 kappa = "0.5 MPa"
 
 [sampling]
-n_sets = 12
+n_sets = 32
 seed = 1
 
 [sampling.filters.drucker]
 
 [solver]
 name = "jax"
+settings = { guided = true }
 
 [selection]
 scenarios = ["I", "II", "III"]
