@@ -1,5 +1,6 @@
 """``palpate experiment inspect``: what a file holds that no study describes yet."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,16 +30,22 @@ class StageGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-def experiment_commands() -> typer.Typer:
-    """``palpate experiment STUDY`` and ``palpate experiment inspect FILE``."""
+def stage_group(stage: Callable[..., None], kind: type[StageGroup], metavar: str) -> typer.Typer:
+    """A stage as a group, which more commands may be added to."""
     group = typer.Typer(
-        cls=StageGroup,
+        cls=kind,
         no_args_is_help=True,
         rich_markup_mode=None,
-        subcommand_metavar="STUDY | inspect FILE",
-        help=experiment.__doc__,
+        subcommand_metavar=metavar,
+        help=stage.__doc__,
     )
-    group.command(STAGE)(experiment)
+    group.command(STAGE)(stage)
+    return group
+
+
+def experiment_commands() -> typer.Typer:
+    """``palpate experiment STUDY`` and ``palpate experiment inspect FILE``."""
+    group = stage_group(experiment, StageGroup, "STUDY | inspect FILE")
     calls = examples(
         "palpate experiment inspect press.csv", "palpate experiment inspect bag/ --loader robot_log"
     )

@@ -5,7 +5,7 @@ from typing import Any
 
 import typer
 
-from palpate.cli.inspect import STAGE, StageGroup
+from palpate.cli.inspect import StageGroup, stage_group
 from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.session import Session
 
@@ -50,12 +50,4 @@ class LimbGroup(StageGroup):
 
 def limb_commands() -> typer.Typer:
     """``palpate limb STUDY``, and what plugins add to it under names of their own."""
-    group = typer.Typer(
-        cls=LimbGroup,
-        no_args_is_help=True,
-        rich_markup_mode=None,
-        subcommand_metavar="STUDY | SCAN",
-        help=limb.__doc__,
-    )
-    group.command(STAGE)(limb)
-    return group
+    return stage_group(limb, LimbGroup, "STUDY | SCAN")
