@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 
 from palpate import pipeline, simulation
-from palpate.domain import Design
 from palpate.errors import NothingSelectableError, StoppedError, StudyError
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
@@ -300,13 +299,12 @@ def cost(study: Study, plugins: Plugins, n_timed: int = 2) -> Cost:
     to_do = simulation.jobs(study, checked.design, checked.measured)[: n_timed + 1]
     spot = to_do[0].spot
     timed = [study.solver.simulate(job, checked.limbs.get(spot)).seconds for job in to_do if job.spot == spot]
-    seconds = float(np.mean(timed[1:] or timed))
-    return cost_of(checked.design, len(study.spots), seconds)
-
-
-def cost_of(design: Design, n_spots: int, seconds_each: float) -> Cost:
-    """Cost of a design of which one simulation takes ``seconds_each``."""
-    return Cost(n_drawn=design.n_drawn, n_kept=design.n_sets, n_spots=n_spots, seconds_each=seconds_each)
+    return Cost(
+        n_drawn=checked.design.n_drawn,
+        n_kept=checked.design.n_sets,
+        n_spots=len(study.spots),
+        seconds_each=float(np.mean(timed[1:] or timed)),
+    )
 
 
 def sets_within(minutes: float, costs: Iterable[Cost], n_workers: int) -> int:
