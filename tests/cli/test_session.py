@@ -7,6 +7,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from palpate.cli.progress import StageProgress
 from palpate.cli.session import MAX_ROWS, Session
 
 
@@ -55,3 +56,23 @@ def test_brackets_are_text_not_markup(printed: Printed) -> None:
 def test_json_has_no_numbers_that_json_lacks(capsys: pytest.CaptureFixture[str]) -> None:
     Session().json({"a": [math.nan, -math.inf, 1.5, True], "b": Path("x"), "c": (None, "µ")})
     assert json.loads(capsys.readouterr().out) == {"a": [None, None, 1.5, True], "b": "x", "c": [None, "µ"]}
+
+
+def test_control_characters_are_spelt_out_wherever_text_is_printed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    session, steering = Session(), "a\x1b[31mb\x9b2Jc\rd\x7f"
+    session.say(steering)
+    session.table(steering, [steering], [[steering]])
+    session.frame("Names", pl.DataFrame({"name": [steering]}))
+    session.json({"name": steering})
+    with StageProgress(session) as progress:
+        progress.begin(steering, 1)
+        progress.note(steering)
+        progress.step(steering)
+    session.next(steering)
+    printed = capsys.readouterr()
+    for text in (printed.out, printed.err):
+        assert not set("\x1b\x9b\r\x7f") & set(text)
+        assert r"a\u001b[31mb\u009b2Jc" in text
+    assert json.loads(printed.out[printed.out.index("{") :])["name"] == steering

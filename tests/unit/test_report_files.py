@@ -137,3 +137,14 @@ def test_numbers_are_short_where_they_are_read_and_whole_where_they_are_used(tmp
     assert "0.123456789,12,," in (tmp_path / "t.csv").read_text()
     assert "| 0.1235 | 12 | – | inf | True |" in (tmp_path / "t.md").read_text()
     assert r"$0.1235$ & $12$ & -- & $\infty$ & True \\" in (tmp_path / "t.tex").read_text()
+
+
+def test_text_in_csv_is_no_formula_and_numbers_stay_numbers(tmp_path):
+    table = pl.DataFrame(
+        {"=1+1": ["=cmd|' /C calc'!A0", "+1", "@x", "-2 steps", "\tx", "p-1"], "x": [-1.5] * 6}
+    )
+    write_tables({"t": table}, tmp_path)
+    back = pl.read_csv(tmp_path / "t.csv")
+    assert back.columns == ["'=1+1", "x"]
+    assert [text[:2] for text in back["'=1+1"]] == ["'=", "'+", "'@", "'-", "'\t", "p-"]
+    assert back["x"].to_list() == [-1.5] * 6

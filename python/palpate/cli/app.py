@@ -33,7 +33,7 @@ from palpate.cli.sample import sample
 from palpate.cli.schema import schema
 from palpate.cli.score import score
 from palpate.cli.select import select
-from palpate.cli.session import Session
+from palpate.cli.session import Session, visible
 from palpate.cli.simulate import simulate
 from palpate.cli.status import status
 from palpate.cli.synthesise import synthesise
@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from palpate.plugin_registry import add_commands
 
             for broken in add_commands(app, files):
-                typer.echo(f"plugin left out: {broken}", err=True)
+                typer.echo(visible(f"plugin left out: {broken}"), err=True)
         app(list(given), obj=session, prog_name="palpate")
     except NothingSelectableError as error:
         return _fail(error, 1)
@@ -147,5 +147,5 @@ def _is_core_command(arguments: Sequence[str]) -> bool:
 
 
 def _fail(error: PalpateError, code: int) -> int:
-    typer.echo(f"palpate: {error}", err=True)
+    typer.echo(visible(f"palpate: {error}"), err=True)
     return code

@@ -4,10 +4,10 @@ import json
 import math
 import sys
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
@@ -61,9 +61,7 @@ class Session:
     @cached_property
     def stdout(self) -> "Console":
         """Where results go."""
-        from rich.console import Console
-
-        console = Console(highlight=False, soft_wrap=True)
+        console = _console()
         if not console.is_terminal:
             console.width = FILE_WIDTH
         return console
@@ -71,9 +69,7 @@ class Session:
     @cached_property
     def stderr(self) -> "Console":
         """Where progress and notes go."""
-        from rich.console import Console
-
-        return Console(stderr=True, highlight=False, soft_wrap=True)
+        return _console(stderr=True)
 
     def study(self, path: Path, *, need_measured: bool = True) -> "Study":
         """Read and check a study file."""
@@ -101,7 +97,7 @@ class Session:
 
     def json(self, value: object) -> None:
         """Print a value as JSON; numbers that are not finite become null."""
-        typer.echo(json.dumps(_plain(value), indent=2, ensure_ascii=False))
+        typer.echo(visible(json.dumps(_plain(value), indent=2, ensure_ascii=False)))
 
     def frame(self, title: str, frame: "pl.DataFrame") -> None:
         """Print a data frame as a table; a wide one of few rows lies on its side."""
@@ -126,6 +122,27 @@ class Session:
         for row in rows:
             table.add_row(*map(_escaped, row))
         self.stdout.print(table)
+
+
+_CONTROLS = {code: f"\\u{code:04x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
+
+
+def visible(text: str) -> str:
+    """Spell out control characters, so that no name or message can steer the terminal."""
+    return text.translate(_CONTROLS)
+
+
+def _console(*, stderr: bool = False) -> "Console":
+    """Make a console that prints control characters of any text as they are spelt."""
+    from rich.console import Console
+    from rich.segment import Segment
+
+    class Visible(Console):
+        def render(self, renderable: Any, options: Any = None) -> "Iterator[Segment]":  # noqa: ANN401 - rich's
+            for text, style, control in super().render(renderable, options):
+                yield Segment(text if control else visible(text), style, control)
+
+    return Visible(stderr=stderr, highlight=False, soft_wrap=True)
 
 
 def run_folder(study: "Study", out: Path | None) -> Path:

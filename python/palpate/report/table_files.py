@@ -1,5 +1,6 @@
 """Tables as files: CSV with every digit, LaTeX and Markdown to be printed."""
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from palpate.report.tables import TITLES
 from palpate.results import write_atomically
 
 _MISSING = "–"
+_FORMULA = r"^[=+@\-\t\r]"
+"""How a cell begins that a spreadsheet would run."""
 _INFINITE = r"\infty"
 _LATEX = str.maketrans(
     {
@@ -52,7 +55,14 @@ def write_tables(tables: Mapping[str, pl.DataFrame], folder: Path) -> tuple[Path
 
 
 def _csv(_: str, table: pl.DataFrame) -> str:
-    return table.write_csv()
+    """Write a table for a spreadsheet: an apostrophe keeps text that begins like a formula from being one."""
+    heads = {name: _not_a_formula(name) for name in table.columns}
+    texts = pl.col(pl.String).str.replace(_FORMULA, "'$0")
+    return table.with_columns(texts).rename(heads).write_csv()
+
+
+def _not_a_formula(text: str) -> str:
+    return re.sub(_FORMULA, r"'\g<0>", text)
 
 
 def latex(name: str, table: pl.DataFrame) -> str:
