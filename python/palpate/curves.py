@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,9 @@ class Channel:
     """What a curve is about: one measured quantity over another.
 
     ``abscissa`` and ``ordinate`` are column names that carry their unit, such as
-    ``depth_mm`` and ``force_N``; the labels are for people.
+    ``depth_mm`` and ``force_N``; the labels are for people. ``degree`` is that of the
+    ordinate in the moduli: 1 where it doubles when all of them double (a force, a torque, a
+    stress), 0 where it stays as it is (a displacement, an angle, a ratio).
     """
 
     name: str
@@ -35,6 +37,7 @@ class Channel:
     ordinate: str
     abscissa_label: str
     ordinate_label: str
+    degree: Literal[0, 1] = 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,7 +1,8 @@
 """The best multiple of each simulated set: one simulation scores a whole ray of sets.
 
 Multiply every modulus by s, and with the same motion, friction and a contact
-penalty in proportion to the stiffness, force and torque are multiplied by s.
+penalty in proportion to the stiffness, force and torque are multiplied by s; a
+channel of degree 0, such as a displacement, stays as it is.
 So Fopt is a parabola in s whose least value is known from the simulation at
 s = 1. The set that this promises is simulated before it is reported.
 """
@@ -60,7 +61,7 @@ def along_rays(
         ``scale`` is 1 where a filter refuses the multiple.
     """
     # Fopt(s) = a s² - 2 b s + c, of which a, b and c are Fopt at s = 0, 1 and -1.
-    c, here, mirrored = (_fopts(study, _scaled(simulations, s), measured) for s in (0.0, 1.0, -1.0))
+    c, here, mirrored = (_fopts(study, _scaled(study, simulations, s), measured) for s in (0.0, 1.0, -1.0))
     together = here.join(c, on=_KEYS, suffix="_c", maintain_order="left")
     together = together.join(mirrored, on=_KEYS, suffix="_mirrored", maintain_order="left")
     at_0, at_1, at_minus_1 = (together[name].to_numpy() for name in ("fopt_c", "fopt", "fopt_mirrored"))
@@ -137,7 +138,7 @@ class _Winner:
     values: FloatArray
 
     def row(self, found: Mapping[str, Any], limb: Limb | None) -> pl.DataFrame:
-        promised = self._scored(next(_scaled([self.simulation], self.scale)))
+        promised = self._scored(next(_scaled(self.study, [self.simulation], self.scale)))
         again = job_for(self.study, found["spot"], NO_ROW, self.values, self.measured)
         simulation = self.study.solver.simulate(again, limb)
         kept = self._scored(simulation)
@@ -206,11 +207,13 @@ def _scores(
     )
 
 
-def _scaled(simulations: Iterable[Simulation], scale: float) -> Iterator[Simulation]:
+def _scaled(study: Study, simulations: Iterable[Simulation], scale: float) -> Iterator[Simulation]:
     for simulation in simulations:
         if simulation.response is None:
             yield simulation
             continue
-        curves = simulation.response.curves.items()
-        multiplied = {name: replace(curve, ordinate=scale * curve.ordinate) for name, curve in curves}
+        multiplied = {
+            name: curve if name in study.unscaled else replace(curve, ordinate=scale * curve.ordinate)
+            for name, curve in simulation.response.curves.items()
+        }
         yield replace(simulation, response=Response(curves=multiplied))

@@ -67,6 +67,8 @@ class Study:
         How often a job may end its worker before it is given up.
     cache : Path, optional
         Folder of results shared with other studies.
+    unscaled : frozenset of str
+        Channels of degree 0: their ordinates stay as they are when all moduli are scaled.
     n_total : int
         Sets that the design of ``n_sets`` is extended to; 0: not extended.
     """
@@ -102,6 +104,7 @@ class Study:
     rank_partial: bool = False
     n_attempts: int = 2
     cache: Path | None = None
+    unscaled: frozenset[str] = frozenset()
     n_total: int = 0
 
     def __repr__(self) -> str:
@@ -227,6 +230,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         executor=parts.executor,
         memory_limit_MB=running.memory_limit or 0.0,
         n_attempts=running.attempts,
+        unscaled=frozenset(n for n, channel in context.plugins.channels.items() if channel.degree == 0),
         cache=context.file.parent / running.cache if running.cache else None,
     )
 

@@ -186,7 +186,7 @@ def test_ctrl_c_ends_with_130_and_says_how_to_go_on(call: Call, monkeypatch: pyt
 def test_a_process_ends_with_the_code(study: Path, tmp_path: Path) -> None:
     edit(study, '"closed_form"', '"clsed_form"')
     done = subprocess.run(
-        [sys.executable, "-m", "palpate.cli", "check", str(study), "--plugin", PLUGIN],
+        [sys.executable, "-m", "palpate", "check", str(study), "--plugin", PLUGIN],
         capture_output=True,
         text=True,
         check=False,

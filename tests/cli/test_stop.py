@@ -34,7 +34,7 @@ def start(slow_study, tmp_path):
     started = []
 
     def run(pause_s):
-        command = [sys.executable, "-m", "palpate.cli", "--plugin", plugin, "run", study, "--out", "run"]
+        command = [sys.executable, "-m", "palpate", "--plugin", plugin, "run", study, "--out", "run"]
         process = subprocess.Popen(
             command,
             cwd=tmp_path,

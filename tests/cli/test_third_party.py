@@ -58,7 +58,7 @@ def test_it_is_used_in_a_study_and_leaves_with_its_folder(installed: Path) -> No
     assert strip_only["fopt"] == strip_only["nmse_uniaxial"] <= both["nmse_uniaxial"]
 
     shutil.rmtree(installed)
-    refused = run(installed, "-m", "palpate.cli", "check", str(EXAMPLE / "study"))
+    refused = run(installed, "-m", "palpate", "check", str(EXAMPLE / "study"))
     assert refused.returncode == 2
     assert "no experiment loader 'strip'" in refused.stderr
     assert "no material 'reinforced'" in refused.stderr

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from palpate import _core, pipeline, scoring, selection, simulation
-from palpate.domain import Design, Parameter, Scenario, Status
+from palpate.domain import Design, Parameter, Response, Scenario, Status
 from palpate.errors import StudyError
 from palpate.experiment import load_measured
 from palpate.interfaces import SetFilter
@@ -101,6 +101,20 @@ def test_a_set_on_the_ray_of_the_truth_finds_the_truth(swept):
     assert row["soft_tissue.stiffness"] == pytest.approx(0.4)
     assert row["soft_tissue.grip"] == pytest.approx(20)
     assert row["fopt"] < 1e-24
+
+
+def test_a_channel_of_degree_0_stays_as_it_is_along_a_ray(swept, tissue):
+    class Ratio(tissue.Analytic):
+        """Gives grip over stiffness for a torque, which no common factor changes."""
+
+        def behave(self, job):
+            whole, ((stiffness, _),) = super().behave(job), job.thetas.values()
+            torque = whole.response["torque"]
+            ratio = replace(torque, ordinate=torque.ordinate / stiffness)
+            return replace(whole, response=Response(curves={**whole.response.curves, "torque": ratio}))
+
+    messages = [swept(solver=Ratio(), unscaled=names).best()["message"] for names in ({"torque"}, set())]
+    assert [(m == "kept").all() for m in messages] == [True, False]
 
 
 def test_the_best_is_never_worse_than_the_sweep(swept):

@@ -144,7 +144,7 @@ def test_a_log_that_stops_half_way_ends_with_2_and_leaves_its_picture(tmp_path):
     text = (folder() / "study.toml").read_text()
     experiment = text[text.index("[experiment]") : text.index("[limb]")]
     write_study(tmp_path / "study.toml", '"half.parquet"', experiment)
-    command = [sys.executable, "-m", "palpate.cli", "experiment", ".", "--out", "run", "--plots"]
+    command = [sys.executable, "-m", "palpate", "experiment", ".", "--out", "run", "--plots"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "half.parquet" in done.stderr

@@ -1,4 +1,4 @@
-"""``python -m palpate.cli``."""
+"""``python -m palpate``."""
 
 import sys
 
