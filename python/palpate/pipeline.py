@@ -201,7 +201,7 @@ def _changed(study: Study, checked: Checked, run: RunDirectory, plugins: Plugins
         return Changed(changes=(), n_finished=0, n_valid=0)
     to_do = simulation.jobs(study, checked.design, checked.measured)
     keys = simulation.keys(study, to_do, checked.limbs)
-    with Ledger(run.folder, take_old=True) as ledger:
+    with Ledger(run.folder) as ledger:
         return changed(ledger, run.manifest(), manifest(study, plugins.channels), keys)
 
 

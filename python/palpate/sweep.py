@@ -16,7 +16,6 @@ from palpate.executors import Limits, Outcome, Processes, Work
 from palpate.interfaces import Solver
 from palpate.ledger import Entry, Finished, Ledger, Writer
 from palpate.ledger.cache import ResultCache
-from palpate.ledger.takeover import take_over
 from palpate.plugins import answering_for
 from palpate.progress import SILENT, CountsRunning, Progress
 from palpate.study import Study
@@ -78,8 +77,6 @@ def run_sweep(sweep: Sweep) -> dict[str, Simulation]:
     with Writer(sweep.folder, sweep.check) as writer:
         if writer.repaired:
             sweep.progress.note(writer.repaired)
-        if n_taken := take_over(sweep.folder, writer):
-            sweep.progress.note(f"{n_taken} simulations of an earlier version taken over into the ledger")
         writer.plan(sweep.keys, sweep.jobs)
         state = _found(sweep, by_key, len(solvers))
         _tell(sweep, state)

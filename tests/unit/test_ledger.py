@@ -1,7 +1,6 @@
-"""The ledger: what it took is on the disk, what is damaged is named, what is old is taken over."""
+"""The ledger: what it took is on the disk, what is damaged is named."""
 
 import errno
-import json
 import os
 import shutil
 import sqlite3
@@ -20,8 +19,6 @@ from palpate.ledger import Entry, Finished, Ledger, Writer, journal
 from palpate.ledger.cache import ResultCache
 from palpate.ledger.curve_files import pack, unpack
 from palpate.ledger.journal import torn_end
-from palpate.ledger.takeover import take_over
-from palpate.results import frame_of, write_frame
 
 
 def job(set_id=0, spot="p1"):
@@ -374,37 +371,6 @@ def test_the_caller_hears_of_a_failure_at_the_next_store(tmp_path):
         writer.store(finished(0))
         writer.flush()
     assert not read(tmp_path, 0)
-
-
-# ------------------------------------------------------------------ old versions
-
-
-def old_run(folder, n=3):
-    """Write results as palpate did before it had a ledger."""
-    lines = []
-    for i in range(n):
-        write_frame(folder / "curves" / f"key{i}.parquet", frame_of(response(1.0 + i)))
-        line = {"key": f"key{i}", "spot": "p1", "set_id": i, "status": "ok", "message": "", "seconds": 1.5,
-                "curves": True, "diagnostics": {"n": 1}}  # fmt: skip
-        lines.append(json.dumps(line))
-    lines.append('{"key": "torn", "sp')
-    (folder / "simulations.jsonl").write_text("\n".join(lines))
-
-
-def test_results_of_an_earlier_version_are_taken_over(tmp_path):
-    old_run(tmp_path)
-    (tmp_path / "curves" / "key1.parquet").write_bytes(b"PAR1 torn")
-    with pytest.raises(LedgerError, match=r"simulations\.jsonl: written by an earlier version.*simulate"):
-        read(tmp_path, 0)
-    with Writer(tmp_path) as writer:
-        assert take_over(tmp_path, writer) == 3
-        assert take_over(tmp_path, writer) == 0
-    found = read(tmp_path, *range(3))
-    assert list(found) == ["key0", "key2"]
-    same(found["key2"].response, response(3.0))
-    assert found["key2"].diagnostics == {"n": 1}
-    assert not (tmp_path / "simulations.jsonl").exists()
-    assert [path.name for path in (tmp_path / "curves").iterdir() if path.stem.startswith("key")] == []
 
 
 # ------------------------------------------------------------------------- cache

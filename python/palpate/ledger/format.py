@@ -60,20 +60,6 @@ def check_version(connection: sqlite3.Connection, path: Path) -> None:
         )
 
 
-def refuse_old(folder: Path) -> None:
-    """Refuse to read what an earlier version wrote and nobody has taken over yet.
-
-    Raises
-    ------
-    LedgerError
-    """
-    if (folder / "simulations.jsonl").exists():
-        raise LedgerError(
-            f"{folder / 'simulations.jsonl'}: written by an earlier version; "
-            "`palpate simulate` takes it over into a ledger"
-        )
-
-
 @contextlib.contextmanager
 def told(path: Path) -> Iterator[None]:
     """Turn what SQLite and the file system raise into a LedgerError with what to do.

@@ -24,7 +24,6 @@ from palpate.ledger.format import (
     damaged,
     digest,
     is_blank,
-    refuse_old,
     told,
 )
 
@@ -53,8 +52,6 @@ class Ledger:
     ----------
     folder : Path
         The run directory. One without a ledger reads as one with nothing in it.
-    take_old : bool
-        Whether one that an earlier version wrote reads so too, since it is about to be taken over.
 
     Raises
     ------
@@ -62,10 +59,10 @@ class Ledger:
         Not a ledger, of another version, or damaged.
     """
 
-    def __init__(self, folder: Path, *, take_old: bool = False) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.path = folder / LEDGER
-        self._connection = self._open(take_old=take_old)
+        self._connection = self._open()
 
     def __enter__(self) -> "Ledger":
         return self
@@ -73,10 +70,8 @@ class Ledger:
     def __exit__(self, *_: object) -> None:
         self._connection.close()
 
-    def _open(self, *, take_old: bool) -> sqlite3.Connection:
+    def _open(self) -> sqlite3.Connection:
         if not self.path.exists():
-            if not take_old:
-                refuse_old(self.folder)
             return _empty()
         with told(self.path):
             connection = _read_only(self.path)
