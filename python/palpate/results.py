@@ -2,6 +2,8 @@
 
 import io
 import os
+import re
+import secrets
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -88,9 +90,10 @@ def write_whole(path: Path, content: bytes, *, durable: bool = True) -> None:
     OSError
         Nothing is left behind then.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = path.with_name(temporary_name(path.name))
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
     try:
-        with part.open("wb") as file:
+        with open(os.open(part, flags, 0o666), "wb") as file:
             file.write(content)
             if durable:
                 file.flush()
@@ -101,6 +104,23 @@ def write_whole(path: Path, content: bytes, *, durable: bool = True) -> None:
         raise
     if durable:
         _sync_folder(path.parent)
+
+
+def temporary_name(name: str) -> str:
+    """Name of a file while it is written: nobody can guess it, and it shows who wrote it."""
+    return f".{name}.{secrets.token_hex(8)}.palpate"
+
+
+_TEMPORARY = re.compile(r"\..+\.[0-9a-f]{16}\.palpate")
+
+
+def remove_temporary(folder: Path) -> None:
+    """Remove what a killed process was writing in this very folder; a link to a folder is left alone."""
+    if folder.is_symlink() or not folder.is_dir():
+        return
+    for path in list(folder.iterdir()):
+        if _TEMPORARY.fullmatch(path.name):
+            path.unlink(missing_ok=True)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -4,21 +4,17 @@ import errno
 import os
 import shutil
 import sqlite3
-import tempfile
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from palpate.domain import Curve, Job, Response, Simulation, Status
 from palpate.errors import LedgerError
-from palpate.ledger import Entry, Finished, Ledger, Writer, journal
+from palpate.ledger import Entry, Finished, Ledger, Writer
 from palpate.ledger.cache import ResultCache
 from palpate.ledger.curve_files import pack, unpack
-from palpate.ledger.journal import torn_end
+from palpate.results import write_atomically
 
 
 def job(set_id=0, spot="p1"):
@@ -248,56 +244,82 @@ def test_a_torn_journal_costs_its_last_group_and_says_so(killed, name, spoil):
     folder = killed("copy", spoil)
     assert list(read(folder, *range(6))) == [f"key{i}" for i in range(5)]
     with Writer(folder) as writer:
-        assert "ledger.sqlite-wal: the last group was cut short and is dropped" in writer.repaired
+        assert "the last group of simulations was not written completely" in writer.repaired
         writer.store(finished(5))
     assert len(read(folder, *range(6))) == 6
 
 
-def test_a_whole_journal_and_one_that_only_a_commit_lacks_are_told_apart(killed):
-    with Writer(killed("whole copy", lambda wal: wal)) as writer:
-        assert writer.repaired == ""
-    assert torn_end(killed("header alone", lambda wal: wal[:32]) / "ledger.sqlite") == ""
+def test_a_log_that_lost_more_than_the_last_group_is_refused_by_reader_and_writer(killed):
+    """SQLite drops in silence what follows a damaged frame, a damaged header, or a log that was removed."""
+    whole = killed("untouched", lambda wal: wal)
+    assert Writer(whole).__enter__().repaired == ""
+    for place in (9, 20, 32 + 3, 32 + 4120 * 2 + 500, None):
+        spoil = (lambda wal: b"") if place is None else (lambda wal, place=place: flipped(wal, place))
+        folder = killed(f"flipped {place}", spoil)
+        damaged = (folder / "ledger.sqlite-wal").read_bytes()
+        for use in (write, read):
+            with pytest.raises(
+                LedgerError, match=r"ledger\.sqlite: damaged: .*000006\.parquet.*Restore a copy"
+            ):
+                use(folder)
+        assert (folder / "ledger.sqlite-wal").read_bytes() == damaged
+    for path in sorted((folder / "curves").iterdir())[int(place is None) :]:
+        path.unlink()
+    write(folder, *(finished(i) for i in range(6)))
+    assert len(read(folder, *range(6))) == 6
 
 
-def test_damage_inside_a_journal_is_refused_with_its_frame_and_nothing_is_dropped(killed):
-    whole = (killed("untouched", lambda wal: wal) / "ledger.sqlite-wal").read_bytes()
-    assert (len(whole) - 32) % 4120 == 0
-    for place in (9, 20, 32 + 3, 32 + 4120 * 2 + 500):
-        folder = killed(f"flipped {place}", lambda wal, place=place: flipped(wal, place))
-        frame = max(0, place - 32) // 4120 + 1
-        with pytest.raises(LedgerError, match=rf"wal: damaged: frame {frame} is not .*\d groups .*Restore"):
-            Writer(folder)
-        assert (folder / "ledger.sqlite-wal").read_bytes() == flipped(whole, place)
+def test_failures_are_missed_too_when_the_log_loses_them(tmp_path):
+    with Writer(tmp_path / "run") as writer:
+        for i in range(4):
+            writer.store(finished(i, Status.TIMED_OUT))
+            writer.flush()
+        shutil.copytree(tmp_path / "run", tmp_path / "copy")
+    (tmp_path / "copy" / "ledger.sqlite-wal").unlink()
+    with pytest.raises(LedgerError, match=r"files up to 000004\.parquet"):
+        read(tmp_path / "copy")
 
 
-@given(st.integers(0, 200), st.lists(st.integers(1, 9000), min_size=1, max_size=8), st.data())
-@settings(max_examples=40, deadline=None)
-def test_as_many_frames_are_sound_as_sqlite_finds(seed, lengths, data):
-    """Against SQLite itself: which transactions it recovers from a spoilt journal."""
-    with tempfile.TemporaryDirectory() as name:
-        path, spoilt = Path(name) / "a.sqlite", Path(name) / "b.sqlite"
-        connection = sqlite3.connect(path, isolation_level=None)
-        connection.executescript("PRAGMA journal_mode = WAL; CREATE TABLE t (a)")
-        for length in lengths:
-            connection.execute("INSERT INTO t VALUES (?)", (f"{seed:03d}" * length,))
-        content = Path(f"{path}-wal").read_bytes()
-        content = flipped(content, data.draw(st.integers(32, len(content) - 1)))
-        spoilt.write_bytes(path.read_bytes())
-        Path(f"{spoilt}-wal").write_bytes(content)
-        connection.close()
-        frames = journal._frames(content)
-        ends = np.flatnonzero(frames.ends[: frames.n_sound])
-        other = sqlite3.connect(spoilt)
-        (_, n_recovered, _) = other.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
-        other.close()
-        assert n_recovered == (ends[-1] + 1 if ends.size else 0)
+@pytest.mark.parametrize("table", ["simulations", "attempts"])
+def test_a_row_that_is_gone_is_missed(tmp_path, table):
+    write(tmp_path, *(finished(i) for i in range(3)))
+    with sqlite3.connect(tmp_path / "ledger.sqlite") as connection:
+        connection.execute(f"DELETE FROM {table} WHERE key = 'key1'")
+    connection.close()
+    for use in (write, read):
+        with pytest.raises(LedgerError, match="damaged: 3 attempts were written, "):
+            use(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["../../.bashrc", "/etc/passwd", "..", "x.parquet", "000001.parquet/../x"])
+def test_a_ledger_that_names_any_other_file_is_refused(tmp_path, name):
+    write(tmp_path / "run", finished(0))
+    (tmp_path / ".bashrc").write_text("mine")
+    with sqlite3.connect(tmp_path / "run" / "ledger.sqlite") as connection:
+        connection.execute("UPDATE curve_files SET name = ?", (name,))
+    connection.close()
+    with Ledger(tmp_path / "run") as ledger:
+        for use in (ledger.without_curves, lambda: ledger.copy_to(tmp_path / "home" / "fork")):
+            with pytest.raises(LedgerError, match="is not a name of a file of curves"):
+                use()
+    assert (tmp_path / ".bashrc").read_text() == "mine"
+
+
+def test_a_link_that_lies_where_a_file_is_to_be_written_is_not_followed(tmp_path, monkeypatch):
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    monkeypatch.setattr("palpate.results.temporary_name", lambda name: f".{name}.palpate")
+    (tmp_path / ".a.json.palpate").symlink_to(victim)
+    with pytest.raises(FileExistsError):
+        write_atomically(tmp_path / "a.json", b"theirs")
+    assert victim.read_text() == "mine"
 
 
 def test_an_emptied_ledger_beside_its_curves_is_refused(tmp_path):
     for i in range(3):
         write(tmp_path, finished(i))
     (tmp_path / "ledger.sqlite").write_bytes(b"")
-    with pytest.raises(LedgerError, match=r"holds nothing, but .*curves holds 3 files .*Restore"):
+    with pytest.raises(LedgerError, match=r"curves/ has files up to 000003\.parquet.*Restore"):
         write(tmp_path)
     assert len(list((tmp_path / "curves").iterdir())) == 3
 
@@ -319,7 +341,7 @@ def test_what_is_no_ledger_or_another_version_is_refused(tmp_path):
         connection.execute("PRAGMA user_version = 99")
     connection.close()
     for use in (write, read):
-        with pytest.raises(LedgerError, match="of version 99, while this palpate reads version 1"):
+        with pytest.raises(LedgerError, match="of version 99, while this palpate reads version 2"):
             use(tmp_path)
 
 
@@ -346,7 +368,7 @@ def test_a_disk_that_fails_stops_the_sweep_and_keeps_what_was(tmp_path, monkeypa
         with pytest.raises(LedgerError, match=rf"{told}.*; everything finished before is kept"):
             write(tmp_path, finished(1))
     assert list(read(tmp_path, 0, 1)) == ["key0"]
-    assert [path.suffix for path in (tmp_path / "curves").iterdir()].count(".part") == 0
+    assert [path.suffix for path in (tmp_path / "curves").iterdir()].count(".palpate") == 0
     write(tmp_path, finished(1))
     assert list(read(tmp_path, 0, 1)) == ["key0", "key1"]
 

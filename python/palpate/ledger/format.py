@@ -4,13 +4,15 @@ import contextlib
 import errno
 import hashlib
 import json
+import os
+import re
 import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from palpate.errors import LedgerError
 
-VERSION = 1
+VERSION = 2
 """Version of the tables; a ledger of another one is refused."""
 
 APPLICATION = 0x70616C70
@@ -29,7 +31,8 @@ CREATE TABLE attempts (
     seconds REAL NOT NULL, settings TEXT NOT NULL, PRIMARY KEY (key, attempt)) WITHOUT ROWID;
 CREATE TABLE jobs (
     spot TEXT NOT NULL, set_id INTEGER NOT NULL, key TEXT NOT NULL, PRIMARY KEY (spot, set_id)) WITHOUT ROWID;
-CREATE TABLE curve_files (name TEXT PRIMARY KEY, size INTEGER NOT NULL, sha256 TEXT NOT NULL);
+CREATE TABLE curve_files (
+    name TEXT PRIMARY KEY, size INTEGER NOT NULL, sha256 TEXT NOT NULL, n_attempts INTEGER NOT NULL);
 PRAGMA application_id = {APPLICATION};
 PRAGMA user_version = {VERSION};
 """
@@ -72,6 +75,8 @@ def told(path: Path) -> Iterator[None]:
         yield
     except sqlite3.Error as error:
         raise LedgerError(_explained(path, error)) from error
+    except UnicodeDecodeError as error:
+        raise damaged(path, f"a text is not UTF-8 ({error.reason})") from error
     except OSError as error:
         where = error.filename or path
         raise LedgerError(f"{where}: {_of_system(error)}; {_KEPT}") from error
@@ -117,6 +122,73 @@ def check_sound(connection: sqlite3.Connection, path: Path) -> None:
     (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
     if verdict != "ok":
         raise damaged(path, verdict)
+
+
+_CURVE_FILE = re.compile(r"[0-9]{6,9}\.parquet")
+
+
+def curve_file(folder: Path, name: str) -> Path:
+    """Path of a file of curves that the ledger in ``folder`` names.
+
+    Raises
+    ------
+    LedgerError
+        The name is not one that palpate gives, so that it could lead to any other file.
+    """
+    if not _CURVE_FILE.fullmatch(name):
+        raise damaged(folder / LEDGER, f"{name!r} is not a name of a file of curves")
+    return folder / CURVES / name
+
+
+def last_curve_file(folder: Path) -> int:
+    """Number of the last file of curves in a run directory; 0 where there is none."""
+    try:
+        names = os.listdir(folder / CURVES)
+    except FileNotFoundError:
+        return 0
+    return max((int(name.split(".")[0]) for name in names if _CURVE_FILE.fullmatch(name)), default=0)
+
+
+def check_complete(connection: sqlite3.Connection, path: Path, n_files: int) -> bool:
+    """Refuse a ledger that has lost rows, which SQLite does not notice.
+
+    A damaged or deleted log costs, without an error, every transaction from there on. But each
+    transaction of results comes after a file of curves with the next number, so at most
+    one file, that of a writer which was killed, is without its row.
+
+    Parameters
+    ----------
+    n_files : int
+        What :func:`last_curve_file` returned before this connection read anything.
+
+    Returns
+    -------
+    bool
+        Whether the last file of curves is without its row.
+
+    Raises
+    ------
+    LedgerError
+    """
+    (n_known,) = connection.execute("SELECT coalesce(max(rowid), 0) FROM curve_files").fetchone()
+    if n_files > n_known + 1:
+        raise LedgerError(
+            f"{path}: damaged: it ends with {CURVES}/{n_known:06d}.parquet, but {CURVES}/ has files up to "
+            f"{n_files:06d}.parquet; the disk may be failing, or {path.name}-wal was removed. Restore a copy "
+            f"of {path.name}*, or delete the files of {CURVES}/ after {n_known:06d}.parquet: what they hold is "
+            "then simulated again"
+        )
+    n_attempts, n_recorded, n_keys, n_rows = connection.execute(
+        "SELECT (SELECT coalesce(sum(n_attempts), 0) FROM curve_files), (SELECT count(*) FROM attempts), "
+        "(SELECT count(DISTINCT key) FROM attempts), (SELECT count(*) FROM simulations)"
+    ).fetchone()
+    if n_attempts != n_recorded or n_keys != n_rows:
+        raise damaged(
+            path,
+            f"{n_attempts} attempts were written, {n_recorded} attempts and {n_rows} of {n_keys} "
+            "simulations are there",
+        )
+    return bool(n_files == n_known + 1)
 
 
 def digest(row: Sequence[object]) -> str:

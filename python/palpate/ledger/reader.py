@@ -4,7 +4,6 @@ import contextlib
 import hashlib
 import json
 import os
-import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,12 +19,17 @@ from palpate.ledger.format import (
     CURVES,
     LEDGER,
     TABLES,
+    check_complete,
+    check_sound,
     check_version,
+    curve_file,
     damaged,
     digest,
     is_blank,
+    last_curve_file,
     told,
 )
+from palpate.results import temporary_name, write_whole
 
 
 class Entry(NamedTuple):
@@ -53,6 +57,11 @@ class Ledger:
     folder : Path
         The run directory. One without a ledger reads as one with nothing in it.
 
+    Attributes
+    ----------
+    is_torn : bool
+        Whether a writer was killed, or is at work, between its last curves and their rows.
+
     Raises
     ------
     LedgerError
@@ -62,7 +71,14 @@ class Ledger:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.path = folder / LEDGER
+        n_files = last_curve_file(folder)
         self._connection = self._open()
+        try:
+            with told(self.path):
+                self.is_torn = check_complete(self._connection, self.path, n_files)
+        except BaseException:
+            self._connection.close()
+            raise
 
     def __enter__(self) -> "Ledger":
         return self
@@ -79,6 +95,7 @@ class Ledger:
                 connection.close()
                 return _empty()
             check_version(connection, self.path)
+            check_sound(connection, self.path)
         return connection
 
     # -------------------------------------------------------------------- reading
@@ -124,13 +141,12 @@ class Ledger:
             raise LedgerError(f"{folder / LEDGER}: already there; name a folder without a run")
         with told(folder):
             (folder / CURVES).mkdir(parents=True, exist_ok=True)
-            part = folder / f".{LEDGER}.part"
-            part.unlink(missing_ok=True)
+            part = folder / temporary_name(LEDGER)
             with contextlib.closing(sqlite3.connect(part)) as copy:
                 self._connection.backup(copy)
                 names = [name for (name,) in copy.execute("SELECT name FROM curve_files")]
             for name in names:
-                _link(self.folder / CURVES / name, folder / CURVES / name)
+                _link(curve_file(self.folder, name), curve_file(folder, name))
             part.replace(folder / LEDGER)
 
     def counts(self) -> dict[str, int]:
@@ -165,26 +181,29 @@ class Ledger:
             A row or a file of curves holds something else than what was written.
         """
         rows = {row["key"]: row for row in self._rows(list(jobs))}
-        responses = self._responses(rows.values())
-        return {
-            key: Simulation(
-                job=jobs[key],
-                status=Status(row["state"]),
-                response=responses.get(key),
-                message=row["message"],
-                seconds=row["seconds"],
-                diagnostics=json.loads(row["diagnostics"]),
-            )
-            for key, row in rows.items()
-            if row["curves"] is None or key in responses
-        }
+        try:
+            responses = self._responses(rows.values())
+            return {
+                key: Simulation(
+                    job=jobs[key],
+                    status=Status(row["state"]),
+                    response=responses.get(key),
+                    message=row["message"],
+                    seconds=row["seconds"],
+                    diagnostics=json.loads(row["diagnostics"]),
+                )
+                for key, row in rows.items()
+                if row["curves"] is None or key in responses
+            }
+        except (IndexError, ValueError, RecursionError, pl.exceptions.PolarsError) as error:
+            raise damaged(self.path, f"a row cannot be read ({error})") from error
 
     def without_curves(self) -> set[str]:
         """Keys whose file of curves is missing or cut short; their simulations have to be done again."""
         gone = {
             name
             for name, size in self._all("SELECT name, size FROM curve_files")
-            if _size(self.folder / CURVES / name) < size
+            if _size(curve_file(self.folder, name)) < size
         }
         if not gone:
             return set()
@@ -212,11 +231,11 @@ class Ledger:
         return responses
 
     def _read_curves(self, name: str, expected: list[Any] | None, keys: Sequence[str]) -> dict[str, Response]:
-        path = self.folder / CURVES / name
+        path = curve_file(self.folder, name)
         if expected is None:
             raise damaged(self.path, f"curve_files has no row '{name}'")
         content = path.read_bytes() if path.is_file() else b""
-        size, sha256 = expected
+        size, sha256, _ = expected
         if len(content) < size:
             return {}
         if hashlib.sha256(content).hexdigest() != sha256:
@@ -263,9 +282,9 @@ def _link(source: Path, target: Path) -> None:
     if not source.exists():
         return  # done again in the copy, as it would be here
     try:
-        os.link(source, target)
+        os.link(source, target, follow_symlinks=False)
     except OSError:
-        shutil.copyfile(source, target)
+        write_whole(target, source.read_bytes())
 
 
 def _size(path: Path) -> int:

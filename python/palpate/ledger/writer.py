@@ -16,11 +16,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from palpate.domain import Job, Simulation
-from palpate.errors import LedgerError
 from palpate.ledger.curve_files import pack
-from palpate.ledger.format import CURVES, LEDGER, TABLES, check_sound, check_version, digest, is_blank, told
-from palpate.ledger.journal import torn_end
-from palpate.results import plain, write_whole
+from palpate.ledger.format import CURVES, LEDGER, TABLES, digest, is_blank, told
+from palpate.ledger.reader import Ledger
+from palpate.results import plain, remove_temporary, write_whole
+
+_TORN = "the last group of simulations was not written completely; it is simulated again"
 
 LARGEST_GROUP = 256
 """Most simulations that are written together."""
@@ -74,9 +75,11 @@ class Writer:
         self._failure: BaseException | None = None
         with told(self.path):
             self._curves.mkdir(parents=True, exist_ok=True)
-            self.repaired = torn_end(self.path)
+            # Read first: a writer drops for good what it cannot read of SQLite's log.
+            with Ledger(folder) as before:
+                self.repaired = _TORN if before.is_torn else ""
             self._connection = _opened(self.path)
-            self._tidy()
+            remove_temporary(self._curves)
         self._thread = threading.Thread(target=self._write_all, daemon=True)
         self._thread.start()
 
@@ -163,37 +166,20 @@ class Writer:
             curves = self._write_curves(list(last_of_key.values()))
             with self._connection as transaction:
                 transaction.execute("BEGIN IMMEDIATE")
-                if curves is not None:
-                    transaction.execute("INSERT INTO curve_files VALUES (?, ?, ?)", curves)
+                transaction.execute("INSERT INTO curve_files VALUES (?, ?, ?, ?)", (*curves, len(group)))
                 for finished in group:
-                    _insert(transaction, finished, curves[0] if curves else None)
+                    _insert(transaction, finished, curves[0])
 
-    def _write_curves(self, group: Sequence[Finished]) -> tuple[str, int, str] | None:
+    def _write_curves(self, group: Sequence[Finished]) -> tuple[str, int, str]:
+        """Write the file of a group, even without curves: by its number a reader notices lost rows."""
         responses = {f.key: f.simulation.response for f in group if f.simulation.response is not None}
-        if not responses:
-            return None
         (n_files,) = self._connection.execute("SELECT coalesce(max(rowid), 0) FROM curve_files").fetchone()
         name, content = f"{n_files + 1:06d}.parquet", pack(responses)
         write_whole(self._curves / name, content)
         return name, len(content), hashlib.sha256(content).hexdigest()
 
-    def _tidy(self) -> None:
-        """Remove what a killed runner was writing, and refuse a ledger that lost its rows."""
-        files = list(self._curves.iterdir())
-        for path in files:
-            if path.suffix == ".part":
-                path.unlink()
-        (n_known,) = self._connection.execute("SELECT count(*) FROM curve_files").fetchone()
-        n_files = sum(path.suffix == ".parquet" and path.stem.isdecimal() for path in files)
-        # A kill leaves one file behind that no row names; the next group takes its name.
-        if n_known == 0 and n_files > 1:
-            raise LedgerError(
-                f"{self.path}: holds nothing, but {self._curves} holds {n_files} files of curves: it was "
-                f"lost or emptied. Restore a copy of it, or move {CURVES}/ away to begin anew"
-            )
 
-
-def _insert(transaction: sqlite3.Connection, finished: Finished, curves: str | None) -> None:
+def _insert(transaction: sqlite3.Connection, finished: Finished, curves: str) -> None:
     simulation, key = finished.simulation, finished.key
     state, seconds = simulation.status.value, float(simulation.seconds)
     (n_before,) = transaction.execute("SELECT count(*) FROM attempts WHERE key = ?", (key,)).fetchone()
@@ -226,9 +212,6 @@ def _opened(path: Path) -> sqlite3.Connection:
     try:
         if not is_new and is_blank(connection):
             is_new = True  # killed before its first table was there
-        if not is_new:
-            check_version(connection, path)
-            check_sound(connection, path)
         # Where shared memory does not work SQLite stays with its older journal, which is as safe.
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
