@@ -175,8 +175,8 @@ def check_complete(connection: sqlite3.Connection, path: Path, n_files: int) -> 
         raise LedgerError(
             f"{path}: damaged: it ends with {CURVES}/{n_known:06d}.parquet, but {CURVES}/ has files up to "
             f"{n_files:06d}.parquet; the disk may be failing, or {path.name}-wal was removed. Restore a copy "
-            f"of {path.name}*, or delete the files of {CURVES}/ after {n_known:06d}.parquet: what they hold is "
-            "then simulated again"
+            f"of {path.name}*, or delete the files of {CURVES}/ after {n_known:06d}.parquet: what they hold "
+            "is then simulated again"
         )
     n_attempts, n_recorded, n_keys, n_rows = connection.execute(
         "SELECT (SELECT coalesce(sum(n_attempts), 0) FROM curve_files), (SELECT count(*) FROM attempts), "
