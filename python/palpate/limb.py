@@ -12,10 +12,9 @@ from scipy.sparse.csgraph import connected_components
 
 from palpate.domain import CELL_NODES, BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError, StudyError
+from palpate.plain_values import MOST_BYTES, check_plain
 from palpate.plugins import answering_for
 from palpate.study import Study
-
-MOST_NOTE_BYTES = 1_000_000
 
 
 def load_limbs(study: Study) -> dict[str, Limb]:
@@ -57,20 +56,22 @@ def mesh_note(mesh: Path) -> dict[str, Any] | None:
     Raises
     ------
     MeshError
-        It is no JSON object, or larger than 1 MB.
+        It is no JSON object, larger than 1 MB, or holds what JSON or a terminal does not take.
     """
     beside = mesh.with_suffix(".json")
     if not beside.is_file():
         return None
     try:
-        if beside.stat().st_size > MOST_NOTE_BYTES:
+        if beside.stat().st_size > MOST_BYTES:
             raise ValueError("larger than 1 MB")
         note = json.loads(beside.read_text(encoding="utf-8"))
         if not isinstance(note, dict):
             raise ValueError("not an object")
-    except ValueError as error:
+        check_plain(note)
+        json.dumps(note, allow_nan=False)
+    except (ValueError, RecursionError, OSError) as error:
         raise MeshError(
-            f"{beside}: not a note on the mesh beside it ({error}); make it anew, or move it away"
+            f"{beside}: not a note on the mesh of that name ({error}); write it again, or move it away"
         ) from error
     return note
 

@@ -1,5 +1,6 @@
 """study.toml → Study: every name, unit and range checked, with the line in the message."""
 
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Any, Literal
 from palpate.domain import Normaliser, ParameterSpace, PointWeights, Protocol, Scenario
 from palpate.errors import StudyError
 from palpate.interfaces import Executor, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
+from palpate.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
 from palpate.plugins import Plugins
 from palpate.study_build import (
     Components,
@@ -162,7 +164,7 @@ def read_study(path: Path | str, plugins: Plugins | None = None, *, need_measure
     if path.is_dir():
         path = path / "study.toml"
     text, raw = _parse(path)
-    problems = Problems(path, KeyLines(text))
+    problems = Problems(path, KeyLines(text), raw)
     context = Context(path.resolve(), plugins, problems)
     return _build(context, read_tables(raw, problems), need_measured)
 
@@ -173,10 +175,28 @@ def relative(file: Path, folder: Path) -> str:
     return file.resolve().relative_to(folder.resolve()).as_posix() if inside else file.name
 
 
+_TOO_LONG = (
+    (re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*\.[ \t]*){100}"""), "a key of 100 parts or more"),
+    (re.compile(r"\d{1000}"), "a number of 1000 digits or more"),
+)
+"""What TOML allows and Python takes hours to read, or does not read."""
+
+
 def _parse(path: Path) -> tuple[str, dict[str, Any]]:
     try:
-        text = path.read_text(encoding="utf-8")
-        return text, tomllib.loads(text)
+        with path.open("rb") as stream:
+            content = stream.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise ValueError(
+                f"larger than {MOST_BYTES} bytes; a study has settings, keep data in other files"
+            )
+        text = content.decode("utf-8-sig").replace("\r\n", "\n")
+        for pattern, what in _TOO_LONG:
+            if match := pattern.search(text):
+                raise ValueError(f"line {text.count(chr(10), 0, match.start()) + 1}: {what}; shorten it")
+        raw = tomllib.loads(text)
+        check_plain(raw)
+        return text, raw
     except FileNotFoundError:
         raise StudyError(f"{path}: no such file; `palpate init` makes a study to start from") from None
     except OSError as error:
@@ -184,7 +204,11 @@ def _parse(path: Path) -> tuple[str, dict[str, Any]]:
     except UnicodeDecodeError as error:
         raise StudyError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{path}: not valid TOML: {error}; mend the syntax there") from None
+        raise StudyError(f"{path}: invalid TOML: {error}; fix the syntax there") from None
+    except RecursionError:
+        raise StudyError(f"{path}: tables or arrays nested too deep; make them flatter") from None
+    except ValueError as error:
+        raise StudyError(f"{path}: {error}") from None
 
 
 def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
@@ -239,6 +263,12 @@ def _check_together(
     context: Context, tables: Tables, parts: Components, space: ParameterSpace, running: ExecutorTable
 ) -> None:
     """Note what each table allows by itself and another forbids."""
+    n_simulations = len(tables.spot) * (tables.sampling.n_sets if tables.sampling else 0)
+    if n_simulations > MOST_SIMULATIONS:
+        context.problems.add(
+            ("sampling", "n_sets"),
+            f"{n_simulations} simulations, and a study has at most {MOST_SIMULATIONS}; use fewer sets",
+        )
     if tables.selection and tables.selection.rays:
         check_rays(context, space)
     if parts.solver:

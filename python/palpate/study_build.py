@@ -89,7 +89,13 @@ def build_component(
     try:
         checked = component.Settings.model_validate(dict(settings))
     except ValidationError as error:
-        context.problems.add_invalid(settings_key, error, component.Settings)
+        if other := _fits(catalogue, settings):
+            context.problems.add(
+                settings_key,
+                f"these are settings of '{other}', not of '{name}'; name '{other}', or change them",
+            )
+        else:
+            context.problems.add_invalid(settings_key, error, component.Settings)
         return None
     try:
         return component(checked)
@@ -97,6 +103,18 @@ def build_component(
         told = str(error) if isinstance(error, PalpateError) else f"{type(error).__name__}: {error}"
         context.problems.add(settings_key, f"'{name}' cannot be made from these settings: {told}")
         return None
+
+
+def _fits(catalogue: Catalogue[type[C]], settings: Mapping[str, object]) -> str:
+    """Component that settings of more than one key were written for; empty where there is none."""
+    for name, component in catalogue.items() if settings else ():
+        try:
+            checked = component.Settings.model_validate(dict(settings))
+        except ValidationError:
+            continue
+        if checked.model_fields_set:
+            return name
+    return ""
 
 
 def build_scenarios(

@@ -5,6 +5,7 @@ has accepted, so it needs to find keys and skip values, not to judge them.
 """
 
 import re
+from bisect import bisect_left
 from collections.abc import Iterator
 
 Key = tuple[str | int, ...]
@@ -48,6 +49,7 @@ class _Walk:
     def __init__(self, text: str, lines: dict[Key, int]) -> None:
         self.text = text
         self.lines = lines
+        self.ends = [match.start() for match in re.finditer("\n", text)]
         self.at = 0
         self.n_tables: dict[Key, int] = {}
 
@@ -165,4 +167,4 @@ class _Walk:
         return match.end() if match else self.at
 
     def mark(self, key: Key, at: int) -> None:
-        self.lines.setdefault(key, self.text.count("\n", 0, at) + 1)
+        self.lines.setdefault(key, bisect_left(self.ends, at) + 1)

@@ -4,17 +4,34 @@ This decides what a file may look like; what its names mean is for
 :mod:`palpate.study_build`. The JSON schema that editors use comes from here.
 """
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from palpate.domain import Normaliser, PointWeights
+from palpate.plain_values import MOST_SETS, MOST_SPOTS, MOST_WAYPOINTS
 from palpate.units import Quantity
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
 """A name that also serves as a file name and as a part of ``region.parameter``."""
+
+
+def _file_name(given: str) -> str:
+    longest = max(len(part.encode()) for part in given.split("/"))
+    if longest > LONGEST_PART or len(given.encode()) > LONGEST_PATH or not given:
+        raise ValueError(
+            f"{given[:40]!r}… is no file name; give at most {LONGEST_PATH} characters, {LONGEST_PART} in a part"
+        )
+    return given
+
+
+LONGEST_PART = 200
+LONGEST_PATH = 2_000
+FileName = Annotated[str, AfterValidator(_file_name)]
+"""A path that file systems take, relative to the study file."""
 
 Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]
@@ -49,8 +66,8 @@ def _by_channel(given: object) -> object:
     for each in files.values():
         if not (isinstance(each, list) and each and all(isinstance(file, str) for file in each)):
             raise ValueError(
-                f"{given!r} names no files; give one file, a list of files for repeated presses, or either "
-                'by channel, such as { force = "f.csv" }'
+                f"{reprlib.repr(given)} names no files; give one file, a list of files for repeated presses, or "
+                'either by channel, such as { force = "f.csv" }'
             )
     return files
 
@@ -67,7 +84,9 @@ class ProtocolTable(Table):
 
     indenter: IndenterTable = Field(description="What touches the limb.")
     depth: Length = Field(gt=0.0, description="Indentation depth.")
-    twist: list[Angle] = Field(default=[], description="Rotations travelled to, in order, at full depth.")
+    twist: list[Angle] = Field(
+        default=[], max_length=MOST_WAYPOINTS, description="Rotations travelled to, in order, at full depth."
+    )
     friction: float = Field(ge=0.0, description="Coulomb coefficient.")
 
 
@@ -76,7 +95,9 @@ class SpotProtocolTable(Table):
 
     indenter: IndenterTable | None = Field(default=None, description="What touches the limb here.")
     depth: Length | None = Field(default=None, gt=0.0, description="Indentation depth here.")
-    twist: list[Angle] | None = Field(default=None, description="Rotations travelled to here, in order.")
+    twist: list[Angle] | None = Field(
+        default=None, max_length=MOST_WAYPOINTS, description="Rotations travelled to here, in order."
+    )
     friction: float | None = Field(default=None, ge=0.0, description="Coulomb coefficient here.")
 
 
@@ -85,14 +106,14 @@ class SpotTable(Table):
 
     name: Name = Field(description="Name of the spot.")
     measured: Annotated[
-        dict[str, list[str]],
+        dict[str, list[FileName]],
         BeforeValidator(_by_channel, json_schema_input_type=Files | dict[str, Files]),
     ] = Field(
         min_length=1,
         description="File of the measured curves, or one file per channel, by channel name. A list of "
         "files holds repeated presses, which are averaged.",
     )
-    mesh: str | None = Field(default=None, description="File of the limb around the spot.")
+    mesh: FileName | None = Field(default=None, description="File of the limb around the spot.")
     position: list[Length] = Field(
         default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="Where the indenter first touches."
     )
@@ -191,10 +212,13 @@ class SamplingTable(Table):
     """How parameter sets are drawn."""
 
     sampler: str = Field(default="lhs", description="Name of a sampler.")
-    n_sets: int = Field(ge=2, description="Sets to draw, before the filters; with refill, after them.")
+    n_sets: int = Field(
+        ge=2, le=MOST_SETS, description="Sets to draw, before the filters; with refill, after them."
+    )
     refill: int = Field(
         default=0,
         ge=0,
+        le=1_000,
         description="Draw on, at most to this many times n_sets, until n_sets sets pass the filters; "
         "0: draw once and keep what passes.",
     )
@@ -231,7 +255,7 @@ class ExecutorTable(Table):
     attempts: int = Field(
         default=2, ge=1, le=10, description="How often a job may end its worker before it is given up."
     )
-    cache: str | None = Field(
+    cache: FileName | None = Field(
         default=None, description="Folder of finished simulations that is shared with other studies."
     )
 
@@ -273,7 +297,7 @@ class SelectionTable(Table):
 class ScenarioTable(Table):
     """A scenario of this study."""
 
-    name: str = Field(min_length=1, description="Name of the scenario.")
+    name: str = Field(min_length=1, max_length=100, description="Name of the scenario.")
     weights: dict[str, float] = Field(description="Weight of each channel's NMSE in Fopt.")
     description: str = Field(default="", description="What the scenario is for.")
 
@@ -282,7 +306,7 @@ class StudyFile(Table):
     """A palpate study: from measured curves to identified parameters."""
 
     study: StudyTable
-    spot: list[SpotTable] = Field(min_length=1, description="The marked spots.")
+    spot: list[SpotTable] = Field(min_length=1, max_length=MOST_SPOTS, description="The marked spots.")
     experiment: ExperimentTable
     limb: LimbTable | None = Field(default=None, description="Leave out for homogeneous tests.")
     protocol: ProtocolTable | None = Field(default=None, description="Leave out for homogeneous tests.")

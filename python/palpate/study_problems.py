@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import operator
+import reprlib
 import types
 import typing
 from collections.abc import Iterator, Mapping
@@ -28,19 +29,31 @@ class Problems:
     path : Path
         The study file, as the user named it.
     lines : KeyLines
+    raw : mapping
+        Content of the file.
     """
 
-    def __init__(self, path: Path, lines: KeyLines) -> None:
+    def __init__(self, path: Path, lines: KeyLines, raw: Mapping[str, Any]) -> None:
         self._path = path
         self._lines = lines
+        self._raw = raw
         self._found: list[tuple[int, str]] = []
 
     def add(self, key: Key, message: str) -> None:
         """Note that ``key`` is wrong; the message says how, and what to do."""
         line = self._lines.line(key)
-        where = f"{self._path}:{line}: " + (f"{dotted(key)}: " if key else "")
+        where = f"{self._path}:{line}: " + (f"{self._place(key)}: " if key else "")
         if (line, where + message) not in self._found:
             self._found.append((line, where + message))
+
+    def _place(self, key: Key) -> str:
+        """Key as the user would say it: a spot by its name."""
+        tables = self._raw.get("spot")
+        if len(key) > 1 and key[0] == "spot" and isinstance(tables, list) and isinstance(key[1], int):
+            table = tables[key[1]] if key[1] < len(tables) else None
+            if isinstance(table, dict) and isinstance(name := table.get("name"), str):
+                return ", ".join(filter(None, (f"spot {name!r}", dotted(key[2:]))))
+        return dotted(key)
 
     @contextlib.contextmanager
     def at(self, *key: str | int) -> Iterator[None]:
@@ -82,11 +95,41 @@ def _message(detail: ErrorDetails, known: tuple[str, ...]) -> str:
         case "enum" | "literal_error":
             choices = str(context["expected"])
             names = choices.replace("'", "").replace(" or ", ", ").split(", ")
-            return f"{given!r} is not one of {choices}{suggestion(str(given), names)}"
+            return f"{_shortened(given)} is not one of {choices}{suggestion(str(given), names)}"
         case "string_pattern_mismatch":
-            return f"{given!r} is not a name; use letters, digits, - and _"
-        case _:
-            return f"{given!r}: {detail['msg']}"
+            return f"{_shortened(given)} is not a name; use letters, digits, - and _"
+        case kind:
+            said = _SENTENCES[kind].format(**context) if kind in _SENTENCES else detail["msg"]
+            return f"{_shortened(given)}: {said[0].lower()}{said[1:]}"
+
+
+_SENTENCES: Mapping[str, str] = types.MappingProxyType(
+    {
+        "int_type": "not a whole number",
+        "int_from_float": "not a whole number",
+        "float_type": "not a number",
+        "finite_number": "not a finite number",
+        "string_type": "not a text; put it in quotation marks",
+        "bool_type": "not true or false",
+        "list_type": "not a list; write [ … ]",
+        "dict_type": "not a table; write {{ … }}",
+        "model_type": "not a table; write {{ … }}",
+        "model_attributes_type": "not a table; write {{ … }}",
+        "greater_than": "must be greater than {gt}",
+        "greater_than_equal": "must be greater than or equal to {ge}",
+        "less_than": "must be less than {lt}",
+        "less_than_equal": "must be less than or equal to {le}",
+        "too_short": "{actual_length} of them; give at least {min_length}",
+        "too_long": "more than {max_length} of them; give at most {max_length}",
+        "string_too_short": "give at least {min_length} characters",
+        "string_too_long": "give at most {max_length} characters",
+    }
+)
+"""What is wrong, by pydantic's name for it."""
+
+
+def _shortened(given: object) -> str:
+    return text if len(text := reprlib.repr(given)) <= 60 else f"{text[:59]}…"
 
 
 def _keys(annotation: object, parts: tuple[str | int, ...]) -> tuple[str, ...]:

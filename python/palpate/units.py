@@ -21,6 +21,10 @@ DIMENSIONLESS = frozenset({"", "1", "-", "dimensionless"})
 _ANGLES = frozenset({"degree", "radian", "turn", "arcminute", "arcsecond"})
 _RATIOS = frozenset({"percent"})
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_LONGEST = 100
+"""Most characters of a quantity."""
+_UNIT = re.compile(r"(?:(?:[^\W\d_]\w*|[°%])(?:\s*(?:\^|\*\*)\s*[+-]?\d(?!\d))?|1|[*/·()\s])*+")
+"""Names, each to a power of one digit, multiplied and divided: nothing that takes long to evaluate."""
 
 
 @cache
@@ -59,13 +63,18 @@ def convert(given: object, unit: str) -> float:
         if not plain:
             raise ValueError(f'{given!r} has no unit; write "{given} {unit}"')
         return _finite(float(given), given, unit)
+    if len(given) > _LONGEST:
+        raise ValueError(f"{given[:40]!r}… has more than {_LONGEST} characters; {_example(unit)}")
     match = _QUANTITY.fullmatch(given)
     if match is None:
         raise ValueError(f"{given!r} is not a number with a unit; {_example(unit)}")
     number, written = match.groups()
     if not written and not plain:
         raise ValueError(f'{given!r} has no unit; write "{number} {unit}"')
-    return _finite(float(number) * _factor(written, unit, given), given, unit)
+    try:
+        return _finite(float(number) * _factor(written, unit, given), given, unit)
+    except OverflowError:
+        return _finite(float("inf"), given, unit)
 
 
 def _finite(value: float, given: object, unit: str) -> float:
@@ -89,6 +98,8 @@ def _factor(written: str, unit: str, given: str) -> float:
 
 
 def _parsed(written: str) -> "pint.Unit | None":
+    if not _UNIT.fullmatch(written):
+        return None
     try:
         return _registry().parse_units(written.replace("·", "*"))
     except Exception:  # pint's parser raises a dozen kinds on junk

@@ -53,6 +53,18 @@ def test_a_misspelt_command_is_a_mistake_of_the_user(call: Call) -> None:
 
 
 @pytest.mark.parametrize(
+    "arguments",
+    [["status"], ["check"], ["run"], ["report"], ["resume"], ["new-plugin", "material"], ["--plugin"]],
+    ids=lambda each: each[0],
+)
+def test_a_file_name_that_is_too_long_is_a_mistake_of_the_user(call: Call, arguments: list[str]) -> None:
+    outcome = call(*arguments, "a" * 5000, *(["check", "."] if arguments == ["--plugin"] else []))
+    assert outcome.code == 2
+    assert "Traceback" not in outcome.err
+    assert len(outcome.err) < 1000, outcome.err[:2000]
+
+
+@pytest.mark.parametrize(
     ("given", "rest", "files"),
     [
         (["--plugin", "a.py", "run", "s"], ["run", "s"], ["a.py"]),

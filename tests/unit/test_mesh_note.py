@@ -25,7 +25,7 @@ def test_the_note_beside_a_mesh_stands_in_the_manifest(make_study, plugins, tmp_
 @pytest.mark.parametrize("text", ["{", "[1]", "\ud7ff" * 400_000])
 def test_what_is_no_note_is_refused_by_name(tmp_path, text):
     (tmp_path / "p1.json").write_text(text, encoding="utf-8")
-    with pytest.raises(MeshError, match=r"p1\.json: not a note .*make it anew, or move it away"):
+    with pytest.raises(MeshError, match=r"p1\.json: not a note .*write it again, or move it away"):
         mesh_note(tmp_path / "p1.vtu")
 
 

@@ -38,7 +38,7 @@ CASES = {
     "unknown key": ("n_sets", "nsets = 3\nn_sets", "nsets", "sampling.nsets", "did you mean 'n_sets'"),
     "missing key": ("n_sets = 20", "", "[sampling]", "sampling.n_sets", "add n_sets ="),
     "n_sets 1": ("= 20", "= 1", "n_sets", "sampling.n_sets", "greater than or equal to 2"),
-    "n_sets text": ("= 20", '= "20"', "n_sets", "sampling.n_sets", "valid integer"),
+    "n_sets text": ("= 20", '= "20"', "n_sets", "sampling.n_sets", "not a whole number"),
     "refill negative": (
         "= 20",
         "= 20\nrefill = -1",
@@ -70,52 +70,58 @@ CASES = {
     "seed negative": ("seed = 3", "seed = -3", "seed", "sampling.seed", "greater than or equal to 0"),
     "data": ('"simulated"', '"simulate"', "data", "study.data", "did you mean 'simulated'"),
     "name": ('name = "toy"', 'name = "a/b"', "name", "study.name", "use letters, digits, - and _"),
-    "spot twice": ('name = "s2"', 'name = "s1" # again', '"s1" # again', "spot[1].name", "its own name"),
-    "file missing": ("s2.txt", "s3.txt", "s3.txt", "spot[1].measured.pull", "relative to study.toml"),
-    "file is a folder": ('"s2.txt"', '"."', '"."', "spot[1].measured.pull", "is a folder"),
-    "channel unknown": ('pull = "s2', 'pul = "s2', "s2.txt", "spot[1].measured.pul", "did you mean 'pull'"),
-    "no file": ('{ pull = "s2.txt" }', "{}", "{}", "spot[1].measured", "at least 1"),
+    "spot twice": ('name = "s2"', 'name = "s1" # again', '"s1" # again', "spot 's1', name", "its own name"),
+    "file missing": ("s2.txt", "s3.txt", "s3.txt", "spot 's2', measured.pull", "relative to study.toml"),
+    "file is a folder": ('"s2.txt"', '"."', '"."', "spot 's2', measured.pull", "is a folder"),
+    "channel unknown": (
+        'pull = "s2',
+        'pul = "s2',
+        "s2.txt",
+        "spot 's2', measured.pul",
+        "did you mean 'pull'",
+    ),
+    "no file": ('{ pull = "s2.txt" }', "{}", "{}", "spot 's2', measured", "at least 1"),
     "file of another type": (
         '{ pull = "s2.txt" }',
         "5",
         "= 5",
-        "spot[1].measured",
+        "spot 's2', measured",
         "names no files; give one",
     ),
-    "repeats without a file": ('"s2.txt"', "[]", "[]", "spot[1].measured", "names no files; give one"),
+    "repeats without a file": ('"s2.txt"', "[]", "[]", "spot 's2', measured", "names no files; give one"),
     "repeat missing": (
         '"s2.txt"',
         '["s2.txt", "s3.txt"]',
         "s3.txt",
-        "spot[1].measured.pull[1]",
+        "spot 's2', measured.pull[1]",
         "no such file",
     ),
     "repeat twice": (
         '"s2.txt"',
         '["s2.txt", "s2.txt"]',
         "s2.txt",
-        "spot[1].measured.pull[1]",
+        "spot 's2', measured.pull[1]",
         "a repeat is another press",
     ),
     "protocol of a spot alone": (
         'name = "s2"',
         'name = "s2"\nprotocol = { depth = "5 mm" }',
         "protocol =",
-        "spot[1].protocol",
+        "spot 's2', protocol",
         "does not have; add the table",
     ),
     "protocol of a spot": (
         'name = "s2"',
         'name = "s2"\nprotocol = { depht = "5 mm" }',
         "depht",
-        "spot[1].protocol.depht",
+        "spot 's2', protocol.depht",
         "did you mean 'depth'",
     ),
     "loader setting of a spot": (
         'name = "s2"',
         'name = "s2"\nsettings = { skp = 1 }',
         "skp",
-        "spot[1].settings.skp",
+        "spot 's2', settings.skp",
         "did you mean 'skip'",
     ),
     "point weights": (
@@ -129,17 +135,23 @@ CASES = {
         'name = "s2"',
         'name = "s2"\nposition = ["0 mm", "1 s", "0 mm"]',
         "1 s",
-        "spot[1].position[1]",
+        "spot 's2', position[1]",
         'use e.g. "10 mm"',
     ),
     "position of two": (
         'name = "s2"',
         'name = "s2"\nposition = ["0 mm", "1 mm"]',
         "position",
-        "spot[1].position",
+        "spot 's2', position",
         "at least 3",
     ),
-    "normal zero": ('name = "s2"', 'name = "s2"\nnormal = [0, 0, 0]', "normal", "spot[1].normal", "not zero"),
+    "normal zero": (
+        'name = "s2"',
+        'name = "s2"\nnormal = [0, 0, 0]',
+        "normal",
+        "spot 's2', normal",
+        "not zero",
+    ),
     "loader": ('"lines"', '"line"', "loader", "experiment.loader", "did you mean 'lines'"),
     "loader setting": (
         "[region.rubber]",
@@ -232,7 +244,7 @@ CASES = {
         "solver.name",
         "needs a [protocol] table",
     ),
-    "solver needs a mesh": ("closed_form", "needs_limb", "[[spot]]", "spot[0]", 'add mesh = "…"'),
+    "solver needs a mesh": ("closed_form", "needs_limb", "[[spot]]", "spot 's1'", 'add mesh = "…"'),
     "limb of no use": (
         "[sampling]",
         '[limb]\nsource = "block"\n[sampling]',
@@ -244,7 +256,7 @@ CASES = {
         'name = "s2"',
         'name = "s2"\nmesh = "s1.txt"',
         "mesh",
-        "spot[1].mesh",
+        "spot 's2', mesh",
         "remove the key",
     ),
     "workers": ("n_workers = 1", "n_workers = -1", "n_workers", "solver.n_workers", "greater than or equal"),
@@ -413,7 +425,7 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(tmp_path: Path, 
     keys = [line.split(": ")[1] for line in told]
     assert keys == [
         "study.data",
-        "spot[1].measured.pull",
+        "spot 's2', measured.pull",
         "experiment.loader",
         "region.rubber.parameters.k.lower",
         "sampling.n_sets",
@@ -454,3 +466,37 @@ def test_a_broken_plugin_is_named_where_its_entry_is_missed(tmp_path: Path) -> N
     plugins = Plugins.load([TOY / "toy_plugin.py", bad], entry_points=False)
     (told,) = messages(tmp_path, plugins, TEXT.replace('"spring"', '"yeoh"'))
     assert "No module named 'nowhere_at_all'" in told
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("= 20", "= 2.5", "sampling.n_sets: 2.5: not a whole number"),
+        ("= 20", "= 0", "sampling.n_sets: 0: must be greater than or equal to 2"),
+        ('"lines"', "5", "experiment.loader: 5: not a text; put it in quotation marks"),
+        ('name = "s2"', 'name = "s2"\nnormal = ["a", 0, 0]', "spot 's2', normal[0]: 'a': not a number"),
+        ('name = "s2"', 'name = "s2"\nnormal = 5', "spot 's2', normal: 5: not a list; write [ … ]"),
+        ('name = "s2"', 'name = "s2"\nsettings = 5', "spot 's2', settings: 5: not a table; write { … }"),
+        ("[selection]", '[selection]\nrefine = "yes"', "selection.refine: 'yes': not true or false"),
+    ],
+)
+def test_the_common_mistakes_are_one_plain_line(
+    tmp_path: Path, plugins: Plugins, old: str, new: str, message: str
+) -> None:
+    (told,) = messages(tmp_path, plugins, TEXT.replace(old, new, 1))
+    assert told.endswith(message)
+
+
+def test_settings_of_another_loader_are_one_line_that_names_it(tmp_path: Path) -> None:
+    columns = """
+[experiment.settings.channels]
+time = "t"
+position = { columns = ["x", "y", "z"] }
+orientation = { columns = ["qx", "qy", "qz", "qw"] }
+force = { columns = ["fx", "fy", "fz"] }
+moment = { columns = ["mx", "my", "mz"] }
+"""
+    plugins = Plugins.load([TOY / "toy_plugin.py"])
+    text = TEXT.replace('"lines"', '"csv"').replace("[region.rubber]", f"{columns}[region.rubber]", 1)
+    (told,) = messages(tmp_path, plugins, text)
+    assert "these are settings of 'robot_log', not of 'csv'; name 'robot_log', or change them" in told

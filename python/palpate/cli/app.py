@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 every simulation failed so that nothing can be selected,
 traceback.
 """
 
+import errno
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -115,6 +116,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(error, 130)
     except PalpateError as error:
         return _fail(error, 2)
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        return _fail(
+            PalpateError(f"{str(error.filename)[:60]}…: a file name that is too long; shorten it"), 2
+        )
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 0
     return 0

@@ -5,6 +5,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from palpate.plain_values import MOST_SETS
+
 StudyPath: TypeAlias = Annotated[
     Path, typer.Argument(metavar="STUDY", help="A study.toml, or the folder that holds one.")
 ]
@@ -13,7 +15,12 @@ OutFolder: TypeAlias = Annotated[
 ]
 NumberOfSets: TypeAlias = Annotated[
     int | None,
-    typer.Option("--n", min=2, help="Extend the design to this many sets; those it has stay as they are."),
+    typer.Option(
+        "--n",
+        min=2,
+        max=MOST_SETS,
+        help="Extend the design to this many sets; those it has stay as they are.",
+    ),
 ]
 GoOn: TypeAlias = Annotated[
     bool,
