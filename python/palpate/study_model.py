@@ -23,7 +23,7 @@ def _file_name(given: str) -> str:
     longest = max(len(part.encode()) for part in given.split("/"))
     if longest > LONGEST_PART or len(given.encode()) > LONGEST_PATH or not given:
         raise ValueError(
-            f"{given[:40]!r}… is no file name; give at most {LONGEST_PATH} characters, {LONGEST_PART} in a part"
+            f"{given[:40]!r}… is no file name; give at most {LONGEST_PATH} characters, {LONGEST_PART} a part"
         )
     return given
 
@@ -66,8 +66,8 @@ def _by_channel(given: object) -> object:
     for each in files.values():
         if not (isinstance(each, list) and each and all(isinstance(file, str) for file in each)):
             raise ValueError(
-                f"{reprlib.repr(given)} names no files; give one file, a list of files for repeated presses, or "
-                'either by channel, such as { force = "f.csv" }'
+                f"{reprlib.repr(given)} names no files; give one file, a list of files for repeated presses, "
+                'or either by channel, such as { force = "f.csv" }'
             )
     return files
 

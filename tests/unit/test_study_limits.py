@@ -59,7 +59,7 @@ BOMBS = {
     "a long file name": (
         '"s2.txt"',
         f'"{"a" * 300}"',
-        "is no file name; give at most 2000 characters, 200 in",
+        "is no file name; give at most 2000 characters, 200",
     ),
     "a long path": ('"s2.txt"', '"' + "aaaa/" * 1000 + '"', "is no file name"),
     "a character zero": ('"s2.txt"', '"s2\\u0000.txt"', "control character U+0000"),
