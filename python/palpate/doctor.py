@@ -109,7 +109,7 @@ def _versions() -> Iterator[Finding]:
 
 def _plugins(plugins: Plugins) -> Iterator[Finding]:
     points = {point.name: point for point in importlib.metadata.entry_points(group="palpate")}
-    broken = {each.name for each in plugins.broken}
+    broken = {each.name for each in plugins.broken if not each.component}
     for name in sorted(set(points) - broken):
         package = points[name].dist
         found = f"{package.name} {package.version}" if package else points[name].value

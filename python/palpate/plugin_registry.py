@@ -31,7 +31,15 @@ if TYPE_CHECKING:
 DOMAIN, INTERFACES = "palpate.domain", "palpate.interfaces"
 
 GROUP = "palpate"
-"""Entry-point group, and the name of the core's own plugin."""
+"""Entry-point group of plugins with hooks, and the name of the core's own plugin.
+
+``palpate.materials`` and so on, one group for each of ``KINDS``, hold single components.
+"""
+
+FIRST_PARTY = frozenset(
+    f"palpate-{name}" for name in ("dask", "experiments", "febio", "forearm", "jax", "limb", "materials")
+)
+"""Distributions that are released with the core; a name that two plugins claim is theirs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,14 +79,23 @@ HOOKS = frozenset({*(kind.hook for kind in KINDS.values()), "palpate_commands"})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokenPlugin:
-    """A plugin that is left out, where it comes from, and why."""
+    """A plugin that is left out, where it comes from, and why.
+
+    ``component`` names the one part that is left out of a plugin of which the rest works.
+    """
 
     name: str
     source: str
     reason: str
+    component: str = ""
 
     def __str__(self) -> str:
         return f"{self.name} ({self.source}): {self.reason}"
+
+    @property
+    def headline(self) -> str:
+        """The same, and whether all of it is left out."""
+        return f"{'component' if self.component else 'plugin'} left out: {self}"
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
@@ -94,37 +111,76 @@ class Registry:
         self.manager = pluggy.PluginManager(GROUP)
         self.manager.add_hookspecs(hookspecs)
         self.entries: dict[str, dict[str, tuple[Any, str]]] = {kind: {} for kind in KINDS}
+        self.qualified: dict[str, dict[str, tuple[Any, str]]] = {kind: {} for kind in KINDS}
         self.sources: dict[str, str] = {}
         self.broken: list[BrokenPlugin] = []
+        self.commands: dict[str, str] = {}
+        self._qualifiers: dict[str, str] = {}
+        self._points: list[tuple[str, importlib.metadata.EntryPoint]] = []
 
-    def admit(self, name: str, source: str, load: Callable[[], object]) -> None:
-        """Import one plugin and register its hooks, or list it as broken."""
+    def admit(self, name: str, source: str, load: Callable[[], object], qualifier: str = "") -> None:
+        """Import one plugin and register its hooks, or list it as broken.
+
+        ``qualifier`` goes before the name of a component to tell it from another of that name.
+        """
         try:
+            if name in self.sources and qualifier not in ("", *self.sources):
+                name = qualifier
             if name in self.sources:
                 raise PluginError(f"the plugin name '{name}' is taken by {self.sources[name]}; rename one")
             with _guarded():
                 plugin = load()
             self._register(name, plugin)
+            self._qualifiers[name] = qualifier or name
         except PluginError as error:
             self.broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
             return
         self.sources[name] = source
+
+    def admit_component(self, kind: str, point: importlib.metadata.EntryPoint) -> None:
+        """Note an entry point of one component; it is imported when the catalogues are filled."""
+        self._points.append((kind, point))
 
     def collect(self) -> None:
         """Ask every plugin for all that it provides; one that fails is listed as broken."""
         for name, source in list(self.sources.items()):
             try:
                 provided = {kind: self._provided(name, kind) for kind in KINDS}
-                self._refuse_clashes(name, provided)
             except PluginError as error:
                 del self.sources[name]
                 self.broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
                 continue
             for kind, items in provided.items():
-                self.entries[kind].update({item.name: (item, name) for item in items})
+                for item in items:
+                    self._add(kind, item, name, source)
+        for kind, point in self._points:
+            owner, source = _owner(point), _source(point)
+            try:
+                item = _single(kind, point)
+            except PluginError as error:
+                said = f"{KINDS[kind].noun} '{point.name}'"
+                left_out = BrokenPlugin(name=owner, source=source, reason=str(error), component=said)
+                self.broken.append(left_out)
+                continue
+            self._add(kind, item, owner, source)
+
+    def _add(self, kind: str, item: Any, owner: str, source: str) -> None:  # noqa: ANN401 -- any entry
+        """Enter one item; of two with one name the first keeps it."""
+        noun, name = KINDS[kind].noun, item.name
+        is_class = isinstance(item, type)
+        full = f"{self._qualifiers.get(owner, owner)}:{name}"
+        if is_class:
+            self.qualified[kind].setdefault(full, (item, owner))
+        held, holder = self.entries[kind].setdefault(name, (item, owner))
+        if held is item or (not is_class and held == item):
+            return
+        remedy = f"a study names this one '{full}'" if is_class and owner != holder else "rename one"
+        reason = f"{noun} '{name}' of plugin '{owner}' is already provided by plugin '{holder}'; {remedy}"
+        left_out = BrokenPlugin(name=owner, source=source, reason=reason, component=f"{noun} '{name}'")
+        self.broken.append(left_out)
 
     def _register(self, name: str, plugin: object) -> None:
-        _check_hook_names(plugin)
+        _check_hooks(plugin)
         try:
             with _guarded():
                 self.manager.register(plugin, name)
@@ -147,48 +203,53 @@ class Registry:
         others = [plugin for key, plugin in self.manager.list_name_plugin() if key != name]
         return self.manager.subset_hook_caller(hook, others)
 
-    def _refuse_clashes(self, name: str, provided: Mapping[str, list[Any]]) -> None:
-        for kind, items in provided.items():
-            taken = {key: owner for key, (_, owner) in self.entries[kind].items()}
-            for item in items:
-                if item.name in taken:
-                    raise PluginError(
-                        f"{KINDS[kind].noun} '{item.name}' of plugin '{name}' is already provided by "
-                        f"plugin '{taken[item.name]}'; rename one or uninstall one of the two"
-                    )
-                taken[item.name] = name
-
     def add_commands(self, app: "typer.Typer") -> tuple[BrokenPlugin, ...]:
         """Let every plugin add its commands, all of them or none."""
         broken = []
         for name, source in self.sources.items():
             commands, groups = list(app.registered_commands), list(app.registered_groups)
+            before = _command_names(app)
             try:
                 with _guarded():
                     self._call(name, "palpate_commands")(app=app)
                     _refuse_command_clashes(app)
+                self.commands |= {command: name for command in _command_names(app) if command not in before}
             except PluginError as error:
                 app.registered_commands[:], app.registered_groups[:] = commands, groups
                 broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
         return tuple(broken)
 
 
-def admitted(files: Sequence[Path], *, entry_points: bool) -> Registry:
-    """Import the core's plugin, the installed ones by name, and files in the order given.
+def admitted(files: Sequence[Path], *, entry_points: bool, without: Sequence[str] = ()) -> Registry:
+    """Import the core's plugin, those released with it, other installed ones by name, and files.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    entry_points : bool
+        False leaves out the installed distributions.
+    without : sequence of str
+        Names of entry points or distributions to leave out.
 
     Raises
     ------
     PluginError
-        A file does not exist.
+        A file does not exist, or nothing of a name in ``without`` is installed.
     """
     from palpate import builtins
 
-    paths = [_existing(path) for path in files]
+    paths = dict.fromkeys(_existing(path) for path in files)
     registry = Registry()
     registry.admit(GROUP, "the core", lambda: builtins)
-    for point in _entry_points() if entry_points else ():
-        source = point.dist.name if point.dist else point.value
-        registry.admit(point.name, f"distribution {source}", point.load)
+    points = _entry_points() if entry_points else []
+    _check_known(without, points)
+    for point in points:
+        if {point.name, _owner(point)} & set(without):
+            continue
+        if point.group == GROUP:
+            registry.admit(point.name, _source(point), point.load, qualifier=_owner(point))
+        else:
+            registry.admit_component(point.group.removeprefix(f"{GROUP}."), point)
     for path in paths:
         registry.admit(path.stem, str(path), functools.partial(load_file, path))
     return registry
@@ -218,13 +279,15 @@ def load_file(path: Path) -> ModuleType:
     return module
 
 
-def add_commands(app: "typer.Typer", files: Sequence[Path] = ()) -> tuple[BrokenPlugin, ...]:
+def add_commands(
+    app: "typer.Typer", files: Sequence[Path] = (), without: Sequence[str] = ()
+) -> tuple[BrokenPlugin, ...]:
     """Let plugins add their commands, without asking for what else they provide.
 
     The list of commands is wanted at once, and what a plugin provides may take
     a while to import.
     """
-    registry = admitted(files, entry_points=True)
+    registry = admitted(files, entry_points=True, without=without)
     return (*registry.broken, *registry.add_commands(app))
 
 
@@ -235,12 +298,43 @@ def _existing(path: Path) -> Path:
 
 
 def _entry_points() -> list[importlib.metadata.EntryPoint]:
+    """Entry points of all groups of palpate: the distributions released with the core come first."""
+    installed = importlib.metadata.entry_points()
     # A distribution that two folders of sys.path describe is still one plugin.
     found = {
-        (point.name, point.value, point.dist.name if point.dist else ""): point
-        for point in importlib.metadata.entry_points(group=GROUP)
+        (_owner(point) not in FIRST_PARTY, point.name, point.value, _owner(point), point.group): point
+        for group in (GROUP, *(f"{GROUP}.{kind}" for kind in KINDS))
+        for point in installed.select(group=group)
     }
     return [found[key] for key in sorted(found)]
+
+
+def _owner(point: importlib.metadata.EntryPoint) -> str:
+    return point.dist.name if point.dist else point.value
+
+
+def _source(point: importlib.metadata.EntryPoint) -> str:
+    return f"distribution {_owner(point)}"
+
+
+def _check_known(names: Sequence[str], points: Sequence[importlib.metadata.EntryPoint]) -> None:
+    known = sorted({name for point in points for name in (point.name, _owner(point))})
+    for name in names:
+        if name not in known:
+            raise PluginError(
+                f"no plugin '{name}' is installed{suggestion(name, known)}; see `palpate plugins`"
+            )
+
+
+def _single(kind: str, point: importlib.metadata.EntryPoint) -> Any:  # noqa: ANN401 -- any entry
+    """Import the one component, or value, of an entry point."""
+    group = f"{GROUP}.{kind}"
+    with _guarded():
+        item = point.load()
+        _check_item(item, KINDS[kind], group)
+    if item.name != point.name:
+        raise PluginError(f"{group}: '{point.name}' provides '{item.name}'; give both one name")
+    return item
 
 
 @contextlib.contextmanager
@@ -285,17 +379,23 @@ def _guarded() -> Iterator[None]:
         raise PluginError(f"{type(error).__name__}: {error}") from error
 
 
-def _check_hook_names(plugin: object) -> None:
-    """Refuse hooks that would be passed over in silence: misspelt, or not marked."""
+def _check_hooks(plugin: object) -> None:
+    """Refuse hooks that would be passed over in silence: misspelt, not marked, or none at all."""
+    found = False
     for name in dir(plugin):
         member = getattr(plugin, name, None)
         if not inspect.isroutine(member) or hasattr(member, "palpate_spec"):
             continue
         marked = hasattr(member, "palpate_impl")
+        found |= marked
         if (marked or name.startswith("palpate_")) and name not in HOOKS:
             raise PluginError(f"unknown hook '{name}'{suggestion(name, HOOKS)}")
         if name in HOOKS and not marked:
             raise PluginError(f"hook '{name}' is not marked; put @palpate.hookimpl above it")
+    if not found:
+        raise PluginError(
+            "provides nothing: no function is marked @palpate.hookimpl; add one, such as palpate_materials()"
+        )
 
 
 def _as_items(result: object, hook: str) -> list[Any]:
@@ -337,11 +437,20 @@ def _check_text(item: object, attribute: str, hook: str) -> None:
         raise PluginError(f"{hook}: {item!r} has no {attribute}; give it a non-empty string")
 
 
-def _refuse_command_clashes(app: "typer.Typer") -> None:
+def _command_names(app: "typer.Typer") -> list[str]:
+    """Names of commands and groups, and of the commands in groups: ``limb scan``."""
     names = [
         command.name or getattr(command.callback, "__name__", "").replace("_", "-")
         for command in app.registered_commands
-    ] + [str(group.name) for group in app.registered_groups]
+    ]
+    for group in app.registered_groups:
+        inner = _command_names(group.typer_instance) if group.typer_instance else []
+        names += [str(group.name), *(f"{group.name} {name}" for name in inner)]
+    return names
+
+
+def _refuse_command_clashes(app: "typer.Typer") -> None:
+    names = _command_names(app)
     double = sorted({name for name in names if names.count(name) > 1})
     if double:
         raise PluginError(f"command '{double[0]}' already exists; rename it")

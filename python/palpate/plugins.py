@@ -1,14 +1,17 @@
 """Discovery of plugins, and the catalogues of what they provide.
 
-A typed facade over pluggy. A plugin counts as a whole or not at all: one that
-cannot be imported, misspells a hook, raises, returns the wrong thing or takes a
-name that is already taken is listed in :attr:`Plugins.broken` with the reason,
-and everything else works. The core registers first, then entry points by name,
-then files in the order given; of two plugins that claim a name the first keeps it.
+A typed facade over pluggy. A plugin that cannot be imported, misspells a hook,
+raises or returns the wrong thing is left out as a whole and listed in
+:attr:`Plugins.broken` with the reason, and everything else works. The core
+registers first, then the distributions released with it, then other entry points
+by name, then files in the order given. Of two components that claim a name the
+first keeps it; the other one is listed, and is found as ``distribution:name``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from palpate.domain import Channel, Scenario, StudyTemplate
@@ -68,16 +71,22 @@ class Catalogue(Mapping[str, T]):
     ----------
     noun : str
         What an entry is called in messages.
-    entries : mapping of name to (entry, name of its plugin)
+    entries, qualified : mapping of name to (entry, name of its plugin)
+        The names of ``qualified`` are found too, but not listed.
     broken : sequence of BrokenPlugin
         Named when a name is missing, since one of them may be why.
     """
 
     def __init__(
-        self, noun: str, entries: Mapping[str, tuple[T, str]], broken: Sequence[BrokenPlugin] = ()
+        self,
+        noun: str,
+        entries: Mapping[str, tuple[T, str]],
+        broken: Sequence[BrokenPlugin] = (),
+        qualified: Mapping[str, tuple[T, str]] = MappingProxyType({}),
     ) -> None:
         self.noun = noun
         self._entries = dict(entries)
+        self._qualified = dict(qualified)
         self._broken = tuple(broken)
 
     def __getitem__(self, name: str) -> T:
@@ -102,14 +111,17 @@ class Catalogue(Mapping[str, T]):
         return self._entry(name)[1]
 
     def _entry(self, name: str) -> tuple[T, str]:
-        try:
-            return self._entries[name]
-        except KeyError:
-            raise UnknownNameError(self._unknown(name)) from None
+        found = self._entries.get(name) or self._qualified.get(name)
+        if found is None:
+            raise UnknownNameError(self._unknown(name))
+        return found
 
     def _unknown(self, name: str) -> str:
         known = ", ".join(self._entries) or "none"
-        message = f"no {self.noun} '{name}'{suggestion(name, self._entries)} (known: {known})"
+        close = suggestion(name, self._entries)
+        message = f"no {self.noun} '{name}'{close} (known: {known})"
+        if not close:
+            message += "; if a file of yours provides it, give it as --plugin FILE or as [study] plugins"
         if self._broken:
             message += "; plugins left out as broken: " + "; ".join(map(str, self._broken))
         return message
@@ -132,15 +144,26 @@ class Plugins:
     executors: Catalogue[type[Executor]]
     scenarios: Catalogue[Scenario]
 
-    def __init__(self, registry: Registry, files: Sequence[Path]) -> None:
+    def __init__(
+        self,
+        registry: Registry,
+        files: Sequence[Path] = (),
+        *,
+        entry_points: bool = False,
+        without: Sequence[str] = (),
+    ) -> None:
         self._registry = registry
+        self._again = partial(Plugins.load, entry_points=entry_points, without=tuple(without))
         self.files = tuple(files)
         self.broken = tuple(registry.broken)
         for kind, entries in registry.entries.items():
-            setattr(self, kind, Catalogue(KINDS[kind].noun, entries, self.broken))
+            found = Catalogue(KINDS[kind].noun, entries, self.broken, registry.qualified[kind])
+            setattr(self, kind, found)
 
     @classmethod
-    def load(cls, files: Sequence[Path] = (), *, entry_points: bool = True) -> "Plugins":
+    def load(
+        cls, files: Sequence[Path] = (), *, entry_points: bool = True, without: Sequence[str] = ()
+    ) -> "Plugins":
         """Find, import and question every plugin.
 
         Parameters
@@ -149,6 +172,8 @@ class Plugins:
             One-file plugins, as given with ``--plugin``.
         entry_points : bool
             False leaves out the installed distributions.
+        without : sequence of str
+            Names of plugins, or of their distributions, that are left out as if not installed.
 
         Raises
         ------
@@ -156,9 +181,21 @@ class Plugins:
             A file does not exist. (A file that exists but does not work is
             listed as broken.)
         """
-        registry = admitted(files, entry_points=entry_points)
+        registry = admitted(files, entry_points=entry_points, without=without)
         registry.collect()
-        return cls(registry, [path.resolve() for path in files])
+        resolved = dict.fromkeys(path.resolve() for path in files)
+        return cls(registry, list(resolved), entry_points=entry_points, without=without)
+
+    def with_files(self, files: Sequence[Path]) -> "Plugins":
+        """The same with more one-file plugins; itself where it has them all.
+
+        Raises
+        ------
+        PluginError
+            A file does not exist.
+        """
+        more = [path for path in files if path.resolve() not in self.files]
+        return self._again([*self.files, *more]) if more else self
 
     def catalogue(self, kind: str) -> Catalogue[Any]:
         """Catalogue by the name of its attribute, one of ``KINDS``.
@@ -175,3 +212,8 @@ class Plugins:
     def add_commands(self, app: "typer.Typer") -> tuple[BrokenPlugin, ...]:
         """Let every plugin add its commands to ``app``; returns those that could not."""
         return self._registry.add_commands(app)
+
+    def commands(self, app: "typer.Typer") -> dict[str, str]:
+        """Add the commands of every plugin to ``app``; returns the plugin of each by its name."""
+        self._registry.add_commands(app)
+        return dict(self._registry.commands)

@@ -47,7 +47,7 @@ def measure(study: Study, plugins: Plugins | None = None) -> pl.DataFrame:
     ------
     PalpateError
     """
-    measured = load_measured(study, (plugins or Plugins.load()).channels)
+    measured = load_measured(study, (plugins or Plugins.load(study.plugin_files)).channels)
     scoring.check_scorable(measured, study.normaliser, study.weights)
     frames = [frame_of(response).with_columns(spot=pl.lit(spot)) for spot, response in measured.items()]
     return pl.concat(frames, how="diagonal").select("spot", pl.exclude("spot"))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from palpate.domain import Normaliser, ParameterSpace, PointWeights, Protocol, Scenario
-from palpate.errors import StudyError
+from palpate.errors import PluginError, StudyError
 from palpate.interfaces import Executor, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
 from palpate.plugins import Plugins
@@ -27,7 +27,7 @@ from palpate.study_problems import Problems, read_tables, settled
 from palpate.study_regions import build_space, build_truth
 from palpate.study_spots import StudySpot, build_protocol, build_spots
 
-__all__ = ["Study", "StudySpot", "read_study", "relative"]
+__all__ = ["Study", "StudySpot", "read_study", "relative", "with_study_plugins"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,13 +160,35 @@ def read_study(path: Path | str, plugins: Plugins | None = None, *, need_measure
     StudyError
         Listing everything that is wrong, each with line, key and what to do.
     """
-    path, plugins = Path(path), plugins or Plugins.load()
-    if path.is_dir():
-        path = path / "study.toml"
+    path = _study_file(path)
+    plugins = with_study_plugins(path, plugins)
     text, raw = _parse(path)
     problems = Problems(path, KeyLines(text), raw)
     context = Context(path.resolve(), plugins, problems)
     return _build(context, read_tables(raw, problems), need_measured)
+
+
+def with_study_plugins(path: Path | str, plugins: Plugins | None = None) -> Plugins:
+    """Add the one-file plugins that a study names to others, the installed ones when left out.
+
+    Raises
+    ------
+    StudyError
+        The study file cannot be read, or a plugin file does not exist.
+    """
+    path, plugins = _study_file(path), plugins or Plugins.load()
+    header = _parse(path)[1].get("study")
+    named = header.get("plugins", []) if isinstance(header, dict) else []
+    if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
+        return plugins  # the check of the tables reports it
+    try:
+        return plugins.with_files([path.parent / name for name in named])
+    except PluginError as error:
+        raise StudyError(f"{path}: [study] plugins: {error}") from None
+
+
+def _study_file(path: Path | str) -> Path:
+    return Path(path) / "study.toml" if Path(path).is_dir() else Path(path)
 
 
 def relative(file: Path, folder: Path) -> str:

@@ -53,6 +53,9 @@ class StudyTable(Table):
     data: Literal["measured", "simulated"] = Field(
         description="Whether the experiment is real; shown wherever results are."
     )
+    plugins: list[str] = Field(
+        default=[], description="One-file plugins of this study, relative to its file, such as goh.py."
+    )
 
 
 Files = str | list[str]

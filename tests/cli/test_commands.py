@@ -1,5 +1,6 @@
 """The command line over the toy study: what it prints, where, and how it ends."""
 
+import json
 import os
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from typing import Any
 import pytest
 
 from palpate import __version__
-from palpate.cli.app import COMMANDS, STAGES, main, split_plugin_files
+from palpate.cli.app import COMMANDS, STAGES, main, split_option
 from palpate.cli.listing import name_of
 
 from .conftest import PLUGIN, TOY, Call
@@ -74,7 +75,7 @@ def test_a_file_name_that_is_too_long_is_a_mistake_of_the_user(call: Call, argum
     ],
 )
 def test_plugin_files_may_stand_anywhere(given: list[str], rest: list[str], files: list[str]) -> None:
-    assert split_plugin_files(given) == (rest, [Path(file) for file in files])
+    assert split_option("--plugin", given) == (rest, files)
 
 
 def test_a_missing_plugin_file_is_a_mistake(call: Call) -> None:
@@ -371,3 +372,33 @@ def test_a_broken_plugin_is_shown_with_its_reason_and_the_rest_works(call: Call,
     assert "spring" in outcome.out
     found = call("plugins", "--json", "--plugin", bad).json
     assert [(b["name"], b["source"]) for b in found["broken"] if b["name"] == "bad"] == [("bad", str(bad))]
+
+
+def test_a_study_names_its_own_plugin_files(call: Call, study: Path) -> None:
+    file = study / "study.toml"
+    text = file.read_text()
+    (study / "springs.py").write_bytes(Path(PLUGIN).read_bytes())
+    missing = call("check", study, plugin=None)
+    assert missing.code == 2
+    assert "if a file of yours provides it, give it as --plugin FILE or as [study] plugins" in missing.err
+    file.write_text(text.replace('name = "toy"', 'name = "toy"\nplugins = ["springs.py"]', 1))
+    assert call("experiment", study, "--out", "run", plugin=None).code == 0
+    manifest = json.loads(Path("run/manifest.json").read_text())
+    assert manifest["plugin_files"] == ["../study/springs.py"]
+    assert "study/springs.py" in manifest["inputs"] or "springs.py" in manifest["inputs"]
+    file.write_text(text.replace('name = "toy"', 'name = "toy"\nplugins = ["sprigs.py"]', 1))
+    wrong = call("check", study, plugin=None)
+    assert wrong.code == 2
+    assert "[study] plugins" in wrong.err
+    assert "sprigs.py: no such file" in wrong.err
+
+
+def test_an_installed_plugin_can_be_left_out(call: Call) -> None:
+    found = call("--no-plugin", "palpate-materials", "plugins", "--json").json
+    assert "yeoh" not in [m["name"] for m in found["materials"]]
+    commands = {each["name"]: each["plugin"] for each in found["commands"]}
+    assert commands["certify"] == "febio"
+    assert commands["limb scan"] == "limb"
+    wrong = call("plugins", "--no-plugin=materails")
+    assert wrong.code == 2
+    assert "no plugin 'materails' is installed; did you mean 'materials'" in wrong.err

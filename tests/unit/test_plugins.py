@@ -4,14 +4,16 @@ import importlib.metadata
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import typer
 
 from palpate.errors import PalpateError, PluginError
-from palpate.plugins import HOOKS, KINDS, Plugins, load_file
+from palpate.plugin_registry import FIRST_PARTY
+from palpate.plugins import HOOKS, KINDS, Plugins, add_commands, load_file
 
 Write = Callable[..., Path]
 
@@ -120,6 +122,7 @@ BROKEN = {
         "setting 'n' of 'x' has no description",
         "pydantic.Field",
     ),
+    "nothing": ("from palpate.interfaces import Sampler\n", "provides nothing", "marked @palpate.hookimpl"),
     "channel of a wrong type": (
         HOOKIMPL + "def palpate_channels(): return ['force']\n",
         "return Channel values",
@@ -171,20 +174,36 @@ def test_what_a_plugin_prints_stays_out_of_the_results(
     assert "welcome to chatty" in captured.err
 
 
-def test_of_two_plugins_with_one_name_the_first_keeps_it(write: Write) -> None:
+def test_of_two_components_with_one_name_the_first_keeps_it(write: Write) -> None:
+    more = SAMPLER.format(name="lhs") + (
+        "class More(Grid):\n    name = 'more'\n@hookimpl\ndef palpate_samplers():\n    return [Grid, More]\n"
+    )
     plugins = load(
         write("one", SAMPLER.format(name="grid")),
         write("two", SAMPLER.format(name="grid")),
-        write("three", SAMPLER.format(name="lhs")),
+        write("three", more),
     )
     assert plugins.samplers.provider("grid") == "one"
     assert plugins.samplers.provider("lhs") == "palpate"
+    assert plugins.samplers.provider("more") == "three"
     two, three = plugins.broken
     assert two.reason == (
         "sampler 'grid' of plugin 'two' is already provided by plugin 'one'; "
-        "rename one or uninstall one of the two"
+        "a study names this one 'two:grid'"
     )
-    assert "'three' is already provided by plugin 'palpate'" in three.reason
+    assert (three.component, three.headline[:19]) == ("sampler 'lhs'", "component left out:")
+    assert plugins.samplers["two:grid"].__module__.startswith("palpate_plugin_two")
+    assert plugins.samplers.provider("three:lhs") == "three"
+    assert "two:grid" not in list(plugins.samplers)
+
+
+def test_equal_values_of_two_plugins_do_not_clash(write: Write) -> None:
+    channel = "name='x', abscissa='a_mm', ordinate='{}_N', abscissa_label='a', ordinate_label='b'"
+    text = "from palpate import Channel, hookimpl\n@hookimpl\ndef palpate_channels(): return [Channel({})]\n"
+    one, two = (write(name, text.format(channel.format("b"))) for name in ("one", "two"))
+    assert load(one, two).broken == ()
+    (broken,) = load(one, write("three", text.format(channel.format("c")))).broken
+    assert broken.reason.endswith("already provided by plugin 'one'; rename one")
 
 
 def test_two_files_of_one_name_clash(write: Write, tmp_path: Path) -> None:
@@ -217,7 +236,7 @@ def test_an_unknown_name_offers_what_is_close(write: Write) -> None:
     )
     assert "bad" in message
     assert "No module named 'nope'" in message
-    with pytest.raises(PluginError, match=r"no material 'yeoh' \(known: none\)"):
+    with pytest.raises(PluginError, match=r"no material 'yeoh' \(known: none\); if a file .* --plugin FILE"):
         plugins.materials["yeoh"]
 
 
@@ -238,34 +257,91 @@ def test_an_unknown_kind_offers_what_is_close() -> None:
 
 
 class FakePoint:
-    group = "palpate"
-    dist = None
-
-    def __init__(self, name: str, path: Path) -> None:
-        self.name = name
-        self.value = path.stem
+    def __init__(self, name: str, path: Path, dist: str = "", attribute: str = "") -> None:
+        self.name, self.value, self.attribute = name, path.stem, attribute
+        self.group = "palpate.samplers" if attribute else "palpate"
+        self.dist = SimpleNamespace(name=dist) if dist else None
         self._path = path
 
     def load(self) -> object:
-        return load_file(self._path)
+        module = load_file(self._path)
+        return getattr(module, self.attribute) if self.attribute else module
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    def install(*points: FakePoint) -> None:
+        found = SimpleNamespace(select=lambda group: [point for point in points if point.group == group])
+        monkeypatch.setattr(importlib.metadata, "entry_points", lambda: found)
+
+    return install
 
 
 def test_entry_points_register_in_the_order_of_their_names(
-    write: Write, monkeypatch: pytest.MonkeyPatch
+    write: Write, installed: Callable[..., None]
 ) -> None:
     one, two = write("zed", SAMPLER.format(name="same")), write("abc", SAMPLER.format(name="same"))
     bad = write("bad", "import nope\n")
-    points = [FakePoint("zed", one), FakePoint("abc", two), FakePoint("bad", bad), FakePoint("zed", one)]
-
-    def entry_points(*, group: str) -> Sequence[FakePoint]:
-        assert group == "palpate"
-        return points
-
-    monkeypatch.setattr(importlib.metadata, "entry_points", entry_points)
+    installed(FakePoint("zed", one), FakePoint("abc", two), FakePoint("bad", bad), FakePoint("zed", one))
     plugins = Plugins.load()
     assert plugins.samplers.provider("same") == "abc"
     assert [broken.name for broken in plugins.broken] == ["bad", "zed"]
     assert Plugins.load(entry_points=False).broken == ()
+
+
+def test_names_of_the_released_plugins_are_theirs(write: Write, installed: Callable[..., None]) -> None:
+    ours, theirs = write("materials", SAMPLER.format(name="x")), write("aaa", SAMPLER.format(name="x"))
+    same = write("other", SAMPLER.format(name="y"))
+    installed(
+        FakePoint("aaa", theirs, "aaa-materials"),
+        FakePoint("materials", same, "aaa-samplers"),
+        FakePoint("materials", ours, "palpate-materials"),
+    )
+    plugins = Plugins.load()
+    assert plugins.samplers.provider("x") == "materials"
+    assert plugins.samplers.provider("aaa-materials:x") == "aaa"
+    assert plugins.samplers.provider("y") == "aaa-samplers"
+    assert [broken.component for broken in plugins.broken] == ["sampler 'x'"]
+
+
+def test_an_entry_point_may_be_one_component(write: Write, installed: Callable[..., None]) -> None:
+    path = write("grid", SAMPLER.format(name="grid"))
+    unknown = write("unknown", "raise RuntimeError('no engine')\n")
+    installed(
+        FakePoint("grid", path, "lab-grid", "Grid"),
+        FakePoint("mesh", path, "lab-mesh", "Grid"),
+        FakePoint("none", unknown, "lab-none", "Grid"),
+    )
+    assert add_commands(typer.Typer()) == ()  # nothing of them is imported for a list of commands
+    plugins = Plugins.load()
+    assert plugins.samplers.provider("lab-grid:grid") == "lab-grid"
+    mesh, none = plugins.broken
+    assert mesh.reason == "palpate.samplers: 'mesh' provides 'grid'; give both one name"
+    assert (none.component, none.reason) == ("sampler 'none'", "RuntimeError: no engine")
+
+
+def test_an_installed_plugin_may_be_left_out(write: Write, installed: Callable[..., None]) -> None:
+    path = write("grid", SAMPLER.format(name="grid"))
+    installed(FakePoint("grid", path, "lab-grid"))
+    for name in ("grid", "lab-grid"):
+        assert "grid" not in Plugins.load(without=[name]).samplers
+    with pytest.raises(PluginError, match="no plugin 'lab-gird' is installed; did you mean 'lab-grid'"):
+        Plugins.load(without=["lab-gird"])
+
+
+def test_the_released_plugins_are_those_of_this_repository() -> None:
+    folders = (Path(__file__).parents[2] / "plugins").glob("*/pyproject.toml")
+    assert {path.parent.name for path in folders} == FIRST_PARTY
+
+
+def test_every_released_package_is_typed() -> None:
+    root = Path(__file__).parents[2]
+    for package in [
+        root / "python" / "palpate",
+        *root.glob("plugins/*/src/*"),
+        *root.glob("examples/*/src/*"),
+    ]:
+        assert (package / "py.typed").is_file() or not (package / "__init__.py").is_file(), package
 
 
 # ------------------------------------------------- one-file plugins, workers

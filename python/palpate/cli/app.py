@@ -67,6 +67,12 @@ def _options(
         list[Path] | None,
         typer.Option("--plugin", metavar="FILE", help="A one-file plugin; repeat for more."),
     ] = None,
+    no_plugin: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--no-plugin", metavar="NAME", help="An installed plugin to leave out; repeat for more."
+        ),
+    ] = None,
     version: Annotated[
         bool,
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
@@ -74,7 +80,7 @@ def _options(
 ) -> None:
     """Find what soft tissue is made of from how it pushes back and twists."""
     if context.obj is None:
-        context.obj = Session(plugin or ())
+        context.obj = Session(plugin or (), no_plugin or ())
 
 
 def build_app() -> typer.Typer:
@@ -100,15 +106,16 @@ def build_app() -> typer.Typer:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    given, files = split_plugin_files(sys.argv[1:] if arguments is None else arguments)
+    given, files = split_option("--plugin", sys.argv[1:] if arguments is None else arguments)
+    given, without = split_option("--no-plugin", given)
     app = build_app()
-    session = Session(files)
+    session = Session([Path(file) for file in files], without)
     try:
         if not _is_core_command(given):
             from palpate.plugin_registry import add_commands
 
-            for broken in add_commands(app, files):
-                typer.echo(visible(f"plugin left out: {broken}"), err=True)
+            for broken in add_commands(app, session.files, session.without):
+                typer.echo(visible(broken.headline), err=True)
         app(list(given), obj=session, prog_name="palpate")
     except NothingSelectableError as error:
         return _fail(error, 1)
@@ -127,24 +134,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def split_plugin_files(arguments: Sequence[str]) -> tuple[list[str], list[Path]]:
-    """Take ``--plugin FILE`` out of the arguments, wherever it stands."""
+def split_option(option: str, arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Take an option and its values, such as ``--plugin FILE``, out of the arguments wherever it is."""
     rest: list[str] = []
-    files: list[Path] = []
+    values: list[str] = []
     waiting = iter(arguments)
     for argument in waiting:
         if argument == "--":
-            return [*rest, argument, *waiting], files
+            return [*rest, argument, *waiting], values
         name, equals, value = argument.partition("=")
-        if name != "--plugin":
+        if name != option:
             rest.append(argument)
         elif equals:
-            files.append(Path(value))
-        elif (file := next(waiting, None)) is not None:
-            files.append(Path(file))
+            values.append(value)
+        elif (following := next(waiting, None)) is not None:
+            values.append(following)
         else:
             rest.append(argument)  # typer says that its value is missing
-    return rest, files
+    return rest, values
 
 
 def _is_core_command(arguments: Sequence[str]) -> bool:

@@ -1,5 +1,6 @@
 """``palpate plugins``: who provides what."""
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -45,12 +46,21 @@ def plugins(
     if name is not None and not found[kinds[0]]:
         loaded.catalogue(kinds[0])[name]  # raises, with close matches
     if as_json:
-        broken = [{"name": b.name, "source": b.source, "reason": b.reason} for b in loaded.broken]
-        session.json({**found, "broken": broken})
+        session.json({**found, "commands": _commands(loaded), "broken": [asdict(b) for b in loaded.broken]})
     elif name is not None:
         _show_one(session, found[kinds[0]][0])
     else:
-        _show_all(session, found)
+        _show_all(session, found if kind else {**found, "commands": _commands(loaded)})
+
+
+def _commands(loaded: "Plugins") -> list[dict[str, Any]]:
+    """Name and plugin of each command that is not the core's."""
+    from palpate.cli.app import build_app
+
+    return [
+        {"name": name, "plugin": plugin, "summary": f"palpate {name} --help"}
+        for name, plugin in loaded.commands(build_app()).items()
+    ]
 
 
 def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
@@ -129,9 +139,9 @@ def _show_all(session: Session, found: dict[str, list[dict[str, Any]]]) -> None:
         for entry in entries
     ]
     session.table("Provided by plugins", ["kind", "name", "plugin", "summary"], rows)
-    broken = [[b.name, b.source, b.reason] for b in session.plugins.broken]
+    broken = [[b.name, b.component or "all of it", b.source, b.reason] for b in session.plugins.broken]
     if broken:
-        session.table("Broken, left out", ["plugin", "source", "reason"], broken)
+        session.table("Left out", ["plugin", "what", "source", "reason"], broken)
 
 
 def _show_one(session: Session, entry: dict[str, Any]) -> None:

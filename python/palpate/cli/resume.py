@@ -33,7 +33,8 @@ def resume(
     from palpate.run_directory import RunDirectory
 
     manifest = RunDirectory(run).manifest()
-    session = Session((*Session.of(context).files, *_plugin_files(run, manifest)))
+    given = Session.of(context)
+    session = Session((*given.files, *_plugin_files(run, manifest)), given.without)
     checked = session.study(study or _study_file(run, manifest))
     go(session, _extended(checked, manifest, n_sets), run, go_on=go_on, fork=fork, as_json=as_json)
 

@@ -4,7 +4,7 @@ import json
 import math
 import sys
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import polars as pl
     from rich.console import Console
 
-    from palpate.plugins import Plugins
+    from palpate.plugins import BrokenPlugin, Plugins
     from palpate.study import Study
 
 MAX_ROWS = 30
@@ -38,10 +38,13 @@ class Session:
     ----------
     files : sequence of Path
         One-file plugins.
+    without : sequence of str
+        Installed plugins to leave out.
     """
 
-    def __init__(self, files: Sequence[Path] = ()) -> None:
+    def __init__(self, files: Sequence[Path] = (), without: Sequence[str] = ()) -> None:
         self.files = tuple(files)
+        self.without = tuple(without)
 
     @classmethod
     def of(cls, context: typer.Context) -> "Session":
@@ -53,10 +56,14 @@ class Session:
         """Everything that plugins provide; a broken one is mentioned once, on stderr."""
         from palpate.plugins import Plugins
 
-        plugins = Plugins.load(self.files)
-        for broken in plugins.broken:
-            self.note(f"[yellow]plugin left out:[/] {_escaped(str(broken))}")
+        plugins = Plugins.load(self.files, without=self.without)
+        self._note_broken(plugins.broken)
         return plugins
+
+    def _note_broken(self, broken: Iterable["BrokenPlugin"]) -> None:
+        for each in broken:
+            said, rest = each.headline.split(":", 1)
+            self.note(f"[yellow]{said}:[/]{_escaped(rest)}")
 
     @cached_property
     def stdout(self) -> "Console":
@@ -72,9 +79,12 @@ class Session:
         return _console(stderr=True)
 
     def study(self, path: Path, *, need_measured: bool = True) -> "Study":
-        """Read and check a study file."""
-        from palpate.study import read_study
+        """Read and check a study file; its own plugin files join those of this session."""
+        from palpate.study import read_study, with_study_plugins
 
+        known = self.plugins.broken
+        self.plugins = with_study_plugins(path, self.plugins)
+        self._note_broken(each for each in self.plugins.broken if each not in known)
         return read_study(path, self.plugins, need_measured=need_measured)
 
     def note(self, text: str) -> None:
@@ -84,6 +94,7 @@ class Session:
     def next(self, command: str, before: str = "") -> None:
         """Tell which command to run next, with the plugin files of this one."""
         files = "".join(f"--plugin {file} " for file in self.files)
+        files += "".join(f"--no-plugin {name} " for name in self.without)
         self.stderr.print(f"{before}next: palpate {files}{command}", markup=False)
 
     def say(self, text: str) -> None:

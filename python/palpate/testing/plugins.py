@@ -27,4 +27,4 @@ def plugins_with(module: ModuleType) -> Plugins:
     registry.admit(module.__name__, "the module under test", lambda: module)
     registry.collect()
     assert not registry.broken, "; ".join(map(str, registry.broken))
-    return Plugins(registry, ())
+    return Plugins(registry)
