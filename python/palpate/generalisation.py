@@ -1,4 +1,4 @@
-"""One set for all spots: the least mean of Fopt over the spots.
+"""One set for all spots: the least mean of Fopt over every spot of the study.
 
 Fopt_G = (1/n_spots) Σ Fopt_ij over the spots i, for each set j. The standard
 deviation beside the mean is the sample's (n − 1 in the denominator), the default
@@ -6,13 +6,17 @@ of the paper's own tool; its 0.1724 ± 0.0392 cannot settle which it printed,
 because the four terms are not given.
 """
 
+from collections.abc import Sequence
+
 import polars as pl
 
 from palpate.domain import Design, Scenario
 from palpate.selection import objectives, with_parameters
 
 
-def generalise(scores: pl.DataFrame, scenario: Scenario, design: Design) -> pl.DataFrame:
+def generalise(
+    scores: pl.DataFrame, scenario: Scenario, design: Design, spots: Sequence[str]
+) -> pl.DataFrame:
     """Find the set with the least mean Fopt over all spots.
 
     Parameters
@@ -22,6 +26,8 @@ def generalise(scores: pl.DataFrame, scenario: Scenario, design: Design) -> pl.D
     scenario : Scenario
         Whose Fopt is averaged.
     design : Design
+    spots : sequence of str
+        Every spot of the study; a set without a score at one of them is not considered.
 
     Returns
     -------
@@ -30,8 +36,7 @@ def generalise(scores: pl.DataFrame, scenario: Scenario, design: Design) -> pl.D
         fopt_mean, fopt_sd (null with one spot) and <region.parameter>. Empty when no set
         can be ranked at every spot. Ties go to the lower set_id.
     """
-    n_spots = scores["spot"].n_unique()
-    rows = objectives(scores, [scenario])
+    rows = objectives(scores, [scenario]).filter(pl.col("spot").is_in(list(spots)))
     means = (
         rows.group_by("set_id", maintain_order=True)
         .agg(
@@ -39,7 +44,7 @@ def generalise(scores: pl.DataFrame, scenario: Scenario, design: Design) -> pl.D
             pl.col("fopt").mean().alias("fopt_mean"),
             pl.col("fopt").std(ddof=1).alias("fopt_sd"),
         )
-        .filter(pl.col("n_spots") == n_spots)
+        .filter(pl.col("n_spots") == len(spots))
         .sort("fopt_mean", "set_id")
         .head(1)
         .drop("n_spots")

@@ -9,11 +9,13 @@ written.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import polars as pl
 
 from palpate import scoring, selection, simulation
 from palpate.changes import Changed, changed
+from palpate.completeness import completeness, without_result
 from palpate.determination import at_measured, determine
 from palpate.domain import Design, Limb, Response, Simulation
 from palpate.errors import StudyError
@@ -26,10 +28,21 @@ from palpate.progress import SILENT, Progress
 from palpate.proofs import prove, proves
 from palpate.rays import best_on_rays
 from palpate.refinement import Refined, refine
-from palpate.report import Content, by_spot, contact_along, draw_presses, make_tables, write_report
+from palpate.report import (
+    Content,
+    by_spot,
+    contact_along,
+    draw_presses,
+    make_tables,
+    make_verdict,
+    write_report,
+)
 from palpate.run_directory import RunDirectory, manifest
 from palpate.sampling import draw_design
 from palpate.study import Study
+
+if TYPE_CHECKING:
+    from palpate.report.verdict import Verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +81,8 @@ class Selected:
     proofs : DataFrame
         Which chosen sets passed the solver's own proof, as :func:`palpate.proofs.prove`
         returns it; empty where the solver has none.
+    without_result : mapping of (spot, scenario) to str
+        Why no set could be selected there; empty where every scenario has a set at every spot.
     """
 
     selection: pl.DataFrame
@@ -75,6 +90,7 @@ class Selected:
     refinement: pl.DataFrame
     rays: pl.DataFrame = field(default_factory=pl.DataFrame)
     proofs: pl.DataFrame = field(default_factory=pl.DataFrame)
+    without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,10 +102,13 @@ class Report:
     tables : mapping of name to DataFrame
     files : tuple of Path
         Everything that was written.
+    verdict : Verdict
+        What the run amounts to, and its warnings.
     """
 
     tables: Mapping[str, pl.DataFrame]
     files: tuple[Path, ...]
+    verdict: "Verdict"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -276,6 +295,7 @@ def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress =
         raise StudyError(f"{run_folder}: holds no simulation of this study; run `palpate simulate` first")
     run.begin(study, plugins.channels)
     scores = _score(study, run, checked, simulations)
+    _warn_of_missing(study, checked.design, scores, progress)
     progress.step()
     return scores
 
@@ -294,6 +314,7 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     progress.begin("select", 1)
     selected = _select(study, run, checked, scores, progress)
     run.begin(study, plugins.channels)
+    _warn_of_missing(study, checked.design, scores, progress)
     progress.step()
     return selected
 
@@ -305,6 +326,12 @@ def report(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     made = _report(study, run, _from_files(study, run), plugins)
     progress.step()
     return made
+
+
+def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progress: Progress) -> None:
+    found = completeness(scores, study.spot_names, design)
+    if not found.is_complete:
+        progress.note(f"warning: incomplete sweep, {found}; `palpate simulate` runs the rest")
 
 
 # ------------------------------------------------------------------- what they do
@@ -351,7 +378,7 @@ def _select(
 ) -> Selected:
     chosen = selection.select(scores, study.scenarios, checked.design)
     for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
-    generalisation = generalise(scores, for_all, checked.design)
+    generalisation = generalise(scores, for_all, checked.design, study.spot_names)
     run.write_selection(chosen, generalisation)
     refined = Refined(table=pl.DataFrame(), responses={})
     if study.refine:
@@ -367,6 +394,7 @@ def _select(
         refinement=refined.table,
         rays=rays,
         proofs=prove(study, run, checked.design, checked.limbs, checked.measured, progress),
+        without_result=without_result(scores, chosen, study.scenarios, study.spot_names),
     )
 
 
@@ -380,7 +408,10 @@ def _rays(study: Study, run: RunDirectory, checked: Checked, progress: Progress)
 
 def _report(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins) -> Report:
     content = _content(study, run, checked, plugins)
-    return Report(tables=make_tables(content), files=write_report(content, run.report))
+    tables = make_tables(content)
+    return Report(
+        tables=tables, files=write_report(content, run.report), verdict=make_verdict(content, tables)
+    )
 
 
 def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins) -> Content:

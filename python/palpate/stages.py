@@ -174,11 +174,11 @@ def generalise(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.D
     """Find the set with the least mean Fopt over all spots, in the study's scenario for that.
 
     Arguments as for :func:`select`; the frame is as :func:`palpate.generalisation.generalise`
-    returns it.
+    returns it; empty unless a set has scores at every spot of the study.
     """
     scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
     drawn, rows = _design(study, design), _by_row(scores, design)
-    return _by_id(generalise_design(rows, scenario, drawn), design)
+    return _by_id(generalise_design(rows, scenario, drawn, study.spot_names), design)
 
 
 # ------------------------------------------------------------------ frames and values

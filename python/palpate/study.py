@@ -127,6 +127,11 @@ class Study:
         return self.file.parent
 
     @property
+    def spot_names(self) -> tuple[str, ...]:
+        """Names of the spots, in the order of the study file."""
+        return tuple(spot.spot.name for spot in self.spots)
+
+    @property
     def notice(self) -> str:
         """What every picture of the data must say."""
         return "simulated data, not a measurement" if self.data == "simulated" else ""

@@ -240,10 +240,33 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
     }  # fmt: skip
     assert results["sample"]["n_sets"] == 20
     assert results["simulate"] == {"ok": 40}
-    assert len(results["score"]) >= 40
+    assert len(results["score"]["scores"]) >= 40
+    assert results["score"]["warnings"] == results["select"]["warnings"] == []
+    assert results["report"]["warnings"] == whole["warnings"]
+    assert results["report"]["verdict"] == whole["verdict"]
     assert results["select"]["selection"] == whole["selection"]
     assert results["select"]["generalisation"] == whole["generalisation"]
     assert any(file.endswith(".svg") for file in results["report"]["files"])
+
+
+def test_a_scenario_without_a_set_ends_with_1_after_the_results(
+    call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from palpate import pipeline
+    from palpate.report import content
+
+    missing = {("s1", "pull only"): "unreadable: a turn too many"}
+    for module in (pipeline, content):
+        monkeypatch.setattr(module, "without_result", lambda *_: missing)
+    said = "no set could be selected at s1, scenario pull only; reason: unreadable: a turn too many"
+    for command in ("run", "select", "report"):
+        outcome = call(command, study)
+        assert outcome.code == 1
+        assert said in outcome.err
+        assert outcome.out
+    outcome = call("run", study, "--json")
+    assert outcome.code == 1
+    assert outcome.json["warnings"][0].startswith("No result for 1 of 2 spots and scenarios")
 
 
 @pytest.mark.parametrize("stage", ["simulate", "score", "select", "report"])
@@ -308,7 +331,8 @@ def test_demo_says_that_the_data_are_simulated(call: Call) -> None:
     assert "SIMULATED" in outcome.err
     assert "SIMULATED" in outcome.out
     assert "distance to truth" in outcome.out
-    assert "Tables and figures: runs/toy/report/index.html" in outcome.out
+    page = Path("runs/toy/report/index.html").resolve()
+    assert outcome.out.splitlines()[-1] == f"Tables and figures: open {page.as_uri()}"
     assert "init --study toy my-toy" in outcome.err
 
 

@@ -12,7 +12,7 @@ BOTH = Scenario(name="I", weights={"force": 1.0})
 PARAMETER = Parameter(name="a.c1", unit="MPa", lower=0.0, upper=1.0, kind="modulus", description="")
 
 
-def generalised(table):
+def generalised(table, spots=None):
     rows = [
         {"spot": spot, "set_id": i, "channel": "force", "nmse": nmse, "status": "ok"}
         for spot, sets in table.items()
@@ -21,7 +21,7 @@ def generalised(table):
     n_sets = len(next(iter(table.values())))
     values = np.linspace(0.1, 0.9, n_sets)[:, None]
     design = Design(parameters=(PARAMETER,), values=values, seed=0, n_drawn=n_sets)
-    return generalise(pl.DataFrame(rows, schema=SCHEMA), BOTH, design)
+    return generalise(pl.DataFrame(rows, schema=SCHEMA), BOTH, design, spots or list(table))
 
 
 def test_the_mean_over_the_spots_decides():
@@ -41,6 +41,12 @@ def test_a_set_that_failed_anywhere_is_out():
 
 def test_none_at_every_spot_is_empty():
     assert generalised({"p1": [0.0, None], "p2": [None, 0.3]}).is_empty()
+
+
+def test_a_spot_of_the_study_without_scores_leaves_no_set_for_all():
+    table = {"p1": [0.0, 0.2], "p2": [0.1, 0.3]}
+    assert generalised(table, ["p1", "p2", "p3"]).is_empty()
+    assert generalised(table, ["p2"])["fopt"].to_list() == [0.1]
 
 
 def test_ties_go_to_the_lower_set():

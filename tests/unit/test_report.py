@@ -260,7 +260,7 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
     assert chosen.select("spot", "scenario").rows() == [("p1", "UT"), ("p1", "all"), ("p2", "UT")]
     made = Content(
         study=study, channels=channels, measured=measured, design=design, scores=scores, selection=chosen,
-        generalisation=generalise(scores, scenarios[0], design),
+        generalisation=generalise(scores, scenarios[0], design, list(measured)),
         refined=Refined(table=chosen.clear(), responses={}),
         responses={(s.job.spot, s.job.set_id): s.response for s in swept},
     )  # fmt: skip

@@ -67,7 +67,7 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
         simulations=(),
         scores=kept,
         selected=selected,
-        report=pipeline.Report(tables={}, files=()),
+        report=pipeline.Report(tables={}, files=(), verdict=None),
     )
     assert repr(result) == f"RunResult({tmp_path}: 0 simulations, {selected.selection.height} chosen sets)"
     assert "<td>p1</td>" in result._repr_html_()

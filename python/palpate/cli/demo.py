@@ -7,7 +7,7 @@ import typer
 
 from palpate.cli.options import AsJson, OutFolder
 from palpate.cli.progress import StageProgress
-from palpate.cli.results import data_notice, run_as_json, show_run
+from palpate.cli.results import data_notice, show_run
 from palpate.cli.session import Session, run_folder
 
 DEMO = "forearm-demo"
@@ -28,8 +28,6 @@ def demo(
     session.note(f"{study}: {checked.description}\nNote: {data_notice(checked)}.")
     with StageProgress(session, folder) as progress:
         result = pipeline.run_study(checked, folder, session.plugins, progress)
-    if as_json:
-        session.json(run_as_json(checked, result))
-        return
-    show_run(session, checked, result)
-    session.next(f"init --study {study} my-{study}", "to make the study your own, ")
+    show_run(session, checked, result, as_json=as_json)
+    if not as_json:
+        session.next(f"init --study {study} my-{study}", "to make the study your own, ")

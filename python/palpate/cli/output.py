@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ConfigDict, TypeAdapter, with_config
 from typing_extensions import TypedDict
 
-VERSION = 1
+VERSION = 2
 """Version of all that is described here."""
 
 closed = with_config(ConfigDict(extra="forbid"))
@@ -48,7 +48,7 @@ class CheckOutput(TypedDict):
 
 @closed
 class RunOutput(TypedDict):
-    """What a run found; ``tables`` are those of its report."""
+    """What a run found; ``tables`` are those of its report, ``warnings`` the gravest first."""
 
     study: str
     data: str
@@ -60,6 +60,8 @@ class RunOutput(TypedDict):
     refinement: list[Row]
     rays: list[Row]
     proofs: list[Row]
+    verdict: list[str]
+    warnings: list[str]
     tables: dict[str, list[Row]]
     files: list[str]
 
@@ -106,12 +108,15 @@ class SelectOutput(TypedDict):
     refinement: list[Row]
     rays: list[Row]
     proofs: list[Row]
+    warnings: list[str]
 
 
 @closed
-class FilesOutput(TypedDict):
-    """Files that were written."""
+class ReportOutput(TypedDict):
+    """Files that were written, what they amount to, and warnings, the gravest first."""
 
+    verdict: list[str]
+    warnings: list[str]
     files: list[str]
 
 
@@ -157,6 +162,14 @@ class ScoreRow(TypedDict):
     nmse: Number
     r2: Number
     coverage: Number
+
+
+@closed
+class ScoreOutput(TypedDict):
+    """Scores of every simulation that there is, and what is missing."""
+
+    scores: list[ScoreRow]
+    warnings: list[str]
 
 
 @closed
@@ -224,9 +237,9 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "limb": list[LimbRow],
         "sample": SampleOutput,
         "simulate": dict[str, int],
-        "score": list[ScoreRow],
+        "score": ScoreOutput,
         "select": SelectOutput,
-        "report": FilesOutput,
+        "report": ReportOutput,
     }
 )
 """What each of the core's commands prints with ``--json``."""

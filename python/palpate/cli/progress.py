@@ -46,6 +46,8 @@ class StageProgress:
         self._total = self._done = self._n_running = 0
         self._last_line = time.monotonic()
         self._first: tuple[float, int] | None = None
+        self.noted: list[str] = []
+        """Every note so far."""
         self._notes: Counter[str] = Counter()
         self._stopping = False
         self._handlers: dict[signal.Signals, Any] = {}
@@ -108,6 +110,7 @@ class StageProgress:
 
     def note(self, text: str) -> None:
         """Tell of something on the way."""
+        self.noted.append(text)
         self._console.print(text, markup=False)
 
     def going_on(self) -> bool:

@@ -4,6 +4,7 @@ import typer
 
 from palpate.cli.options import AsJson, OutFolder, StudyPath
 from palpate.cli.progress import StageProgress
+from palpate.cli.results import check_results, show_verdict
 from palpate.cli.session import Session, run_folder
 
 
@@ -17,7 +18,10 @@ def report(context: typer.Context, study: StudyPath, out: OutFolder = None, as_j
     with StageProgress(session) as progress:
         made = pipeline.report(checked, folder, session.plugins, progress)
     if as_json:
-        session.json({"files": made.files})
-        return
-    for file in made.files:
-        session.say(str(file))
+        verdict = made.verdict
+        session.json({"verdict": verdict.sentences, "warnings": verdict.warnings, "files": made.files})
+    else:
+        for file in made.files:
+            session.say(str(file))
+        show_verdict(session, made.verdict, made.files)
+    check_results(made.verdict.without_result)

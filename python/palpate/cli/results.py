@@ -1,30 +1,66 @@
-"""How a whole run is shown: tables, distance to a known truth, where the figures lie."""
+"""How a whole run is shown: tables, then the verdict, its warnings and where the page is."""
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.cli.session import Session
+from palpate.errors import NothingSelectableError
 
 if TYPE_CHECKING:
     import polars as pl
 
     from palpate.cli.output import RunOutput
     from palpate.pipeline import RunResult
+    from palpate.report.verdict import Verdict
     from palpate.study import Study
 
+MOST_LINES = 5
+"""Most sentences of a verdict in the terminal; the page has all."""
 
-def show_run(session: Session, study: "Study", result: "RunResult") -> None:
-    """Print what a run found, for people."""
-    from palpate.report import finding
 
+def show_run(session: Session, study: "Study", result: "RunResult", *, as_json: bool) -> None:
+    """Print what a run found.
+
+    Raises
+    ------
+    NothingSelectableError
+        After the printing, where a scenario has no set at a spot.
+    """
+    if as_json:
+        session.json(_as_json(study, result))
+    else:
+        _show(session, study, result)
+    check_results(result.selected.without_result)
+
+
+def check_results(missing: Mapping[tuple[str, str], str]) -> None:
+    """Raise NothingSelectableError where a scenario of the study has no set at a spot."""
+    from palpate.completeness import described
+
+    if missing:
+        raise NothingSelectableError(f"no set could be selected at {described(missing)}")
+
+
+def _show(session: Session, study: "Study", result: "RunResult") -> None:
     session.say(f"{study.name}: {data_notice(study)}")
     for name, frame in result.report.tables.items():
         if frame.height:
             session.frame(name.replace("_", " "), _side_by_side(name, frame))
-    if sentence := finding(result.report.tables):
-        session.say(sentence)
-    for page in result.report.files:
+    show_verdict(session, result.report.verdict, result.report.files)
+
+
+def show_verdict(session: Session, verdict: "Verdict", files: Sequence[Path]) -> None:
+    """Print the verdict, its warnings, the gravest first, and how to open the page."""
+    lines = verdict.sentences
+    more = len(lines) - MOST_LINES
+    for line in lines if more <= 0 else [*lines[: MOST_LINES - 1], f"… {more + 1} more on the page"]:
+        session.paragraph(line)
+    for warning in verdict.warnings:
+        session.paragraph(f"Warning: {warning}")
+    for page in files:
         if page.suffix == ".html":
-            session.say(f"Tables and figures: {page}")
+            session.say(f"Tables and figures: open {page.resolve().as_uri()}")
 
 
 def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
@@ -44,7 +80,7 @@ def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
     return frame
 
 
-def run_as_json(study: "Study", result: "RunResult") -> "RunOutput":
+def _as_json(study: "Study", result: "RunResult") -> "RunOutput":
     """Collect what a run found, for a script."""
     return {
         "study": study.name,
@@ -57,6 +93,8 @@ def run_as_json(study: "Study", result: "RunResult") -> "RunOutput":
         "refinement": result.selected.refinement.to_dicts(),
         "rays": result.selected.rays.to_dicts(),
         "proofs": result.selected.proofs.to_dicts(),
+        "verdict": list(result.report.verdict.sentences),
+        "warnings": list(result.report.verdict.warnings),
         "tables": {name: frame.to_dicts() for name, frame in result.report.tables.items()},
         "files": [str(file) for file in result.report.files],
     }

@@ -9,7 +9,7 @@ import typer
 
 from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, OutFolder, StudyPath
 from palpate.cli.progress import StageProgress
-from palpate.cli.results import run_as_json, show_run
+from palpate.cli.results import show_run
 from palpate.cli.session import Session, run_folder
 from palpate.errors import StudyError
 
@@ -33,17 +33,13 @@ def run(
     """Run every stage of a study; what is already simulated is not simulated again."""
     session = Session.of(context)
     checked = replace(session.study(study), n_total=n_sets or 0)
-    folder = go(session, checked, run_folder(checked, out), go_on=go_on, fork=fork, as_json=as_json)
-    if not as_json:
-        session.next(
-            f"run {study} --out {folder}", "change the study and run it again; what is simulated is kept; "
-        )
+    go(session, checked, run_folder(checked, out), go_on=go_on, fork=fork, as_json=as_json)
 
 
 def go(
     session: Session, study: "Study", folder: Path, *, go_on: bool, fork: Path | None, as_json: bool
-) -> Path:
-    """Run a study in a folder, or in a copy of it, show what it found, and return that folder."""
+) -> None:
+    """Run a study in a folder, or in a copy of it, and show what it found."""
     from palpate import pipeline
 
     where = folder if fork is None else fork
@@ -56,11 +52,7 @@ def go(
             forked_from=None if fork is None else folder,
             confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
         )
-    if as_json:
-        session.json(run_as_json(study, result))
-    else:
-        show_run(session, study, result)
-    return where
+    show_run(session, study, result, as_json=as_json)
 
 
 def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) -> None:

@@ -4,6 +4,7 @@ import typer
 
 from palpate.cli.options import AsJson, OutFolder, StudyPath
 from palpate.cli.progress import StageProgress
+from palpate.cli.results import check_results
 from palpate.cli.session import Session, run_folder
 
 
@@ -24,9 +25,11 @@ def select(context: typer.Context, study: StudyPath, out: OutFolder = None, as_j
         "proofs": selected.proofs,
     }
     if as_json:
-        session.json({name: frame.to_dicts() for name, frame in frames.items()})
-        return
-    for name, frame in frames.items():
-        if frame.height:
-            session.frame(name.capitalize(), frame)
-    session.next(f"report {study} --out {folder}", f"written to {folder}; ")
+        tables = {name: frame.to_dicts() for name, frame in frames.items()}
+        session.json({**tables, "warnings": progress.noted})
+    else:
+        for name, frame in frames.items():
+            if frame.height:
+                session.frame(name.capitalize(), frame)
+        session.next(f"report {study} --out {folder}", f"written to {folder}; ")
+    check_results(selected.without_result)

@@ -5,6 +5,7 @@ What draws is imported when something is drawn: most commands do not, and it tak
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import polars as pl
 
@@ -15,7 +16,19 @@ from palpate.report.convergence import by_spot, contact_along
 from palpate.report.table_files import write_tables
 from palpate.report.tables import finding, make_tables
 
-__all__ = ["Content", "by_spot", "contact_along", "draw_presses", "finding", "make_tables", "write_report"]
+if TYPE_CHECKING:
+    from palpate.report.verdict import Verdict
+
+__all__ = [
+    "Content",
+    "by_spot",
+    "contact_along",
+    "draw_presses",
+    "finding",
+    "make_tables",
+    "make_verdict",
+    "write_report",
+]
 
 
 def write_report(content: Content, folder: Path) -> tuple[Path, ...]:
@@ -25,6 +38,13 @@ def write_report(content: Content, folder: Path) -> tuple[Path, ...]:
     figure_files = write_figures(content, folder / "figures")
     page = write_page(content, tables, (*table_files, *figure_files), folder)
     return (*table_files, *figure_files, page)
+
+
+def make_verdict(content: Content, tables: Mapping[str, pl.DataFrame]) -> "Verdict":
+    """Sum up a run: see :func:`palpate.report.verdict.make_verdict`."""
+    from palpate.report import verdict
+
+    return verdict.make_verdict(content, tables)
 
 
 def write_figures(content: Content, folder: Path) -> tuple[Path, ...]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import polars as pl
 
+from palpate.completeness import described
 from palpate.determination import UNCLEAR, share_of_range
 from palpate.domain import Parameter
 from palpate.report.best_sets import Best, determined_when_generalising, with_brief_names
@@ -38,28 +39,50 @@ class Caution:
 def cautions(
     content: Content, bests: Sequence[Best], tables: Mapping[str, pl.DataFrame]
 ) -> Iterator[Caution]:
-    """Everything that there is to distrust, the data first."""
+    """Everything that there is to distrust, the gravest first."""
+    yield from _about_missing(content)
+    yield from _about_fits(content, bests)
+    yield from _about_one_set(content)
+    yield from _about_failures(content)
+    yield from _about_ends(content, bests)
+    yield from _about_determination(content)
+    yield from _about_searches(content)
+    yield from _about_proofs(content)
+    yield from _about_certificates(content)
+    yield from _about_sweep(content)
     yield from _about_data(content)
     if sentence := finding(tables):
         what, _, why = sentence.partition(": ")
         yield Caution(what=what, why=why[:1].upper() + why[1:])
-    yield from _about_fits(content, bests)
-    yield from _about_determination(content)
-    yield from _about_one_set(content)
-    yield from _about_sweep(content)
-    yield from _about_searches(content)
     yield from _about_conventions(content)
-    yield from _about_proofs(content)
-    yield from _about_certificates(content)
+
+
+def _about_missing(content: Content) -> Iterator[Caution]:
+    found = content.completeness
+    if not found.is_complete:
+        yield Caution(
+            what="Incomplete sweep",
+            why=f"{found}. A set that was not simulated may fit better; `palpate run` simulates the rest.",
+        )
+    if missing := content.without_result:
+        yield Caution(
+            what=f"No result for {len(missing)} of {len(content.spots) * len(content.study.scenarios)} "
+            "spots and scenarios",
+            why=f"{described(missing)}.",
+        )
+    unscored = [
+        f"{channel} at {spot}"
+        for (spot, channel), rows in content.scores.group_by("spot", "channel", maintain_order=True)
+        if rows["nmse"].is_null().all() and spot in content.selection["spot"]
+    ]
+    if unscored:
+        yield Caution(
+            what="A measured channel could not be compared with any simulation",
+            why=f"{_some(unscored)}. The simulated curve is missing or does not reach far enough.",
+        )
 
 
 def _about_data(content: Content) -> Iterator[Caution]:
-    if content.notice:
-        yield Caution(
-            what="The experiment is simulated",
-            why="The 'measured' curves were computed; a fit says that the machinery works, "
-            "not what any limb is made of.",
-        )
     curves = [curve for response in content.measured.values() for curve in response.curves.values()]
     if not content.notice and all(curve.std is None for curve in curves):
         yield Caution(
@@ -88,6 +111,9 @@ def _about_fits(content: Content, bests: Sequence[Best]) -> Iterator[Caution]:
             what="A best set is of a simulation that did not finish",
             why=f"{_some(unfinished)}. It is ranked by what its curves had reached.",
         )
+
+
+def _about_ends(content: Content, bests: Sequence[Best]) -> Iterator[Caution]:
     ends = [
         f"{brief.name} at {best.spot}, scenario {best.scenario}"
         for best in bests
@@ -156,11 +182,15 @@ def _about_one_set(content: Content) -> Iterator[Caution]:
 
 def _about_sweep(content: Content) -> Iterator[Caution]:
     n_parameters = len(content.design.parameters)
-    if content.design.n_sets < FEW_SETS * n_parameters:
+    n_sets = min(content.completeness.simulated.values())
+    if n_sets < FEW_SETS * n_parameters and content.refined.table.is_empty():
         yield Caution(
-            what=f"A thin sweep: {content.design.n_sets} sets for {n_parameters} parameters",
+            what=f"A thin sweep: {n_sets} sets for {n_parameters} parameters",
             why="The best set is the best of few; raise n_sets, or refine.",
         )
+
+
+def _about_failures(content: Content) -> Iterator[Caution]:
     jobs = content.scores.select("spot", "set_id").unique().height
     reasons = failures_by_reason(content.scores)
     n_failed = int(reasons["n"].sum()) if reasons.height else 0

@@ -6,6 +6,7 @@ from typing import Any
 
 import polars as pl
 
+from palpate.completeness import Completeness, completeness, without_result
 from palpate.determination import Swept
 from palpate.domain import Channel, Design, Limb, Response, Scenario
 from palpate.refinement import Refined
@@ -84,6 +85,16 @@ class Content:
     def generalising(self) -> Scenario:
         """The scenario whose mean over the spots decides the generalised set."""
         return next(s for s in self.study.scenarios if s.name == self.study.generalise_by)
+
+    @property
+    def completeness(self) -> Completeness:
+        """How much of the sweep was scored."""
+        return completeness(self.scores, self.spots, self.design)
+
+    @property
+    def without_result(self) -> dict[tuple[str, str], str]:
+        """Spots and scenarios without a selected set, and why."""
+        return without_result(self.scores, self.selection, self.study.scenarios, self.spots)
 
     @property
     def notice(self) -> str:

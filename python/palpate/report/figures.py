@@ -174,7 +174,9 @@ def nmse_distribution(content: Content) -> Figure:
     axis.set_xlabel("spot")
     axis.set_ylabel(f"Fopt (NMSE), scenario {content.generalising.name}")
     legend_below(figure, [axis])
-    entitle(figure, f"{content.study.name}: NMSE of {content.design.n_sets} sets per spot", content.notice)
+    found = content.completeness
+    sets = found.n_sets if found.is_complete else f"up to {max(found.simulated.values())} of {found.n_sets}"
+    entitle(figure, f"{content.study.name}: NMSE of {sets} sets per spot", content.notice)
     return figure
 
 

@@ -60,6 +60,7 @@ def render(content: Content, tables: Mapping[str, pl.DataFrame], files: Sequence
         notice=content.notice,
         solver=f"{content.study.solver.name} {content.study.solver.version()}",
         n_sets=content.design.n_sets,
+        incomplete="" if content.completeness.is_complete else str(content.completeness),
         verdict=make_verdict(content, tables),
         tables={name: _table(name, frame) for name, frame in tables.items()},
         convergence=_table("convergence", content.convergence),

@@ -66,16 +66,18 @@ def parameter_space(content: Content, spot: str) -> Figure:
     if n > 1:
         _colour_bar(figure, flat, content)
     legend_below(figure, flat[-1:])
-    entitle(figure, f"{content.study.name}, spot {spot}: {len(fopt)} sets and their NMSE", content.notice)
+    n_sets = int(np.isfinite(values[:, 0]).sum())
+    entitle(figure, f"{content.study.name}, spot {spot}: {n_sets} sets and their NMSE", content.notice)
     return figure
 
 
 def _sets_at(content: Content, spot: str) -> tuple[FloatArray, FloatArray]:
-    """Values of every set and its Fopt at a spot, NaN where it failed."""
+    """Values of every set, NaN where it was not simulated, and its Fopt at a spot, NaN where it failed."""
     rows = objectives(content.scores, [content.generalising]).filter(pl.col("spot") == spot)
     fopt = np.full(content.design.n_sets, np.nan)
     fopt[rows["set_id"].to_numpy()] = rows["fopt"].to_numpy()
-    return content.design.values, fopt
+    simulated = np.isin(np.arange(fopt.size), content.scores.filter(pl.col("spot") == spot)["set_id"])
+    return np.where(simulated[:, None], content.design.values, np.nan), fopt
 
 
 def _one_parameter(values: FloatArray, fopt: FloatArray, parameter: Parameter) -> tuple[Figure, list[Axes]]:
@@ -127,7 +129,8 @@ def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
     """Draw sets at coordinates (n_sets,) each: coloured, black above the limit, grey failed, red least."""
     draw: Any = axis.scatter
     scatter = partial(draw, depthshade=False) if axis.name == "3d" else draw
-    failed, above = np.isnan(fopt), fopt > COLOUR_LIMIT
+    unranked, above = np.isnan(fopt), fopt > COLOUR_LIMIT
+    failed = unranked & np.isfinite(at[0])
     kinds = {
         "failed": (failed, {"color": "0.6", "marker": "+", "s": 14, "linewidths": 0.6}),
         f"NMSE above {COLOUR_LIMIT:g}": (
@@ -139,11 +142,11 @@ def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
         if where.any():
             scatter(*(x[where] for x in at), label=f"{label}: {where.sum()} sets", **look)
     # The best lie on top.
-    order = np.argsort(-np.where(failed | above, -np.inf, fopt))
-    order = order[~(failed | above)[order]]
+    order = np.argsort(-np.where(unranked | above, -np.inf, fopt))
+    order = order[~(unranked | above)[order]]
     scatter(*(x[order] for x in at), c=fopt[order], cmap=colours(), vmin=0.0, vmax=COLOUR_LIMIT, s=14,
             linewidths=0, alpha=1.0)  # fmt: skip
-    if not failed.all():
+    if not unranked.all():
         least = int(np.nanargmin(fopt))
         scatter(*(x[least : least + 1] for x in at), color=LEAST_COLOUR, marker="*", s=70,
                 edgecolors="white", linewidths=0.4, zorder=5,

@@ -94,6 +94,8 @@ def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
     for axis in axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             labelled.setdefault(label, handle)
+    if not labelled:
+        return
     widest = max(len(label) for label in labelled)
     n_columns = int(figure.get_figwidth() / (0.45 + 0.052 * widest))
     figure.legend(

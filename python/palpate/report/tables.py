@@ -6,6 +6,7 @@ from typing import Any
 
 import polars as pl
 
+from palpate.completeness import Completeness
 from palpate.domain import Parameter, RegionMaterial, Scenario
 from palpate.report.content import Content
 from palpate.selection import failures
@@ -37,6 +38,7 @@ def make_tables(content: Content) -> dict[str, pl.DataFrame]:
     shows what a fit to some channels costs in the others, ``cross_channel`` the errors
     behind it; the others come where there is something to say. ``TITLES`` names them all.
     What simulations cost is not among them: the same study gives the same tables.
+    In an incomplete sweep each has a column ``simulated``, of how many sets its rows are.
     """
     tables = {
         "table1_coefficients": coefficients(content),
@@ -52,7 +54,20 @@ def make_tables(content: Content) -> dict[str, pl.DataFrame]:
         "proofs": content.proofs.drop("key", strict=False),
         "failures": failures_by_reason(content.scores),
     }
-    return {name: table for name, table in tables.items() if not table.is_empty()}
+    found = content.completeness
+    return {
+        name: table if found.is_complete else _with_simulated(table, found)
+        for name, table in tables.items()
+        if not table.is_empty()
+    }
+
+
+def _with_simulated(table: pl.DataFrame, found: Completeness) -> pl.DataFrame:
+    everywhere = f"{found.n_everywhere} of {found.n_sets} at every spot"
+    if "spot" not in table.columns:
+        return table.with_columns(simulated=pl.lit(everywhere))
+    by_spot = {spot: found.at(spot) for spot in found.simulated}
+    return table.with_columns(simulated=pl.col("spot").replace_strict(by_spot, default=everywhere))
 
 
 def coefficients(content: Content) -> pl.DataFrame:

@@ -1,7 +1,7 @@
 """What a run amounts to: the best parameters, how far they are to be believed, and what is not."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import polars as pl
 
@@ -30,6 +30,9 @@ class Verdict:
     determined : tuple of str
         A sentence on each parameter.
     cautions : tuple of Caution
+        The gravest first.
+    without_result : mapping of (spot, scenario) to str
+        Why no set could be selected there.
     """
 
     parameters: tuple[str, ...]
@@ -37,6 +40,17 @@ class Verdict:
     lead: str
     determined: tuple[str, ...]
     cautions: tuple[Caution, ...]
+    without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What was found, and how well each parameter is determined."""
+        return tuple(sentence for sentence in (self.lead, *self.determined) if sentence)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The cautions as text, the gravest first."""
+        return tuple(f"{each.what}. {each.why}" for each in self.cautions)
 
 
 def make_verdict(content: Content, tables: Mapping[str, pl.DataFrame]) -> Verdict:
@@ -49,6 +63,7 @@ def make_verdict(content: Content, tables: Mapping[str, pl.DataFrame]) -> Verdic
         lead=_lead(content, bests, brief),
         determined=tuple(_determined(content, p, b.name) for p, b in with_brief_names(content)),
         cautions=tuple(cautions(content, bests, tables)),
+        without_result=content.without_result,
     )
 
 
@@ -63,8 +78,10 @@ def _lead(content: Content, bests: Sequence[Best], brief: Sequence[Parameter]) -
         return ""
     row = content.generalisation.row(0, named=True)
     spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
+    found = content.completeness
+    of = "" if found.is_complete else f", of {found.n_everywhere} sets simulated at each"
     return (
-        f"One set for all {len(content.spots)} spots: set {row['set_id']}, "
+        f"One set for all {len(content.spots)} spots{of}: set {row['set_id']}, "
         f"{_listed(brief, [row[p.name] for p in content.design.parameters])}; "
         f"mean Fopt {row['fopt_mean']:.4g}{spread} (scenario {row['scenario']})."
     )

@@ -1,0 +1,121 @@
+"""A sweep that is not complete is reported as incomplete by every stage, table and warning."""
+
+from dataclasses import replace
+
+import pytest
+
+from palpate import pipeline, simulation
+from palpate.completeness import described
+from palpate.domain import Response
+from palpate.progress import SILENT
+from palpate.report.figures import nmse_distribution, responses
+from palpate.report.space import parameter_space
+
+
+class Notes(type(SILENT)):
+    def __init__(self):
+        self.notes = []
+
+    def note(self, text):
+        self.notes.append(text)
+
+
+@pytest.fixture
+def partial(make_study, plugins, tmp_path, monkeypatch):
+    """A run folder that holds the first so many of 2 × 12 simulations, spot by spot."""
+
+    def made(n_done):
+        study, folder = make_study(), tmp_path / "run"
+        for verb in (pipeline.measure, pipeline.sample, pipeline.simulate):
+            verb(study, folder, plugins)
+        stored = simulation.stored
+        monkeypatch.setattr(simulation, "stored", lambda *given: stored(*given)[:n_done])
+        return study, folder
+
+    return made
+
+
+@pytest.mark.parametrize(
+    ("n_done", "missing"), [(20, "p2: 8 of 12"), (12, "p2: 0 of 12"), (5, "p1: 5 of 12")]
+)
+def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undrawn, n_done, missing):
+    study, folder = partial(n_done)
+    notes = Notes()
+    pipeline.score(study, folder, plugins, notes)
+    selected = pipeline.select(study, folder, plugins, notes)
+    assert len(notes.notes) == 2
+    for note in notes.notes:
+        assert note.startswith(f"warning: incomplete sweep, {n_done} of 24 simulations (")
+        assert missing in note
+    report = pipeline.report(study, folder, plugins, notes)
+    first = report.verdict.cautions[0]
+    assert first.what == "Incomplete sweep"
+    assert missing in first.why
+    for table in report.tables.values():
+        assert "simulated" in table.columns
+    assert f"Incomplete sweep: {n_done} of 24" in (folder / "report" / "index.html").read_text()
+    assert any("thin sweep" in each.what for each in report.verdict.cautions)
+    if n_done > 12:
+        assert report.tables["table2_nmse"]["simulated"].to_list() == ["12 of 12", "8 of 12"]
+        assert "of 8 sets simulated at each" in report.verdict.lead
+        assert not selected.without_result
+    else:  # nothing at p2
+        assert selected.generalisation.is_empty()
+        assert {spot for spot, _ in selected.without_result} == {"p2"}
+        assert "no simulation was scored" in described(selected.without_result)
+        assert any(
+            each.what == "No result for 3 of 6 spots and scenarios" for each in report.verdict.cautions
+        )
+
+
+def test_a_set_whose_curves_are_lost_is_missing(make_study, plugins, tmp_path, one_figure):
+    study, folder = make_study(), tmp_path / "run"
+    pipeline.run_study(study, folder, plugins)
+    before = set((folder / "curves").iterdir())
+    study = replace(study, n_total=16)
+    pipeline.run_study(study, folder, plugins)
+    (later,) = set((folder / "curves").iterdir()) - before
+    later.write_bytes(later.read_bytes()[:-9])
+    notes = Notes()
+    scores = pipeline.score(study, folder, plugins, notes)
+    assert scores.select("spot", "set_id").n_unique() == 24
+    assert notes.notes[0].startswith("warning: incomplete sweep, 24 of 32 simulations (p1: 12 of 16, p2: 12")
+
+
+def test_a_spot_without_a_simulation_is_drawn_without_sets(content):
+    made = content()
+    of_p1 = replace(
+        made,
+        scores=made.scores.filter(spot="p1"),
+        selection=made.selection.filter(spot="p1"),
+        generalisation=made.generalisation[:0],
+        responses={key: found for key, found in made.responses.items() if key[0] == "p1"},
+    )
+    assert "spot p2: 0 sets" in parameter_space(of_p1, "p2").get_suptitle()
+    assert responses(of_p1, "p2").axes
+    assert "up to 40 of 40 sets" in nmse_distribution(of_p1).get_suptitle()
+
+
+def test_a_complete_sweep_has_no_such_column_or_warning(content):
+    made = content()
+    assert made.completeness.is_complete
+    assert not made.without_result
+    assert str(made.completeness) == "80 of 80 simulations"
+
+
+def test_a_scenario_that_no_set_can_be_ranked_in_is_named_with_the_reason(
+    make_study, plugins, tmp_path, tissue, one_figure
+):
+    class NoTorque(tissue.Analytic):
+        def behave(self, job):
+            whole = super().behave(job)
+            return replace(whole, response=Response(curves={"force": whole.response["force"]}))
+
+    result = pipeline.run_study(make_study(solver=NoTorque()), tmp_path / "run", plugins)
+    missing = result.selected.without_result
+    assert set(missing) == {(spot, name) for spot in ("p1", "p2") for name in ("I", "II")}
+    assert "no curve 'torque'" in missing["p1", "I"]
+    named = {each.what: each.why for each in result.report.verdict.cautions}
+    assert "p1, scenario I" in named["No result for 4 of 6 spots and scenarios"]
+    assert "torque at p1" in named["A measured channel could not be compared with any simulation"]
+    assert "NaN" not in (tmp_path / "run" / "report" / "index.html").read_text().split("<script")[0]
