@@ -11,7 +11,7 @@ from palpate.errors import MaterialError
 from palpate.interfaces import Solver
 from palpate.specimens import block
 from palpate_febio.binary import find_binary
-from palpate_febio.certificate import Case, Certificate, at, compared
+from palpate_febio.certificate import Case, Certificate, Row, at, compared
 from palpate_febio.certificate_block import block_rows
 from palpate_febio.certificate_element import RECORDED_VALUES, one_element, recorded_deviation
 from palpate_febio.certificate_twist import TWIST_DEG, twist_rows
@@ -172,6 +172,79 @@ def test_friction_without_memory_is_found_out():
     assert by["forgetful", "torque"].difference == pytest.approx(0.8)
     assert by["forgetful", "force"].verdict == "agrees"
     assert TWIST_DEG == -22.5
+
+
+def test_others_are_judged_against_references_and_not_the_other_way_round():
+    limb, theta = block(n_across=2, n_down=1), np.array([0.06, 3.0, 1.0])
+    contenders = {"alien": forgetful(False), "ours": forgetful(False)}
+    rows = list(twist_rows(limb, Ogden(), theta, contenders, references=["ours"]))
+    assert {(r.solver, r.against) for r in rows if r.against != "itself"} == {("alien", "ours")}
+    contenders = {"ours": forgetful(True), "alien": forgetful(False), "other": forgetful(False)}
+    rows = list(twist_rows(limb, Ogden(), theta, contenders, references=["ours"]))
+    assert {r.against for r in rows} == {"itself"}
+
+
+def test_a_torque_of_zero_is_a_failure():
+    def respond(job):
+        curve = Curve(
+            channel="torque", abscissa=job.protocol.path[:, 1], ordinate=0 * job.protocol.path[:, 1]
+        )
+        return Simulation(job=job, status=Status.OK, response=Response(curves={"torque": curve}))
+
+    rows = list(
+        twist_rows(block(n_across=2, n_down=1), Ogden(), np.ones(3), {"idle": lambda _: Echo(respond)})
+    )
+    assert [(r.verdict, r.note) for r in rows] == [("failed", "its torque is 0 at the end of the twist")] * 2
+
+
+ALIEN = """
+from palpate import Simulation, Solver, Status, hookimpl
+
+class Alien(Solver):
+    name = "alien"
+    summary = "has no answer"
+
+    def version(self):
+        return "1"
+
+    def simulate(self, job, limb):
+        return Simulation(job=job, status=Status.DIVERGED, response=None, message="no idea")
+
+@hookimpl
+def palpate_solvers():
+    return [Alien]
+"""
+
+
+def test_a_solver_of_others_is_judged_when_it_is_asked_for(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr("palpate_febio.certificate_block.block_rows", lambda *_: iter(()))
+
+    def only_named(limb, material, theta, contenders, problem, references):
+        assert references == ["jax"]
+        for name in contenders:
+            yield Row(problem=problem, material="", quantity="", solver=name, against="", tolerance=1.0,
+                      difference=None if name == "alien" else 0.0)  # fmt: skip
+
+    monkeypatch.setattr("palpate_febio.certificate_twist.twist_rows", only_named)
+    (tmp_path / "alien.py").write_text(ALIEN)
+    call = ["--plugin", str(tmp_path / "alien.py"), "certify", "yeoh", "--json"]
+    assert main(call) == 0
+    own = json.loads(capsys.readouterr().out)
+    assert list(own["solvers"]) == own["judged"] == ["jax"]
+    assert "not judged: alien; name each with --solver" in own["missing"]
+    assert main([*call, "--solver", "alien"]) == 1
+    asked = json.loads(capsys.readouterr().out)
+    assert (list(asked["solvers"]), asked["judged"]) == (["jax", "alien"], ["alien"])
+    assert asked["by_solver"]["alien"] is False
+    for name, said in (
+        ("homogeneous", "takes no mesh"),
+        ("febio", "febio4"),
+        ("alein", "did you mean 'alien'"),
+    ):
+        assert main([*call, "--solver", name]) == 2
+        assert said in capsys.readouterr().err
 
 
 def test_the_recorded_block_is_the_one_that_is_simulated():

@@ -39,7 +39,11 @@ def palpate_commands(app: "typer.Typer") -> None:
     from palpate_febio.prove_command import febio_prove
 
     calls: dict[Callable[..., None], tuple[str, ...]] = {
-        certify: ("palpate certify", "palpate certify yeoh --mesh limb.vtu --out runs/arm/certificate.json"),
+        certify: (
+            "palpate certify",
+            "palpate certify yeoh --mesh limb.vtu --out runs/arm/certificate.json",
+            "palpate certify --solver my_solver",
+        ),
         febio_prove: ("palpate febio-prove arm", "palpate febio-prove arm --out /scratch/arm"),
         febio_deck: ("palpate febio-deck limb.feb",),
         friction_memory: ("palpate friction-memory", "palpate friction-memory --steps 5 --steps 40"),

@@ -13,6 +13,9 @@ from palpate.plugins import answering_for
 
 RECORDED = "FEBio 4.11, recorded"
 
+ENERGIES = "palpate"
+"""What stands for a solver where the stress of a material is compared."""
+
 COUPLED = frozenset({"neo_hookean"})
 """Materials whose hex8 is a plain 8-point element in FEBio."""
 
@@ -48,16 +51,25 @@ class Row:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Certificate:
-    """Every comparison, the solvers with their versions, and what could not be run."""
+    """Every comparison, the solvers with their versions, and what could not be run.
+
+    ``judged`` names the solvers that the verdict is about, all of them where it is empty; others
+    were run as references.
+    """
 
     rows: tuple[Row, ...]
     solvers: Mapping[str, str]
     missing: tuple[str, ...]
+    judged: frozenset[str] = frozenset()
 
     @property
     def passed(self) -> bool:
-        """Whether something was compared, nothing differs and nothing failed."""
-        return self._sound(self.rows)
+        """Whether something was compared, and nothing of what is judged differs or failed."""
+        return self._sound([row for row in self.rows if self.counts(row.solver)])
+
+    def counts(self, solver: str) -> bool:
+        """Whether the verdict is about this solver."""
+        return not self.judged or solver in self.judged or solver == ENERGIES
 
     @property
     def by_solver(self) -> dict[str, bool]:
@@ -75,6 +87,7 @@ class Certificate:
         return {
             "passed": self.passed,
             "by_solver": self.by_solver,
+            "judged": sorted(self.judged),
             "solvers": dict(self.solvers),
             "missing": list(self.missing),
             "rows": [{**asdict(row), "verdict": row.verdict} for row in self.rows],

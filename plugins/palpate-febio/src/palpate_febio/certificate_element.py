@@ -11,7 +11,7 @@ from palpate import mechanics
 from palpate.domain import FloatArray
 from palpate.errors import PalpateError
 from palpate.interfaces import Material
-from palpate_febio.certificate import RECORDED, Row
+from palpate_febio.certificate import ENERGIES, RECORDED, Row
 from palpate_febio.probe import COMPONENTS, TOLERANCE
 from palpate_febio.solver import FebioSolver
 
@@ -55,7 +55,7 @@ def recorded_deviation(material: Material, rows_of: str, theta: FloatArray) -> f
 
 def one_element(material: Material, febio: FebioSolver | None) -> Iterator[Row]:
     """Palpate's stress against the record, and against the installed FEBio where there is one."""
-    stress = partial(Row, problem="one element", material=material.name, quantity="stress", solver="palpate")
+    stress = partial(Row, problem="one element", material=material.name, quantity="stress", solver=ENERGIES)
     if material.name in RECORDED_VALUES:
         rows_of, sent = RECORDED_VALUES[material.name]
         numbers = np.array(sent)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +11,8 @@ import typer
 
 from palpate.cli.options import AsJson
 from palpate.cli.session import Session
-from palpate.errors import PalpateError, StudyError
+from palpate.errors import PalpateError, PluginError, StudyError
+from palpate.plugin_registry import FIRST_PARTY
 
 if TYPE_CHECKING:
     from palpate.domain import Limb
@@ -41,20 +42,28 @@ def certify(
             "--out", metavar="FILE", help="Write the JSON there too; in a run's folder, its report shows it."
         ),
     ] = None,
+    solver: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--solver", metavar="NAME", help="A solver to judge; repeat for more. Default: palpate's own."
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare every installed solver with FEBio's recorded curves, and with FEBio where it is installed."""
+    """Compare solvers with FEBio's recorded curves, and with FEBio where it is installed."""
     from palpate.results import write_atomically
     from palpate_febio.certificate import Certificate
 
     session = Session.of(context)
-    solvers, contenders, missing = _contenders(session.plugins)
+    judged, febio, contenders, missing = _contenders(session.plugins, solver or ())
     rows = []
-    for row in _rows(session, material, mesh, contenders, solvers):
+    for row in _rows(session, material, mesh, contenders, febio):
         session.note(f"{row.problem}, {row.material}, {row.quantity}, {row.solver}: {row.verdict}")
         rows.append(row)
     versions = {name: _version(make(True)) for name, make in contenders.items()}
-    certificate = Certificate(rows=tuple(rows), solvers=versions, missing=tuple(missing))
+    certificate = Certificate(
+        rows=tuple(rows), solvers=versions, missing=tuple(missing), judged=frozenset(judged)
+    )
     if out is not None:
         file = out / "certificate.json" if out.is_dir() else out
         write_atomically(file, json.dumps(certificate.as_json(), indent=1).encode() + b"\n")
@@ -73,8 +82,11 @@ def _version(solver: Solver) -> str:
         return str(error)
 
 
-def _contenders(plugins: Plugins) -> tuple[Any, dict[str, Any], list[str]]:
-    """The installed FEBio or None, a maker for each solver that takes a limb, and what is missing."""
+def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any, dict[str, Any], list[str]]:
+    """Names to judge, the installed FEBio or None, a maker for each solver to run, and what is missing.
+
+    Palpate's own solvers come first: the others are judged against them, and never the other way round.
+    """
     from palpate_febio.solver import FebioSolver
 
     installed = FebioSolver()
@@ -83,15 +95,31 @@ def _contenders(plugins: Plugins) -> tuple[Any, dict[str, Any], list[str]]:
     try:
         installed.binary()
     except PalpateError as error:
+        if any(issubclass(plugins.solvers[name], FebioSolver) for name in asked):
+            raise
         febio = None
         missing.append(f"FEBio itself: {error}. Its recorded curves stand in for it")
-    makers: dict[str, Any] = {}
-    for name in plugins.solvers:
-        solver = plugins.solvers[name]
-        if not solver.needs_limb or (issubclass(solver, FebioSolver) and febio is None):
-            continue
-        makers[name] = _maker(solver)
-    return febio, makers, missing
+    for name in asked:
+        if not plugins.solvers[name].needs_limb:
+            raise PluginError(f"solver '{name}' takes no mesh, and every problem here has one")
+    able = {name: each for name, each in plugins.solvers.items() if each.needs_limb}
+    others = [name for name, each in able.items() if not _is_own(each)]
+    own = [name for name in able if name not in others]
+    judged = list(asked) or own
+    if unasked := [name for name in others if name not in judged]:
+        missing.append(f"not judged: {', '.join(unasked)}; name each with --solver")
+    wanted = own if set(judged) & set(others) else [name for name in own if name in judged]
+    makers = {
+        name: _maker(plugins.solvers[name])
+        for name in (*wanted, *(name for name in judged if name not in wanted))
+        if febio is not None or not issubclass(plugins.solvers[name], FebioSolver)
+    }
+    return [name for name in judged if name in makers], febio, makers, missing
+
+
+def _is_own(solver: type[Solver]) -> bool:
+    """Whether a solver is released with palpate."""
+    return solver.__module__.split(".")[0].replace("_", "-") in FIRST_PARTY
 
 
 def _maker(solver: type[Solver]) -> Any:  # noqa: ANN401 -- a Contender
@@ -126,9 +154,12 @@ def _rows(
             yield from block_rows(case, materials, contenders)
         name = wanted or "ogden"
         material = materials[name]()
-        yield from twist_rows(_twist_limb(), material, _middle(material), contenders)
+        own = [name for name in contenders if _is_own(session.plugins.solvers[name])]
+        problems = [("frictional twist", _twist_limb())]
         if mesh is not None and limb is not None:
-            yield from twist_rows(limb, material, _middle(material), contenders, f"twist of {mesh.name}")
+            problems.append((f"twist of {mesh.name}", limb))
+        for problem, body in problems:
+            yield from twist_rows(body, material, _middle(material), contenders, problem, own)
     elif mesh is not None:
         raise StudyError(f"{mesh}: no solver that takes a mesh is installed; install palpate-jax")
 
@@ -155,6 +186,8 @@ def _read(plugins: Plugins, mesh: Path) -> Limb:
 
 
 def _show(session: Session, certificate: Any) -> None:  # noqa: ANN401 -- a Certificate
+    from palpate_febio.certificate import ENERGIES
+
     rows = [
         [
             row.problem,
@@ -185,8 +218,11 @@ def _show(session: Session, certificate: Any) -> None:  # noqa: ANN401 -- a Cert
         session.say(f"{name}: {version}")
     for line in certificate.missing:
         session.say(f"missing: {line}")
+    for name, sound in certificate.by_solver.items():
+        role = "" if name in certificate.judged or name == ENERGIES else ", as a reference"
+        session.say(f"{name}{role}: {'agrees' if sound else 'NOT certified'}")
     if certificate.passed:
         session.say("verdict: the solvers agree")
         return
-    doubtful = [name for name, sound in certificate.by_solver.items() if not sound]
-    session.say(f"verdict: NOT certified ({', '.join(doubtful) or 'nothing was compared'})")
+    failed = [n for n, sound in certificate.by_solver.items() if not sound and certificate.counts(n)]
+    session.say(f"verdict: NOT certified ({', '.join(failed) or 'nothing was compared'})")
