@@ -12,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import psutil
 import pytest
 
 from palpate import simulation
@@ -32,6 +33,7 @@ from palpate.plugins import Plugins, load_file
 from palpate.samplers import LatinHypercube
 from palpate.sampling import draw_design
 from palpate.study import Study, StudySpot
+from palpate_dask import cluster as dask_cluster
 from palpate_dask import station
 from palpate_dask.executor import DaskExecutor
 from palpate_dask.settings import DaskSettings
@@ -146,6 +148,14 @@ def test_a_cluster_of_this_machine_holds_limits_and_gives_the_same_bits(study, t
     for _, pid in started(tmp_path):
         with pytest.raises(ProcessLookupError):
             os.kill(int(pid), 0)
+
+
+def test_a_cluster_of_this_machine_opens_no_port():
+    with dask_cluster.connected(DaskSettings(), 1) as client:
+        assert client.scheduler.address.startswith("inproc://")
+        ports = [each.laddr for each in psutil.Process().net_connections("inet") if each.status == "LISTEN"]
+        assert ports == []
+        assert client.submit(sum, [1, 2]).result() == 3
 
 
 def test_workers_stay_warm_and_what_is_not_to_go_on_is_drained(study, tmp_path):

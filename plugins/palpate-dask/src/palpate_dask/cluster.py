@@ -24,6 +24,9 @@ _CLUSTERS = {
     "local": "LocalCluster",
 }
 
+_NO_PAGES = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+"""What Dask serves over HTTP by itself, to everybody."""
+
 
 @contextlib.contextmanager
 def connected(settings: DaskSettings, n_workers: int) -> Iterator[Client]:
@@ -43,7 +46,7 @@ def connected(settings: DaskSettings, n_workers: int) -> Iterator[Client]:
     with contextlib.ExitStack() as stack:
         stack.enter_context(_quiet())
         # Nothing is sent anywhere twice by itself: an unknown name or port is told at once.
-        stack.enter_context(dask.config.set({"distributed.comm.retry.count": 0}))
+        stack.enter_context(dask.config.set({"distributed.comm.retry.count": 0, **_NO_PAGES}))
         if settings.jobqueue is not None:
             cluster = stack.enter_context(_of_batch_system(settings, settings.jobqueue))
         elif settings.address is None and settings.scheduler_file is None:
@@ -53,17 +56,22 @@ def connected(settings: DaskSettings, n_workers: int) -> Iterator[Client]:
         yield stack.enter_context(_client(settings, cluster))
 
 
-def _here(n_workers: int) -> LocalCluster:
-    """Workers of this machine, which nobody else can reach; palpate's own processes do the work."""
-    return LocalCluster(
+@contextlib.contextmanager
+def _here(n_workers: int) -> Iterator[LocalCluster]:
+    """A cluster inside this process, without a port: other users of the machine cannot reach it."""
+    with LocalCluster(
         n_workers=1,
         threads_per_worker=n_workers,
         processes=False,
-        protocol="tcp://",
-        host="127.0.0.1",
-        dashboard_address=None,
+        protocol="inproc://",
+        dashboard_address="127.0.0.1:0",
+        scheduler_kwargs={"dashboard": False},
         memory_limit=0,
-    )
+    ) as cluster:
+        # Dask opens a port for its pages whether or not there are any.
+        for server in (cluster.scheduler, *cluster.workers.values()):
+            server.http_server.stop()
+        yield cluster
 
 
 def _of_batch_system(settings: DaskSettings, queue: JobQueueSettings) -> Any:  # noqa: ANN401 - by name
