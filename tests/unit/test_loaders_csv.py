@@ -208,6 +208,16 @@ def test_a_point_that_groups_thousands_is_not_a_decimal_mark(file: Path) -> None
         loader(decimal=",").load(file, "pull")
 
 
+@pytest.mark.parametrize(
+    "text", ["root:$6$hash:19000\nbin:*:18000\n", "secret,other\nkey,word\n", "a,a\nb,c\n"]
+)
+def test_the_words_of_a_file_that_is_no_table_are_not_repeated(file: Path, text: str) -> None:
+    file.write_text(text)
+    with pytest.raises(CurveError, match="no cell holds a number, so this is no table of curves") as caught:
+        CsvLoader().load(file)
+    assert not any(word in str(caught.value).removeprefix(str(file)) for word in ("hash", "secret"))
+
+
 def test_a_missing_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(CurveError, match=r"gone\.csv: cannot be read \(No such file"):
         loader().load(tmp_path / "gone.csv")

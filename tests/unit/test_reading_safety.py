@@ -7,6 +7,7 @@ import sys
 import textwrap
 import time
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -216,6 +217,15 @@ def test_rows_of_parquet_are_counted_before_they_are_read(tmp_path: Path) -> Non
     assert (tmp_path / "log.parquet").stat().st_size < 100_000
     with pytest.raises(CurveError, match="600000 rows of 2 columns would be 1200000 numbers"):
         read_here(tmp_path / "log.parquet", SMALL)
+
+
+@pytest.mark.parametrize("text", ["root:$6$hash:19000\nbin:*:18000\n", "secret,other\nkey,word\n"])
+def test_the_words_of_a_file_that_is_no_log_are_not_repeated(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    with pytest.raises(CurveError, match="no cell holds a number, so this is no log") as caught:
+        read_here(path, replace(SMALL, columns=("time",)))
+    assert not any(word in str(caught.value).removeprefix(str(path)) for word in ("hash", "secret"))
 
 
 def test_large_files_are_not_opened(tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
 import contextlib
 import importlib
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import dask
@@ -24,7 +25,9 @@ _CLUSTERS = {
     "local": "LocalCluster",
 }
 
-_NO_PAGES = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+_NO_PAGES: Mapping[str, list[str]] = MappingProxyType(
+    {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+)
 """What Dask serves over HTTP by itself, to everybody."""
 
 

@@ -17,6 +17,7 @@ from palpate.errors import CurveError
 
 DELIMITERS = (",", ";", "\t")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_LIKE_A_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 
 
@@ -128,6 +129,10 @@ def read_table(
         raise CurveError(f"{path}: no header and no rows after line {skip_lines}; {remedy}")
     header_line, header_text = lines[0]
     split = delimiter or _guess(header_text, decimal)
+    cells = (cell.strip(' "') for _, text in lines[1:] for cell in text.split(split))
+    if lines[1:] and not any(map(_LIKE_A_NUMBER.match, cells)):
+        # Any other file is none of a message's business.
+        raise CurveError(f"{path}: no cell holds a number, so this is no table of curves; check the path")
     header = _cells(path, header_line, header_text, split)
     _check_header(path, header_line, header)
     rows = tuple((line, _cells(path, line, text, split)) for line, text in lines[1:])

@@ -128,6 +128,9 @@ def find_layout(source: str, lines: Iterator[str], wanted: TextFormat) -> Layout
     body = [(n, line) for n, line in numbered if n > (wanted.skip_lines or 0)]
     delimiter, decimal = _marks(source, [line for _, line in body], wanted)
     rows = [(n, _tolerant_split(line, delimiter)) for n, line in body]
+    if rows[1:] and not any(is_number(c, decimal) or is_date(c) for _, cells in rows for c in cells):
+        # Any other file is none of a message's business.
+        raise CurveError(f"{source}: no cell holds a number, so this is no log; check the path")
     start = 0 if wanted.skip_lines is not None or wanted.names is not None else _header_index(rows, decimal)
     if start >= len(rows):
         raise CurveError(
