@@ -3,7 +3,9 @@
 import tempfile
 from functools import cache
 from pathlib import Path
+from typing import Any
 
+import h5py
 import meshio
 import numpy as np
 import pytest
@@ -40,6 +42,43 @@ def test_a_file_elsewhere_is_refused_by_name(tmp_path: Path, name: str, text: st
     (tmp_path / "inner.txt").write_text("*Include,INPUT=../other.inp\n")
     with pytest.raises(MeshError, match="outside of its folder; move it beside"):
         read_mesh_file(tmp_path / name)
+
+
+def external(file: h5py.File, secret: Path) -> None:
+    file["points"] = h5py.ExternalLink(str(secret), "points")
+
+
+def raw(file: h5py.File, secret: Path) -> None:
+    file.create_dataset("points", (4, 3), "f8", external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
+
+
+def virtual(file: h5py.File, secret: Path) -> None:
+    layout = h5py.VirtualLayout((4, 3), "f8")
+    layout[:] = h5py.VirtualSource(str(secret), "points", (4, 3))
+    file.create_group("deep").create_virtual_dataset("points", layout)
+
+
+@pytest.mark.parametrize("points", [external, raw, virtual])
+@pytest.mark.parametrize("name", ["m.xdmf", "m.h5m"])
+def test_hdf5_that_stores_its_arrays_elsewhere_is_refused(tmp_path: Path, points: Any, name: str) -> None:
+    secret = tmp_path / "elsewhere" / "secret.h5"
+    secret.parent.mkdir()
+    with h5py.File(secret, "w") as file:
+        file["points"] = np.ones((4, 3))
+    (tmp_path / "m.xdmf").write_text(XDMF.format("m.h5"))
+    with h5py.File(tmp_path / ("m.h5" if name == "m.xdmf" else name), "w") as file:
+        points(file, secret)
+    with pytest.raises(MeshError, match="points' is stored in another file, which is not opened"):
+        read_mesh_file(tmp_path / name)
+
+
+def test_a_data_file_that_is_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    folder.mkdir()
+    (folder / "m.h5").symlink_to(tmp_path / "other.h5")
+    (folder / "m.xdmf").write_text(XDMF.format("m.h5"))
+    with pytest.raises(MeshError, match="outside of its folder; move it beside"):
+        read_mesh_file(folder / "m.xdmf")
 
 
 @pytest.mark.parametrize("suffix", ["vtu", "xdmf"])

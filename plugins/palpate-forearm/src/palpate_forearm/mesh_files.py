@@ -68,6 +68,7 @@ def read_mesh_file(path: Path) -> MeshFile:
             mesh = meshio.read(path)
     except (Exception, SystemExit) as error:  # its readers raise whatever a broken file trips over
         reason = " ".join((complaints.getvalue() or str(error)).split()) or type(error).__name__
+        reason = reason[:200]
         raise MeshError(
             f"{path}: meshio cannot read it ({reason}); write it anew, as .vtu for example"
         ) from error
@@ -112,11 +113,61 @@ def _refuse_outside(path: Path) -> None:
         named = iter(()) if kind == ".vtu" else _data_files(path)
     for name in named:
         other = Path(name)
-        if other.is_absolute() or ".." in other.parts:
+        inside = (path.parent / other).resolve().is_relative_to(path.parent.resolve())
+        if other.is_absolute() or ".." in other.parts or not inside:
             raise MeshError(
                 f"{path}: it names the file '{other}', which lies outside of its folder; move it beside "
                 "the mesh"
             )
+        _refuse_hdf_links(path.parent / other)
+    _refuse_hdf_links(path)
+
+
+_HDF = b"\x89HDF\r\n\x1a\n"
+
+
+def _refuse_hdf_links(path: Path) -> None:
+    """Refuse an HDF5 file whose arrays are in other files, which its library would open wherever they are."""
+    with contextlib.suppress(OSError), path.open("rb") as stream:
+        if stream.read(len(_HDF)) != _HDF:
+            return
+    if not path.is_file():
+        return
+    try:
+        import h5py
+    except ImportError:
+        return  # meshio cannot read it either, and says so
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            elsewhere = _hdf_elsewhere(h5py, file)
+    except (OSError, RuntimeError, KeyError, ValueError) as error:
+        raise MeshError(
+            f"{path}: damaged HDF5 ({' '.join(str(error).split())[:200]}); write it again"
+        ) from None
+    if elsewhere:
+        raise MeshError(
+            f"{path}: '{elsewhere}' is stored in another file, which is not opened; save the numbers"
+        )
+
+
+def _hdf_elsewhere(h5py: Any, file: Any) -> str:  # noqa: ANN401 - h5py has no types
+    """Name of the first link or array that leads to another file; empty where there is none."""
+    waiting, seen = [file], set[int]()
+    while waiting:
+        group = waiting.pop()
+        for key in group:
+            link = group.get(key, getlink=True)
+            if isinstance(link, h5py.ExternalLink):
+                return f"{group.name}/{key}"
+            if not isinstance(link, h5py.HardLink):
+                continue  # a name of something in this file, which is looked at where it is
+            item = group[key]
+            if isinstance(item, h5py.Group) and (place := h5py.h5o.get_info(item.id).addr) not in seen:
+                seen.add(place)
+                waiting.append(item)
+            elif isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+                return str(item.name)
+    return ""
 
 
 def _included(path: Path, by: frozenset[Path] = frozenset()) -> Iterator[str]:
