@@ -16,8 +16,20 @@ FloatArray = NDArray[np.float64]
 
 
 def frozen_floats(values: ArrayLike) -> FloatArray:
-    """Copy numbers into a read-only array of doubles."""
-    array = np.array(values, dtype=np.float64, copy=True)
+    """Copy numbers into a read-only array of doubles.
+
+    Raises
+    ------
+    CurveError
+        They are no real numbers, or rows of unequal length.
+    """
+    try:
+        given = np.asarray(values)
+        if given.dtype.kind not in "biufO":  # text and complex numbers would be converted without a word
+            raise TypeError(f"values of type {given.dtype}")
+        array = np.array(given, dtype=np.float64, copy=True)
+    except (TypeError, ValueError) as error:
+        raise CurveError(f"not an array of real numbers: {error}") from error
     array.setflags(write=False)
     return array
 

@@ -4,6 +4,7 @@ import errno
 import os
 import shutil
 import sqlite3
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -59,7 +60,7 @@ def same(one, other):
 
 
 def test_what_was_stored_comes_back_to_the_last_bit(tmp_path):
-    write(tmp_path, *(finished(i) for i in range(5)), finished(5, Status.CRASHED, quarantined=True))
+    write(tmp_path, *(finished(i) for i in range(5)), finished(5, Status.CRASHED, quarantined=2))
     found = read(tmp_path, *range(7))
     assert list(found) == [f"key{i}" for i in range(6)]
     for i in range(5):
@@ -68,7 +69,7 @@ def test_what_was_stored_comes_back_to_the_last_bit(tmp_path):
         same(simulation.response, response(1.0 + i))
     assert found["key5"].response is None
     with Ledger(tmp_path) as ledger:
-        assert ledger.entries()["key5"] == Entry(Status.CRASHED, 5.5, quarantined=True, rung=0)
+        assert ledger.entries()["key5"] == Entry(Status.CRASHED, 5.5, quarantined=2, rung=0)
 
 
 def test_curves_of_many_keys_share_a_file_and_stay_apart():
@@ -83,6 +84,26 @@ def test_curves_of_many_keys_share_a_file_and_stay_apart():
         same(found[key], expected)
     assert np.array_equal(found["a"]["torque"].std, std)
     assert unpack(pack({}), []) == {}
+
+
+def test_rows_that_cannot_be_used_are_unreadable_and_block_nothing(tmp_path):
+    bad = {}
+    for set_id, values in ((1, [0.0, np.nan]), (2, [0.0, 0.0])):
+        curve = Curve(channel="force", abscissa=[0.0, 1.0], ordinate=[0.0, 1.0])
+        object.__setattr__(curve, "ordinate", np.array(values))
+        bad[set_id] = Response(curves={"force": curve})
+    bad[3] = None
+    rows = [finished(0)]
+    rows += [
+        replace(finished(i), simulation=replace(finished(i).simulation, response=r)) for i, r in bad.items()
+    ]
+    write(tmp_path, *rows)
+    found = read(tmp_path, 0, 1, 2, 3)
+    assert [s.status for s in found.values()] == [Status.OK] + [Status.UNREADABLE] * 3
+    same(found["key0"].response, response(1.0))
+    assert "ordinate[1] is nan" in found["key1"].message
+    assert "no contact" in found["key2"].message
+    assert "ok without a curve" in found["key3"].message
 
 
 def test_each_attempt_stays_on_record_and_the_last_counts(tmp_path):

@@ -2,15 +2,17 @@
 
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from time import perf_counter
 
-from palpate.domain import Job, Limb, Response, Simulation, Status
+from palpate.answers import believable, checked, storable
+from palpate.domain import Job, Limb, Simulation, Status
+from palpate.errors import CurveError
 from palpate.executors.work import Outcome
 from palpate.interfaces import Solver
-from palpate.results import plain
 
-LONGEST_MESSAGE = 4000
-"""Most characters of a solver's message that are kept."""
+LONGEST_TRACEBACK = 20_000
+"""Most characters of a traceback that are kept."""
 
 Task = tuple[int, Job]
 """A job and its place among all jobs of the sweep."""
@@ -35,25 +37,17 @@ class _InFlight:
             self._started(index)
             yield job
 
-    def answer(self, simulation: Simulation) -> Outcome | None:
+    def answer(self, answer: object) -> Outcome | None:
         """Outcome of a simulation, or None for one that nobody asked for."""
-        _check(simulation)
-        name = (simulation.job.spot, simulation.job.set_id)
+        if not isinstance(answer, Simulation):
+            checked(answer)
+            return None
+        name = (answer.job.spot, answer.job.set_id)
         if name not in self.taken:
             return None
-        index, _, begun = self.taken[name]
-        took = 0.0 < simulation.seconds < float("inf")
-        outcome = Outcome(
-            index=index,
-            status=Status(simulation.status),
-            response=simulation.response,
-            message=_storable(simulation.message),
-            seconds=simulation.seconds if took else perf_counter() - begun,
-            diagnostics=plain(simulation.diagnostics),
-        )
-        del self.taken[name]
+        index, job, begun = self.taken.pop(name)
         self.n_answered += 1
-        return outcome
+        return outcome_of(index, job, answer, perf_counter() - begun)
 
     @property
     def left(self) -> list[Task]:
@@ -95,11 +89,11 @@ def attempt(
             culprits = list(flight.taken.values())
             if len(culprits) == 1:
                 index, _, begun = culprits[0]
-                yield _crashed(index, error, begun)
+                yield _failed(index, error, begun)
             for index, job, _ in culprits if len(culprits) > 1 else ():
                 yield _attempt_alone(solver, limb, (index, job), started)
             if not culprits and not flight.n_answered:
-                yield from (_crashed(index, error, perf_counter()) for index, _ in flight.left)
+                yield from (_failed(index, error, perf_counter()) for index, _ in flight.left)
                 return
             left = flight.left
         else:
@@ -110,20 +104,9 @@ def attempt(
             return
 
 
-def _check(simulation: object) -> None:
-    """Refuse what is no simulation, so that it is told as the solver's mistake with this job."""
-    if not isinstance(simulation, Simulation):
-        raise TypeError(f"the solver answered with a {type(simulation).__name__}, not a Simulation")
-    if not isinstance(simulation.response, Response | None):
-        raise TypeError(f"the response is a {type(simulation.response).__name__}, not a Response or None")
-
-
-def _storable(message: object) -> str:
-    """Text of a message, without what no file can hold, and without the middle of a very long one."""
-    text = str(message)
-    if len(text) > LONGEST_MESSAGE:
-        text = f"{text[: LONGEST_MESSAGE // 2]} … {text[-LONGEST_MESSAGE // 2 :]}"
-    return text.encode(errors="backslashreplace").decode().replace("\0", "\\0")
+def simulate_alone(solver: Solver, job: Job, limb: Limb | None) -> Simulation:
+    """Simulate one job in this process; whatever the solver does wrong is a status of it."""
+    return _attempt_alone(solver, limb, (0, job), lambda index: None).simulation(job)
 
 
 def _attempt_alone(solver: Solver, limb: Limb | None, task: Task, started: Callable[[int], None]) -> Outcome:
@@ -133,12 +116,36 @@ def _attempt_alone(solver: Solver, limb: Limb | None, task: Task, started: Calla
     try:
         return flight.answer(solver.simulate(job, limb)) or _unanswered(task[0])
     except (Exception, SystemExit) as error:
-        return _crashed(task[0], error, begun)
+        return _failed(task[0], error, begun)
 
 
-def _crashed(index: int, error: BaseException, begun: float) -> Outcome:
-    last_line = _storable(traceback.format_exception_only(error)[-1].strip())
-    return Outcome(index=index, status=Status.CRASHED, message=last_line, seconds=perf_counter() - begun)
+def outcome_of(index: int, job: Job, answer: object, seconds: float) -> Outcome:
+    """Outcome of a job from an answer: ``unreadable`` with the reason where it cannot be used."""
+    try:
+        simulation = believable(replace(checked(answer), job=job))
+        took = 0.0 < simulation.seconds < float("inf")
+    except Exception as error:
+        return _failed(index, error, perf_counter() - seconds)
+    return Outcome(
+        index=index,
+        status=simulation.status,
+        response=simulation.response,
+        message=simulation.message,
+        seconds=simulation.seconds if took else seconds,
+        diagnostics=simulation.diagnostics,
+    )
+
+
+def _failed(index: int, error: BaseException, begun: float) -> Outcome:
+    """Outcome of a job that raised: curves that cannot be used are unreadable, anything else is a crash."""
+    whole = "".join(traceback.format_exception(error))
+    return Outcome(
+        index=index,
+        status=Status.UNREADABLE if isinstance(error, CurveError) else Status.CRASHED,
+        message=storable(traceback.format_exception_only(error)[-1].strip()),
+        seconds=perf_counter() - begun,
+        diagnostics={"traceback": storable(whole, LONGEST_TRACEBACK)},
+    )
 
 
 def _unanswered(index: int) -> Outcome:

@@ -9,8 +9,9 @@ import hashlib
 import json
 from pathlib import Path
 
+from palpate.answers import believable
 from palpate.domain import Job, Simulation, Status
-from palpate.errors import LedgerError
+from palpate.errors import CurveError, LedgerError
 from palpate.ledger.curve_files import pack, unpack
 from palpate.results import plain, write_atomically
 
@@ -63,13 +64,18 @@ class ResultCache:
             told = json.loads(head)
             if hashlib.sha256(curves).hexdigest() != told["sha256"]:
                 return None
-            return Simulation(
-                job=job,
-                status=Status(told["status"]),
-                response=unpack(curves, [key])[key] if curves else None,
-                message=told["message"],
-                seconds=told["seconds"],
-                diagnostics=told["diagnostics"],
+            response = unpack(curves, [key])[key] if curves else None
+            if isinstance(response, CurveError):
+                return None
+            return believable(
+                Simulation(
+                    job=job,
+                    status=Status(told["status"]),
+                    response=response,
+                    message=told["message"],
+                    seconds=told["seconds"],
+                    diagnostics=told["diagnostics"],
+                )
             )
         except (OSError, ValueError, KeyError, TypeError):
             return None

@@ -4,12 +4,14 @@ A row is a point: ``key`` of the simulation, channel, point, abscissa, ordinate,
 """
 
 import io
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import partial
 
 import numpy as np
 import polars as pl
 
 from palpate.domain import Curve, FloatArray, Response
+from palpate.errors import CurveError
 
 _SCHEMA = pl.Schema(
     {
@@ -47,8 +49,8 @@ def pack(responses: Mapping[str, Response]) -> bytes:
     return buffer.getvalue()
 
 
-def unpack(content: bytes, keys: Collection[str]) -> dict[str, Response]:
-    """Curves of these keys: the inverse of :func:`pack`.
+def unpack(content: bytes, keys: Collection[str]) -> dict[str, Response | CurveError]:
+    """Curves of these keys, or why they are none: the inverse of :func:`pack`.
 
     Raises
     ------
@@ -57,12 +59,16 @@ def unpack(content: bytes, keys: Collection[str]) -> dict[str, Response]:
     """
     frame = pl.read_parquet(io.BytesIO(content)).filter(pl.col("key").is_in(list(keys)))
     curves: dict[str, dict[str, Curve]] = {key: {} for key in keys}
-    for key, curve in _curves(frame.select(_SCHEMA.names())):
-        curves[key][curve.channel] = curve
-    return {key: Response(curves=found) for key, found in curves.items()}
+    unusable: dict[str, CurveError] = {}
+    for key, channel, make in _curves(frame.select(_SCHEMA.names())):
+        try:
+            curves[key][channel] = make()
+        except CurveError as error:
+            unusable[key] = error
+    return {key: unusable.get(key) or Response(curves=found) for key, found in curves.items()}
 
 
-def _curves(frame: pl.DataFrame) -> Iterator[tuple[str, Curve]]:
+def _curves(frame: pl.DataFrame) -> Iterator[tuple[str, str, Callable[[], Curve]]]:
     """Cut the columns where a curve ends, which is much faster than a table for each curve."""
     abscissa, ordinate = frame["abscissa"].to_numpy(), frame["ordinate"].to_numpy()
     std = frame["std"].to_numpy()
@@ -73,7 +79,9 @@ def _curves(frame: pl.DataFrame) -> Iterator[tuple[str, Curve]]:
         spread = std[begin:end]
         yield (
             key,
-            Curve(
+            channel,
+            partial(
+                Curve,
                 channel=channel,
                 abscissa=abscissa[begin:end],
                 ordinate=ordinate[begin:end],

@@ -12,8 +12,9 @@ from urllib.parse import quote
 
 import polars as pl
 
+from palpate.answers import believable
 from palpate.domain import Job, Response, Simulation, Status
-from palpate.errors import LedgerError
+from palpate.errors import CurveError, LedgerError
 from palpate.ledger.curve_files import unpack
 from palpate.ledger.format import (
     CURVES,
@@ -37,15 +38,15 @@ class Entry(NamedTuple):
 
     Parameters
     ----------
-    quarantined : bool
-        It ended its worker as often as it may.
+    quarantined : int
+        How often it had ended its worker when it was given up; 0: it was not.
     rung : int
         Which settings of the solver's ladder were tried last; 0: the study's own.
     """
 
     status: Status
     seconds: float
-    quarantined: bool
+    quarantined: int
     rung: int
 
 
@@ -106,7 +107,7 @@ class Ledger:
         rows = self._all("SELECT key, state, seconds, quarantined, rung FROM simulations")
         try:
             return {
-                key: Entry(statuses[state], seconds, bool(quarantined), rung)
+                key: Entry(statuses[state], seconds, quarantined, rung)
                 for key, state, seconds, quarantined, rung in rows
             }
         except KeyError as error:
@@ -184,14 +185,7 @@ class Ledger:
         try:
             responses = self._responses(rows.values())
             return {
-                key: Simulation(
-                    job=jobs[key],
-                    status=Status(row["state"]),
-                    response=responses.get(key),
-                    message=row["message"],
-                    seconds=row["seconds"],
-                    diagnostics=json.loads(row["diagnostics"]),
-                )
+                key: _simulation(jobs[key], row, responses.get(key))
                 for key, row in rows.items()
                 if row["curves"] is None or key in responses
             }
@@ -219,18 +213,20 @@ class Ledger:
                     raise damaged(self.path, f"the row of simulation {row['key']} is not as it was written")
                 yield row
 
-    def _responses(self, rows: Iterable[sqlite3.Row]) -> dict[str, Response]:
+    def _responses(self, rows: Iterable[sqlite3.Row]) -> dict[str, Response | CurveError]:
         by_file: dict[str, list[str]] = {}
         for row in rows:
             if row["curves"] is not None:
                 by_file.setdefault(row["curves"], []).append(row["key"])
         files = {name: rest for name, *rest in self._all("SELECT * FROM curve_files")}
-        responses: dict[str, Response] = {}
+        responses: dict[str, Response | CurveError] = {}
         for name, keys in by_file.items():
             responses.update(self._read_curves(name, files.get(name), keys))
         return responses
 
-    def _read_curves(self, name: str, expected: list[Any] | None, keys: Sequence[str]) -> dict[str, Response]:
+    def _read_curves(
+        self, name: str, expected: list[Any] | None, keys: Sequence[str]
+    ) -> dict[str, Response | CurveError]:
         path = curve_file(self.folder, name)
         if expected is None:
             raise damaged(self.path, f"curve_files has no row '{name}'")
@@ -251,6 +247,23 @@ class Ledger:
             if named:
                 cursor.row_factory = sqlite3.Row
             return cursor.execute(query, values).fetchall()
+
+
+def _simulation(job: Job, row: sqlite3.Row, response: Response | CurveError | None) -> Simulation:
+    """Make the simulation of a row; an answer that cannot be used is unreadable, whoever kept it."""
+    status, message = Status(row["state"]), row["message"]
+    if isinstance(response, CurveError):
+        status, message, response = Status.UNREADABLE, str(response), None
+    return believable(
+        Simulation(
+            job=job,
+            status=status,
+            response=response,
+            message=message,
+            seconds=row["seconds"],
+            diagnostics=json.loads(row["diagnostics"]),
+        )
+    )
 
 
 # ------------------------------------------------------------------- connections

@@ -33,6 +33,8 @@ class Finished:
 
     Parameters
     ----------
+    quarantined : int
+        Attempts after which the job was given up; 0: it was not.
     rung : int
         Which settings of the solver's ladder it was done with; 0: the study's own.
     settings : str
@@ -41,7 +43,7 @@ class Finished:
 
     key: str
     simulation: Simulation
-    quarantined: bool = False
+    quarantined: int = 0
     rung: int = 0
     settings: str = ""
 
@@ -191,7 +193,7 @@ def _insert(transaction: sqlite3.Connection, finished: Finished, curves: str) ->
         simulation.message,
         seconds,
         n_before + 1,
-        int(finished.quarantined),
+        finished.quarantined,
         finished.rung,
         json.dumps(plain(simulation.diagnostics), allow_nan=False),
         None if simulation.response is None else curves,
