@@ -1,18 +1,19 @@
 """Every job that is not done yet: through an executor, into the ledger, each key once.
 
 Only this process writes results. A job that diverged climbs the solver's ladder of settings;
-one that crashed is tried again by the next run, one that is quarantined is not.
+one that crashed is tried again by the next run; one that is quarantined only with more attempts.
 """
 
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from palpate.domain import Job, Limb, Simulation, Status
-from palpate.errors import StoppedError
+from palpate.errors import PluginError, StoppedError
 from palpate.executors import Limits, Outcome, Processes, Work
+from palpate.executors.attempts import outcome_of
 from palpate.interfaces import Solver
 from palpate.ledger import Entry, Finished, Ledger, Writer
 from palpate.ledger.cache import ResultCache
@@ -98,7 +99,7 @@ def is_final(entry: Entry, study: Study, n_rungs: int) -> bool:
         case Status.TIMED_OUT:
             return study.time_limit_s <= entry.seconds
         case Status.CRASHED:
-            return entry.quarantined
+            return entry.quarantined >= study.n_attempts
         case Status.DIVERGED:
             return entry.rung + 1 >= n_rungs
         case _:
@@ -181,7 +182,7 @@ def _climb(
             Finished(
                 key=key,
                 simulation=simulation,
-                quarantined=outcome.quarantined,
+                quarantined=sweep.study.n_attempts if outcome.quarantined else 0,
                 rung=rung,
                 settings=settings,
             )
@@ -213,22 +214,34 @@ def outcomes(
     Raises
     ------
     ExecutorError, PluginError
-        They cannot be handed to where they are to run.
+        They cannot be handed to where they are to run, or the executor does not keep its contract.
     """
     limits = Limits(time_s=study.time_limit_s, memory_MB=study.memory_limit_MB, n_attempts=study.n_attempts)
     executor = study.executor or Processes()
-    return executor.outcomes(
-        Work(
-            solver=solver,
-            jobs=jobs,
-            limbs=limbs,
-            limits=limits,
-            n_workers=study.n_workers,
-            plugin_files=study.plugin_files,
-            going_on=progress.going_on,
-            running=progress.running if isinstance(progress, CountsRunning) else lambda n_running: None,
-        )
+    work = Work(
+        solver=solver,
+        jobs=jobs,
+        limbs=limbs,
+        limits=limits,
+        n_workers=study.n_workers,
+        plugin_files=study.plugin_files,
+        going_on=progress.going_on,
+        running=progress.running if isinstance(progress, CountsRunning) else lambda n_running: None,
     )
+    waiting = set(range(len(jobs)))
+    with answering_for(executor, "running the simulations"):
+        for outcome in executor.outcomes(work):
+            if not isinstance(outcome, Outcome) or outcome.index not in waiting:
+                raise ValueError(f"it yielded {outcome!r:.200}, not the Outcome of a job that was waiting")
+            waiting.discard(outcome.index)
+            job = jobs[outcome.index]
+            sound = outcome_of(outcome.index, job, outcome.simulation(job), outcome.seconds)
+            yield replace(sound, quarantined=outcome.quarantined)
+    if waiting and progress.going_on():
+        raise PluginError(
+            f"executor '{executor.name}' ended without an outcome for {len(waiting)} of {len(jobs)} jobs; "
+            "what is finished is kept; set executor.name = 'processes', or report it to the plugin's author"
+        )
 
 
 def _complete(sweep: Sweep, by_key: Mapping[str, Job], state: _State) -> dict[str, Simulation]:

@@ -13,7 +13,7 @@ from palpate.executors import InProcess, Limits, Processes, Work, n_cores, threa
 from palpate.interfaces import Settings, Solver
 from palpate.simulation import jobs
 
-HOW = {1: Status.CRASHED, 2: Status.TIMED_OUT, 3: Status.CRASHED, 4: Status.DIVERGED}
+HOW = {1: Status.CRASHED, 2: Status.TIMED_OUT, 3: Status.CRASHED, 4: Status.DIVERGED, 5: Status.UNREADABLE}
 
 
 def work_of(study, to_do, n_workers=2, limit_s=1.5):
@@ -120,14 +120,15 @@ def test_what_a_solver_prints_does_not_garble_the_answers(make_study, tmp_path, 
     talkative = tmp_path / "talkative.py"
     talkative.write_text(
         "import os, sys\n"
-        "from palpate import Simulation, Solver, Status\n"
+        "from palpate import Curve, Response, Simulation, Solver, Status\n"
         "class Talkative(Solver):\n"
         "    name = 'talkative'\n"
         "    summary = 'prints'\n"
         "    def version(self): return '1'\n"
         "    def simulate(self, job, limb):\n"
         "        print('hello'); os.write(1, b'raw'); sys.stdin.read()\n"
-        "        return Simulation(job=job, status=Status.OK, response=None)\n"
+        "        rise = Curve(channel='force', abscissa=[0, 1], ordinate=[0, 1])\n"
+        "        return Simulation(job=job, status=Status.OK, response=Response(curves={'force': rise}))\n"
     )
     from palpate.plugins import load_file
 
@@ -171,13 +172,14 @@ def test_a_worker_sees_its_thread_limit(make_study, tmp_path):
     curious = tmp_path / "curious.py"
     curious.write_text(
         "import os\n"
-        "from palpate import Simulation, Solver, Status\n"
+        "from palpate import Curve, Response, Simulation, Solver, Status\n"
         "class Curious(Solver):\n"
         "    name = 'curious'\n"
         "    summary = 'looks around'\n"
         "    def version(self): return '1'\n"
         "    def simulate(self, job, limb):\n"
-        "        return Simulation(job=job, status=Status.OK, response=None,\n"
+        "        rise = Curve(channel='force', abscissa=[0, 1], ordinate=[0, 1])\n"
+        "        return Simulation(job=job, status=Status.OK, response=Response(curves={'force': rise}),\n"
         "                          message=os.environ['OMP_NUM_THREADS'])\n"
     )
     from palpate.plugins import load_file

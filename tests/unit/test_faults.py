@@ -1,6 +1,9 @@
 """Solvers that answer with nonsense, and workers that others kill: rows with a reason, nothing lost."""
 
+import contextlib
+import errno
 import os
+import queue
 import signal
 import time
 from dataclasses import replace
@@ -14,8 +17,10 @@ import pytest
 
 from palpate import run_status, simulation
 from palpate.domain import Curve, Response, Simulation, Status
-from palpate.errors import StudyError
-from palpate.executors import InProcess, Limits, Processes, Work, machine, pool
+from palpate.errors import ExecutorError, PluginError, StudyError
+from palpate.executors import InProcess, Limits, Outcome, Processes, Work, machine, pool
+from palpate.executors.attempts import LONGEST_TRACEBACK
+from palpate.interfaces import Executor
 from palpate.ledger import Ledger
 from palpate.locking import Runner, locked
 from palpate.plugins import load_file
@@ -52,12 +57,51 @@ def ragged(job, answer):
     return answer | {"response": Response(curves={"force": curve})}
 
 
+LINE = {"channel": "force", "abscissa": np.array([0.0, 1.0]), "ordinate": np.array([0.0, 1.0])}
+
+
+def replaced(ordinate):
+    """An answer whose curve was sound when it was made."""
+
+    def spoil(job, answer):
+        curve = Curve(**LINE)
+        object.__setattr__(curve, "ordinate", np.asarray(ordinate))
+        return answer | {"response": Response(curves={"force": curve})}
+
+    return spoil
+
+
 NONSENSE = {
-    "nan": (nan, "crashed", r"ordinate\[1\] is nan"),
-    "ragged": (ragged, "crashed", r"abscissa \(3,\) and ordinate \(2,\)"),
-    "nothing": (lambda job, answer: None, "crashed", "answered with a NoneType, not a Simulation"),
-    "arrays": (lambda job, answer: answer | {"response": np.zeros(3)}, "crashed", "response is a ndarray"),
-    "status": (lambda job, answer: answer | {"status": "splendid"}, "crashed", "splendid"),
+    "nan": (nan, "unreadable", r"ordinate\[1\] is nan"),
+    "ragged": (ragged, "unreadable", r"abscissa \(3,\) and ordinate \(2,\)"),
+    "nothing": (lambda job, answer: None, "unreadable", "answered with a NoneType, not a Simulation"),
+    "arrays": (lambda job, answer: answer | {"response": np.zeros(3)}, "unreadable", "response is a ndarray"),
+    "status": (lambda job, answer: answer | {"status": "splendid"}, "unreadable", "splendid"),
+    "no curve": (lambda job, answer: answer | {"response": None}, "unreadable", "ok without a curve"),
+    "empty": (
+        lambda job, answer: answer | {"response": Response(curves={})},
+        "unreadable",
+        "without a curve",
+    ),
+    "list": (lambda job, answer: answer | {"diagnostics": [1]}, "unreadable", "diagnostics are a list"),
+    "replaced nan": (replaced([0.0, np.nan]), "unreadable", r"ordinate\[1\] is nan"),
+    "replaced length": (replaced([0.0]), "unreadable", r"abscissa \(2,\) and ordinate \(1,\)"),
+    "complex": (replaced([1j, 2.0]), "unreadable", "values of type complex128"),
+    "letters": (replaced(["0", "1"]), "unreadable", "values of type <U1"),
+    "2-D": (replaced(np.ones((2, 2))), "unreadable", "must be one-dimensional"),
+    "no contact": (replaced([0.0, -0.0]), "unreadable", "no contact: force zero at every point"),
+    "other channel": (
+        lambda job, answer: (
+            answer | {"response": Response(curves={"force": Curve(**LINE | {"channel": "torque"})})}
+        ),
+        "unreadable",
+        "channel 'force' holds a curve of channel 'torque'",
+    ),
+    "no curve class": (
+        lambda job, answer: answer | {"response": Response(curves={"force": SimpleNamespace(**LINE)})},
+        "unreadable",
+        "channel 'force' is a SimpleNamespace, not a Curve",
+    ),
     "seconds": (lambda job, answer: answer | {"seconds": float("nan")}, "ok", ""),
     "text": (lambda job, answer: answer | {"message": "b\udcffd\0" + "x" * 3_000_000}, "ok", r"b\\udcffd\\0"),
     "no text": (lambda job, answer: answer | {"message": None}, "ok", "None"),
@@ -88,6 +132,21 @@ def test_nonsense_is_a_row_with_its_reason_and_the_others_go_on(make_study, tiss
     assert (rows["seconds"] >= 0.0).all()
 
 
+def test_a_job_that_crashed_keeps_its_traceback(make_study, tissue, tmp_path):
+    class Deep(tissue.Analytic):
+        def behave(self, job):
+            return self.deeper(job, 400)
+
+        def deeper(self, job, n):
+            return self.deeper(job, n - 1) if n else 1.0 / 0.0
+
+    (one, *_) = sweep(make_study(solver=Deep(), n_sets=2), tmp_path / "run")
+    assert one.message == "ZeroDivisionError: float division by zero"
+    assert "in deeper" in one.diagnostics["traceback"]
+    assert one.diagnostics["traceback"].endswith("float division by zero\n")
+    assert len(one.diagnostics["traceback"]) <= LONGEST_TRACEBACK + 3
+
+
 def test_a_solver_that_raises_between_two_jobs_loses_no_other(make_study, tissue, tmp_path):
     class Tired(tissue.Analytic):
         def simulate_many(self, jobs, limb):
@@ -115,7 +174,7 @@ HARD = """
 import os, signal, subprocess, sys, time
 from pathlib import Path
 from pydantic import Field
-from palpate import Settings, Simulation, Solver, Status
+from palpate import Curve, Response, Settings, Simulation, Solver, Status
 class HardSettings(Settings):
     pids: str = Field(description="File for the ids of the processes.")
 class Hard(Solver):
@@ -139,7 +198,8 @@ class Hard(Solver):
             with Path(self.settings.pids).open("a") as pids:
                 pids.write(f"{job.set_id} {os.getpid()}\\n")
             time.sleep(0.05)
-        return Simulation(job=job, status=Status.OK, response=None)
+        rise = Curve(channel="force", abscissa=[0, 1], ordinate=[0, 1])
+        return Simulation(job=job, status=Status.OK, response=Response(curves={"force": rise}))
 """
 
 
@@ -171,8 +231,8 @@ def test_whatever_a_job_does_to_its_worker_it_has_one_outcome(hard, tmp_path, mo
     found = {o.index: o for o in Processes().outcomes(work_for(hard, 6, time_s=2.0))}
     assert sorted(found) == list(range(6))
     assert [found[i].status.value for i in range(6)] == ["ok", "timed_out", "ok", "crashed", "crashed", "ok"]
-    assert "signal SIGKILL" in found[3].message
-    assert found[3].quarantined
+    assert "signal SIGKILL (killed from outside, or for its memory)" in found[3].message
+    assert not found[3].quarantined  # what is killed from outside may end well another time
     assert found[4].message == "SystemExit: 3"
     assert max(sizes) <= pool.MOST_OUTPUT
     for pid in (tmp_path / "pids").read_text().split():
@@ -194,6 +254,115 @@ def test_a_worker_that_somebody_kills_costs_no_job(hard, tmp_path):
     assert hit
     assert sorted(o.index for o in found) == list(range(30))
     assert {o.status for o in found} == {Status.OK}
+
+
+STARTS = """
+import os, signal
+from pathlib import Path
+starts = Path({starts!r})
+with starts.open("a") as file:
+    file.write("x")
+if len(starts.read_text()) <= {n_killed}:
+    os.kill(os.getpid(), signal.{name})
+"""
+
+
+@pytest.mark.parametrize(("n_killed", "name"), [(2, "SIGKILL"), (100, "SIGSEGV")])
+def test_a_worker_that_dies_while_it_starts_is_replaced_a_few_times(make_study, tmp_path, n_killed, name):
+    path = tmp_path / "starts.py"
+    path.write_text(STARTS.format(starts=str(tmp_path / "starts"), n_killed=n_killed, name=name))
+    work = work_for(make_study(), 2)
+    work = replace(work, plugin_files=(*work.plugin_files, path), n_workers=1)
+    if n_killed == 2:
+        assert {o.status for o in Processes().outcomes(work)} == {Status.OK}
+    else:
+        with pytest.raises(PluginError, match=r"3 worker processes in a row ended before .* signal SIGSEGV"):
+            list(Processes().outcomes(work))
+
+
+def test_a_stop_of_the_whole_machine_ends_no_job(hard, tmp_path, monkeypatch):
+    """The clock goes on while every process stands still, as when a container is frozen."""
+
+    class Frozen(queue.SimpleQueue):
+        def get(self, timeout):
+            nonlocal stood_still
+            try:
+                return super().get(timeout=timeout)
+            except queue.Empty:
+                if any(worker.started for worker in sweep._workers):
+                    stood_still += 1000.0
+                raise
+
+    stood_still, true = 0.0, time.monotonic
+    monkeypatch.setattr(pool, "monotonic", lambda: true() + stood_still)
+    monkeypatch.setattr(pool, "TICK_S", 0.02)
+    monkeypatch.setattr(pool.queue, "SimpleQueue", Frozen)
+    work = work_for(hard, 14)
+    sweep = pool.Pool(work, 1)
+    with contextlib.closing(sweep):
+        assert {o.status for o in sweep.outcomes(work.jobs[10:])} == {Status.OK}
+    assert stood_still > 0.0
+
+
+def test_a_machine_that_starts_no_worker_is_an_error(make_study, monkeypatch):
+    def refused(*_):
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr(pool, "_Worker", refused)
+    with pytest.raises(ExecutorError, match="Too many open files; raise the limit"):
+        list(Processes().outcomes(work_for(make_study(), 2)))
+
+
+# ----------------------------------------------------------------- executors
+
+
+class Idle(Executor):
+    name, summary = "idle", "does nothing"
+
+    def outcomes(self, work):
+        return iter(())
+
+
+class Junk(Executor):
+    name, summary = "junk", "yields what is no outcome"
+
+    def outcomes(self, work):
+        yield 3
+
+
+class Twice(Executor):
+    name, summary = "twice", "yields an outcome twice"
+
+    def outcomes(self, work):
+        for outcome in InProcess().outcomes(work):
+            yield outcome
+            yield outcome
+
+
+class Careless(Executor):
+    name, summary = "careless", "hands on whatever a solver answers"
+
+    def outcomes(self, work):
+        for index, _ in enumerate(work.jobs):
+            yield Outcome(index=index, status=Status.OK, response=None, seconds=0.1)
+
+
+@pytest.mark.parametrize(
+    ("executor", "said"),
+    [
+        (Idle, "executor 'idle' ended without an outcome for 3 of 3 jobs"),
+        (Junk, "'junk' .* yielded 3, not the Outcome of a job that was waiting"),
+        (Twice, "'twice' .* not the Outcome of a job that was waiting"),
+    ],
+)
+def test_an_executor_that_breaks_its_contract_is_named(make_study, tmp_path, executor, said):
+    with pytest.raises(PluginError, match=said):
+        sweep(make_study(executor=executor(), n_sets=3), tmp_path / "run")
+
+
+def test_what_an_executor_hands_on_is_checked_like_any_answer(make_study, tmp_path):
+    found = sweep(make_study(executor=Careless(), n_sets=3), tmp_path / "run")
+    assert {s.status for s in found} == {Status.UNREADABLE}
 
 
 # -------------------------------------------------------------------- memory

@@ -31,13 +31,13 @@ def unsure(response):
     )
 
 
-def test_the_truth_is_found_to_ten_digits(make_study, plugins, tmp_path):
+def test_the_truth_is_found_far_closer_than_the_sweep_comes(make_study, plugins, tmp_path):
     _, found = refined(make_study(), plugins, tmp_path)
     for spot, truth in (("p1", (0.4, 20.0)), ("p2", (0.5, 25.0))):
         row = found.table.row(by_predicate=_is(spot, "I"), named=True)
-        assert row["soft_tissue.stiffness"] == pytest.approx(truth[0], rel=1e-10)
-        assert row["soft_tissue.grip"] == pytest.approx(truth[1], rel=1e-10)
-        assert row["fopt"] < 1e-20
+        assert row["soft_tissue.stiffness"] == pytest.approx(truth[0], rel=1e-5)
+        assert row["soft_tissue.grip"] == pytest.approx(truth[1], rel=1e-5)
+        assert row["fopt"] < 1e-10
         assert row["n_simulations"] > 3
 
 
@@ -105,7 +105,7 @@ def test_a_channel_without_weight_does_not_pull(make_study, plugins, tmp_path):
     chosen, found = refined(make_study(), plugins, tmp_path)
     start = chosen.row(by_predicate=_is("p1", "III"), named=True)
     end = found.table.row(by_predicate=_is("p1", "III"), named=True)
-    assert end["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-10)
+    assert end["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-5)
     assert end["soft_tissue.grip"] == pytest.approx(start["soft_tissue.grip"], rel=1e-12)
 
 
@@ -159,6 +159,36 @@ def test_a_start_that_fails_again_is_a_row_with_its_message(make_study, plugins,
     _, found = refined(study, plugins, tmp_path)
     assert all("could not be simulated again" in message for message in found.table["message"])
     assert found.responses == {}
+
+
+def test_a_solver_that_raises_ends_its_search_and_not_the_run(make_study, plugins, tmp_path, tissue):
+    class Raising(tissue.Analytic):
+        def simulate(self, job, limb):
+            if job.set_id < 0 and job.thetas["soft_tissue"][0] < 0.38:
+                raise ZeroDivisionError("no contact")
+            return super().simulate(job, limb)
+
+    chosen, found = refined(make_study(solver=Raising()), plugins, tmp_path)
+    assert found.table.height == chosen.height
+    assert found.table["message"].str.contains("crashed: ZeroDivisionError: no contact").any()
+
+
+def test_a_search_ends_where_the_solver_s_own_rounding_begins(make_study, plugins, tmp_path, tissue):
+    class Rough(tissue.Analytic):
+        def simulate(self, job, limb):
+            whole = super().simulate(job, limb)
+            rough = {
+                n: replace(
+                    c, ordinate=c.ordinate * (1 + 1e-4 * np.sin(1e6 * job.thetas["soft_tissue"].sum()))
+                )
+                for n, c in whole.response.curves.items()
+            }
+            return replace(whole, response=Response(curves=rough))
+
+    _, found = refined(make_study(solver=Rough()), plugins, tmp_path)
+    assert (found.table["message"] == "converged").all()
+    assert found.table["n_simulations"].max() <= 40
+    assert (found.table["fopt"] < 1e-6).all()
 
 
 def _is(spot, scenario):

@@ -116,7 +116,7 @@ def test_failures_keep_their_partial_curves_and_crashes_are_tried_again(sweep, t
 
     first, _ = sweep(solver=Sickly)
     assert [s.status for s in first[:6]] == [
-        Status.OK, Status.OK, Status.OK, Status.CRASHED, Status.DIVERGED, Status.OK,
+        Status.OK, Status.OK, Status.OK, Status.CRASHED, Status.DIVERGED, Status.UNREADABLE,
     ]  # fmt: skip
     second, again = sweep(solver=Sickly)
     assert again == [("p1", "3")]
@@ -125,7 +125,7 @@ def test_failures_keep_their_partial_curves_and_crashes_are_tried_again(sweep, t
 
 
 def test_more_time_gives_a_timed_out_job_another_chance(make_study):
-    kept = Entry(Status.TIMED_OUT, 60.5, quarantined=False, rung=0)
+    kept = Entry(Status.TIMED_OUT, 60.5, quarantined=0, rung=0)
     assert is_final(kept, make_study(time_limit_s=60.0), 1)
     assert not is_final(kept, make_study(time_limit_s=120.0), 1)
 

@@ -19,13 +19,22 @@ from time import monotonic
 from typing import Any
 
 from palpate.domain import Job, Status
-from palpate.errors import PluginError
+from palpate.errors import ExecutorError, PluginError
 from palpate.executors.machine import n_cores, thread_limits
 from palpate.executors.work import Outcome, Work
 from palpate.executors.worker import packed, receive, send
 
 LARGEST_CHUNK = 16
 """Most jobs that a worker is handed at once."""
+
+MOST_STARTS = 3
+"""Workers that may end in a row before they are ready, for each of the processes wanted."""
+
+TICK_S = 1.0
+"""Longest time between two looks at the clock."""
+
+OUTSIDE = (signal.SIGKILL, signal.SIGTERM)
+"""Signals that come from outside a job: from the system when memory runs out, or from a person."""
 
 START_LIMIT_S = 300.0
 """Longest time that a worker may take to import the solver."""
@@ -75,6 +84,7 @@ class Pool:
         self._setup = (tuple(work.plugin_files), solver, work.limits.memory_MB)
         self._pending: dict[str, deque[int]] = {}
         self._alone: deque[int] = deque()
+        self._n_failed_starts = 0
         self._crashes: Counter[int] = Counter()
         self._unbegun: Counter[int] = Counter()
         self._events: queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]] = queue.SimpleQueue()
@@ -86,7 +96,9 @@ class Pool:
         Raises
         ------
         PluginError
-            A material cannot be sent to a worker, or a worker cannot start.
+            A material cannot be sent to a worker, or workers end before they are ready.
+        ExecutorError
+            The system starts no worker.
         """
         packed_or_refused(jobs[0], "a material of the study")
         self._jobs, self._pending, n_left = jobs, by_spot(jobs), len(jobs)
@@ -129,10 +141,21 @@ class Pool:
         n_waiting = len(self._alone) + sum(map(len, self._pending.values()))
         n_free = sum(not worker.assigned for worker in self._workers)
         for _ in range(min(self._n_processes - len(self._workers), n_waiting - n_free)):
-            self._workers.append(_Worker(self._setup, self._n_threads, self._events))
+            self._start()
         for worker in self._workers:
             if worker.ready and not worker.assigned:
                 self._assign(worker)
+
+    def _start(self) -> None:
+        try:
+            self._workers.append(_Worker(self._setup, self._n_threads, self._events))
+        except OSError as error:
+            self._n_processes = len(self._workers)  # this machine has no room for more
+            if not self._workers:
+                raise ExecutorError(
+                    f"cannot start a worker process: {error.strerror}; raise the limit (ulimit -n, -u), "
+                    "free memory, or set executor.name = 'in_process'"
+                ) from error
 
     def _assign(self, worker: "_Worker") -> None:
         indices = self._take(worker)
@@ -163,12 +186,18 @@ class Pool:
 
     def _next_outcomes(self) -> list[Outcome]:
         """Wait for one message, or for the next time limit to pass, and act on it."""
-        deadline = min(self._deadline(worker) for worker in self._workers)
+        late = min(self._workers, key=self._deadline)
+        asked = monotonic()
+        wait_s = min(TICK_S, max(0.0, self._deadline(late) - asked))
         try:
-            worker, message = self._events.get(timeout=max(0.0, deadline - monotonic()))
+            worker, message = self._events.get(timeout=wait_s)
         except queue.Empty:
-            late = min(self._workers, key=self._deadline)
-            return self._timed_out(late)
+            waited_s = monotonic() - asked
+            if waited_s > wait_s + TICK_S:  # this process was stopped, and its workers with it
+                for worker in self._workers:
+                    worker.last_heard += waited_s - wait_s
+                return []
+            return self._timed_out(late) if monotonic() >= self._deadline(late) else []
         if worker not in self._workers:
             return []
         worker.heard()
@@ -177,6 +206,7 @@ class Pool:
     def _handle(self, worker: "_Worker", kind: str, *content: Any) -> list[Outcome]:  # noqa: ANN401 - each kind has its own
         if kind == "ready":
             worker.ready = True
+            self._n_failed_starts = 0
         elif kind == "started":
             worker.started.add(content[0])
             self._tell_running(sum(len(each.started) for each in self._workers))
@@ -223,9 +253,13 @@ class Pool:
         had_begun = bool(worker.started)
         suspects = self._dismiss(worker)
         if not worker.ready:
+            self._n_failed_starts += 1
+            if self._n_failed_starts < MOST_STARTS * self._n_processes:
+                return []  # another is started in its place
             raise PluginError(
-                f"a worker process ended before it was ready ({worker.how_it_ended()}); "
-                "check that the plugins import in a fresh Python"
+                f"{self._n_failed_starts} worker processes in a row ended before they were ready (the last: "
+                f"{worker.how_it_ended()}); check that the plugins import in a fresh Python, and that there "
+                "is memory for executor.n_workers of them; what is finished is kept"
             )
         if not had_begun:
             # Somebody else may have ended it between two jobs; what dies on being handed over dies again.
@@ -242,7 +276,7 @@ class Pool:
                 status=Status.CRASHED,
                 message=f"the worker process ended {_times(n_attempts)} on this job: {worker.how_it_ended()}",
                 seconds=monotonic() - worker.begun,
-                quarantined=True,
+                quarantined=worker.killed_by not in OUTSIDE,
             )
             for index in final
         ]
@@ -361,8 +395,22 @@ class _Worker:
         lines = self._output.read().decode(errors="replace").splitlines()
         return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
+    @property
+    def killed_by(self) -> int:
+        """Number of the signal that ended the process; 0: it ended by itself."""
+        return max(0, -(self._process.returncode or 0))
+
     def how_it_ended(self) -> str:
         """Exit code or signal, and the last line of output."""
-        code = self._process.returncode
-        how = f"signal {signal.Signals(-code).name}" if code and code < 0 else f"exit code {code}"
+        how = f"exit code {self._process.returncode}"
+        if number := self.killed_by:
+            outside = " (killed from outside, or for its memory)" if number == signal.SIGKILL else ""
+            how = f"signal {_named(number)}{outside}"
         return f"{how}; last output: {self.last_output}" if self.last_output else how
+
+
+def _named(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # a real-time signal
+        return str(number)
