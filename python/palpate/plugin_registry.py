@@ -355,7 +355,7 @@ def answering_for(component: "Component", doing: str) -> Iterator[None]:
         yield
     except PalpateError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         where = f"{type(component).__module__}.{type(component).__qualname__}"
         raise PluginError(
             f"{doing}: '{component.name}' ({where}) raised {type(error).__name__}: {error}; "

@@ -24,6 +24,7 @@ from palpate.domain import (
     Simulation,
     Status,
 )
+from palpate.executors.attempts import simulate_alone
 from palpate.progress import SILENT, Progress
 from palpate.sampling import NO_ROW, accepted_by_all
 from palpate.scoring import score
@@ -140,7 +141,7 @@ class _Winner:
     def row(self, found: Mapping[str, Any], limb: Limb | None) -> pl.DataFrame:
         promised = self._scored(next(_scaled(self.study, [self.simulation], self.scale)))
         again = job_for(self.study, found["spot"], NO_ROW, self.values, self.measured)
-        simulation = self.study.solver.simulate(again, limb)
+        simulation = simulate_alone(self.study.solver, again, limb)
         kept = self._scored(simulation)
         head = {name: found[name] for name in (*_KEYS, "scale")}
         head |= {"fopt_on_ray": promised["fopt"][0], "message": self._message(promised, kept, simulation)}

@@ -7,6 +7,7 @@ a row of its own, never one of the design.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from time import monotonic
 from types import MappingProxyType
 from typing import Any
 
@@ -16,6 +17,7 @@ from scipy.optimize import least_squares
 
 from palpate import _core
 from palpate.domain import Design, FloatArray, Limb, Response, Scenario, Simulation, Status
+from palpate.executors.attempts import simulate_alone
 from palpate.progress import SILENT, Progress
 from palpate.sampling import NO_ROW
 from palpate.scoring import compare, is_enough, point_weights, score
@@ -26,8 +28,14 @@ from palpate.study import Study
 PROBE = 1e-3
 """Step of the central differences as a share of each range: above a solver's own tolerance."""
 
-TOLERANCE = 1e-13
-"""Relative change of Fopt and of the parameters at which the search ends."""
+TOLERANCE = 1e-3
+"""Relative change of Fopt, and step as a share of the ranges, at which a search ends.
+
+A solver balances its forces to about 1e-4; a search for more would follow its rounding.
+"""
+
+NOTE_S = 10.0
+"""Least time between two notes on how far a search is."""
 
 MOST_STEPS = 40
 """Most trial steps of one search, each with two simulations per parameter for the slopes."""
@@ -81,6 +89,7 @@ def refine(
             scenario=scenarios[name],
             limb=limbs.get(spot),
             measured=measured[spot],
+            progress=progress,
         )
         message = search.run(design.values[start["set_id"]])
         rows.append(search.row(start, message))
@@ -100,7 +109,10 @@ class _Search:
     scenario: Scenario
     limb: Limb | None
     measured: Response
+    progress: Progress = SILENT
     n_simulations: int = 0
+    failure: str = ""
+    noted: float = field(default_factory=monotonic)
     best_fopt: float = np.inf
     best_values: FloatArray = field(default_factory=lambda: np.zeros(0))
     best: Simulation | None = None
@@ -120,7 +132,9 @@ class _Search:
         start = np.clip((values - self.lower) / span, 0.0, 1.0)
         # The start itself, exactly as the sweep simulated it.
         if self.residuals(values) is None:
-            return "the selected set could not be simulated again; the sweep's result stands"
+            return (
+                f"the selected set could not be simulated again ({self.failure}); the sweep's result stands"
+            )
         try:
             found = least_squares(
                 self._vector,
@@ -129,7 +143,7 @@ class _Search:
                 bounds=(0.0, 1.0),
                 xtol=TOLERANCE,
                 ftol=TOLERANCE,
-                gtol=TOLERANCE,
+                gtol=None,
                 max_nfev=MOST_STEPS,
             )
         except _NoSlopeError as error:
@@ -184,8 +198,8 @@ class _Search:
                 residuals = self.residuals(self._values(probe))
                 if residuals is None:
                     raise _NoSlopeError(
-                        f"stopped: a set beside {self._values(u).tolist()} could not be simulated; "
-                        "the best set so far stands"
+                        f"stopped: a set beside {self._values(u).tolist()} could not be simulated "
+                        f"({self.failure}); the best set so far stands"
                     )
                 points.append(residuals)
             columns.append(_derivative(points) * direction / PROBE)
@@ -204,8 +218,10 @@ class _Search:
     def _simulated_residuals(self, values: FloatArray) -> FloatArray | None:
         job = job_for(self.study, self.spot, NO_ROW, values, {self.spot: self.measured})
         self.n_simulations += 1
-        simulation = self.study.solver.simulate(job, self.limb)
+        simulation = simulate_alone(self.study.solver, job, self.limb)
+        self._note()
         if simulation.status is not Status.OK:
+            self.failure = f"{simulation.status}: {simulation.message or simulation.status.remedy}"
             return None
         parts = [
             self._channel_residuals(simulation, channel, weight)
@@ -213,11 +229,20 @@ class _Search:
             if weight > 0.0
         ]
         if any(part is None for part in parts):
+            self.failure = "its curves do not reach far enough"
             return None
         residuals = np.concatenate([part for part in parts if part is not None])
         if (fopt := float(residuals @ residuals)) < self.best_fopt:
             self.best_fopt, self.best_values, self.best = fopt, values, simulation
         return residuals
+
+    def _note(self) -> None:
+        if monotonic() - self.noted > NOTE_S:
+            self.noted = monotonic()
+            self.progress.note(
+                f"refine {self.spot}, scenario {self.scenario.name}: {self.n_simulations} simulations, "
+                f"Fopt {self.best_fopt:.4g}"
+            )
 
     def _channel_residuals(self, simulation: Simulation, channel: str, weight: float) -> FloatArray | None:
         """√(weight·w/Σw)·(sim − exp)/normaliser (n,); points that are not covered count as exact."""

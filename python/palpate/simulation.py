@@ -137,7 +137,8 @@ def limb_key(limb: Limb | None) -> str:
 def solver_key(solver: Solver) -> str:
     """Hash of a solver, its version and its settings."""
     digest = hashlib.sha256()
-    _add(digest, *_described(solver), solver.version())
+    with answering_for(solver, "asking for its version"):
+        _add(digest, *_described(solver), solver.version())
     return digest.hexdigest()
 
 

@@ -226,6 +226,17 @@ def test_a_multiple_that_fails_is_a_row_with_its_reason(swept, tissue):
     assert all("diverged: no equilibrium" in message for message in best["message"])
 
 
+def test_a_solver_that_raises_leaves_a_row_with_its_reason(swept, tissue):
+    of = swept()
+
+    class Raising(tissue.Analytic):
+        def simulate(self, job, limb):
+            raise SystemExit(0)
+
+    of.study = replace(of.study, solver=Raising())
+    assert of.best()["message"].str.contains("crashed: SystemExit: 0").all()
+
+
 def test_a_run_with_rays_reports_them_and_one_without_drops_them(make_study, plugins, tmp_path, one_figure):
     result = pipeline.run_study(make_study(rays=True), tmp_path / "run", plugins)
     rays = result.selected.rays

@@ -262,6 +262,15 @@ def test_the_recorded_block_is_the_one_that_is_simulated():
     assert set(bonded.materials) == {"skin", "soft_tissue"}
 
 
+def test_a_solver_that_raises_fails_its_own_rows_and_no_other():
+    def respond(job):
+        raise ZeroDivisionError("a layer of no thickness")
+
+    rows = list(block_rows("layered", MATERIALS, {"echo": lambda _: Echo(respond)}))
+    assert [r.verdict for r in rows] == ["failed"] * 3
+    assert all("ZeroDivisionError: a layer of no thickness" in r.note for r in rows)
+
+
 # ----------------------------------------------------------- the real program
 
 

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 _ASKING = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask to stop; batch systems send the second before they kill."""
 
+_LOST = {"refine": "; the local searches begin again", "rays": "; the stiffness scaling begins again"}
+"""What a stage that is stopped loses."""
+
 LINE_S = 60.0
 """Longest time that a log is without a line while simulations end."""
 
@@ -73,7 +76,10 @@ class StageProgress:
         if self._bars is not None:
             self._bars.stop()
         if kind is not None and issubclass(kind, KeyboardInterrupt):
-            raise StoppedError("stopped; what is simulated is kept, and the same command goes on from there")
+            raise StoppedError(
+                f"stopped in stage '{self._stage}'; the sweep's simulations are kept, and the same command "
+                f"goes on from there{_LOST.get(self._stage, '')}"
+            )
 
     def begin(self, stage: str, total: int) -> None:
         """Show a new stage of ``total`` steps."""

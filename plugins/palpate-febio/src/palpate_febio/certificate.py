@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.domain import Curve, FloatArray, Indentation, Job, Limb, Simulation, Sphere, Status
 from palpate.errors import PalpateError
+from palpate.executors.attempts import simulate_alone
 from palpate.interfaces import Material, Solver
 from palpate.plugins import answering_for
 
@@ -141,7 +142,7 @@ class Case:
                 message=str(error),
                 diagnostics={"refused": True},
             )
-        return solver.simulate(job, self.limb)
+        return simulate_alone(solver, job, self.limb)
 
 
 def at(curve: Curve, wanted: Sequence[float]) -> FloatArray:

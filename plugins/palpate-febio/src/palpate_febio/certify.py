@@ -12,7 +12,7 @@ import typer
 from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 from palpate.errors import PalpateError, PluginError, StudyError
-from palpate.plugin_registry import FIRST_PARTY
+from palpate.plugin_registry import FIRST_PARTY, answering_for
 
 if TYPE_CHECKING:
     from palpate.domain import Limb
@@ -77,7 +77,8 @@ def certify(
 
 def _version(solver: Solver) -> str:
     try:
-        return solver.version()
+        with answering_for(solver, "asking for its version"):
+            return solver.version()
     except PalpateError as error:
         return str(error)
 

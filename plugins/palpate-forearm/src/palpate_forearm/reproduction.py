@@ -25,6 +25,7 @@ import numpy as np
 
 from palpate import pipeline, simulation
 from palpate.errors import NothingSelectableError, StoppedError, StudyError
+from palpate.executors.attempts import simulate_alone
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.run_directory import RunDirectory
@@ -298,7 +299,11 @@ def cost(study: Study, plugins: Plugins, n_timed: int = 2) -> Cost:
     checked = pipeline.check(study, plugins)
     to_do = simulation.jobs(study, checked.design, checked.measured)[: n_timed + 1]
     spot = to_do[0].spot
-    timed = [study.solver.simulate(job, checked.limbs.get(spot)).seconds for job in to_do if job.spot == spot]
+    timed = [
+        simulate_alone(study.solver, job, checked.limbs.get(spot)).seconds
+        for job in to_do
+        if job.spot == spot
+    ]
     return Cost(
         n_drawn=checked.design.n_drawn,
         n_kept=checked.design.n_sets,
