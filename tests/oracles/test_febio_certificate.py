@@ -189,7 +189,9 @@ def test_a_torque_of_zero_is_a_failure():
         curve = Curve(
             channel="torque", abscissa=job.protocol.path[:, 1], ordinate=0 * job.protocol.path[:, 1]
         )
-        return Simulation(job=job, status=Status.OK, response=Response(curves={"torque": curve}))
+        force = Curve(channel="force", abscissa=[0.0, 1.0], ordinate=[0.0, 1.0])
+        both = Response(curves={"torque": curve, "force": force})
+        return Simulation(job=job, status=Status.OK, response=both)
 
     rows = list(
         twist_rows(block(n_across=2, n_down=1), Ogden(), np.ones(3), {"idle": lambda _: Echo(respond)})
