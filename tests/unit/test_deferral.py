@@ -34,6 +34,53 @@ def test_finding_a_plugin_imports_none_of_what_it_provides(package):
     assert done.stdout.strip() == ""
 
 
+NATURAL = """
+from palpate import Material, Parameter, Solver, hookimpl, mechanics
+
+class {name}(Solver):
+    name = "{name}"
+    summary = "asks for moduli"
+
+    def version(self):
+        return "1"
+
+    def simulate(self, job, limb):
+        return mechanics.initial_moduli(job.materials["a"], job.thetas["a"])
+
+@hookimpl
+def palpate_solvers():
+    return [{name}]
+"""
+
+
+def test_plugins_that_name_mechanics_at_their_top_do_not_import_jax(tmp_path):
+    files = []
+    for name in ("one", "two", "three"):
+        (tmp_path / f"{name}.py").write_text(NATURAL.format(name=name))
+        files += ["--plugin", str(tmp_path / f"{name}.py")]
+    code = (
+        f"import sys; from palpate.cli.app import main; main([*{files!r}, '--help'])\n"
+        "heavy = {'jax', 'polars', 'scipy', 'matplotlib', 'plotly'}\n"
+        "print(*heavy & set(sys.modules), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == ""
+
+
+def test_what_mechanics_offers_is_there_when_it_is_used():
+    from palpate import mechanics
+
+    assert all(getattr(mechanics, name) is not None for name in mechanics.__all__)
+    code = (
+        "from palpate import mechanics\nimport jax\n"
+        "print(jax.jit(lambda x: 2 * x)(1 / 3).dtype)  # compiled before mechanics is used"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "float64"
+    with pytest.raises(AttributeError, match="no attribute 'stres'"):
+        _ = mechanics.stres
+
+
 def test_the_list_of_commands_imports_nothing_heavy():
     code = (
         "import sys; from palpate.cli.app import main; main(['--help'])\n"

@@ -33,7 +33,6 @@ import numpy as np
 from pydantic import Field
 
 import palpate
-from palpate import mechanics
 from palpate.domain import (
     Channel,
     Curve,
@@ -47,6 +46,7 @@ from palpate.domain import (
 )
 from palpate.errors import CurveError, MaterialError, PalpateError
 from palpate.interfaces import Array, Material, Settings, Solver
+from palpate.mechanics import spectral as mechanics
 from palpate_jax import directional
 
 LONGEST_STEP = 0.3

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from palpate import mechanics
 from palpate.interfaces import Array, Material
+from palpate.mechanics import spectral as mechanics
 
 SETS_AT_ONCE = 256
 """Sets whose Hessians are held in memory together."""
