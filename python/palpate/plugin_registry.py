@@ -4,15 +4,15 @@ One plugin's mistake must not stop another: whatever a plugin does wrong while
 it is imported or asked becomes a :class:`BrokenPlugin` with the reason.
 """
 
-import contextlib
 import difflib
 import functools
 import hashlib
 import importlib.metadata
 import importlib.util
 import inspect
+import itertools
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -21,14 +21,19 @@ from typing import TYPE_CHECKING, Any
 import pluggy
 
 from palpate import hookspecs
-from palpate.errors import PalpateError, PluginError
+from palpate.errors import PluginError
+from palpate.plugin_guard import answering_for as answering_for
+from palpate.plugin_guard import guarded
 
 if TYPE_CHECKING:
     import typer
 
-    from palpate.interfaces import Component
+    from palpate.interfaces import Component, Material
 
 DOMAIN, INTERFACES = "palpate.domain", "palpate.interfaces"
+
+MOST_ITEMS = 1000
+"""Most items that one hook may return."""
 
 GROUP = "palpate"
 """Entry-point group of plugins with hooks, and the name of the core's own plugin.
@@ -128,7 +133,7 @@ class Registry:
                 name = qualifier
             if name in self.sources:
                 raise PluginError(f"the plugin name '{name}' is taken by {self.sources[name]}; rename one")
-            with _guarded():
+            with guarded():
                 plugin = load()
             self._register(name, plugin)
             self._qualifiers[name] = qualifier or name
@@ -182,7 +187,7 @@ class Registry:
     def _register(self, name: str, plugin: object) -> None:
         _check_hooks(plugin)
         try:
-            with _guarded():
+            with guarded():
                 self.manager.register(plugin, name)
         except PluginError:
             # Older releases of pluggy keep what they had registered before they failed.
@@ -192,14 +197,17 @@ class Registry:
 
     def _provided(self, name: str, kind: str) -> list[Any]:
         hook = KINDS[kind].hook
-        with _guarded():
-            results = self._call(name, hook)()
+        with guarded():
+            call = self._call(name, hook)
+            results = call()
+            if len(results) < len(call.get_hookimpls()):
+                raise PluginError(f"{hook} returned None; return a list")
             items = [item for result in results for item in _as_items(result, hook)]
             for item in items:
                 _check_item(item, KINDS[kind], hook)
         return items
 
-    def _call(self, name: str, hook: str) -> Callable[..., list[Any]]:
+    def _call(self, name: str, hook: str) -> pluggy.HookCaller:
         others = [plugin for key, plugin in self.manager.list_name_plugin() if key != name]
         return self.manager.subset_hook_caller(hook, others)
 
@@ -210,7 +218,7 @@ class Registry:
             commands, groups = list(app.registered_commands), list(app.registered_groups)
             before = _command_names(app)
             try:
-                with _guarded():
+                with guarded():
                     self._call(name, "palpate_commands")(app=app)
                     _refuse_command_clashes(app)
                 self.commands |= {command: name for command in _command_names(app) if command not in before}
@@ -329,54 +337,12 @@ def _check_known(names: Sequence[str], points: Sequence[importlib.metadata.Entry
 def _single(kind: str, point: importlib.metadata.EntryPoint) -> Any:  # noqa: ANN401 -- any entry
     """Import the one component, or value, of an entry point."""
     group = f"{GROUP}.{kind}"
-    with _guarded():
+    with guarded():
         item = point.load()
         _check_item(item, KINDS[kind], group)
     if item.name != point.name:
         raise PluginError(f"{group}: '{point.name}' provides '{item.name}'; give both one name")
     return item
-
-
-@contextlib.contextmanager
-def answering_for(component: "Component", doing: str) -> Iterator[None]:
-    """Turn what a plugin's component raises beside a PalpateError into one that names it.
-
-    Parameters
-    ----------
-    component : Component
-    doing : str
-        What it was asked to do, with the file if there is one: ``"reading p1.csv"``.
-
-    Raises
-    ------
-    PluginError
-    """
-    try:
-        yield
-    except PalpateError:
-        raise
-    except (Exception, SystemExit) as error:
-        where = f"{type(component).__module__}.{type(component).__qualname__}"
-        raise PluginError(
-            f"{doing}: '{component.name}' ({where}) raised {type(error).__name__}: {error}; "
-            "check the file, or tell the plugin's author"
-        ) from error
-
-
-@contextlib.contextmanager
-def _guarded() -> Iterator[None]:
-    """Turn whatever a plugin does wrong into one PluginError, and its prints into stderr's."""
-    try:
-        with contextlib.redirect_stdout(sys.stderr):
-            yield
-    except KeyboardInterrupt:
-        raise
-    except PluginError:
-        raise
-    except SystemExit as error:
-        raise PluginError(f"called sys.exit({error.code!r})") from error
-    except BaseException as error:
-        raise PluginError(f"{type(error).__name__}: {error}") from error
 
 
 def _check_hooks(plugin: object) -> None:
@@ -401,7 +367,10 @@ def _check_hooks(plugin: object) -> None:
 def _as_items(result: object, hook: str) -> list[Any]:
     if isinstance(result, str) or not isinstance(result, Iterable):
         raise PluginError(f"{hook} returned {result!r}; return a list")
-    return list(result)
+    items = list(itertools.islice(result, MOST_ITEMS + 1))
+    if len(items) > MOST_ITEMS:
+        raise PluginError(f"{hook} returned more than {MOST_ITEMS} items; return a list that ends")
+    return items
 
 
 def _check_item(item: object, kind: Kind, hook: str) -> None:
@@ -418,17 +387,33 @@ def _check_item(item: object, kind: Kind, hook: str) -> None:
 
 
 def _check_component(component: "type[Component]", hook: str) -> None:
+    from palpate.interfaces import Material
+
     if inspect.isabstract(component):
         missing = ", ".join(sorted(component.__abstractmethods__))
         raise PluginError(f"{hook}: class {component.__name__} does not define {missing}")
     _check_text(component, "name", hook)
     _check_text(component, "summary", hook)
+    if issubclass(component, Material):
+        _check_parameters(component, hook)
     for name, info in component.Settings.model_fields.items():
         if not info.description:
             raise PluginError(
                 f"{hook}: setting '{name}' of '{component.name}' has no description; "
                 "give it one with pydantic.Field(description=...)"
             )
+
+
+def _check_parameters(material: "type[Material]", hook: str) -> None:
+    from palpate.domain import Parameter
+
+    if any(field.is_required() for field in material.Settings.model_fields.values()):
+        return  # they follow from settings that only a study gives
+    found = getattr(material(), "parameters", None)
+    if not isinstance(found, (tuple, list)) or not all(isinstance(each, Parameter) for each in found):
+        raise PluginError(
+            f"{hook}: material '{material.name}' has no parameters; give it a tuple of palpate.Parameter"
+        )
 
 
 def _check_text(item: object, attribute: str, hook: str) -> None:

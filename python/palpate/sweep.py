@@ -229,14 +229,19 @@ def outcomes(
         running=progress.running if isinstance(progress, CountsRunning) else lambda n_running: None,
     )
     waiting = set(range(len(jobs)))
-    with answering_for(executor, "running the simulations"):
-        for outcome in executor.outcomes(work):
+    with answering_for(executor, "starting the simulations"):
+        found = iter(executor.outcomes(work))
+    while True:
+        with answering_for(executor, "running the simulations"):
+            outcome = next(found, None)
+            if outcome is None:
+                break
             if not isinstance(outcome, Outcome) or outcome.index not in waiting:
                 raise ValueError(f"it yielded {outcome!r:.200}, not the Outcome of a job that was waiting")
-            waiting.discard(outcome.index)
-            job = jobs[outcome.index]
-            sound = outcome_of(outcome.index, job, outcome.simulation(job), outcome.seconds)
-            yield replace(sound, quarantined=outcome.quarantined)
+        waiting.discard(outcome.index)
+        job = jobs[outcome.index]
+        sound = outcome_of(outcome.index, job, outcome.simulation(job), outcome.seconds)
+        yield replace(sound, quarantined=outcome.quarantined)
     if waiting and progress.going_on():
         raise PluginError(
             f"executor '{executor.name}' ended without an outcome for {len(waiting)} of {len(jobs)} jobs; "

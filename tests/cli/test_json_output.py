@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import jsonschema
@@ -79,3 +81,16 @@ def test_the_command(call: Call) -> None:
     refused = call("schema", "rnu")
     assert refused.code == 2
     assert "did you mean 'run'" in refused.err
+
+
+def test_raw_writes_of_a_plugin_stay_out_of_the_results(tmp_path):
+    plugin = tmp_path / "raw.py"
+    plugin.write_text(
+        "import os\nfrom palpate import Channel, hookimpl\nos.write(1, b'raw at import')\n"
+        "@hookimpl\ndef palpate_channels():\n    os.write(1, b'raw in a hook')\n    return []\n"
+    )
+    command = [sys.executable, "-m", "palpate", "--plugin", str(plugin), "plugins", "executors", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)
+    assert "raw at import" in done.stderr
+    assert "raw in a hook" in done.stderr

@@ -5,6 +5,7 @@ import errno
 import os
 import queue
 import signal
+import sys
 import time
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -20,6 +21,7 @@ from palpate.domain import Curve, Response, Simulation, Status
 from palpate.errors import ExecutorError, PluginError, StudyError
 from palpate.executors import InProcess, Limits, Outcome, Processes, Work, machine, pool
 from palpate.executors.attempts import LONGEST_TRACEBACK
+from palpate.experiment import load_measured
 from palpate.interfaces import Executor
 from palpate.ledger import Ledger
 from palpate.locking import Runner, locked
@@ -130,6 +132,26 @@ def test_nonsense_is_a_row_with_its_reason_and_the_others_go_on(make_study, tiss
     assert rows["message"].str.contains(said).all()
     assert rows["message"].str.len_chars().max() < 5000
     assert (rows["seconds"] >= 0.0).all()
+
+
+def test_what_a_solver_prints_in_this_process_is_no_result(make_study, tissue, tmp_path, capsys):
+    class Chatty(tissue.Analytic):
+        def behave(self, job):
+            sys.stdout.write("hello")
+            return super().behave(job)
+
+    sweep(make_study(solver=Chatty(), n_sets=2), tmp_path / "run")
+    out, err = capsys.readouterr()
+    assert (out, err.count("hello")) == ("", 2)
+
+
+def test_a_loader_that_ends_the_process_is_an_error(make_study, tissue, plugins):
+    class Leaving(tissue.Table):
+        def load(self, path, channel=None):
+            raise SystemExit(0)
+
+    with pytest.raises(PluginError, match=r"'table' .* raised SystemExit: 0"):
+        load_measured(make_study(loader=Leaving()), plugins.channels)
 
 
 def test_a_job_that_crashed_keeps_its_traceback(make_study, tissue, tmp_path):

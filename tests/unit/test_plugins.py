@@ -123,6 +123,17 @@ BROKEN = {
         "pydantic.Field",
     ),
     "nothing": ("from palpate.interfaces import Sampler\n", "provides nothing", "marked @palpate.hookimpl"),
+    "ctrl-c at import": ("raise KeyboardInterrupt\n", "KeyboardInterrupt", ""),
+    "no return": (grid("return [Grid]", "[Grid]"), "palpate_samplers returned None", "return a list"),
+    "no end": (grid("return [Grid]", "while True:\n        yield Grid"), "more than 1000 items", "that ends"),
+    "no parameters": (
+        "from palpate import Material, hookimpl\n"
+        "class M(Material):\n    name, summary = 'm', 'm'\n"
+        "    def energy(self, stretches, theta): return 0\n"
+        "@hookimpl\ndef palpate_materials(): return [M]\n",
+        "material 'm' has no parameters",
+        "give it a tuple of palpate.Parameter",
+    ),
     "channel of a wrong type": (
         HOOKIMPL + "def palpate_channels(): return ['force']\n",
         "return Channel values",
@@ -160,8 +171,9 @@ def test_every_broken_plugin_is_listed_not_the_first_alone(write: Write) -> None
 
 
 def test_ctrl_c_is_not_a_broken_plugin(write: Write) -> None:
+    text = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(5)\n"
     with pytest.raises(KeyboardInterrupt):
-        load(write("stop", "raise KeyboardInterrupt\n"))
+        load(write("stop", text))
 
 
 def test_what_a_plugin_prints_stays_out_of_the_results(

@@ -6,6 +6,7 @@ traceback.
 """
 
 import errno
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -106,6 +107,7 @@ def build_app() -> typer.Typer:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
+    _reserve_stdout()
     given, files = split_option("--plugin", sys.argv[1:] if arguments is None else arguments)
     given, without = split_option("--no-plugin", given)
     app = build_app()
@@ -130,8 +132,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
             PalpateError(f"{str(error.filename)[:60]}…: a file name that is too long; shorten it"), 2
         )
     except SystemExit as stop:
-        return stop.code if isinstance(stop.code, int) else 0
+        if stop.code is None or isinstance(stop.code, int):
+            return stop.code or 0
+        return _fail(PalpateError(str(stop.code)), 2)
     return 0
+
+
+def _reserve_stdout() -> None:
+    """Let what a library writes to file descriptor 1 go to stderr: stdout is for results."""
+    if sys.stdout is not sys.__stdout__ or sys.stdout is None or sys.stdout.fileno() != 1:
+        return
+    sys.stdout.flush()
+    results = os.fdopen(os.dup(1), "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
+    os.dup2(2, 1)
+    sys.stdout = results
 
 
 def split_option(option: str, arguments: Sequence[str]) -> tuple[list[str], list[str]]:

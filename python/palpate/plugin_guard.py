@@ -1,0 +1,82 @@
+"""The guard around every call of a plugin: whatever goes wrong there is a PluginError that names it."""
+
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from palpate.errors import PalpateError, PluginError
+
+if TYPE_CHECKING:
+    from palpate.interfaces import Component
+
+
+@contextlib.contextmanager
+def answering_for(component: "Component", doing: str) -> Iterator[None]:
+    """Turn what a plugin's component raises beside a PalpateError into one that names it.
+
+    What it prints goes to stderr.
+
+    Parameters
+    ----------
+    component : Component
+    doing : str
+        What it was asked to do, with the file if there is one: ``"reading p1.csv"``.
+
+    Raises
+    ------
+    PluginError
+    """
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    except PalpateError:
+        raise
+    except (Exception, SystemExit) as error:
+        where = f"{type(component).__module__}.{type(component).__qualname__}"
+        raise PluginError(
+            f"{doing}: '{component.name}' ({where}) raised {type(error).__name__}: {error}; "
+            "check the file, or tell the plugin's author"
+        ) from error
+
+
+@contextlib.contextmanager
+def guarded() -> Iterator[None]:
+    """Turn whatever a plugin does wrong while it is imported or asked into a PluginError.
+
+    What it prints goes to stderr. Ctrl-C is no mistake of a plugin; a KeyboardInterrupt without it is.
+    """
+    interrupts: list[int] = []
+    try:
+        with contextlib.redirect_stdout(sys.stderr), _noting(interrupts):
+            yield
+    except PluginError:
+        raise
+    except SystemExit as error:
+        raise PluginError(f"called sys.exit({error.code!r})") from error
+    except BaseException as error:
+        if interrupts:
+            raise
+        raise PluginError(f"{type(error).__name__}: {error}") from error
+
+
+@contextlib.contextmanager
+def _noting(interrupts: list[int]) -> Iterator[None]:
+    """Note each Ctrl-C before it is handled as usual."""
+    usual = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(usual):
+        yield
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        interrupts.append(number)
+        usual(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
