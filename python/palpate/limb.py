@@ -7,11 +7,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from palpate.domain import CELL_NODES, BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError, StudyError
+from palpate.mesh_joints import check_joints, holes
 from palpate.plain_values import MOST_BYTES, check_plain
 from palpate.plugins import answering_for
 from palpate.study import Study
@@ -47,7 +46,32 @@ def load_limbs(study: Study) -> dict[str, Limb]:
         except MeshError as error:
             raise MeshError(f"{spot.mesh}: {error}") from error
         limbs[name] = limb
+    _check_every_region(study, limbs)
     return limbs
+
+
+def _check_every_region(study: Study, limbs: Mapping[str, Limb]) -> None:
+    used = frozenset[str]().union(*(regions_of(limb.mesh) for limb in limbs.values()))
+    for region in study.space.regions:
+        if region.region not in used:
+            raise MeshError(
+                f"region '{region.region}' has a material but no element in any mesh; correct its name "
+                f"(regions of the meshes: {', '.join(sorted(used))})"
+            )
+
+
+def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
+    """What is odd in the limbs, though it can be simulated, each in a sentence."""
+    found = []
+    for name, limb in limbs.items():
+        here = regions_of(limb.mesh)
+        absent = [region.region for region in study.space.regions if region.region not in here]
+        if absent:
+            found.append(
+                f"spot '{name}' has no region {', '.join(absent)}: its parameters change nothing there"
+            )
+        found.extend(f"spot '{name}': {hole}" for hole in holes(limb.mesh))
+    return found
 
 
 def mesh_note(mesh: Path) -> dict[str, Any] | None:
@@ -83,7 +107,7 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
     ----------
     limb : Limb
     regions : sequence of str
-        Regions that have a material.
+        Regions that have a material; a limb need not have them all.
 
     Raises
     ------
@@ -96,6 +120,7 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
     _check_node_sets(mesh)
     _check_elements(mesh)
     _check_edges(mesh)
+    check_joints(limb)
     _check_held(mesh)
     _check_spot(limb)
 
@@ -157,16 +182,14 @@ def _index_problems(what: str, indices: IntArray, n: int, noun: str = "node") ->
         yield f"mesh: {what}[{row}] names {noun} {indices[place]}, but there are {n}; write the mesh anew"
 
 
+def regions_of(mesh: Mesh) -> frozenset[str]:
+    """Regions that have elements."""
+    return frozenset(mesh.regions[i] for ids in mesh.cell_regions.values() for i in np.unique(ids))
+
+
 def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:
-    used = {mesh.regions[i] for ids in mesh.cell_regions.values() for i in np.unique(ids)}
-    for region in sorted(used - set(regions)):
+    for region in sorted(regions_of(mesh) - set(regions)):
         raise MeshError(f"mesh: region '{region}' has no material (given: {', '.join(regions)}); give it one")
-    for region in regions:
-        if region not in used:
-            raise MeshError(
-                f"mesh: region '{region}' has a material but no element; correct its name "
-                f"(regions of the mesh: {', '.join(sorted(used))})"
-            )
 
 
 def _check_node_sets(mesh: Mesh) -> None:
@@ -305,32 +328,15 @@ def _edges(cells: IntArray, ends: tuple[tuple[int, int], ...], first_middle: int
 
 
 def _check_held(mesh: Mesh) -> None:
-    """Refuse a part of the mesh that nothing holds still."""
-    pairs = [
-        np.stack([np.repeat(cells[:, :1], cells.shape[1] - 1, axis=1).ravel(), cells[:, 1:].ravel()])
-        for cells in mesh.cells.values()
-    ]
-    first, other = np.concatenate(pairs, axis=1)
-    links = coo_array((np.ones(first.size), (first, other)), shape=(mesh.n_nodes, mesh.n_nodes))
-    n_parts, part = connected_components(links, directed=False)
-    held = np.zeros(n_parts, dtype=bool)
-    held[part[mesh.node_sets["fixed"]]] = True
-    if not held.all():
-        loose = int(np.flatnonzero(~held)[0])
-        raise MeshError(
-            f"mesh: {n_parts} disconnected parts, of which one with {np.count_nonzero(part == loose)} nodes "
-            f"(first node {np.flatnonzero(part == loose)[0]}) has no fixed node; join it or fix it"
-        )
+    """Refuse a limb that can turn about its fixed nodes."""
     fixed = mesh.node_sets["fixed"]
-    for k in range(n_parts):
-        own = mesh.points_mm[fixed[part[fixed] == k]]
-        spread = np.linalg.svd(own - own.mean(axis=0), compute_uv=False)
-        if len(spread) < 2 or spread[1] <= 1e-9 * max(float(np.ptp(mesh.points_mm, axis=0).max()), spread[0]):
-            raise MeshError(
-                f"mesh: the fixed nodes of the part with node {np.flatnonzero(part == k)[0]} lie on one line "
-                f"({len(own)} nodes, the first {fixed[part[fixed] == k][0]}), so it can turn freely; "
-                "fix three that do not"
-            )
+    own = mesh.points_mm[fixed]
+    spread = np.linalg.svd(own - own.mean(axis=0), compute_uv=False)
+    if len(spread) < 2 or spread[1] <= 1e-9 * max(float(np.ptp(mesh.points_mm, axis=0).max()), spread[0]):
+        raise MeshError(
+            f"mesh: the fixed nodes lie on one line ({len(own)} nodes, the first {fixed[0]}), so the limb "
+            "can turn freely; fix three that do not"
+        )
 
 
 def _check_spot(limb: Limb) -> None:

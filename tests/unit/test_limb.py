@@ -10,7 +10,9 @@ import pytest
 from palpate.domain import Indentation, Limb, Mesh, Sphere, Spot
 from palpate.errors import MeshError, PluginError, StudyError
 from palpate.interfaces import LimbSource, Solver
-from palpate.limb import check_depth, check_limb, load_limbs
+from palpate.limb import check_depth, check_limb, limb_warnings, load_limbs
+from palpate.mesh_joints import holes
+from palpate.specimens.blocks import block
 
 CUBE = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float
@@ -121,7 +123,7 @@ def test_a_missing_node_set_is_named(name):
 
 def test_regions_and_materials_must_match():
     refused(limb(regions=("skin",)), "region 'skin' has no material")
-    refused(limb(), "region 'muscle' has a material but no element", regions=("soft_tissue", "muscle"))
+    check_limb(limb(), ["soft_tissue", "muscle"])
 
 
 def test_an_unused_node_is_refused():
@@ -131,17 +133,89 @@ def test_an_unused_node_is_refused():
 def test_a_loose_part_is_refused():
     points = np.vstack([CUBE, CUBE + np.array([0, 0, 5])])
     two = limb(points=points, cells=[list(range(8)), list(range(8, 16))])
-    refused(two, r"2 disconnected parts, of which one with 8 nodes \(first node 8\) has no fixed node")
-    held = limb(
-        points=points, cells=[list(range(8)), list(range(8, 16))], sets={"fixed": [0, 1, 2, 8, 9, 10]}
+    message = r"2 separate parts; that of node 8 near .* \(region soft_tissue\) shares no node .* spot 'p1'"
+    refused(two, message)
+    held = {"fixed": [0, 1, 2, 8, 9, 10]}
+    refused(limb(points=points, cells=[list(range(8)), list(range(8, 16))], sets=held), message)
+
+
+def test_an_element_listed_twice_is_named():
+    twice = [list(range(8)), [4, 5, 6, 7, 0, 1, 2, 3]]
+    refused(limb(points=CUBE, cells=twice[:1] * 2), "hex8 elements 0 and 1 have the same nodes, near")
+    again = limb("tet4", points=CUBE, cells=[*TET_IN_CUBE, TET_IN_CUBE[3]])
+    refused(again, r"tet4 elements 3 and 5 have the same nodes, near .*list each element once")
+
+
+@pytest.mark.parametrize("kind", ["hex8", "tet4", "tet10"])
+def test_doubled_nodes_at_the_spot_are_named_as_a_crack(kind):
+    sound = block(kind, n_across=4, n_down=2)
+    mesh = sound.mesh
+    cells = np.array(mesh.cells[kind])
+    middle = int(np.flatnonzero((mesh.points_mm == 0.0).all(axis=1))[0])
+    right = mesh.points_mm[cells].mean(axis=1)[:, 0] > 0.0
+    on_plane = np.flatnonzero((mesh.points_mm[:, 0] == 0.0) & (mesh.points_mm[:, 2] > -9.1))
+    new = np.arange(mesh.n_nodes)
+    new[on_plane] = mesh.n_nodes + np.arange(len(on_plane))
+    cells[right] = new[cells[right]]
+    cracked = replace(
+        sound,
+        mesh=replace(
+            mesh, points_mm=np.vstack([mesh.points_mm, mesh.points_mm[on_plane]]), cells={kind: cells}
+        ),
     )
-    check_limb(held, ["soft_tissue"])
+    check_limb(sound, ["soft_tissue"])
+    match = rf"{len(on_plane)} pairs of nodes are at one place, such as nodes {middle} and .*0 mm from spot"
+    refused(cracked, match)
+
+
+def test_a_layer_that_is_bonded_nowhere_is_named():
+    sound = block("hex8", n_across=4, n_down=2, layers_mm={"skin": 9.0})
+    mesh = sound.mesh
+    cells = np.array(mesh.cells["hex8"])
+    skin = mesh.cell_regions["hex8"] == 0
+    cells[skin] += mesh.n_nodes
+    points = np.vstack([mesh.points_mm, mesh.points_mm * [1.0, 1.0, 0.9] + [0, 0, 1.0]])
+    used, cells = np.unique(cells, return_inverse=True)
+    loose = replace(
+        mesh,
+        points_mm=points[used],
+        cells={"hex8": cells.reshape(-1, 8)},
+        node_sets={
+            "fixed": np.flatnonzero((points[used, 2] == -18.0) | (np.abs(points[used, 0]) == 18.0)),
+            "contact": np.flatnonzero(points[used, 2] == 1.0),
+        },
+    )
+    match = r"2 separate parts; .* \(region soft_tissue\) shares no node with the part under spot 'block'"
+    refused(replace(sound, mesh=loose), match, regions=("skin", "soft_tissue"))
+
+
+@pytest.mark.parametrize("kind", ["hex8", "tet10"])
+def test_a_hole_in_the_tissue_is_warned_of(kind):
+    sound = block(kind, n_across=4, n_down=4)
+    centres = sound.mesh.points_mm[sound.mesh.cells[kind]].mean(axis=1)
+    kept = np.linalg.norm(centres - [4.0, 4.0, -9.0], axis=1) > 4.0
+    assert not kept.all()
+    used, cells = np.unique(sound.mesh.cells[kind][kept], return_inverse=True)
+    index = np.full(sound.mesh.n_nodes, -1)
+    index[used] = np.arange(len(used))
+    sets = {name: index[nodes] for name, nodes in sound.mesh.node_sets.items()}
+    mesh = replace(
+        sound.mesh,
+        points_mm=sound.mesh.points_mm[used],
+        cells={kind: cells.reshape(kept.sum(), -1)},
+        cell_regions={kind: sound.mesh.cell_regions[kind][kept]},
+        node_sets=sets,
+    )
+    check_limb(replace(sound, mesh=mesh), ["soft_tissue"])
+    (told,) = holes(mesh)
+    assert "a hole in the tissue, or a bone whose nodes are not in 'fixed'" in told
+    assert holes(sound.mesh) == []
 
 
 @pytest.mark.parametrize("fixed", [[0], [0, 1], [0, 0, 1, 1]])
 def test_a_limb_that_can_turn_about_its_fixed_nodes_is_refused(fixed):
     refused(
-        limb(sets={"fixed": fixed}), rf"part with node 0 lie on one line \({len(fixed)} nodes, the first 0\)"
+        limb(sets={"fixed": fixed}), rf"the fixed nodes lie on one line \({len(fixed)} nodes, the first 0\)"
     )
 
 
@@ -238,3 +312,29 @@ def test_the_message_names_the_file(make_study, tissue, tmp_path):
     ):
         load_limbs(study("good.vtu", make_study().protocol))
     assert issubclass(Meshed, Solver)
+
+
+def test_spots_of_different_anatomy_share_a_study(make_study, tissue, tmp_path):
+    class Meshed(tissue.Analytic):
+        needs_limb = True
+
+    class Named(Source):
+        def load(self, path, spot):
+            return limb(spot=spot, regions=(path.stem,))
+
+    study = make_study(solver=Meshed(), limb_source=Named(), protocol=None)
+    (region,) = study.space.regions
+    regions = tuple(replace(region, region=name) for name in ("muscle", "fat"))
+    spots = tuple(
+        replace(s, mesh=tmp_path / f"{name}.vtu", spot=replace(TOP, name=s.spot.name))
+        for s, name in zip(study.spots[:2], ("muscle", "fat"), strict=True)
+    )
+    both = replace(study, spots=spots, space=replace(study.space, regions=regions))
+    assert limb_warnings(both, load_limbs(both)) == [
+        "spot 'p1' has no region fat: its parameters change nothing there",
+        "spot 'p2' has no region muscle: its parameters change nothing there",
+    ]
+    with pytest.raises(
+        MeshError, match=r"region 'fat' has a material but no element in any mesh; .*: muscle\)"
+    ):
+        load_limbs(replace(both, spots=spots[:1]))

@@ -169,10 +169,7 @@ def _by_group(path: Path, content: MeshFile, block: int, settings: MeshioSetting
     ids = np.full(len(content.blocks[block][1]), -1)
     for index, (region, group) in enumerate(settings.regions.items()):
         if group not in content.cell_sets:
-            raise MeshError(
-                f"{path}: no group of elements '{group}' for region '{region}' (there: "
-                f"{', '.join(content.cell_sets) or 'none'}); name one of them, or give the regions by number"
-            )
+            continue  # the limb at another spot may have it
         members = content.cell_sets[str(group)][block]
         twice = members[ids[members] >= 0]
         if twice.size:
@@ -182,6 +179,12 @@ def _by_group(path: Path, content: MeshFile, block: int, settings: MeshioSetting
                 "element belong to one"
             )
         ids[members] = index
+    absent = [group for group in settings.regions.values() if group not in content.cell_sets]
+    if (ids < 0).any() and absent:
+        raise MeshError(
+            f"{path}: no group of elements '{absent[0]}' (there: {', '.join(content.cell_sets) or 'none'}); "
+            "name one of them, or give the regions by number"
+        )
     if (ids < 0).any():
         raise MeshError(
             f"{path}: {np.count_nonzero(ids < 0)} elements belong to none of the groups that regions names, "
