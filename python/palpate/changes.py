@@ -3,12 +3,20 @@
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from palpate.ledger import Ledger
+from palpate.trust import IN_KEYS
 
-_ABOUT_NOTHING = ("measured", "inputs", "study_file", "plugin_files")
-"""Parts of a manifest whose changes show elsewhere, if they matter."""
+_ABOUT_NOTHING = ("measured", "study_file", "plugin_files", "trusted")
+"""Parts of a manifest that follow from others, or say where files are."""
+
+_CODE = "fingerprints."
+"""How the keys of components begin."""
+
+_DIGITS = 12
+"""Digits of a file's hash that are shown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +28,15 @@ class Change:
     after: str | None
 
     def __str__(self) -> str:
-        return f"{self.key}: {self.before or 'absent'} → {self.after or 'absent'}"
+        difference = f"{self.before or 'absent'} → {self.after or 'absent'}"
+        if self.component:
+            return f"{self.component}: code changed, {difference}".replace('"', "")
+        return f"{self.key}: {difference}"
+
+    @property
+    def component(self) -> str:
+        """Component whose code has changed, as ``kind:name``; empty where something else has."""
+        return self.key.removeprefix(_CODE) if self.key.startswith(_CODE) else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +54,11 @@ class Changed:
     changes: Sequence[Change]
     n_finished: int
     n_valid: int
+
+    @property
+    def trustable(self) -> tuple[str, ...]:
+        """Components whose code decides simulations, has changed, and has earlier results."""
+        return tuple(c.component for c in self.changes if c.component.startswith(IN_KEYS) and c.before)
 
     @property
     def loses(self) -> bool:
@@ -60,18 +81,14 @@ def changed(
     """
     finished = ledger.finished_of_last_sweep()
     n_valid = len(finished & set(keys))
-    changes = differences(before, after)
-    if not changes and n_valid < len(finished):  # then a file matters: of a mesh, or what a test followed
-        changes = differences({"inputs": before.get("inputs")}, {"inputs": after["inputs"]}, left_out=())
-    return Changed(changes=changes, n_finished=len(finished), n_valid=n_valid)
+    return Changed(changes=differences(before, after), n_finished=len(finished), n_valid=n_valid)
 
 
-def differences(
-    before: Mapping[str, Any], after: Mapping[str, Any], left_out: Collection[str] = _ABOUT_NOTHING
-) -> list[Change]:
+def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Change]:
     """Differences of two manifests, key by key, in the order of the later one."""
-    old = _flat(_plain(before, left_out))
-    new = _flat(_plain(after, left_out))
+    # What they say shows key by key, and what they compute as a component.
+    shown = {Path(file).name for file in (before.get("study_file", ""), *before.get("plugin_files", ()))}
+    old, new = _flat(_plain(before, shown)), _flat(_plain(after, shown))
     return [
         Change(key=key, before=old.get(key), after=new.get(key))
         for key in dict.fromkeys([*new, *old])
@@ -79,9 +96,14 @@ def differences(
     ]
 
 
-def _plain(manifest: Mapping[str, Any], left_out: Collection[str]) -> dict[str, Any]:
-    kept = {key: value for key, value in manifest.items() if key not in left_out}
+def _plain(manifest: Mapping[str, Any], shown: Collection[str]) -> dict[str, Any]:
+    kept = {key: value for key, value in manifest.items() if key not in _ABOUT_NOTHING}
     plain: dict[str, Any] = json.loads(json.dumps(kept))
+    plain["inputs"] = {
+        name: digest[:_DIGITS]
+        for name, digest in plain.get("inputs", {}).items()
+        if Path(name).name not in shown
+    }
     return plain
 
 

@@ -97,7 +97,7 @@ def palpate_solvers() -> "Iterable[type[Solver]]":  # type: ignore[empty-body]
     """Solvers.
 
     A study names one under ``[solver]``. It is pickled into worker processes; a job that fails is
-    a status with a message, and its name, version and settings are part of each result's key.
+    a status with a message, and its name, version, code and settings are part of each result's key.
     """
 
 

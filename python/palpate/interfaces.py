@@ -8,6 +8,7 @@ checks: every field there needs a description.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -27,6 +28,7 @@ from palpate.domain import (
     Spot,
 )
 from palpate.errors import CurveError, MaterialError
+from palpate.fingerprints import CORE, code_fingerprint
 from palpate.inspection import Inspection
 
 if TYPE_CHECKING:
@@ -60,6 +62,21 @@ class Component(ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.settings})"
+
+    def fingerprint(self) -> str:
+        """Identity of the code that computes, to which results belong; name and settings count anyway.
+
+        By itself distribution, version and a hash of the code of the class and its bases outside
+        palpate: of their whole packages, or of the file of a module outside a package. Override it
+        to state by hand which versions give the same results, or to add what they depend on
+        besides, such as a data file.
+
+        Raises
+        ------
+        PluginError
+            The class is defined in no file, as in a notebook.
+        """
+        return code_fingerprint(type(self)) or f"{CORE} {metadata.version(CORE)}"
 
 
 class Material(Component):

@@ -6,7 +6,7 @@ them in a row. Whatever can be checked is checked before the first file is
 written.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -167,6 +167,7 @@ def run_study(
     progress: Progress = SILENT,
     *,
     forked_from: Path | None = None,
+    trust: Collection[str] = (),
     confirm: Callable[[Changed], None] = lambda changed: None,
 ) -> RunResult:
     """From measured curves to identified parameters.
@@ -180,6 +181,8 @@ def run_study(
     progress : Progress
     forked_from : Path, optional
         A run directory whose finished simulations are copied to this one first.
+    trust : collection of str
+        Components whose results of earlier code are accepted: ``material:NAME``, ``solver:NAME``.
     confirm : callable
         Told how the study differs from what the folder holds, before anything is written;
         raises to stop there.
@@ -192,8 +195,9 @@ def run_study(
         Every simulation failed.
     """
     checked = check(study, plugins)
-    run = RunDirectory(run_folder)
-    confirm(_changed(study, checked, RunDirectory(forked_from or run_folder), plugins))
+    run, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
+    study = before.trusting(study, trust)
+    confirm(_changed(study, checked, before, plugins))
     if forked_from is not None:
         with Ledger(forked_from) as ledger:
             ledger.copy_to(run_folder)
@@ -278,7 +282,7 @@ def simulate(
 ) -> tuple[Simulation, ...]:
     """Simulate every set at every spot, keeping each result as it comes."""
     run = RunDirectory(run_folder)
-    checked = _from_files(study, run)
+    study, checked = run.trusting(study), _from_files(study, run)
     simulation.check_jobs(study, simulation.jobs(study, checked.design, checked.measured), checked.limbs)
     with run.begun(study, plugins.channels) as check_lock:
         return _simulate(study, run, checked, progress, check_lock)
@@ -287,7 +291,7 @@ def simulate(
 def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:
     """Compare simulated with measured curves into ``scores.parquet``."""
     run = RunDirectory(run_folder)
-    checked = _from_files(study, run)
+    study, checked = run.trusting(study), _from_files(study, run)
     scoring.check_scorable(checked.measured, study.normaliser, study.weights)
     progress.begin("score", 1)
     simulations = simulation.stored(study, checked.design, checked.limbs, checked.measured, run_folder)
@@ -309,7 +313,7 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
         Every simulation failed.
     """
     run = RunDirectory(run_folder)
-    scores = run.scores()
+    study, scores = run.trusting(study), run.scores()
     checked = _from_files(study, run, with_limbs=study.refine or study.rays or proves(study.solver))
     progress.begin("select", 1)
     selected = _select(study, run, checked, scores, progress)
@@ -323,6 +327,7 @@ def report(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     """Lay the results out as tables and figures under ``report/``; recomputes nothing."""
     run = RunDirectory(run_folder)
     progress.begin("report", 1)
+    study = run.trusting(study)
     made = _report(study, run, _from_files(study, run), plugins)
     progress.step()
     return made

@@ -6,7 +6,6 @@ it is imported or asked becomes a :class:`BrokenPlugin` with the reason.
 
 import difflib
 import functools
-import hashlib
 import importlib.metadata
 import importlib.util
 import inspect
@@ -22,6 +21,7 @@ import pluggy
 
 from palpate import hookspecs
 from palpate.errors import PluginError
+from palpate.fingerprints import CONTENT_HASH, content_hash
 from palpate.plugin_guard import answering_for as answering_for
 from palpate.plugin_guard import guarded
 
@@ -270,7 +270,7 @@ def load_file(path: Path) -> ModuleType:
     in ``sys.modules``, so that a worker process that loads the same file can
     unpickle instances of its classes.
     """
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    digest = content_hash(path.read_bytes())
     name = f"palpate_plugin_{path.stem}_{digest}"
     if name in sys.modules:
         return sys.modules[name]
@@ -278,6 +278,7 @@ def load_file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise PluginError(f"plugin file {path}: not a Python file; its name must end in .py")
     module = importlib.util.module_from_spec(spec)
+    setattr(module, CONTENT_HASH, digest)
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)

@@ -14,11 +14,12 @@ import polars as pl
 from palpate.domain import Design, Limb, Response, Simulation
 from palpate.errors import PalpateError, StoppedError
 from palpate.interfaces import Solver
+from palpate.keys import job_key
 from palpate.plugins import answering_for
 from palpate.progress import Progress
 from palpate.results import plain
 from palpate.run_directory import RunDirectory
-from palpate.simulation import job_key, stored
+from palpate.simulation import stored
 from palpate.study import Study
 
 
@@ -62,7 +63,7 @@ def prove(
                 f"stopped while proving the chosen sets; `palpate resume {run.folder}` goes on from there"
             )
         limb = limbs.get(simulation.job.spot)
-        key = _key(study.solver, simulation, limb)
+        key = _key(study, simulation, limb)
         row = known.get(key) or _row(study.solver, simulation, limb, key)
         if row is not None:
             if row["key"]:  # jobs that differ by name alone have one answer, and one proof
@@ -81,10 +82,11 @@ def _chosen(run: RunDirectory) -> Iterator[tuple[str, int]]:
             yield from frame.select("spot", "set_id").iter_rows()
 
 
-def _key(solver: Solver, simulation: Simulation, limb: Limb | None) -> str:
+def _key(study: Study, simulation: Simulation, limb: Limb | None) -> str:
     """What decides a simulation, and every setting, also those that decide nothing but the proof."""
-    settings = repr(sorted(dict(solver.settings).items(), key=str))
-    return hashlib.sha256(f"{job_key(simulation.job, limb, solver)} {settings}".encode()).hexdigest()
+    settings = repr(sorted(dict(study.solver.settings).items(), key=str))
+    key = job_key(simulation.job, limb, study.solver, study.trusted)
+    return hashlib.sha256(f"{key} {settings}".encode()).hexdigest()
 
 
 def _row(solver: Solver, simulation: Simulation, limb: Limb | None, key: str) -> dict[str, Any] | None:

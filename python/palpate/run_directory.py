@@ -22,8 +22,8 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, replace
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -31,7 +31,7 @@ from urllib.parse import quote
 import numpy as np
 import polars as pl
 
-from palpate.domain import Channel, Design, Indentation, Parameter, Protocol, Response
+from palpate.domain import Channel, Design, HomogeneousTests, Indentation, Parameter, Protocol, Response
 from palpate.errors import StudyError
 from palpate.interfaces import Component
 from palpate.limb import mesh_note
@@ -40,6 +40,7 @@ from palpate.plugins import answering_for
 from palpate.refinement import Refined
 from palpate.results import frame_of, plain, response_of, write_atomically, write_frame
 from palpate.study import Study, StudySpot, relative
+from palpate.trust import IN_KEYS, fingerprints, recorded, trusting
 
 UNITS = "mm, N, MPa, N·mm, degrees"
 """Units of every number in a run directory."""
@@ -66,8 +67,11 @@ class RunDirectory:
 
     # ------------------------------------------------------------------ beginning
 
-    def begin(self, study: Study, channels: Mapping[str, Channel]) -> None:
+    def begin(self, study: Study, channels: Mapping[str, Channel], *, simulating: bool = False) -> None:
         """Write ``manifest.json`` and the study as run.
+
+        ``simulating`` says that simulations follow; otherwise those of earlier code stay on record
+        as such.
 
         Raises
         ------
@@ -75,12 +79,25 @@ class RunDirectory:
             The folder cannot be made.
         """
         told = manifest(study, channels) | {"measured": self._records(study)} | self._origin(study)
+        told |= self._trusted(study, simulating=simulating)
         text = _json(told)
         self._make_folder()
         as_run = self.folder / "study.toml"
         if study.file.is_file() and study.file.resolve() != as_run.resolve():
             write_atomically(as_run, study.file.read_bytes())
         write_atomically(self.folder / "manifest.json", text)
+
+    def trusting(self, study: Study, names: Collection[str] = ()) -> Study:
+        """The study with the results of earlier code that this run accepts, and those of ``names``."""
+        return trusting(study, self.manifest() if self.is_begun else {}, names)
+
+    def _trusted(self, study: Study, *, simulating: bool) -> dict[str, Any]:
+        """Which code the simulations are of, and which is accepted as the same."""
+        before = self.manifest() if self.is_begun else {}
+        now, earlier = fingerprints(study), before.get("fingerprints", {})
+        if not simulating:
+            now |= {name: earlier[name] for name in now if name.startswith(IN_KEYS) and name in earlier}
+        return {"fingerprints": now, "trusted": recorded(study, before)}
 
     def _origin(self, study: Study) -> dict[str, Any]:
         """Where `palpate resume` finds the study: from this folder, so that both move together."""
@@ -112,7 +129,7 @@ class RunDirectory:
         self._make_folder()
         with locked(self.folder) as check:
             self._tidy()
-            self.begin(study, channels)
+            self.begin(study, channels, simulating=True)
             yield check
 
     def _tidy(self) -> None:
@@ -329,6 +346,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "units": UNITS,
         "versions": versions(study),
         "inputs": _hashes(study),
+        "fingerprints": fingerprints(study),
         "loader": _component(study.loader),
         "limb_source": _component(study.limb_source) if study.limb_source else None,
         "solver": _component(study.solver),
@@ -417,11 +435,17 @@ def _protocol(protocol: Protocol | None) -> dict[str, Any]:
         return {
             "kind": "indentation",
             "indenter": type(protocol.indenter).__name__,
-            "radius_mm": protocol.indenter.radius_mm,
+            **plain(_fields(protocol.indenter)),
             "path_depth_mm_rotation_deg": protocol.path.tolist(),
-            "friction": protocol.friction,
+            **plain(_fields(protocol, ("indenter", "path"))),
         }
-    return {"kind": "homogeneous tests"}
+    if protocol is None or type(protocol) is HomogeneousTests:
+        return {"kind": "homogeneous tests"}
+    return {"kind": type(protocol).__qualname__, **plain(_fields(protocol))}
+
+
+def _fields(value: Any, left_out: tuple[str, ...] = ()) -> dict[str, Any]:  # noqa: ANN401 - any dataclass
+    return {field.name: getattr(value, field.name) for field in fields(value) if field.name not in left_out}
 
 
 _LIMITS = ("physical_lower", "physical_upper")

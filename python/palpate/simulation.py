@@ -1,26 +1,20 @@
 """The sweep: every set at every spot, each result kept as it comes, none computed twice."""
 
-import hashlib
-import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from palpate.domain import (
     Design,
     FloatArray,
     HomogeneousTests,
-    Indentation,
     Job,
     Limb,
-    Protocol,
     Response,
     Simulation,
 )
 from palpate.errors import StudyError
-from palpate.interfaces import Component, Material, Solver
+from palpate.keys import JobKeys, limb_key
 from palpate.ledger import Ledger
 from palpate.plugins import answering_for
 from palpate.progress import SILENT, Progress
@@ -109,106 +103,6 @@ def _check_searched(study: Study) -> None:
                 )
 
 
-# ----------------------------------------------------------------------- keys
-
-
-def job_key(job: Job, limb: Limb | None, solver: Solver) -> str:
-    """Hash of everything that decides the result of a job.
-
-    That is the mesh, the spot, each region's material with its settings and values,
-    the protocol, and the solver with its version and settings. The ``set_id`` is a
-    name and decides nothing.
-    """
-    return _Keys(solver).key(job, limb_key(limb))
-
-
-def limb_key(limb: Limb | None) -> str:
-    """Hash of a mesh and the spot on it."""
-    digest = hashlib.sha256()
-    if limb is not None:
-        mesh = limb.mesh
-        _add(digest, limb.spot.position_mm, limb.spot.normal, mesh.points_mm, list(mesh.regions))
-        for arrays in (mesh.cells, mesh.cell_regions, mesh.node_sets):
-            for name in sorted(arrays):
-                _add(digest, name, arrays[name])
-    return digest.hexdigest()
-
-
-def solver_key(solver: Solver) -> str:
-    """Hash of a solver, its version and its settings."""
-    digest = hashlib.sha256()
-    with answering_for(solver, "asking for its version"):
-        _add(digest, *_described(solver), solver.version())
-    return digest.hexdigest()
-
-
-class _Keys:
-    """Keys of jobs, hashing but once what all sets of a spot have in common."""
-
-    def __init__(self, solver: Solver) -> None:
-        self._solver = solver_key(solver)
-        # What an id stands for is kept beside the answer, so that no other takes the id meanwhile.
-        self._heads: dict[tuple[str, int], tuple[Protocol, hashlib._Hash]] = {}
-        self._regions: dict[tuple[str, int], tuple[Material, bytes]] = {}
-
-    def key(self, job: Job, limb: str) -> str:
-        digest = self._head(job.protocol, limb).copy()
-        for region in sorted(job.materials):
-            digest.update(self._region(region, job.materials[region]))
-            _add(digest, job.thetas[region])
-        return digest.hexdigest()
-
-    def _head(self, protocol: Protocol, limb: str) -> "hashlib._Hash":
-        found = self._heads.get((limb, id(protocol)))
-        if found is None:
-            digest = hashlib.sha256()
-            _add(digest, limb, self._solver, *_protocol_parts(protocol))
-            found = self._heads[limb, id(protocol)] = (protocol, digest)
-        return found[1]
-
-    def _region(self, region: str, material: Material) -> bytes:
-        found = self._regions.get((region, id(material)))
-        if found is None:
-            encoded = b"".join(map(_encoded, (region, *_described(material))))
-            found = self._regions[region, id(material)] = (material, encoded)
-        return found[1]
-
-
-def _described(component: Component) -> tuple[str, str]:
-    return component.name, component.settings.model_dump_json()
-
-
-def _protocol_parts(protocol: Protocol) -> Iterator[object]:
-    if isinstance(protocol, Indentation):
-        indenter = protocol.indenter
-        yield from (
-            "indentation",
-            type(indenter).__name__,
-            indenter.radius_mm,
-            protocol.path,
-            protocol.friction,
-        )
-    else:
-        yield "homogeneous"
-        for name in sorted(protocol.paths):
-            yield from (name, protocol.paths[name])
-
-
-def _add(digest: "hashlib._Hash", *parts: object) -> None:
-    """Feed values to a hash so that neither their borders nor their shapes can be confused."""
-    for part in parts:
-        if isinstance(part, np.ndarray):
-            digest.update(f"array {part.dtype.str} {part.shape};".encode())
-            digest.update(np.ascontiguousarray(part).tobytes())
-        else:
-            digest.update(_encoded(part))
-
-
-def _encoded(part: object) -> bytes:
-    text = json.dumps(part).encode()
-    return f"json {len(text)};".encode() + text
-
-
 # ---------------------------------------------------------------------- sweep
 
 
@@ -276,9 +170,9 @@ def stored(
 
 
 def keys(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> list[str]:
-    """Key of each job, as :func:`job_key` makes it."""
+    """Key of each job, as :func:`palpate.keys.job_key` makes it."""
     meshes = {spot.spot.name: limb_key(limbs.get(spot.spot.name)) for spot in study.spots}
-    maker = _Keys(study.solver)
+    maker = JobKeys(study.solver, study.trusted)
     return [maker.key(job, meshes[job.spot]) for job in to_do]
 
 

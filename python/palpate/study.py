@@ -3,7 +3,7 @@
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -72,7 +72,10 @@ class Study:
     unscaled : frozenset of str
         Channels of degree 0: their ordinates stay as they are when all moduli are scaled.
     n_total : int
-        Sets that the design of ``n_sets`` is extended to; 0: not extended.
+        Sets that the design of ``n_sets`` is extended, or cut, to; 0: neither.
+    trusted : mapping of component to fingerprint
+        Fingerprints of earlier code whose results count as those of the code as it is, by
+        ``material:NAME`` or ``solver:NAME``.
     """
 
     name: str
@@ -108,6 +111,7 @@ class Study:
     cache: Path | None = None
     unscaled: frozenset[str] = frozenset()
     n_total: int = 0
+    trusted: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         searched = ", ".join(p.name for p in self.space.parameters)

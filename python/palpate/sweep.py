@@ -173,7 +173,9 @@ def _climb(
     if not keys or not sweep.progress.going_on():
         return
     settings, n_jobs = solver.settings.model_dump_json() if rung else "", Counter(sweep.keys)
-    cache = ResultCache(sweep.study.cache) if sweep.study.cache else None
+    # Results of code that is only trusted to equal its key's are for this run alone.
+    shared = sweep.study.cache if not sweep.study.trusted else None
+    cache = ResultCache(shared) if shared else None
     jobs = [by_key[key] for key in keys]
     for outcome in outcomes(sweep.study, solver, jobs, sweep.limbs, sweep.progress):
         key = keys[outcome.index]

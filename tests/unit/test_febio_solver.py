@@ -8,7 +8,7 @@ import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Sphere, Status
 from palpate.errors import MaterialError, MeshError, PluginError, StudyError
-from palpate.simulation import solver_key
+from palpate.keys import solver_key
 from palpate.specimens import block
 from palpate.testing import SolverContract
 from palpate_febio.conventions import remembered

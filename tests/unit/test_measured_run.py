@@ -10,9 +10,10 @@ from palpate import pipeline
 from palpate.domain import Curve, Indentation, PointWeights, Response, Sphere
 from palpate.errors import CurveError, PluginError, StudyError
 from palpate.experiment import Presses
+from palpate.keys import job_key
 from palpate.report import draw_presses
 from palpate.run_directory import RunDirectory
-from palpate.simulation import job_key, jobs
+from palpate.simulation import jobs
 
 SMALL = Indentation(
     indenter=Sphere(radius_mm=5.0), path=[(0, 0), (10, 0), (10, -22.5), (10, 22.5), (10, 0)], friction=0.5

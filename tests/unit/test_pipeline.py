@@ -172,7 +172,9 @@ def test_a_solver_without_a_version_is_named_and_nothing_written(make_study, plu
         def version(self):
             raise OSError("no licence")
 
-    with pytest.raises(PluginError, match=r"asking for its version: 'analytic' .* OSError: no licence"):
+    with pytest.raises(
+        PluginError, match=r"asking for its version and fingerprint: 'analytic' .* OSError: no licence"
+    ):
         pipeline.run_study(make_study(solver=Unversioned()), tmp_path / "run", plugins)
     assert not (tmp_path / "run").exists()
 

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import simulation
+from palpate import keys, simulation
 from palpate.domain import HomogeneousTests, Indentation, Limb, Mesh, Spot, Status
 from palpate.errors import MaterialError, MeshError, StudyError
 from palpate.experiment import load_measured
@@ -195,7 +195,7 @@ def test_everything_that_decides_a_result_is_in_its_key(make_study, plugins, tis
         name = "other"
 
     def key(job=job, limb=limb, solver=study.solver):
-        return simulation.job_key(job, limb, solver)
+        return keys.job_key(job, limb, solver)
 
     moved = replace(limb, mesh=replace(mesh, node_sets={"fixed": [0, 1], "contact": [4, 5, 6]}))
     tilted = replace(limb, spot=Spot(name="p1", normal=[0.0, 0.1, 1.0]))

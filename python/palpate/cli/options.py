@@ -19,7 +19,7 @@ NumberOfSets: TypeAlias = Annotated[
         "--n",
         min=2,
         max=MOST_SETS,
-        help="Extend the design to this many sets; those it has stay as they are.",
+        help="First sets of the design for a cheap first look, or more sets after those it has.",
     ),
 ]
 GoOn: TypeAlias = Annotated[
@@ -29,5 +29,14 @@ GoOn: TypeAlias = Annotated[
 ForkTo: TypeAlias = Annotated[
     Path | None,
     typer.Option("--fork", metavar="FOLDER", help="Leave the run as it is, and go on in a copy of it."),
+]
+Trust: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--trust",
+        metavar="KIND:NAME",
+        help="Accept results of earlier code of material:NAME or solver:NAME as those of its code now.",
+        show_default=False,
+    ),
 ]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON for a script.")]

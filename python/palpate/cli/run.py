@@ -1,13 +1,14 @@
 """``palpate run``: from measured curves to identified parameters."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, OutFolder, StudyPath
+from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, OutFolder, StudyPath, Trust
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import show_run
 from palpate.cli.session import Session, run_folder
@@ -28,16 +29,25 @@ def run(
     n_sets: NumberOfSets = None,
     go_on: GoOn = False,
     fork: ForkTo = None,
+    trust: Trust = None,
     as_json: AsJson = False,
 ) -> None:
     """Run every stage of a study; what is already simulated is not simulated again."""
     session = Session.of(context)
     checked = replace(session.study(study), n_total=n_sets or 0)
-    go(session, checked, run_folder(checked, out), go_on=go_on, fork=fork, as_json=as_json)
+    folder = run_folder(checked, out)
+    go(session, checked, folder, go_on=go_on, fork=fork, trust=trust or (), as_json=as_json)
 
 
 def go(
-    session: Session, study: "Study", folder: Path, *, go_on: bool, fork: Path | None, as_json: bool
+    session: Session,
+    study: "Study",
+    folder: Path,
+    *,
+    go_on: bool,
+    fork: Path | None,
+    trust: Sequence[str],
+    as_json: bool,
 ) -> None:
     """Run a study in a folder, or in a copy of it, and show what it found."""
     from palpate import pipeline
@@ -50,6 +60,7 @@ def go(
             session.plugins,
             progress,
             forked_from=None if fork is None else folder,
+            trust=trust,
             confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
         )
     show_run(session, study, result, as_json=as_json)
@@ -69,10 +80,18 @@ def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) 
         if not (sys.stdin.isatty() and session.stderr.is_terminal):
             raise StudyError(
                 f"{said}\nuse --fork FOLDER to leave the run as it is and go on in a copy, "
-                "or --go-on to go on in it"
+                f"or --go-on to go on in it{_or_trust(changed)}"
             )
         typer.confirm(
-            f"{said}\ngo on in this folder? (no finished simulation is removed)", abort=True, err=True
+            f"{said}\ngo on in this folder? (no finished simulation is removed{_or_trust(changed)})",
+            abort=True,
+            err=True,
         )
         return
     session.stderr.print("\n".join(lines), markup=False)
+
+
+def _or_trust(changed: "Changed") -> str:
+    """Offer to accept results of earlier code."""
+    options = " ".join(f"--trust {name}" for name in changed.trustable)
+    return f"; if the new code gives the same results, {options} keeps them" if options else ""

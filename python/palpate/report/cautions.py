@@ -51,6 +51,7 @@ def cautions(
     yield from _about_certificates(content)
     yield from _about_sweep(content)
     yield from _about_data(content)
+    yield from _about_trust(content)
     if sentence := finding(tables):
         what, _, why = sentence.partition(": ")
         yield Caution(what=what, why=why[:1].upper() + why[1:])
@@ -124,6 +125,15 @@ def _about_ends(content: Content, bests: Sequence[Best]) -> Iterator[Caution]:
         yield Caution(
             what="Best values lie at the end of their range",
             why=f"{_some(ends)}. Widen the range: the least may lie outside it.",
+        )
+
+
+def _about_trust(content: Content) -> Iterator[Caution]:
+    if names := list(content.manifest.get("trusted", {})):
+        yield Caution(
+            what=f"Results of earlier code are accepted: {', '.join(names)}",
+            why="Simulations of the sweep were made with other code than the local search, the stiffness "
+            "scaling and the verification. Run in a new folder to have all of the same code.",
         )
 
 

@@ -1,0 +1,120 @@
+"""Code that changes: what it costs is said by name, and only a user's word keeps earlier results."""
+
+import json
+
+import polars as pl
+import pytest
+
+from palpate.ledger import Ledger
+
+from .conftest import PLUGIN
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+BOTH = ("--trust", "material:spring", "--trust", "solver:closed_form")
+
+
+@pytest.fixture
+def plugin(tmp_path):
+    """A copy of the toy plugin, and how to change what its solver answers."""
+    file = tmp_path / "toy_plugin.py"
+
+    def write(factor=1.0):
+        with open(PLUGIN, encoding="utf-8") as usual:
+            file.write_text(usual.read().replace("ordinate=theta[0]", f"ordinate={factor} * theta[0]"))
+        return str(file)
+
+    return write
+
+
+def scores(folder):
+    return pl.read_parquet(folder / "scores.parquet")
+
+
+def test_changed_code_is_named_and_its_results_are_made_again(call, study, tmp_path, plugin):
+    run = tmp_path / "runs" / "toy"
+    assert call("run", study, plugin=plugin()).code == 0
+    before = scores(run)
+    refused = call("run", study, plugin=plugin(2.0))
+    assert refused.code == 2
+    assert "material:spring: code changed, source " in refused.err
+    assert "solver:closed_form: code changed, version 1, palpate " in refused.err
+    assert "0 of 20 finished simulations are still valid" in refused.err
+    assert "--trust material:spring --trust solver:closed_form keeps them" in refused.err
+    assert call("run", study, "--go-on", plugin=plugin(2.0)).code == 0
+    assert not scores(run).equals(before)
+    back = call("run", study, "--go-on", plugin=plugin())
+    assert back.code == 0
+    assert scores(run).equals(before)
+    with Ledger(run) as ledger:
+        assert ledger.frame("simulations").height == 40
+
+
+def test_trusted_results_stay_in_every_later_stage_and_are_on_record(call, study, tmp_path, plugin):
+    run = tmp_path / "runs" / "toy"
+    call("run", study, plugin=plugin())
+    before = scores(run)
+    assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0
+    assert scores(run).equals(before)
+    for again in (("resume", run), ("score", study), ("report", study)):
+        done = call(*again, plugin=plugin(2.0))
+        assert done.code == 0, done.err
+    assert scores(run).equals(before)
+    with Ledger(run) as ledger:
+        assert ledger.frame("simulations").height == 20
+    manifest = json.loads((run / "manifest.json").read_text())
+    (origin,) = manifest["trusted"]["material:spring"]
+    assert manifest["trusted"]["material:spring"][origin] == [manifest["fingerprints"]["material:spring"]]
+    assert "Results of earlier code are accepted" in (run / "report" / "index.html").read_text()
+    changed_again = call("run", study, plugin=plugin(3.0))
+    assert "0 of 20 finished simulations are still valid" in changed_again.err
+    assert call("run", study, *BOTH, plugin=plugin(3.0)).code == 0
+    assert scores(run).equals(before)
+
+
+def test_stages_after_the_sweep_do_not_forget_whose_results_there_are(call, study, tmp_path, plugin):
+    run = tmp_path / "runs" / "toy"
+    call("run", study, plugin=plugin())
+    assert call("sample", study, plugin=plugin(2.0)).code == 0
+    assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0
+    with Ledger(run) as ledger:
+        assert ledger.frame("simulations").height == 20
+
+
+def test_results_under_a_trusted_key_are_shared_with_nobody(call, study, tmp_path, plugin):
+    path = study / "study.toml"
+    path.write_text(path.read_text().replace('name = "in_process"', 'name = "in_process"\ncache = "cache"'))
+    call("run", study, "--n", "10", plugin=plugin())
+    shared = sorted((study / "cache").rglob("*.simulation"))
+    assert len(shared) == 10
+    assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0
+    assert sorted((study / "cache").rglob("*.simulation")) == shared
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("material:sprong", "did you mean 'material:spring'?"),
+        ("sampler:lhs", "no such component"),
+        ("material:spring", "holds no results of it"),
+    ],
+)
+def test_what_cannot_be_trusted_is_refused(call, study, name, said):
+    refused = call("run", study, "--trust", name)
+    assert refused.code == 2
+    assert said in refused.err
+
+
+def test_a_changed_measured_file_is_reported_though_it_costs_no_simulation(call, study):
+    call("run", study)
+    file = study / "s1.txt"
+    rows = [line.split() for line in file.read_text().splitlines()]
+    file.write_text("".join(f"{x} {float(y) * 1.3}\n" for x, y in rows))
+    for command in (("run", study), ("resume", "runs/toy")):
+        again = call(*command, plugin=None if command[0] == "resume" else PLUGIN)
+        assert again.code == 0, again.err
+        if command[0] == "run":
+            assert "inputs.s1.txt: " in again.err
+            assert "20 of 20 finished simulations are still valid" in again.err
+        else:
+            assert "inputs." not in again.err
