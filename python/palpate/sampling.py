@@ -49,8 +49,8 @@ def draw_design(
         counts the sets up to the last one kept.
     n_total : int
         Extend the design of ``n_sets`` to this many, which begin with the same sets: the points
-        are doubled until there are enough, so that a further extension begins with them too.
-        0 does not extend.
+        are doubled until there are enough, so that a further extension begins with them too. Less
+        than ``n_sets`` leaves the first of them, for a cheap first look. 0 does neither.
 
     Raises
     ------
@@ -61,10 +61,6 @@ def draw_design(
     parameters = space.parameters
     if not parameters:
         raise SamplingError("design: every parameter is fixed; give at least one a range to search")
-    if 0 < n_total < n_sets:
-        raise SamplingError(
-            f"design: cannot be extended to {n_total} sets, it has {n_sets} already; ask for more"
-        )
     points = _unit_points(sampler, n_sets, len(parameters), seed)
     n_wanted = n_total or n_sets
     if refill:
@@ -93,9 +89,9 @@ def _refilled(
     n_sets: int,
 ) -> Design:
     """Double the points until ``n_sets`` of them pass the filters."""
-    accepted = accepted_by_all(filters, space, _in_ranges(space, points))
+    accepted, n_first = accepted_by_all(filters, space, _in_ranges(space, points)), len(points)
     while accepted.sum() < n_sets:
-        if 2 * len(points) > refill * n_sets:
+        if 2 * len(points) > refill * max(n_sets, n_first):
             raise _too_few(space, filters, int(accepted.sum()), len(points), n_sets)
         n_known = len(points)
         points = _extended(sampler, points, 2 * n_known, seed)

@@ -151,7 +151,22 @@ def test_more_sets_keep_those_that_are_done(call, study, tmp_path):
     assert again["n_sets"] == 30
     refused = call("resume", "runs/toy", "--n", "10", "--study", study)
     assert refused.code == 0  # a run is never made smaller
-    assert "extended to 10 sets, it has 20" in call("run", study, "--n", "10", "--out", "small").err
+
+
+def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
+    look = call("run", study, "--n", "8", "--json")
+    assert look.code == 0, look.err
+    assert look.json["n_sets"] == 8
+    assert call("resume", "runs/toy", "--json", plugin=None).json["n_sets"] == 8
+    whole = call("run", study)
+    assert whole.code == 0, whole.err
+    assert "n_total: 8 → 0" in whole.err
+    assert "8 of 8 finished simulations are still valid" in whole.err
+    with Ledger(tmp_path / "runs" / "toy") as ledger:
+        assert ledger.frame("simulations")["n_attempts"].to_list() == [1] * 20
+    assert call("run", study, "--out", "at-once").code == 0
+    assert tables(tmp_path / "runs" / "toy") == tables(tmp_path / "at-once")
+    assert call("resume", "runs/toy", "--n", "8", "--json", plugin=None).json["n_sets"] == 20
 
 
 def test_a_changed_study_shows_what_changed_and_forks_or_goes_on(call, study, tmp_path):

@@ -213,9 +213,21 @@ def test_a_log_scale_keeps_off_zero(space):
 @pytest.mark.parametrize("sampler", ["lhs", "optimised_lhs", "sobol"])
 def test_a_design_is_extended_with_every_set_in_its_place(space, plugins, sampler):
     sampler = plugins.samplers[sampler]()
-    designs = [draw_design(space, sampler, 12, 1, n_total=n) for n in (0, 20, 30, 96)]
-    assert [design.n_sets for design in designs] == [12, 20, 30, 96]
+    designs = [draw_design(space, sampler, 12, 1, n_total=n) for n in (5, 0, 20, 30, 96)]
+    assert [design.n_sets for design in designs] == [5, 12, 20, 30, 96]
     for shorter, longer in pairwise(designs):
         np.testing.assert_array_equal(longer.values[: shorter.n_sets], shorter.values)
-    with pytest.raises(SamplingError, match="cannot be extended to 11 sets, it has 12 already"):
-        draw_design(space, sampler, 12, 1, n_total=11)
+
+
+def test_a_first_look_at_a_filtered_design_is_its_first_sets(space, plugins):
+    class Half(SetFilter):
+        name, summary = "half", "every set in the lower half"
+
+        def accept(self, space, values):
+            return values[:, 0] < 0.55
+
+    arguments = (space, plugins.samplers["lhs"](), 12, 1, (Half(),))
+    whole = draw_design(*arguments, refill=4)
+    for n in (2, 7, 12):
+        look = draw_design(*arguments, refill=4, n_total=n)
+        np.testing.assert_array_equal(look.values, whole.values[:n])

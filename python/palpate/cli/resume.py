@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets
+from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, Trust
 from palpate.cli.run import go
 from palpate.cli.session import Session
 from palpate.errors import StudyError
@@ -27,6 +27,7 @@ def resume(
     n_sets: NumberOfSets = None,
     go_on: GoOn = False,
     fork: ForkTo = None,
+    trust: Trust = None,
     as_json: AsJson = False,
 ) -> None:
     """Go on with a run; what is finished is kept, and the tables are those of a run never stopped."""
@@ -36,11 +37,16 @@ def resume(
     given = Session.of(context)
     session = Session((*given.files, *_plugin_files(run, manifest)), given.without)
     checked = session.study(study or _study_file(run, manifest))
-    go(session, _extended(checked, manifest, n_sets), run, go_on=go_on, fork=fork, as_json=as_json)
+    extended = _extended(checked, manifest, n_sets)
+    go(session, extended, run, go_on=go_on, fork=fork, trust=trust or (), as_json=as_json)
 
 
 def _extended(study: "Study", manifest: dict[str, Any], n_sets: int | None) -> "Study":
-    return replace(study, n_total=max(n_sets or 0, manifest.get("n_total", 0)))
+    """The study with as many sets as the run has, or more."""
+    n_before: int = manifest.get("n_total", 0)
+    if not n_before and n_sets is not None and n_sets <= study.n_sets:
+        return study
+    return replace(study, n_total=max(n_sets or 0, n_before))
 
 
 def _study_file(run: Path, manifest: dict[str, Any]) -> Path:
