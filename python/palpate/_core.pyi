@@ -16,38 +16,27 @@ __all__ = [
     "Measured",
     "SharedPath",
     "SparseFactor",
-    "__version__",
     "branches",
-    "centred_discrepancy",
     "extend_latin_hypercube",
     "geometric",
     "interpolate",
-    "largest_correlation",
     "latin_hypercube",
-    "least_distance",
     "nmse",
-    "nmse_batch",
     "normaliser",
     "optimise_design",
     "owen_scramble",
-    "score",
 ]
 
 _Floats: TypeAlias = NDArray[np.float64]
-_Interpolant: TypeAlias = Literal["linear", "pchip"]
 _Normaliser: TypeAlias = Literal["mean_abs", "mean", "rms", "range", "std", "unit"]
 
-__version__: str
-
-def branches(abscissa: _Floats, tolerance: float = 0.0) -> list[tuple[int, int]]:
+def branches(abscissa: _Floats) -> list[tuple[int, int]]:
     """Cut a path into its maximal monotone branches.
 
     Parameters
     ----------
     abscissa
         Depth or rotation (n,) in the order in which it was travelled.
-    tolerance
-        A reversal of at most this, in units of the abscissa, is noise and does not cut.
 
     Returns
     -------
@@ -59,8 +48,7 @@ def branches(abscissa: _Floats, tolerance: float = 0.0) -> list[tuple[int, int]]
     Raises
     ------
     palpate.errors.CurveError
-        Empty, a single point, NaN or infinite, never moves by more than ``tolerance``, or a
-        negative ``tolerance``.
+        Empty, a single point, NaN or infinite, or never moves.
 
     Examples
     --------
@@ -68,20 +56,13 @@ def branches(abscissa: _Floats, tolerance: float = 0.0) -> list[tuple[int, int]]
     [(0, 2), (1, 4), (3, 5)]
     """
 
-def interpolate(
-    sim_x: _Floats,
-    sim_y: _Floats,
-    at_x: _Floats,
-    tolerance: float = 0.0,
-    interpolant: _Interpolant = "linear",
-) -> tuple[_Floats, NDArray[np.bool_]]:
-    """Interpolate a simulated path onto measured abscissae, branch by branch.
+def interpolate(sim_x: _Floats, sim_y: _Floats, at_x: _Floats) -> tuple[_Floats, NDArray[np.bool_]]:
+    """Interpolate a simulated path linearly onto measured abscissae, branch by branch.
 
     The k-th simulated branch answers for the k-th measured branch; a turning point is answered by
     the earlier of its two branches. Nothing is extrapolated: a measured point may overshoot the
-    end of its simulated branch by ``tolerance`` plus 1e-9 of the measured span (round-off), and then
-    takes the value at the end. Where the simulated path holds still, the value with which it
-    moves on counts; simulated points inside a reversal below the tolerance are passed over.
+    end of its simulated branch by 1e-9 of the measured span (round-off), and then takes the value
+    at the end. Where the simulated path holds still, the value with which it moves on counts.
 
     Parameters
     ----------
@@ -89,11 +70,6 @@ def interpolate(
         Simulated path (m,) in the order travelled.
     at_x
         Measured abscissae (n,) in the order travelled.
-    tolerance
-        As for `branches`; it applies to both paths.
-    interpolant
-        ``linear``, or ``pchip``: piecewise cubic, monotone wherever the points are (Fritsch and
-        Butland, SIAM J. Sci. Stat. Comput. 5, 300, 1984), each branch on its own.
 
     Returns
     -------
@@ -159,82 +135,6 @@ def normaliser(exp: _Floats, normaliser: _Normaliser = "mean_abs") -> float:
     3.0
     """
 
-def nmse_batch(
-    sim: _Floats,
-    exp: _Floats,
-    normaliser: _Normaliser = "mean_abs",
-    weights: _Floats | None = None,
-    *,
-    threads: int = 1,
-) -> tuple[_Floats, _Floats]:
-    """Score many simulated curves against one measured curve.
-
-    Parameters
-    ----------
-    sim
-        Simulated ordinates (n_sets, n); NaN marks a point that the simulation did not reach.
-    exp, normaliser, weights
-        As for `nmse`.
-    threads
-        Number of threads, 0 for one on each core; it changes no bit of the result.
-
-    Returns
-    -------
-    nmse
-        NMSE over the covered points (n_sets,); NaN for a row without any.
-    coverage
-        Weight of the covered points over the weight of all (n_sets,), 0 to 1.
-
-    Raises
-    ------
-    palpate.errors.CurveError
-        ``sim`` has another number of points than ``exp`` or an infinite value; ``exp`` is empty or
-        not finite.
-    palpate.errors.ScoringError
-        As for `nmse`.
-    """
-
-def score(
-    sim_x: _Floats,
-    sim_y: _Floats,
-    exp_x: _Floats,
-    exp_y: _Floats,
-    normaliser: _Normaliser = "mean_abs",
-    tolerance: float = 0.0,
-    weights: _Floats | None = None,
-    interpolant: _Interpolant = "linear",
-) -> tuple[float, float]:
-    """Score a simulated path against a measured one, each with its own points.
-
-    `interpolate` onto ``exp_x``, then NMSE over the covered points. Against many simulated paths
-    make the measured one ready once, with `Measured`.
-
-    Parameters
-    ----------
-    sim_x, sim_y
-        Simulated path (m,) in the order travelled.
-    exp_x, exp_y
-        Measured path (n,) in the order travelled.
-    normaliser, weights
-        As for `nmse`; one weight for each measured point.
-    tolerance, interpolant
-        As for `interpolate`.
-
-    Returns
-    -------
-    nmse
-        NMSE over the covered points; NaN if there are none.
-    coverage
-        Weight of the covered points over the weight of all, 0 to 1.
-
-    Raises
-    ------
-    palpate.errors.CurveError
-        As for `interpolate`.
-    palpate.errors.ScoringError
-        As for `nmse`.
-    """
-
 @final
 class Measured:
     """A measured curve, cut and weighted once for all that it is compared with.
@@ -245,8 +145,6 @@ class Measured:
         Measured path (n,) in the order travelled.
     normaliser, weights
         As for `nmse`; one weight for each measured point.
-    tolerance, interpolant
-        As for `interpolate`.
 
     Raises
     ------
@@ -258,8 +156,9 @@ class Measured:
     Examples
     --------
     >>> measured = Measured(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 4.0]))
-    >>> measured.score(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 4.0]))
-    (0.0, 1.0)
+    >>> nmse, coverage = measured.along(np.array([0.0, 1.0])).score(np.array([[0.0, 1.0]]))
+    >>> nmse.tolist(), coverage.round(3).tolist()
+    ([0.0], [0.667])
     """
 
     def __new__(
@@ -267,38 +166,9 @@ class Measured:
         x: _Floats,
         y: _Floats,
         normaliser: _Normaliser = "mean_abs",
-        tolerance: float = 0.0,
+        *,
         weights: _Floats | None = None,
-        interpolant: _Interpolant = "linear",
     ) -> Measured: ...
-    def score(self, sim_x: _Floats, sim_y: _Floats) -> tuple[float, float]:
-        """Score one simulated path (m,), as the function `score` does."""
-
-    def score_paths(
-        self, sim_x: _Floats, sim_y: _Floats, starts: NDArray[np.int64], *, threads: int = 1
-    ) -> tuple[_Floats, _Floats]:
-        """Score many simulated paths, each with points of its own.
-
-        Parameters
-        ----------
-        sim_x, sim_y
-            The points of all paths, one path after the other.
-        starts
-            Where each path starts (n_paths + 1,), ending with the number of all points.
-        threads
-            As for `nmse_batch`.
-
-        Returns
-        -------
-        nmse, coverage
-            As for `score`, (n_paths,) each.
-
-        Raises
-        ------
-        palpate.errors.CurveError
-            As for `interpolate`, naming the path; or ``starts`` does not divide the points.
-        """
-
     def along(self, sim_x: _Floats) -> SharedPath:
         """Make the curve ready for simulated curves that share the abscissae ``sim_x`` (m,).
 
@@ -308,17 +178,12 @@ class Measured:
             As for `interpolate`.
         """
 
-    @property
-    def n_points(self) -> int:
-        """Number of measured points."""
-
 @final
 class SharedPath:
     """A measured curve ready to score simulated curves that share their abscissae.
 
     Made by `Measured.along`. A batch ``sim`` is (n_sets, m): one value for each of the m shared
-    abscissae. A row may end in NaNs; then it is scored as the path that it reached. ``threads`` is
-    as for `nmse_batch`.
+    abscissae. A row may end in NaNs; then it is scored as the path that it reached.
 
     Examples
     --------
@@ -329,24 +194,20 @@ class SharedPath:
     [0.12, 0.48]
     """
 
-    def score(
-        self, sim: _Floats, form: Literal["moments", "direct"] = "moments", *, threads: int = 1
-    ) -> tuple[_Floats, _Floats]:
-        """Score a batch.
+    def score(self, sim: _Floats) -> tuple[_Floats, _Floats]:
+        """Score a batch, at a cost per curve that does not grow with the measured points.
 
         Parameters
         ----------
         sim
             Simulated ordinates (n_sets, m).
-        form
-            ``moments``: as a quadratic form of ``sim`` that costs O(m) per curve, where
-            interpolation is linear and no digits are lost; ``direct``: over the measured points.
-            They agree to 1e-12.
 
         Returns
         -------
-        nmse, coverage
-            As for `score`, (n_sets,) each.
+        nmse
+            NMSE over the covered points (n_sets,); NaN for a row without any.
+        coverage
+            Weight of the covered points over the weight of all (n_sets,), 0 to 1.
 
         Raises
         ------
@@ -354,14 +215,14 @@ class SharedPath:
             Another number of values, an infinite value, or a NaN that values follow.
         """
 
-    def gradient(self, sim: _Floats, *, threads: int = 1) -> tuple[tuple[_Floats, _Floats], _Floats]:
+    def gradient(self, sim: _Floats) -> tuple[tuple[_Floats, _Floats], _Floats]:
         """Return the scores of a batch, as `score` does, and ∂NMSE/∂sim (n_sets, m).
 
         The gradient is NaN where ``sim`` is.
         """
 
     def best_scale(
-        self, sim: _Floats, lower: float = 0.0, upper: float = ..., *, threads: int = 1
+        self, sim: _Floats, lower: float = 0.0, upper: float = ...
     ) -> tuple[_Floats, tuple[_Floats, _Floats]]:
         """Find the scale from ``lower`` to ``upper`` at which each curve scores best.
 
@@ -382,10 +243,6 @@ class SharedPath:
         palpate.errors.ScoringError
             The bounds are no range.
         """
-
-    @property
-    def n_values(self) -> int:
-        """Number of values of a simulated curve."""
 
 def latin_hypercube(n: int, d: int, seed: int, *, centred: bool = False) -> _Floats:
     """Draw a Latin hypercube of n sets in the open unit cube of d parameters.
@@ -457,7 +314,6 @@ def optimise_design(
     *,
     n_swaps: int | None = None,
     n_fixed: int | None = None,
-    target: _Floats | None = None,
 ) -> _Floats:
     """Reorder the values within each column of a design for the better.
 
@@ -470,8 +326,8 @@ def optimise_design(
     points
         Design (n, d) in the unit cube.
     criterion
-        ``cd``: least `centred_discrepancy`; ``maximin``: largest `least_distance`;
-        ``correlation``: correlations closest to ``target`` in the sum of squares.
+        ``cd``: least squared centred L2 discrepancy (Hickernell 1998); ``maximin``: largest
+        distance of the two closest sets; ``correlation``: least sum of squared correlations.
     seed
         0 to 2^64 - 1; the one of ``points`` will do.
     n_swaps
@@ -480,8 +336,6 @@ def optimise_design(
     n_fixed
         Rows at the top that stay as they are, for the new sets of an extended design; 0 if
         left out.
-    target
-        Wanted correlations (d, d), with ``correlation`` only; none if left out.
 
     Returns
     -------
@@ -491,73 +345,14 @@ def optimise_design(
     Raises
     ------
     palpate.errors.SamplingError
-        Values outside of the unit cube, an unknown criterion, ``n_fixed`` above n, or a
-        ``target`` that is not a matrix of correlations.
+        Values outside of the unit cube, an unknown criterion, or ``n_fixed`` above n.
 
     Examples
     --------
     >>> drawn = latin_hypercube(50, 3, seed=1, centred=True)
     >>> better = optimise_design(drawn, "cd", seed=1)
-    >>> centred_discrepancy(better) < 0.4 * centred_discrepancy(drawn)
+    >>> bool((np.sort(better, axis=0) == np.sort(drawn, axis=0)).all())
     True
-    """
-
-def centred_discrepancy(points: _Floats) -> float:
-    """Return CD², the squared centred L2 discrepancy (Hickernell 1998) of a design, in O(n² d).
-
-    Parameters
-    ----------
-    points
-        Design (n, d) in the unit cube.
-
-    Returns
-    -------
-    float
-        0 at best; less is more uniform.
-
-    Raises
-    ------
-    palpate.errors.SamplingError
-        Empty, or values outside of the unit cube.
-    """
-
-def least_distance(points: _Floats) -> float:
-    """Return the Euclidean distance of the two closest sets of a design (n, d), in O(n² d).
-
-    Parameters
-    ----------
-    points
-        Design (n, d) in the unit cube.
-
-    Returns
-    -------
-    float
-        Infinite for a single set.
-
-    Raises
-    ------
-    palpate.errors.SamplingError
-        Empty, or values outside of the unit cube.
-    """
-
-def largest_correlation(points: _Floats) -> float:
-    """Return the largest absolute correlation of two different parameters of a design.
-
-    Parameters
-    ----------
-    points
-        Design (n, d) in the unit cube.
-
-    Returns
-    -------
-    float
-        0 to 1; 0 for a single parameter, and a parameter that does not vary counts as
-        uncorrelated.
-
-    Raises
-    ------
-    palpate.errors.SamplingError
-        Empty, or values outside of the unit cube.
     """
 
 def owen_scramble(points: _Floats, seed: int) -> _Floats:

@@ -123,7 +123,7 @@ def _common(curves: Sequence[Curve]) -> FloatArray:
 
 
 def _at(curve: Curve, values: FloatArray, abscissa: FloatArray) -> FloatArray:
-    found, _ = _core.interpolate(curve.abscissa, np.ascontiguousarray(values), abscissa, 0.0)
+    found, _ = _core.interpolate(curve.abscissa, np.ascontiguousarray(values), abscissa)
     return found
 
 

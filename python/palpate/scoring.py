@@ -198,7 +198,7 @@ def compare(simulation: Simulation, measured: Curve) -> Compared:
     if curve is None:
         return Compared(nothing, status, message)
     try:
-        values, _ = _core.interpolate(curve.abscissa, curve.ordinate, measured.abscissa, 0.0)
+        values, _ = _core.interpolate(curve.abscissa, curve.ordinate, measured.abscissa)
     except CurveError as error:
         return Compared(nothing, *_unreadable(simulation, str(error)))
     return Compared(values, status, message)

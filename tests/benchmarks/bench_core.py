@@ -1,9 +1,9 @@
 """Times of the scoring kernels, each beside a peer of the same run: ``make bench-core``.
 
 A batch has curves of 100 simulated points on a force ramp of 1,000 measured ones. The peers do
-what a script would: ``np.interp`` (or SciPy's PCHIP, or a compiled numba loop where numba is
-installed) for each curve, then the mean squared error. All runs on one thread and is measured
-in its processor time; each line is the least of several rounds, per curve.
+what a script would: ``np.interp`` (or a compiled numba loop where numba is installed) for each
+curve, then the mean squared error. All runs on one thread and is measured in its processor time;
+each line is the least of several rounds, per curve.
 """
 
 import sys
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from palpate import _core
 
@@ -40,12 +39,6 @@ class Ramp:
     def by_numpy(self, n_sets: int) -> np.ndarray:
         """Score ``n_sets`` curves by np.interp."""
         return np.array([self._error(np.interp(self.exp_x, self.sim_x, y)) for y in self.sim[:n_sets]])
-
-    def by_scipy(self, n_sets: int) -> np.ndarray:
-        """Score ``n_sets`` curves by SciPy's PCHIP."""
-        return np.array(
-            [self._error(PchipInterpolator(self.sim_x, y)(self.exp_x)) for y in self.sim[:n_sets]]
-        )
 
     def _error(self, values: np.ndarray) -> float:
         return float(np.mean((values - self.exp) ** 2) / np.mean(np.abs(self.exp)) ** 2)
@@ -109,24 +102,15 @@ class Peer:
 
 def main() -> None:
     ramp = Ramp.made()
-    measured = _core.Measured(ramp.exp_x, ramp.exp)
-    smooth = _core.Measured(ramp.exp_x, ramp.exp, interpolant="pchip")
-    shared, shared_smooth = measured.along(ramp.sim_x), smooth.along(ramp.sim_x)
-    paths_x, paths_y = np.tile(ramp.sim_x, N_SETS), ramp.sim.ravel()
-    starts = np.arange(N_SETS + 1) * N_SIMULATED
+    shared = _core.Measured(ramp.exp_x, ramp.exp).along(ramp.sim_x)
 
     sys.stdout.write(f"{'name':<34}{'ours':>13}{'peer':>13}{'ratio':>8}\n")
     interp = Peer.timed("np.interp", ramp.by_numpy, 500)
-    pchip = Peer.timed("scipy", ramp.by_scipy, 100)
-    interp.beside("moments", lambda: shared.score(ramp.sim)[0])
+    interp.beside("score", lambda: shared.score(ramp.sim)[0])
     if (loop := numba_peer(ramp)) is None:
         sys.stdout.write("numba is not installed: no such peer\n")
     else:
-        Peer.timed("numba", loop, N_SETS).beside("moments", lambda: shared.score(ramp.sim)[0])
-    interp.beside("shared", lambda: shared.score(ramp.sim, "direct")[0])
-    interp.beside("merge", lambda: measured.score_paths(paths_x, paths_y, starts)[0])
-    pchip.beside("pchip shared", lambda: shared_smooth.score(ramp.sim)[0])
-    pchip.beside("pchip merge", lambda: smooth.score_paths(paths_x, paths_y, starts)[0])
+        Peer.timed("numba", loop, N_SETS).beside("score", lambda: shared.score(ramp.sim)[0])
 
 
 if __name__ == "__main__":

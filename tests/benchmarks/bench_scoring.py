@@ -54,24 +54,15 @@ def main() -> None:
     sys.stdout.write(f"{'name':<20}{'ours':>14}{'peer':>14}{'ratio':>8}\n")
     angle, exp = twist(N_POINTS)
     fine, torque = twist(4 * N_POINTS - 3)
-    sim = exp * np.linspace(0.5, 1.5, N_SETS)[:, None]
-    curves = [torque * factor for factor in np.linspace(0.5, 1.5, N_SETS)]
-
-    def batch() -> object:
-        return _core.nmse_batch(sim, exp)[0]
-
-    def batch_peer() -> object:
-        return nmse_loop(sim, exp)
+    curves = torque * np.linspace(0.5, 1.5, N_SETS)[:, None]
 
     def scores() -> object:
-        return [_core.score(fine, curve, angle, exp)[0] for curve in curves]
+        return _core.Measured(angle, exp).along(fine).score(curves)[0]
 
     def scores_peer() -> object:
         return nmse_loop(np.stack([interpolated(fine, curve, angle) for curve in curves]), exp)
 
-    np.testing.assert_allclose(batch(), batch_peer(), rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(scores(), scores_peer(), rtol=1e-9, atol=1e-15)
-    report("nmse_batch", batch, batch_peer)
     report("score", scores, scores_peer)
     report(
         "latin_hypercube",

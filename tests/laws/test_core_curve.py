@@ -77,15 +77,6 @@ def test_a_shortened_simulation_leaves_only_the_rest_uncovered(loop, share):
     assert np.isnan(values[~covered]).all()
 
 
-@given(loops(), st.floats(1e-3, 0.4))
-def test_jitter_within_the_tolerance_does_not_cut(loop, jitter):
-    _, _, exp_x, turns = loop
-    steps = np.diff(exp_x)
-    shaken = np.stack([exp_x[:-1] - jitter * np.sign(steps), exp_x[1:]], axis=1).ravel()
-    shaken = np.concatenate([exp_x[:1], shaken])
-    assert len(_core.branches(shaken, 1.001 * jitter)) == turns.size - 1
-
-
 @given(loops())
 def test_strided_and_reversed_views_are_read_in_place(loop):
     sim_x, sim_y, exp_x, _ = loop

@@ -23,71 +23,51 @@ NORMALISERS = st.sampled_from(sorted(BY_NUMPY))
 
 
 @st.composite
-def batches(draw: st.DrawFn, *, gaps: bool = False) -> tuple[Floats, Floats, Floats]:
-    """Simulated (n_sets, n) and measured (n,) values and weights (n,)."""
-    n_sets, n = draw(st.integers(1, 5)), draw(st.integers(2, 30))
-    sim = draw(arrays(float, (n_sets, n), elements=st.floats(-50, 50)))
+def pairs(draw: st.DrawFn) -> tuple[Floats, Floats, Floats]:
+    """Simulated and measured values and weights, (n,) each."""
+    n = draw(st.integers(2, 30))
+    sim = draw(arrays(float, n, elements=st.floats(-50, 50)))
     # Rising by at least 0.1 a point, so that no normaliser is degenerate.
     exp = np.cumsum(draw(arrays(float, n, elements=st.floats(0.1, 5))))
-    weights = draw(arrays(float, n, elements=st.floats(0.01, 10)))
-    if gaps:
-        sim[draw(arrays(bool, (n_sets, n)))] = np.nan
-    return sim, exp, weights
+    return sim, exp, draw(arrays(float, n, elements=st.floats(0.01, 10)))
 
 
-@given(batches(gaps=True), NORMALISERS)
-def test_scores_and_coverage_agree_with_numpy(batch, normaliser):
-    sim, exp, weights = batch
-    scores, coverage = _core.nmse_batch(sim, exp, normaliser, weights)
-    reached = np.where(np.isnan(sim), 0.0, weights)
-    np.testing.assert_allclose(coverage, reached.sum(1) / weights.sum(), rtol=1e-12)
-    with np.errstate(invalid="ignore"):
-        mse = np.nansum(weights * (sim - exp) ** 2, axis=1) / reached.sum(1)
-    np.testing.assert_allclose(scores, mse / BY_NUMPY[normaliser](exp) ** 2, rtol=1e-12)
+@given(pairs(), NORMALISERS)
+def test_a_score_agrees_with_numpy(pair, normaliser):
+    sim, exp, weights = pair
+    expected = np.average((sim - exp) ** 2, weights=weights) / BY_NUMPY[normaliser](exp) ** 2
+    assert _core.nmse(sim, exp, normaliser, weights) == pytest.approx(expected, rel=1e-12)
+    assert _core.normaliser(exp, normaliser) == pytest.approx(BY_NUMPY[normaliser](exp), rel=1e-12)
 
 
-@given(batches(), NORMALISERS)
-def test_a_batch_is_a_loop_in_any_memory_layout(batch, normaliser):
-    sim, exp, weights = batch
-    loop = [_core.nmse(row, exp, normaliser, weights) for row in sim]
-    for layout in (sim, np.asfortranarray(sim), np.repeat(sim, 2, axis=1)[:, ::2], sim[::-1].copy()[::-1]):
-        scores, coverage = _core.nmse_batch(layout, exp, normaliser, weights)
-        np.testing.assert_array_equal(scores, loop)
-        assert (coverage == 1.0).all()
+@given(pairs(), NORMALISERS)
+def test_memory_layout_changes_no_bit(pair, normaliser):
+    sim, exp, weights = pair
+    expected = _core.nmse(sim, exp, normaliser, weights)
+    spaced = (np.repeat(values, 2)[::2] for values in pair)
+    assert _core.nmse(*list(spaced)[:2], normaliser, weights[::-1].copy()[::-1]) == expected
 
 
-@given(batches(), NORMALISERS, st.floats(1e-3, 1e3))
-def test_one_factor_on_both_curves_changes_nothing(batch, normaliser, factor):
-    (row, *_), exp, _ = batch
+@given(pairs(), NORMALISERS, st.floats(1e-3, 1e3))
+def test_one_factor_on_both_curves_changes_nothing(pair, normaliser, factor):
+    row, exp, _ = pair
     before = _core.nmse(row, exp, normaliser)
     assert _core.nmse(factor * row, factor * exp, normaliser) == pytest.approx(before, rel=1e-12)
 
 
-@given(batches(), NORMALISERS)
-def test_only_equal_curves_score_zero(batch, normaliser):
-    (row, *_), exp, _ = batch
+@given(pairs(), NORMALISERS)
+def test_only_equal_curves_score_zero(pair, normaliser):
+    row, exp, _ = pair
     assert _core.nmse(exp, exp, normaliser) == 0.0
     assert (_core.nmse(row, exp, normaliser) > 0.0) == (row != exp).any()
 
 
-@given(batches(), st.floats(-0.9, 0.9))
-def test_a_uniform_error_scores_its_square_with_rms(batch, error):
-    _, exp, _ = batch
+@given(pairs(), st.floats(-0.9, 0.9))
+def test_a_uniform_error_scores_its_square_with_rms(pair, error):
+    _, exp, _ = pair
     rounding = 8 * np.finfo(float).eps * abs(error)  # of (1 + error) and of its products
     score = _core.nmse((1 + error) * exp, exp, "rms")
     assert score == pytest.approx(error**2, rel=1e-9, abs=rounding + 1e-30)
-
-
-@given(batches(), NORMALISERS, st.integers(2, 20))
-def test_a_score_is_interpolation_then_nmse(batch, normaliser, n_sim):
-    sim, exp, weights = batch
-    exp_x = np.linspace(0, 10, exp.size)
-    sim_x = np.linspace(0, 7, n_sim)
-    sim_y = np.resize(sim, n_sim)
-    values, _ = _core.interpolate(sim_x, sim_y, exp_x)
-    (nmse,), (coverage,) = _core.nmse_batch(values[None], exp, normaliser, weights)
-    assert _core.score(sim_x, sim_y, exp_x, exp, normaliser, 0.0, weights) == (nmse, coverage)
-    assert coverage < 1.0
 
 
 @given(st.floats(0.1, 100), st.floats(-0.09, 0.09))
@@ -114,9 +94,5 @@ def test_bad_scoring_inputs_are_named():
         _core.nmse(np.ones(3), pair)
     with pytest.raises(CurveError, match=r"sim\[0\] is NaN"):
         _core.nmse(np.array([np.nan, 1.0]), pair)
-    with pytest.raises(CurveError, match=r"sim\[1, 0\] is inf"):
-        _core.nmse_batch(np.array([[1.0, 1.0], [np.inf, 1.0]]), pair)
-    with pytest.raises(CurveError, match="2 sets of 2"):
-        _core.nmse_batch(np.ones((2, 3)), pair)
     with pytest.raises(TypeError, match="sim"):
-        _core.nmse_batch(pair, pair)
+        _core.nmse(pair[None], pair)

@@ -85,7 +85,7 @@ def test_erratum_3_is_refused_before_the_sweep(make_study, plugins):
 
 def test_erratum_4_a_twist_is_a_path_and_not_a_function_of_the_angle():
     x, torque = loop()
-    values, covered = _core.interpolate(x, torque, x, 0.0)
+    values, covered = _core.interpolate(x, torque, x)
     assert covered.all()
     assert np.array_equal(values, torque)
     order = np.argsort(x, kind="stable")

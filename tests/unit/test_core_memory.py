@@ -1,6 +1,6 @@
-"""A batch needs no more memory than its input and output, and a long curve a few arrays of its length.
+"""A batch needs no more memory than its input and output.
 
-Each case runs in a process of its own, which resets and reads the kernel's high-water mark.
+It runs in a process of its own, which resets and reads the kernel's high-water mark.
 """
 
 import subprocess
@@ -48,38 +48,13 @@ assert np.isfinite(nmse).all() and (coverage == 1.0).all()
 print(extra, nmse.nbytes + coverage.nbytes)
 """
 
-MANY_PATHS = """
-n_sets, n = 1_000_000, 8
-x, exp = ramp(n), ramp(n) ** 2
-measured = _core.Measured(x, exp)
-sim_x, sim_y = np.tile(x, n_sets), np.tile(exp, n_sets)
-starts = np.arange(n_sets + 1) * n
-extra, (nmse, coverage) = needed(lambda: measured.score_paths(sim_x, sim_y, starts))
-assert (nmse < 1e-24).all() and (coverage == 1.0).all()
-print(extra, nmse.nbytes + coverage.nbytes + starts.nbytes)
-"""
-
-LONG = """
-n = 10_000_000
-x = ramp(n)
-exp = x * x
-sim_x, sim_y = ramp(100), ramp(100) ** 2
-extra, (nmse, coverage) = needed(lambda: _core.score(sim_x, sim_y, x, exp))
-assert nmse < 1e-6 and coverage == 1.0
-extra_back, (nmse, coverage) = needed(lambda: _core.score(x, exp, sim_x, sim_y))
-assert nmse < 1e-24 and coverage == 1.0
-print(max(extra, extra_back), 5 * x.nbytes)
-"""
-
 SLACK_BYTES = 16e6
-"""Python's own, and a list of what is to be done."""
+"""Python's own."""
 
 
-@pytest.mark.parametrize("case", [MANY, MANY_PATHS, LONG], ids=["many curves", "many paths", "10^7 points"])
-def test_memory_is_bounded_by_input_and_output(case: str) -> None:
-    """A call that hangs is ended; none takes longer than a few seconds."""
+def test_memory_is_bounded_by_input_and_output() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", MEASURE + case], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", MEASURE + MANY], capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
     extra, allowed = map(int, done.stdout.split())

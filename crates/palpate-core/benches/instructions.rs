@@ -10,9 +10,7 @@ use std::error::Error;
 use std::hint::black_box;
 use std::process::{Command, ExitCode};
 
-use palpate_core::curve::Interpolant;
-use palpate_core::nmse::Comparison;
-use palpate_core::shared::Form;
+use palpate_core::nmse::Normaliser;
 use palpate_core::{Measured, SharedPath};
 
 const N_SIMULATED: usize = 100;
@@ -20,14 +18,7 @@ const N_MEASURED: usize = 1000;
 const N_SETS: usize = 256;
 
 /// Each kernel with the most instructions that it may take per curve.
-const LIMITS: [(&str, f64); 6] = [
-    ("moments", 1080.0),
-    ("shared", 8030.0),
-    ("merge", 26160.0),
-    ("pchip", 37480.0),
-    ("gradient", 6170.0),
-    ("best_scale", 6940.0),
-];
+const LIMITS: [(&str, f64); 3] = [("score", 1080.0), ("gradient", 6170.0), ("best_scale", 6940.0)];
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
@@ -87,44 +78,22 @@ fn ramp(n: usize) -> (Vec<f64>, Vec<f64>) {
 
 fn run(kernel: &str, n_rounds: &str) -> Outcome<ExitCode> {
     let ((sim_x, sim_y), (exp_x, exp)) = (ramp(N_SIMULATED), ramp(N_MEASURED));
-    let interpolant = if kernel == "pchip" { Interpolant::Pchip } else { Interpolant::Linear };
-    let comparison = Comparison { interpolant, ..Comparison::default() };
-    let measured = Measured::new(&exp_x, &exp, &comparison)?;
-    // Curves far enough from the measured one for the moments to have all their digits.
-    let sim = (0..N_SETS)
+    let path = Measured::new(&exp_x, &exp, Normaliser::MeanAbs, None)?.along(&sim_x)?;
+    // Curves far enough from the measured one for the quadratic form to have all its digits.
+    let sim: Vec<f64> = (0..N_SETS)
         .flat_map(|k| sim_y.iter().map(move |y| y.sqrt() * (0.5 + k as f64 / N_SETS as f64)))
         .collect();
-    let batch = Batch {
-        path: measured.along(&sim_x)?,
-        measured,
-        sim_x: sim_x.repeat(N_SETS),
-        sim,
-        starts: (0..=N_SETS).map(|k| k * N_SIMULATED).collect(),
-    };
     for _ in 0..n_rounds.parse()? {
-        batch.score(kernel)?;
+        score(&path, &sim, kernel)?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
-struct Batch {
-    measured: Measured,
-    path: SharedPath,
-    sim_x: Vec<f64>,
-    sim: Vec<f64>,
-    starts: Vec<usize>,
-}
-
-impl Batch {
-    fn score(&self, kernel: &str) -> Outcome<()> {
-        let Self { measured, path, sim_x, sim, starts } = self;
-        match kernel {
-            "moments" => drop(black_box(path.score(sim, N_SETS, Form::Moments, 1)?)),
-            "shared" => drop(black_box(path.score(sim, N_SETS, Form::Direct, 1)?)),
-            "gradient" => drop(black_box(path.gradient(sim, N_SETS, 1)?)),
-            "best_scale" => drop(black_box(path.best_scale(sim, N_SETS, (0.0, 9.0), 1)?)),
-            _ => drop(black_box(measured.score_paths(sim_x, sim, starts, 1)?)),
-        }
-        Ok(())
+fn score(path: &SharedPath, sim: &[f64], kernel: &str) -> Outcome<()> {
+    match kernel {
+        "gradient" => drop(black_box(path.gradient(sim, N_SETS)?)),
+        "best_scale" => drop(black_box(path.best_scale(sim, N_SETS, (0.0, 9.0))?)),
+        _ => drop(black_box(path.score(sim, N_SETS)?)),
     }
+    Ok(())
 }

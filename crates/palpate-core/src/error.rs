@@ -42,20 +42,12 @@ pub enum CurveError {
         /// The value itself.
         value: f64,
     },
-    /// The name of an interpolant is not known.
-    #[error("interpolant {name:?} is unknown: choose linear or pchip")]
-    UnknownInterpolant {
-        /// The name given.
-        name: String,
-    },
     /// A simulated value in a batch is infinite (NaN marks an uncovered point there).
     #[error(
-        "{array}[{row}, {index}] is {value}: a simulated value must be finite, or NaN where the \
+        "sim[{row}, {index}] is {value}: a simulated value must be finite, or NaN where the \
          simulation did not get to"
     )]
     InfiniteInBatch {
-        /// Argument that holds the value.
-        array: &'static str,
         /// Row of the batch.
         row: usize,
         /// Position within the row.
@@ -73,27 +65,6 @@ pub enum CurveError {
         row: usize,
         /// Position of the first NaN within the row.
         index: usize,
-    },
-    /// One of many simulated paths cannot be used.
-    #[error("simulated path {path}: {source}")]
-    InPath {
-        /// Number of the path, from 0.
-        path: usize,
-        /// What is wrong with it; positions count from its start.
-        source: Box<CurveError>,
-    },
-    /// The places where simulated paths start are not such.
-    #[error(
-        "starts[{index}] is {value}: starts must begin with 0, never fall, and end with the number \
-         of simulated points, {n_points}"
-    )]
-    Starts {
-        /// Position of the first offender.
-        index: usize,
-        /// The value itself.
-        value: usize,
-        /// Simulated points of all paths together.
-        n_points: usize,
     },
     /// An array has no values.
     #[error("{array} is empty: a curve needs at least one value")]
@@ -131,29 +102,18 @@ pub enum CurveError {
         /// Points of the measured curve.
         n_points: usize,
     },
-    /// The abscissa stays within the tolerance.
-    #[error(
-        "{array} never moves: its values span {span}, not more than the tolerance {tolerance}; \
-         give a path that moves, or a smaller tolerance"
-    )]
+    /// The abscissa stays where it is.
+    #[error("{array} never moves: every value is {value}; give a path that moves")]
     NeverMoves {
         /// The argument.
         array: &'static str,
-        /// Largest minus least value.
-        span: f64,
-        /// Tolerance in force.
-        tolerance: f64,
-    },
-    /// The tolerance is negative or not finite.
-    #[error("tolerance is {value}: it must be finite and not negative")]
-    Tolerance {
-        /// The value given.
+        /// The value.
         value: f64,
     },
     /// A simulated branch runs against its measured counterpart.
     #[error(
         "branch {branch} of the simulated path {array} is {simulated} where that of {measured_array} \
-         is {measured}: simulate the path that was travelled, or raise the tolerance if noise cut it"
+         is {measured}: simulate the path that was travelled, or remove noise from the abscissa"
     )]
     Direction {
         /// Index of the branch, from 0.
@@ -170,7 +130,7 @@ pub enum CurveError {
     /// The simulated path turns more often than the measured one.
     #[error(
         "the simulated path {array} has {simulated} branches but {measured_array} has only \
-         {measured}: simulate the path that was travelled, or raise the tolerance if noise cut it"
+         {measured}: simulate the path that was travelled, or remove noise from the abscissa"
     )]
     TooManyBranches {
         /// The simulated abscissa.
@@ -219,12 +179,6 @@ pub enum ScoringError {
     /// Every weight is zero.
     #[error("every weight is zero: give at least one measured point a positive weight")]
     ZeroWeights,
-    /// The name of a form is not known.
-    #[error("form {name:?} is unknown: choose moments or direct")]
-    UnknownForm {
-        /// The name given.
-        name: String,
-    },
     /// The range of a scale is empty or not a range.
     #[error("scales from {lower} to {upper} are no range: lower must not exceed upper, nor be NaN")]
     ScaleRange {
@@ -298,33 +252,6 @@ pub enum SamplingError {
     UnknownCriterion {
         /// The name given.
         name: String,
-    },
-    /// A target without the criterion that aims at it.
-    #[error("target is given, but criterion {name:?} has none: choose correlation")]
-    NoTarget {
-        /// The name given.
-        name: String,
-    },
-    /// The wanted correlations are not a matrix of the design's size.
-    #[error("target has {length} values: {d} rows of {d} correlations were expected")]
-    TargetShape {
-        /// Number of values.
-        length: usize,
-        /// Parameters of the design.
-        d: usize,
-    },
-    /// A wanted correlation cannot be one.
-    #[error(
-        "target[{row}, {column}] is {value}: correlations lie between -1 and 1, are symmetric and \
-         1 on the diagonal"
-    )]
-    Target {
-        /// Row of the first offender.
-        row: usize,
-        /// Its column.
-        column: usize,
-        /// The value itself.
-        value: f64,
     },
     /// An extension that adds nothing.
     #[error("n_total is {n_total}, but points has {n} rows already: ask for more")]

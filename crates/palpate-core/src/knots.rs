@@ -6,18 +6,17 @@
 //! runs at a time, and the compiler turns a block into vector instructions.
 #![expect(clippy::inline_always, reason = "only what is inlined gets a kernel's instructions")]
 
-use crate::curve::{self, Branch, Interpolant, Named, ROUND_OFF};
+use crate::curve::{self, Branch, Named, ROUND_OFF};
 use crate::error::Error;
-use crate::{pchip, real};
+use crate::real;
 
 /// Measured points that are interpolated at once.
 pub(crate) const BLOCK: usize = 8;
 
-/// Ordinates and slopes at the knots of one branch.
+/// Ordinates at the knots of one branch.
 #[derive(Default)]
 pub(crate) struct Pieces {
     y: Vec<f64>,
-    slopes: pchip::Slopes,
     /// Measured points before each knot but the first.
     stops: Vec<usize>,
 }
@@ -29,7 +28,6 @@ pub(crate) struct Legs {
     branches: Vec<Branch>,
     walks: Vec<Leg>,
     n_points: usize,
-    tolerance: f64,
     /// How far a point may overshoot a simulated branch.
     slack: f64,
 }
@@ -40,21 +38,19 @@ struct Leg {
     start: usize,
     /// Along the direction of travel, then [`BLOCK`] infinities.
     s: Vec<f64>,
-    /// Present where no point lies behind the one before it.
-    index: Option<Index>,
+    index: Index,
 }
 
 impl Legs {
-    pub(crate) fn new(path: Named<'_>, tolerance: f64) -> Result<Self, Error> {
-        let branches = curve::cut(path, tolerance)?;
+    pub(crate) fn new(path: Named<'_>) -> Result<Self, Error> {
+        let branches = curve::cut(path)?;
         let walks = branches.iter().map(|&branch| Leg::new(path.values, branch)).collect();
         Ok(Self {
             name: path.name,
             branches,
             walks,
             n_points: path.values.len(),
-            tolerance,
-            slack: tolerance + ROUND_OFF * curve::span(path.values),
+            slack: ROUND_OFF * curve::span(path.values),
         })
     }
 
@@ -71,13 +67,12 @@ impl Legs {
         &self,
         knots: &[Knots],
         y: &[f64],
-        interpolant: Interpolant,
         pieces: &mut Pieces,
         values: &mut [f64],
     ) {
         for (k, leg) in self.walks.iter().enumerate() {
             match knots.get(k) {
-                Some(knots) => leg.interpolate(knots, y, self.slack, interpolant, pieces, values),
+                Some(knots) => leg.interpolate(knots, y, self.slack, pieces, values),
                 None => leg.uncovered(values),
             }
         }
@@ -96,7 +91,7 @@ impl Legs {
     /// The branches of a simulated path, each of which runs like the measured one of its number.
     fn answering(&self, sim_x: &[f64]) -> Result<Vec<Branch>, Error> {
         let path = Named { name: "sim_x", values: sim_x };
-        let branches = curve::cut(path, self.tolerance)?;
+        let branches = curve::cut(path)?;
         curve::correspond(path.name, &branches, self.name, &self.branches)?;
         Ok(branches)
     }
@@ -139,7 +134,7 @@ impl Leg {
         let own = branch.own_points();
         let along = |&x: &f64| branch.direction.along(x);
         let mut s: Vec<f64> = x[own.clone()].iter().map(along).collect();
-        let index = s.is_sorted().then(|| Index::new(&s));
+        let index = Index::new(&s);
         s.extend([f64::INFINITY; BLOCK]);
         Self { start: own.start, s, index }
     }
@@ -158,37 +153,13 @@ impl Leg {
         knots: &Knots,
         y: &[f64],
         slack: f64,
-        interpolant: Interpolant,
-        Pieces { y: own, slopes, stops }: &mut Pieces,
+        Pieces { y: own, stops }: &mut Pieces,
         values: &mut [f64],
     ) {
         own.clear();
         own.extend(knots.at.iter().map(|&i| y[i]));
-        let (s, y) = (&*knots.s, &**own);
-        let knotted = Knotted { s, y, slack };
-        match interpolant {
-            Interpolant::Linear => self.walk(knotted, |k| Line::new(s, y, k), stops, values),
-            Interpolant::Pchip => {
-                let slopes = slopes.at_knots(s, y);
-                self.walk(knotted, |k| Cubic::new(s, y, slopes, k), stops, values);
-            }
-        }
-    }
-
-    /// Walks along the knots; `piece` gives the interpolant behind one of them.
-    #[inline(always)]
-    fn walk<P: Piece>(
-        &self,
-        knots: Knotted<'_>,
-        piece: impl Fn(usize) -> P,
-        stops: &mut Vec<usize>,
-        values: &mut [f64],
-    ) {
-        let values = &mut values[self.start..];
-        match &self.index {
-            Some(index) => walk_runs(&self.s, index, knots, piece, stops, values),
-            None => walk_points(self.own(), knots, piece, values),
-        }
+        let knotted = Knotted { s: &knots.s, y: own, slack };
+        walk(&self.s, &self.index, knotted, stops, &mut values[self.start..]);
     }
 }
 
@@ -256,13 +227,12 @@ impl Index {
     }
 }
 
-/// [`Leg::walk`] where no point lies behind the one before it; `at` ends in [`BLOCK`] infinities.
+/// Interpolates at the points `at`, which end in [`BLOCK`] infinities.
 #[inline(always)]
-fn walk_runs<P: Piece>(
+fn walk(
     at: &[f64],
     index: &Index,
     Knotted { s, y, slack }: Knotted<'_>,
-    piece: impl Fn(usize) -> P,
     stops: &mut Vec<usize>,
     values: &mut [f64],
 ) {
@@ -276,7 +246,7 @@ fn walk_runs<P: Piece>(
     stops.extend(s[1..].iter().map(|&end| index.n_below(at, end)));
     for (k, &stop) in stops.iter().enumerate() {
         if start < stop {
-            let (piece, begin) = (piece(k), s[k]);
+            let (piece, begin) = (Line::new(s, y, k), s[k]);
             let (mut at, mut values) = (&at[start..], &mut values[start..]);
             let mut left = stop - start;
             while let (Some((block, rest)), Some((out, values_rest))) =
@@ -297,29 +267,6 @@ fn walk_runs<P: Piece>(
     }
 }
 
-/// [`Leg::walk`] where noise below the tolerance makes points fall back.
-fn walk_points<P: Piece>(
-    at: &[f64],
-    Knotted { s, y, slack }: Knotted<'_>,
-    piece: impl Fn(usize) -> P,
-    values: &mut [f64],
-) {
-    let mut segment = 0;
-    for (value, &at) in values.iter_mut().zip(at) {
-        *value = match find(s, at, slack, &mut segment) {
-            None => f64::NAN,
-            Some(k) if k + 1 == s.len() => y[k],
-            Some(k) => piece(k).at(at.max(s[0]) - s[k]),
-        };
-    }
-}
-
-/// The interpolant between two knots.
-trait Piece {
-    /// Value at a distance behind the first of them.
-    fn at(&self, offset: f64) -> f64;
-}
-
 /// A straight piece.
 struct Line {
     y: f64,
@@ -332,36 +279,11 @@ impl Line {
     fn new(s: &[f64], y: &[f64], k: usize) -> Self {
         Self { y: y[k], rise: y[k + 1] - y[k], per_width: 1.0 / (s[k + 1] - s[k]) }
     }
-}
 
-impl Piece for Line {
+    /// Value at a distance behind the first knot.
     #[inline(always)]
     fn at(&self, offset: f64) -> f64 {
         self.y + (offset * self.per_width) * self.rise
-    }
-}
-
-/// A cubic piece in powers of the share of the way.
-struct Cubic {
-    powers: [f64; 4],
-    per_width: f64,
-}
-
-impl Cubic {
-    #[inline(always)]
-    fn new(s: &[f64], y: &[f64], slopes: &[f64], k: usize) -> Self {
-        let width = s[k + 1] - s[k];
-        let powers = pchip::coefficients(width, (y[k], y[k + 1]), (slopes[k], slopes[k + 1]));
-        Self { powers, per_width: 1.0 / width }
-    }
-}
-
-impl Piece for Cubic {
-    #[inline(always)]
-    fn at(&self, offset: f64) -> f64 {
-        let [c0, c1, c2, c3] = self.powers;
-        let share = offset * self.per_width;
-        c0 + share * (c1 + share * (c2 + share * c3))
     }
 }
 
@@ -390,7 +312,6 @@ impl Knots {
         for i in points {
             let s = branch.direction.along(x[i]);
             match (self.s.last(), self.at.last_mut()) {
-                (Some(&last), _) if s < last => {}
                 (Some(&last), Some(at)) if s - last < LEAST_STEP => *at = i,
                 _ => {
                     self.s.push(s);
@@ -405,38 +326,27 @@ impl Knots {
         self.at.clear();
     }
 
-    /// The knot before `s` and the way from there to the next.
+    /// The knot before `s` (the first one within `slack` before it, the last one within `slack` behind
+    /// it), and the way from there to the next.
+    ///
+    /// `segment` is where the previous point was found: measured points come in travel order.
     fn place(&self, s: f64, slack: f64, segment: &mut usize) -> Option<(usize, f64)> {
-        let k = find(&self.s, s, slack, segment)?;
-        let share = match self.s.get(k + 1) {
-            Some(next) => (s.max(self.s[0]) - self.s[k]) * (1.0 / (next - self.s[k])),
-            None => 0.0,
-        };
-        Some((k, share))
+        let knots = &self.s;
+        let last = knots.len() - 1;
+        if s < knots[0] - slack || s > knots[last] + slack {
+            return None;
+        }
+        let s = s.max(knots[0]);
+        if s >= knots[last] {
+            return Some((last, 0.0));
+        }
+        while knots[*segment + 1] <= s {
+            *segment += 1;
+        }
+        let begin = knots[*segment];
+        Some((*segment, (s - begin) * (1.0 / (knots[*segment + 1] - begin))))
     }
 }
 
 /// Least distance of two knots; its inverse is finite. Points closer than that are one.
 const LEAST_STEP: f64 = f64::MIN_POSITIVE;
-
-/// The knot before `s` (the first within `slack` before it, the last within `slack` behind it).
-///
-/// `segment` is where the previous point was found; measured points come in travel order, so the
-/// next one is never far from there.
-fn find(knots: &[f64], s: f64, slack: f64, segment: &mut usize) -> Option<usize> {
-    let last = knots.len() - 1;
-    if s < knots[0] - slack || s > knots[last] + slack {
-        return None;
-    }
-    let s = s.max(knots[0]);
-    if s >= knots[last] {
-        return Some(last);
-    }
-    while knots[*segment + 1] <= s {
-        *segment += 1;
-    }
-    while knots[*segment] > s {
-        *segment -= 1;
-    }
-    Some(*segment)
-}

@@ -10,8 +10,7 @@
 //! | [`ray`] | the multiple of a simulated curve that scores best |
 //! | [`lhs`] | Latin hypercube designs, the same bits on every platform |
 //! | [`nested`] | Latin hypercubes that grow and keep their sets |
-//! | [`criteria`] | how well a design fills the cube: discrepancy, distance, correlation |
-//! | [`optimise`] | designs made better by one of these criteria |
+//! | [`optimise`] | designs made better in discrepancy, distance or correlation |
 //! | [`owen`] | scrambling of Sobol' points |
 //! | [`scale`] | logarithmic ranges |
 //! | [`error`] | what can be wrong with the input, and where |
@@ -24,7 +23,6 @@
 mod readme {}
 
 mod batch;
-pub mod criteria;
 pub mod curve;
 mod design;
 pub mod error;
@@ -37,7 +35,6 @@ pub mod nested;
 pub mod nmse;
 pub mod optimise;
 pub mod owen;
-mod pchip;
 pub mod ray;
 mod rng;
 pub mod scale;

@@ -17,10 +17,8 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::batch;
-use crate::curve::{self, Interpolant, Named};
+use crate::curve::{self, Named};
 use crate::error::{CurveError, Error, ScoringError};
-use crate::measured::Measured;
 use crate::real;
 
 /// What the error is divided by: a named choice, recorded with every score.
@@ -155,19 +153,18 @@ impl FromStr for Normaliser {
 
 /// An NMSE and the share of the measured curve that it rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub struct Score {
+pub(crate) struct Score {
     /// NMSE over the covered points; NaN if there are none.
-    pub nmse: f64,
+    pub(crate) nmse: f64,
     /// Weight of the covered points over the weight of all points, 0 to 1.
-    pub coverage: f64,
+    pub(crate) coverage: f64,
 }
 
 /// NMSE of a simulated curve against a measured one at the same points.
 ///
 /// # Errors
 /// [`CurveError`] if the curves differ in length, are empty, or hold a value that is not finite (a
-/// simulation that ended early goes to [`nmse_batch`] or [`score`]). [`ScoringError`] if the
+/// simulation that ended early goes to [`SharedPath`](crate::SharedPath)). [`ScoringError`] if the
 /// normaliser is degenerate, or a weight is negative, or all are zero.
 ///
 /// # Examples
@@ -196,96 +193,6 @@ pub struct Scores {
     pub nmse: Vec<f64>,
     /// Share of each curve's weight that is covered, 0 to 1.
     pub coverage: Vec<f64>,
-}
-
-/// NMSE of many simulated curves against one measured curve.
-///
-/// `sim` holds `n_sets` rows of `exp.len()` values, row after row. A NaN in it marks a point that
-/// the simulation did not reach: it does not count, and lowers the coverage of its row. `threads`
-/// (0: as many as there are cores) changes no bit of the result.
-///
-/// # Errors
-/// [`CurveError`] if `sim` is not `n_sets` rows or holds an infinite value, or `exp` is empty or
-/// not finite; [`ScoringError`] as for [`nmse`].
-///
-/// # Examples
-/// ```
-/// use palpate_core::nmse::{Normaliser, nmse_batch};
-/// let sims = [1.0, 3.0, f64::NAN, 3.0];
-/// let scores = nmse_batch(&sims, 2, &[1.0, 3.0], Normaliser::MeanAbs, None, 1)?;
-/// assert_eq!(scores.nmse, [0.0, 0.0]);
-/// assert_eq!(scores.coverage, [1.0, 0.5]);
-/// # Ok::<(), palpate_core::Error>(())
-/// ```
-pub fn nmse_batch(
-    sim: &[f64],
-    n_sets: usize,
-    exp: &[f64],
-    normaliser: Normaliser,
-    weights: Option<&[f64]>,
-    threads: usize,
-) -> Result<Scores, Error> {
-    let target = Target::new(exp, normaliser, weights)?;
-    let n_points = exp.len();
-    batch::check_shape(sim, n_sets, n_points)?;
-    let [nmse, coverage] = batch::rows([1, 1], n_sets, threads, |set, [nmse, coverage], _| {
-        let row = &sim[set * n_points..][..n_points];
-        if let Some(index) = row.iter().position(|v| v.abs() > curve::LARGEST) {
-            return Err(batch::unusable(set, index, row[index]).into());
-        }
-        let score = target.score(row);
-        (nmse[0], coverage[0]) = (score.nmse, score.coverage);
-        Ok(())
-    })?;
-    Ok(Scores { nmse, coverage })
-}
-
-/// How curves are compared.
-///
-/// # Examples
-/// ```
-/// use palpate_core::nmse::{Comparison, Normaliser};
-/// let by_rms = Comparison { normaliser: Normaliser::Rms, ..Comparison::default() };
-/// assert_eq!(by_rms.tolerance, 0.0);
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Comparison<'a> {
-    /// What the error is divided by.
-    pub normaliser: Normaliser,
-    /// A weight for each measured point; equal ones without.
-    pub weights: Option<&'a [f64]>,
-    /// Movement of the abscissa that counts as noise, as in [`curve::branches`].
-    pub tolerance: f64,
-    /// How simulated curves run between their points.
-    pub interpolant: Interpolant,
-}
-
-/// NMSE of a simulated path against a measured one, each with its own points.
-///
-/// The simulated path is interpolated onto the measured points with
-/// [`curve::interpolate`]; points that it does not reach lower the coverage. For many simulated
-/// paths make the measured one ready once, with [`Measured`].
-///
-/// # Errors
-/// [`CurveError`] as for [`curve::interpolate`] and [`ScoringError`] as for [`nmse`].
-///
-/// # Examples
-/// ```
-/// use palpate_core::nmse::{Comparison, Normaliser, score};
-/// let measured = ([0.0, 1.0, 2.0, 1.0], [0.0, 1.0, 4.0, 0.5]);
-/// let simulated = ([0.0, 2.0], [0.0, 4.0]);
-/// let by_range = Comparison { normaliser: Normaliser::Range, ..Comparison::default() };
-/// let out = score((&simulated.0, &simulated.1), (&measured.0, &measured.1), &by_range)?;
-/// assert_eq!(out.coverage, 0.75);
-/// assert!((out.nmse - 1.0 / 3.0 / 16.0).abs() < 1e-15);
-/// # Ok::<(), palpate_core::Error>(())
-/// ```
-pub fn score(
-    sim: (&[f64], &[f64]),
-    exp: (&[f64], &[f64]),
-    comparison: &Comparison<'_>,
-) -> Result<Score, Error> {
-    Measured::new(exp.0, exp.1, comparison)?.score(sim.0, sim.1)
 }
 
 /// A measured curve with everything that does not depend on the simulation.

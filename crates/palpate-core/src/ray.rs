@@ -4,11 +4,11 @@
 //! simulation scores the whole ray.
 
 use crate::SharedPath;
-use crate::batch::{self, Scratch};
+use crate::batch::{Scratch, check_shape, reached};
 use crate::curve::LARGEST;
 use crate::error::{Error, ScoringError};
 use crate::nmse::{Score, Scores};
-use crate::shared::{NOTHING_REACHED, reached};
+use crate::shared::NOTHING_REACHED;
 
 /// The scale of each curve of a batch at which it scores best.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,22 +33,22 @@ impl SharedPath {
         sim: &[f64],
         n_sets: usize,
         bounds: (f64, f64),
-        threads: usize,
     ) -> Result<BestScales, Error> {
         let (lower, upper) = bounds;
         if !(lower <= upper && lower < f64::INFINITY && upper > f64::NEG_INFINITY) {
             return Err(ScoringError::ScaleRange { lower, upper }.into());
         }
         let n = self.n_values();
-        batch::check_shape(sim, n_sets, n)?;
-        let [scale, nmse, coverage] =
-            batch::rows([1; 3], n_sets, threads, |set, [scale, nmse, coverage], scratch| {
-                let sim = &sim[set * n..][..n];
-                let (best, score) = self.best_scale_row(set, sim, bounds, scratch)?;
-                (scale[0], nmse[0], coverage[0]) = (best, score.nmse, score.coverage);
-                Ok(())
-            })?;
-        Ok(BestScales { scale, scores: Scores { nmse, coverage } })
+        check_shape(sim, n_sets, n)?;
+        let scratch = &mut Scratch::default();
+        let mut scores = Scores { nmse: vec![0.0; n_sets], coverage: vec![0.0; n_sets] };
+        let mut scale = vec![0.0; n_sets];
+        for (set, sim) in sim.chunks_exact(n).enumerate() {
+            let (best, score) = self.best_scale_row(set, sim, bounds, scratch)?;
+            (scale[set], scores.nmse[set], scores.coverage[set]) =
+                (best, score.nmse, score.coverage);
+        }
+        Ok(BestScales { scale, scores })
     }
 
     fn best_scale_row(
@@ -58,8 +58,8 @@ impl SharedPath {
         bounds: (f64, f64),
         scratch: &mut Scratch,
     ) -> Result<(f64, Score), Error> {
-        if let (Some(moments), Some(y)) = (&self.moments, self.at_knots(sim, scratch))
-            && let Some((scale, nmse)) = moments.best_scale(y, bounds.0, bounds.1)
+        if let Some(y) = self.at_knots(sim, scratch)
+            && let Some((scale, nmse)) = self.moments.best_scale(y, bounds.0, bounds.1)
         {
             return Ok((scale, Score { nmse, coverage: self.coverage() }));
         }

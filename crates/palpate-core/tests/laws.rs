@@ -2,9 +2,9 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![allow(clippy::float_cmp, reason = "where a test says equal it means every bit")]
 
-use palpate_core::curve::{Direction, Interpolant::Linear as LINEAR, branches, interpolate};
+use palpate_core::curve::{Direction, branches, interpolate};
 use palpate_core::lhs::latin_hypercube;
-use palpate_core::nmse::{Comparison, Normaliser, nmse, nmse_batch, score};
+use palpate_core::nmse::{Normaliser, nmse};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -64,10 +64,6 @@ fn normaliser() -> impl Strategy<Value = Normaliser> {
     proptest::sample::select(Normaliser::ALL.to_vec())
 }
 
-fn by(normaliser: Normaliser) -> Comparison<'static> {
-    Comparison { normaliser, ..Comparison::default() }
-}
-
 fn close(a: f64, b: f64, tolerance: f64) -> bool {
     (a - b).abs() <= tolerance * (1.0 + a.abs().max(b.abs()))
 }
@@ -75,7 +71,7 @@ fn close(a: f64, b: f64, tolerance: f64) -> bool {
 proptest! {
     #[test]
     fn branches_tile_the_path_and_alternate(x in stepped()) {
-        let cuts = branches(&x, 0.0).unwrap();
+        let cuts = branches(&x).unwrap();
         prop_assert_eq!(cuts[0].start, 0);
         prop_assert_eq!(cuts.last().unwrap().stop, x.len());
         for pair in cuts.windows(2) {
@@ -97,24 +93,12 @@ proptest! {
 
     #[test]
     fn every_turn_is_found((turns, shares) in (turns(), shares())) {
-        prop_assert_eq!(branches(&walk(&turns, &shares), 0.0).unwrap().len(), turns.len() - 1);
-    }
-
-    #[test]
-    fn noise_below_the_tolerance_does_not_cut((x, _) in curve(), noise in 0.001..0.4_f64) {
-        let mut noisy = vec![x[0]];
-        for w in x.windows(2) {
-            noisy.extend([w[0] - noise * (w[1] - w[0]).signum(), w[1]]);
-        }
-        let clean = branches(&x, 0.0).unwrap();
-        let cuts = branches(&noisy, noise * 1.000_001).unwrap();
-        prop_assert_eq!(cuts.len(), clean.len());
-        prop_assert!(branches(&noisy, noise * 0.999).unwrap().len() > clean.len());
+        prop_assert_eq!(branches(&walk(&turns, &shares)).unwrap().len(), turns.len() - 1);
     }
 
     #[test]
     fn a_curve_interpolated_onto_itself_is_itself((x, y) in curve()) {
-        let out = interpolate(&x, &y, &x, 0.0, LINEAR).unwrap();
+        let out = interpolate(&x, &y, &x).unwrap();
         prop_assert_eq!(out.values, y);
         prop_assert!(out.covered.iter().all(|c| *c));
     }
@@ -122,9 +106,9 @@ proptest! {
     #[test]
     fn plateaus_stay_finite(x in stepped(), at in stepped()) {
         let y: Vec<f64> = x.iter().map(|v| v * v).collect();
-        let own = interpolate(&x, &y, &x, 0.0, LINEAR).unwrap();
+        let own = interpolate(&x, &y, &x).unwrap();
         prop_assert_eq!(&own.values, &y);
-        if let Ok(out) = interpolate(&x, &y, &at, 0.0, LINEAR) {
+        if let Ok(out) = interpolate(&x, &y, &at) {
             for (v, c) in out.values.iter().zip(&out.covered) {
                 prop_assert_eq!(v.is_finite(), *c);
             }
@@ -149,7 +133,7 @@ proptest! {
         let (sim_x, at_x) = (walk(&turns, &dense), walk(&turns, &at));
         let sim_y = line(&sim_x, dense.len() + 1);
         let expected = line(&at_x, at.len() + 1);
-        let out = interpolate(&sim_x, &sim_y, &at_x, 0.0, LINEAR).unwrap();
+        let out = interpolate(&sim_x, &sim_y, &at_x).unwrap();
         for (v, e) in out.values.iter().zip(expected) {
             prop_assert!(close(*v, e, 1e-10), "{} {}", v, e);
         }
@@ -161,14 +145,14 @@ proptest! {
     ) {
         let (x, at_x) = (walk(&turns, &dense), walk(&turns, &at));
         let y = latin_hypercube(x.len(), 1, seed, false).unwrap();
-        let forward = interpolate(&x, &y, &at_x, 0.0, LINEAR).unwrap();
+        let forward = interpolate(&x, &y, &at_x).unwrap();
         let back = |v: &[f64]| v.iter().rev().copied().collect::<Vec<_>>();
-        let backward = interpolate(&back(&x), &back(&y), &back(&at_x), 0.0, LINEAR).unwrap();
+        let backward = interpolate(&back(&x), &back(&y), &back(&at_x)).unwrap();
         for (f, b) in forward.values.iter().zip(back(&backward.values)) {
             prop_assert!(close(*f, b, 1e-9), "{} {}", f, b);
         }
         let minus = |v: &[f64]| v.iter().map(|v| -v).collect::<Vec<_>>();
-        prop_assert_eq!(forward, interpolate(&minus(&x), &y, &minus(&at_x), 0.0, LINEAR).unwrap());
+        prop_assert_eq!(forward, interpolate(&minus(&x), &y, &minus(&at_x)).unwrap());
     }
 
     #[test]
@@ -176,7 +160,7 @@ proptest! {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
         let reached = (share * x.len() as f64) as usize;
         prop_assume!(reached >= 2);
-        let out = interpolate(&x[..reached], &y[..reached], &x, 0.0, LINEAR).unwrap();
+        let out = interpolate(&x[..reached], &y[..reached], &x).unwrap();
         prop_assert_eq!(&out.values[..reached], &y[..reached]);
         prop_assert!(out.values[reached..].iter().all(|v| v.is_nan()));
         prop_assert!(out.covered.iter().enumerate().all(|(i, c)| *c == (i < reached)));
@@ -230,57 +214,6 @@ proptest! {
         let repeated = nmse(&sim, &exp, Normaliser::MeanAbs, None).unwrap()
             * Normaliser::MeanAbs.value(&exp).unwrap().powi(2);
         prop_assert!(close(weighted, repeated, 1e-12));
-    }
-
-    #[test]
-    fn a_batch_is_a_loop(
-        exp in vec(0.5..9.0_f64, 3..20), seed in any::<u64>(), n_sets in 0..6_usize,
-    ) {
-        let n = exp.len();
-        let mut sims = latin_hypercube(n_sets.max(1), n, seed, false).unwrap();
-        sims.truncate(n_sets * n);
-        let batch = nmse_batch(&sims, n_sets, &exp, Normaliser::Rms, Some(&exp), 1).unwrap();
-        prop_assert_eq!(batch.nmse.len(), n_sets);
-        for (row, scored) in sims.chunks_exact(n).zip(batch.nmse) {
-            prop_assert_eq!(scored, nmse(row, &exp, Normaliser::Rms, Some(&exp)).unwrap());
-        }
-    }
-
-    #[test]
-    fn only_covered_points_count((exp, mut sim) in pair(), gaps in vec(any::<bool>(), 40)) {
-        let normaliser = Normaliser::MeanAbs.value(&exp).unwrap();
-        let (mut sum, mut covered) = (0.0, 0.0);
-        for (i, s) in sim.iter_mut().enumerate() {
-            if gaps[i] {
-                *s = f64::NAN;
-            } else {
-                sum += (*s - exp[i]).powi(2);
-                covered += 1.0;
-            }
-        }
-        let scored = nmse_batch(&sim, 1, &exp, Normaliser::MeanAbs, None, 1).unwrap();
-        #[expect(clippy::cast_precision_loss)]
-        let share = covered / exp.len() as f64;
-        prop_assert!(close(scored.coverage[0], share, 1e-15));
-        if covered == 0.0 {
-            prop_assert!(scored.nmse[0].is_nan());
-        } else {
-            prop_assert!(close(scored.nmse[0], sum / covered / normaliser.powi(2), 1e-12));
-        }
-    }
-
-    #[test]
-    fn a_score_is_interpolation_then_nmse((x, y) in curve(), (at, dy) in (shares(), 0.1..9.0_f64)) {
-        let own: Vec<f64> = y.iter().map(|v| v + dy).collect();
-        let same = score((&x, &own), (&x, &y), &by(Normaliser::Rms)).unwrap();
-        prop_assert_eq!(same.nmse, nmse(&own, &y, Normaliser::Rms, None).unwrap());
-        let cuts = branches(&x, 0.0).unwrap();
-        let mut turns: Vec<f64> = cuts.iter().map(|c| x[c.start]).collect();
-        turns.push(x[x.len() - 1]);
-        let exp_x = walk(&turns, &at);
-        let exp_y = interpolate(&x, &y, &exp_x, 0.0, LINEAR).unwrap().values;
-        let exact = score((&x, &y), (&exp_x, &exp_y), &by(Normaliser::Rms)).unwrap();
-        prop_assert_eq!((exact.nmse, exact.coverage), (0.0, 1.0));
     }
 
     #[test]

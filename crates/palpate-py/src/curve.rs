@@ -9,14 +9,12 @@ use crate::error::Raised;
 
 /// Cut a path into maximal monotone branches.
 #[pyfunction]
-#[pyo3(signature = (abscissa, tolerance = 0.0))]
 pub(crate) fn branches(
     py: Python<'_>,
     abscissa: PyReadonlyArray1<'_, f64>,
-    tolerance: f64,
 ) -> Result<Vec<(usize, usize)>, Raised> {
     let abscissa = values(&abscissa);
-    let found = py.detach(|| core::branches(&abscissa, tolerance))?;
+    let found = py.detach(|| core::branches(&abscissa))?;
     Ok(found.iter().map(|b| (b.start, b.stop)).collect())
 }
 
@@ -25,17 +23,13 @@ type Reached<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
 
 /// Interpolate a simulated path onto measured abscissae, branch by branch.
 #[pyfunction]
-#[pyo3(signature = (sim_x, sim_y, at_x, tolerance = 0.0, interpolant = "linear"))]
 pub(crate) fn interpolate<'py>(
     py: Python<'py>,
     sim_x: PyReadonlyArray1<'py, f64>,
     sim_y: PyReadonlyArray1<'py, f64>,
     at_x: PyReadonlyArray1<'py, f64>,
-    tolerance: f64,
-    interpolant: &str,
 ) -> Result<Reached<'py>, Raised> {
     let (sim_x, sim_y, at_x) = (values(&sim_x), values(&sim_y), values(&at_x));
-    let how = interpolant.parse()?;
-    let out = py.detach(|| core::interpolate(&sim_x, &sim_y, &at_x, tolerance, how))?;
+    let out = py.detach(|| core::interpolate(&sim_x, &sim_y, &at_x))?;
     Ok((PyArray1::from_vec(py, out.values), PyArray1::from_vec(py, out.covered)))
 }

@@ -4,7 +4,6 @@
 #![expect(clippy::needless_pass_by_value, reason = "PyO3 hands borrowed arrays over by value")]
 
 mod array;
-mod criteria;
 mod curve;
 mod elements;
 mod error;
@@ -24,8 +23,6 @@ mod _core {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use crate::criteria::{centred_discrepancy, largest_correlation, least_distance};
-    #[pymodule_export]
     use crate::curve::{branches, interpolate};
     #[pymodule_export]
     use crate::elements::{Deformation, ElementBlock};
@@ -36,7 +33,7 @@ mod _core {
     #[pymodule_export]
     use crate::nested::extend_latin_hypercube;
     #[pymodule_export]
-    use crate::nmse::{nmse, nmse_batch, normaliser, score};
+    use crate::nmse::{nmse, normaliser};
     #[pymodule_export]
     use crate::optimise::optimise_design;
     #[pymodule_export]
@@ -47,11 +44,6 @@ mod _core {
     use crate::shared::SharedPath;
     #[pymodule_export]
     use crate::solver::SparseFactor;
-
-    /// Version of the compiled module.
-    #[pymodule_export]
-    #[expect(non_upper_case_globals, reason = "the Python convention")]
-    const __version__: &str = env!("CARGO_PKG_VERSION");
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -1,9 +1,7 @@
 //! Better designs: [`palpate_core::optimise`].
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
-use palpate_core::criteria::Criterion;
 use palpate_core::optimise as core;
-use palpate_core::{Error, SamplingError};
 use pyo3::prelude::*;
 
 use crate::array::values;
@@ -12,7 +10,7 @@ use crate::lhs::whole;
 
 /// Reorder the values within each column of a design for the better.
 #[pyfunction]
-#[pyo3(signature = (points, criterion, seed, *, n_swaps = None, n_fixed = None, target = None))]
+#[pyo3(signature = (points, criterion, seed, *, n_swaps = None, n_fixed = None))]
 pub(crate) fn optimise_design<'py>(
     py: Python<'py>,
     points: PyReadonlyArray2<'py, f64>,
@@ -20,10 +18,9 @@ pub(crate) fn optimise_design<'py>(
     seed: &Bound<'py, PyAny>,
     n_swaps: Option<&Bound<'py, PyAny>>,
     n_fixed: Option<&Bound<'py, PyAny>>,
-    target: Option<PyReadonlyArray2<'py, f64>>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let search = core::Search {
-        criterion: aimed(criterion, target).map_err(Raised::from)?,
+        criterion: criterion.parse().map_err(Raised::from)?,
         seed: whole("seed", seed)?,
         n_swaps: n_swaps.map(|n| whole("n_swaps", n)).transpose()?,
         n_fixed: n_fixed.map_or(Ok(0), |n| whole("n_fixed", n))?,
@@ -31,18 +28,4 @@ pub(crate) fn optimise_design<'py>(
     let ([n, d], points) = ([points.shape()[0], points.shape()[1]], values(&points));
     let better = py.detach(|| core::optimise(&points, d, &search)).map_err(Raised::from)?;
     PyArray1::from_vec(py, better).reshape([n, d])
-}
-
-fn aimed(name: &str, target: Option<PyReadonlyArray2<'_, f64>>) -> Result<Criterion, Error> {
-    match (Criterion::named(name)?, target) {
-        (Criterion::Correlation(_), Some(target)) => {
-            let (length, d) = (target.len(), target.shape()[0]);
-            if target.shape()[1] != d {
-                return Err(SamplingError::TargetShape { length, d }.into());
-            }
-            Ok(Criterion::Correlation(Some(values(&target).into_owned())))
-        }
-        (_, Some(_)) => Err(SamplingError::NoTarget { name: name.to_owned() }.into()),
-        (criterion, None) => Ok(criterion),
-    }
 }

@@ -17,49 +17,38 @@ type Gradients<'py> = (Scores<'py>, Bound<'py, PyArray2<f64>>);
 
 #[pymethods]
 impl SharedPath {
-    #[pyo3(signature = (sim, form = "moments", *, threads = 1))]
     fn score<'py>(
         &self,
         py: Python<'py>,
         sim: PyReadonlyArray2<'py, f64>,
-        form: &str,
-        threads: usize,
     ) -> Result<Scores<'py>, Raised> {
-        let (n_sets, sim, form) = (sim.shape()[0], values(&sim), form.parse()?);
-        let scores = py.detach(|| self.0.score(&sim, n_sets, form, threads))?;
+        let (n_sets, sim) = (sim.shape()[0], values(&sim));
+        let scores = py.detach(|| self.0.score(&sim, n_sets))?;
         Ok(handed_over(py, scores))
     }
 
-    #[pyo3(signature = (sim, *, threads = 1))]
     fn gradient<'py>(
         &self,
         py: Python<'py>,
         sim: PyReadonlyArray2<'py, f64>,
-        threads: usize,
     ) -> PyResult<Gradients<'py>> {
         let shape = [sim.shape()[0], sim.shape()[1]];
         let sim = values(&sim);
-        let out = py.detach(|| self.0.gradient(&sim, shape[0], threads)).map_err(Raised::from)?;
+        let out = py.detach(|| self.0.gradient(&sim, shape[0])).map_err(Raised::from)?;
         let gradient = PyArray1::from_vec(py, out.gradient).reshape(shape)?;
         Ok((handed_over(py, out.scores), gradient))
     }
 
-    #[pyo3(signature = (sim, lower = 0.0, upper = f64::INFINITY, *, threads = 1))]
+    #[pyo3(signature = (sim, lower = 0.0, upper = f64::INFINITY))]
     fn best_scale<'py>(
         &self,
         py: Python<'py>,
         sim: PyReadonlyArray2<'py, f64>,
         lower: f64,
         upper: f64,
-        threads: usize,
     ) -> Result<(Bound<'py, PyArray1<f64>>, Scores<'py>), Raised> {
         let (n_sets, sim) = (sim.shape()[0], values(&sim));
-        let out = py.detach(|| self.0.best_scale(&sim, n_sets, (lower, upper), threads))?;
+        let out = py.detach(|| self.0.best_scale(&sim, n_sets, (lower, upper)))?;
         Ok((PyArray1::from_vec(py, out.scale), handed_over(py, out.scores)))
-    }
-
-    #[getter]
-    fn n_values(&self) -> usize {
-        self.0.n_values()
     }
 }

@@ -3,10 +3,9 @@
 
 use arbitrary::Arbitrary;
 use libfuzzer_sys::fuzz_target;
-use palpate_core::criteria::{Criterion, centred_discrepancy, largest_correlation, least_distance};
 use palpate_core::lhs::{LARGEST_DESIGN, latin_hypercube};
 use palpate_core::nested::extend_latin_hypercube;
-use palpate_core::optimise::{Search, optimise};
+use palpate_core::optimise::{Criterion, Search, optimise};
 use palpate_core::owen::scramble;
 use palpate_core::scale::geometric;
 
@@ -20,7 +19,6 @@ struct Input {
     seed: u64,
     centred: bool,
     criterion: u8,
-    target: Vec<Value>,
     n_fixed: u8,
     n_swaps: u8,
     range: (f64, f64),
@@ -47,11 +45,10 @@ fn check(points: &[f64]) {
 
 /// Everything that takes a design takes this one, or says why not.
 fn use_design(input: &Input, points: &[f64], d: usize) {
-    let criterion = match input.criterion % 4 {
+    let criterion = match input.criterion % 3 {
         0 => Criterion::CentredDiscrepancy,
         1 => Criterion::Maximin,
-        2 => Criterion::Correlation(None),
-        _ => Criterion::Correlation(Some(numbers(&input.target))),
+        _ => Criterion::Correlation,
     };
     let n_swaps = Some(u64::from(input.n_swaps));
     let search =
@@ -67,9 +64,6 @@ fn use_design(input: &Input, points: &[f64], d: usize) {
     }
     if let Ok(scrambled) = scramble(points, d, input.seed) {
         check(&scrambled);
-    }
-    for criterion in [centred_discrepancy, least_distance, largest_correlation] {
-        assert!(!criterion(points, d).is_ok_and(f64::is_nan));
     }
     let (lower, upper) = input.range;
     if let Ok(values) = geometric(points, lower, upper) {

@@ -4,9 +4,8 @@
 use arbitrary::Arbitrary;
 use libfuzzer_sys::fuzz_target;
 use palpate_core::Measured;
-use palpate_core::curve::Interpolant;
-use palpate_core::nmse::{Comparison, Normaliser, Scores, nmse, nmse_batch};
-use palpate_core::shared::Form;
+use palpate_core::curve::{branches, interpolate};
+use palpate_core::nmse::{Normaliser, Scores, nmse};
 
 #[derive(Debug, Arbitrary)]
 struct Input {
@@ -14,11 +13,8 @@ struct Input {
     sim: Vec<(Value, Value)>,
     more: Vec<Value>,
     weights: Option<Vec<Value>>,
-    tolerance: Value,
     normaliser: u8,
-    pchip: bool,
     bounds: (Value, Value),
-    starts: Vec<u8>,
 }
 
 /// Mostly small numbers, so that paths often correspond; any bits now and then.
@@ -56,32 +52,24 @@ fuzz_target!(|input: Input| {
     let (sim_x, mut sim): (Vec<_>, Vec<_>) =
         input.sim.iter().map(|(x, y)| (x.number(), y.number())).unzip();
     let weights = input.weights.as_deref().map(numbers);
-    let comparison = Comparison {
-        normaliser: Normaliser::ALL[usize::from(input.normaliser) % Normaliser::ALL.len()],
-        weights: weights.as_deref(),
-        tolerance: input.tolerance.number(),
-        interpolant: Interpolant::ALL[usize::from(input.pchip)],
-    };
-    let _ = nmse(&sim, &exp, comparison.normaliser, comparison.weights);
-    if let Ok(scores) = nmse_batch(&sim, 1, &exp, comparison.normaliser, comparison.weights, 1) {
-        check(&scores);
+    let weights = weights.as_deref();
+    let normaliser = Normaliser::ALL[usize::from(input.normaliser) % Normaliser::ALL.len()];
+    let _ = branches(&exp_x);
+    let _ = nmse(&sim, &exp, normaliser, weights);
+    if let Ok(found) = interpolate(&sim_x, &sim, &exp_x) {
+        assert!(found.values.iter().zip(found.covered).all(|(v, covered)| v.is_nan() != covered));
     }
-    let Ok(measured) = Measured::new(&exp_x, &exp, &comparison) else { return };
-    let _ = measured.score(&sim_x, &sim);
-    let starts: Vec<_> = input.starts.iter().map(|s| usize::from(*s)).collect();
-    let _ = measured.score_paths(&sim_x, &sim, &starts, 1);
+    let Ok(measured) = Measured::new(&exp_x, &exp, normaliser, weights) else { return };
     let Ok(path) = measured.along(&sim_x) else { return };
     sim.extend(numbers(&input.more));
     let n_sets = sim.len() / sim_x.len();
     sim.truncate(n_sets * sim_x.len());
-    let forms = Form::ALL.map(|form| path.score(&sim, n_sets, form, 1));
-    forms.iter().flatten().for_each(check);
-    assert_eq!(forms[0].is_ok(), forms[1].is_ok());
-    if let Ok(out) = path.gradient(&sim, n_sets, 1) {
+    path.score(&sim, n_sets).iter().for_each(check);
+    if let Ok(out) = path.gradient(&sim, n_sets) {
         check(&out.scores);
     }
     let bounds = (input.bounds.0.number(), input.bounds.1.number());
-    if let Ok(out) = path.best_scale(&sim, n_sets, bounds, 1) {
+    if let Ok(out) = path.best_scale(&sim, n_sets, bounds) {
         check(&out.scores);
     }
 });

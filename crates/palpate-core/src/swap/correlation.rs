@@ -2,13 +2,10 @@
 
 use super::{Room, Swap, Swappable, sum3};
 use crate::design::Columns;
-use crate::error::{Error, SamplingError};
 
-/// Σ over pairs of parameters of (correlation − target)².
+/// Σ over pairs of parameters of correlation².
 pub(crate) struct Correlation {
     d: usize,
-    /// Wanted correlations (d, d).
-    target: Vec<f64>,
     mean: Vec<f64>,
     /// 1 / √Σ(x − mean)² of each column, 0 for one that does not vary.
     inverse_spread: Vec<f64>,
@@ -17,13 +14,8 @@ pub(crate) struct Correlation {
 }
 
 impl Correlation {
-    /// Towards `target`, or towards none.
-    pub(crate) fn new(design: &Columns, target: Option<&[f64]>) -> Result<Self, Error> {
+    pub(crate) fn new(design: &Columns) -> Self {
         let d = design.d;
-        let target = match target {
-            None => vec![0.0; d * d],
-            Some(target) => checked(target, d)?,
-        };
         let moments = (0..d).map(|k| {
             let column = design.column(k);
             let mean = sum3(column, column, column, |x, _, _| x) / crate::real(design.n);
@@ -32,13 +24,13 @@ impl Correlation {
             (mean, if spread > 1e-12 { 1.0 / spread } else { 0.0 })
         });
         let (mean, inverse_spread) = moments.unzip();
-        let mut made = Self { d, target, mean, inverse_spread, now: Vec::new() };
+        let mut made = Self { d, mean, inverse_spread, now: Vec::new() };
         made.now = made.matrix(design);
-        Ok(made)
+        made
     }
 
     /// Correlations (d, d) with 0 on the diagonal.
-    pub(crate) fn matrix(&self, design: &Columns) -> Vec<f64> {
+    fn matrix(&self, design: &Columns) -> Vec<f64> {
         let d = self.d;
         let mut matrix = vec![0.0; d * d];
         for a in 0..d {
@@ -60,44 +52,25 @@ impl Correlation {
     }
 }
 
-/// A target that is a matrix of correlations.
-fn checked(target: &[f64], d: usize) -> Result<Vec<f64>, SamplingError> {
-    if target.len() != d * d {
-        return Err(SamplingError::TargetShape { length: target.len(), d });
-    }
-    for row in 0..d {
-        for column in 0..d {
-            let value = target[row * d + column];
-            let mirrored = target[column * d + row];
-            let in_range = (-1.0..=1.0).contains(&value) && (row != column || value >= 1.0);
-            if !in_range || (value - mirrored).abs() > 1e-12 {
-                return Err(SamplingError::Target { row, column, value });
-            }
-        }
-    }
-    Ok(target.to_vec())
-}
-
 impl Swappable for Correlation {
     fn value(&self, design: &Columns) -> f64 {
         let matrix = self.matrix(design);
         let mut sum = 0.0;
         for a in 0..self.d {
             for b in 0..a {
-                let off = matrix[a * self.d + b] - self.target[a * self.d + b];
-                sum += off * off;
+                let r = matrix[a * self.d + b];
+                sum += r * r;
             }
         }
         sum
     }
 
-    /// O(d): (r + δ − t)² − (r − t)² = δ (2 (r − t) + δ).
+    /// O(d): (r + δ)² − r² = δ (2 r + δ).
     fn change(&self, design: &Columns, swap: Swap, _room: &mut Room) -> f64 {
         let mut sum = 0.0;
         for m in (0..self.d).filter(|m| *m != swap.k) {
-            let at = swap.k * self.d + m;
             let shift = self.shift(design, swap, m);
-            sum += shift * (2.0 * (self.now[at] - self.target[at]) + shift);
+            sum += shift * (2.0 * self.now[swap.k * self.d + m] + shift);
         }
         sum
     }

@@ -36,7 +36,7 @@ impl Distance {
     }
 
     /// Distance of the two closest sets.
-    pub(crate) fn least(design: &Columns) -> f64 {
+    fn least(design: &Columns) -> f64 {
         let mut least = f64::INFINITY;
         let mut squares = vec![0.0; design.n];
         for i in 1..design.n {
