@@ -362,7 +362,7 @@ class Status(StrEnum):
             Status.DIVERGED: "narrow the ranges, add a stability filter, or allow smaller steps",
             Status.TIMED_OUT: "raise the solver's time limit or coarsen the mesh",
             Status.UNREADABLE: "look at the solver's own output for this job",
-            Status.CRASHED: "rerun this job alone to see its traceback; check memory",
+            Status.CRASHED: "run it alone (palpate simulate STUDY --only SPOT/SET --traceback); check memory",
         }[self]
 
 

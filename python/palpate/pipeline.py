@@ -19,6 +19,7 @@ from palpate.completeness import completeness, without_result
 from palpate.determination import at_measured, determine
 from palpate.domain import Design, Limb, Response, Simulation
 from palpate.errors import StudyError
+from palpate.executors.attempts import simulate_alone
 from palpate.experiment import draw_files, load_measured, load_presses, mean
 from palpate.generalisation import generalise
 from palpate.ledger import Ledger
@@ -286,6 +287,27 @@ def simulate(
     simulation.check_jobs(study, simulation.jobs(study, checked.design, checked.measured), checked.limbs)
     with run.begun(study, plugins.channels) as check_lock:
         return _simulate(study, run, checked, progress, check_lock)
+
+
+def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simulation:
+    """Simulate one set of the stored design at one spot, in this very process; nothing is kept.
+
+    What the solver raises is a status, with the whole traceback in the diagnostics.
+
+    Raises
+    ------
+    StudyError
+        The study has no such spot, or the design no such set.
+    """
+    checked = _from_files(study, RunDirectory(run_folder))
+    spots, n_sets = [each.spot.name for each in study.spots], checked.design.n_sets
+    if spot not in spots or not 0 <= set_id < n_sets:
+        raise StudyError(
+            f"{run_folder}: no job '{spot}/{set_id}'; name one of the spots {', '.join(spots)} and a set "
+            f"from 0 to {n_sets - 1}"
+        )
+    job = simulation.job_for(study, spot, set_id, checked.design.values[set_id], checked.measured)
+    return simulate_alone(study.solver, job, checked.limbs.get(spot))
 
 
 def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:

@@ -12,6 +12,7 @@ import pytest
 from palpate import __version__
 from palpate.cli.app import COMMANDS, STAGES, main, split_option
 from palpate.cli.listing import name_of
+from palpate.ledger import Ledger
 
 from .conftest import PLUGIN, TOY, Call
 
@@ -274,6 +275,24 @@ def test_a_stage_without_its_input_says_what_to_run_first(call: Call, study: Pat
     outcome = call(stage, study)
     assert outcome.code == 2
     assert "palpate" in outcome.err
+
+
+def test_one_job_alone_shows_its_traceback(call: Call, study: Path) -> None:
+    edit(study, "closed_form", "raises")
+    for stage in ("experiment", "sample", "simulate"):
+        assert call(stage, study, "--out", "o").code == 0
+    shown = call("simulate", study, "--out", "o", "--only", "s1/1", "--traceback")
+    assert shown.code == 1
+    assert "crashed" in shown.out
+    assert 'raise ZeroDivisionError("a layer of no thickness")' in shown.err
+    fine = call("simulate", study, "--out", "o", "--only", "s1/2", "--json")
+    assert (fine.code, fine.json) == (0, {"ok": 1})
+    with Ledger(Path("o")) as ledger:
+        kept = ledger.frame("simulations").filter(state="crashed")
+    assert "in simulate" in kept["diagnostics"][0]  # the traceback of the sweep's own worker
+    for wrong in (["--only", "s9/1"], ["--only", "s1/99"], ["--only", "s1"], ["--traceback"]):
+        told = call("simulate", study, "--out", "o", *wrong)
+        assert (told.code, told.err.count("\n")) == (2, 1), wrong
 
 
 def test_stages_for_people_end_with_the_command_to_run_next(call: Call, study: Path) -> None:

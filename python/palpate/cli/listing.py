@@ -32,7 +32,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "experiment": ("palpate experiment arm --plots", "palpate experiment inspect press.csv"),
         "limb": ("palpate limb arm",),
         "sample": ("palpate sample arm",),
-        "simulate": ("palpate simulate arm",),
+        "simulate": ("palpate simulate arm", "palpate simulate arm --only p1/3 --traceback"),
         "score": ("palpate score arm",),
         "select": ("palpate select arm",),
         "report": ("palpate report arm",),

@@ -115,6 +115,16 @@ class ClosedForm(Solver):
         return Simulation(job=job, status=Status.OK, response=Response(curves=curves))
 
 
+class Raises(ClosedForm):
+    name = "raises"
+    summary = "Raises on set 1"
+
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        if job.set_id == 1:
+            raise ZeroDivisionError("a layer of no thickness")
+        return super().simulate(job, limb)
+
+
 class NeverWorks(ClosedForm):
     name = "never_works"
     summary = "Diverges on every set"
@@ -186,7 +196,7 @@ def palpate_set_filters():
 
 @hookimpl
 def palpate_solvers():
-    return [ClosedForm, NeverWorks, NeedsLimb]
+    return [ClosedForm, NeverWorks, Raises, NeedsLimb]
 
 
 @hookimpl
