@@ -42,6 +42,12 @@ class Channel:
     ``depth_mm`` and ``force_N``; the labels are for people. ``degree`` is that of the
     ordinate in the moduli: 1 where it doubles when all of them double (a force, a torque, a
     stress), 0 where it stays as it is (a displacement, an angle, a ratio).
+
+    What else is declared is checked on each measured curve, whichever loader has read it:
+    ``non_negative`` ordinates; an ordinate that is ``zero_at_start``; work, the integral of the
+    ordinate over the abscissa from the start, that is never returned beyond what was put in
+    (``dissipative``); and a size against indenter, depth and ranges, for an ordinate that goes
+    with modulus × length^``length_power``: 2 for a force, 3 for a moment.
     """
 
     name: str
@@ -50,6 +56,10 @@ class Channel:
     abscissa_label: str
     ordinate_label: str
     degree: Literal[0, 1] = 1
+    non_negative: bool = False
+    zero_at_start: bool = False
+    dissipative: bool = False
+    length_power: Literal[2, 3] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate import _core
+from palpate.curve_checks import check_curve, check_gaps, check_sizes
 from palpate.domain import (
     Channel,
     Curve,
@@ -23,6 +24,9 @@ from palpate.study import Study, StudySpot, relative
 COVERED_SHARE = 0.98
 """Share of the protocol's travel that a measured curve must reach."""
 
+TURN_SLACK = 0.1
+"""Share of the protocol's travel by which a turning point may lie off the protocol's."""
+
 _PATH_COLUMNS = {"depth_mm": (0, "mm"), "rotation_deg": (1, "degrees")}
 
 
@@ -34,10 +38,13 @@ class Presses:
     ----------
     spot : StudySpot
     responses : mapping of file, as it is named in messages and the manifest, to Response
+    warnings : tuple of str
+        What is odd about them.
     """
 
     spot: StudySpot
     responses: Mapping[str, Response]
+    warnings: tuple[str, ...] = ()
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -91,26 +98,33 @@ def mean(presses: Presses) -> Response:
         if len(repeats) > 1:
             averages[channel] = described(curves[channel], repeats)
     files = {file: response.record for file, response in presses.responses.items() if response.record}
-    told = {"files": files, "averages": averages}
+    told = {"files": files, "averages": averages, "warnings": list(presses.warnings)}
     return Response(curves=curves, record={key: what for key, what in told.items() if what})
+
+
+def measured_warnings(measured: Mapping[str, Response]) -> tuple[str, ...]:
+    """What is odd about the measured curves, spot by spot."""
+    return tuple(text for response in measured.values() for text in response.record.get("warnings", ()))
 
 
 def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -> Presses:
     responses: dict[str, Response] = {}
     read_from: dict[str, str | None] = {}
+    warnings: list[str] = []
     for only, paths in spot.measured.items():
         for path in paths:
             response = _load_file(study, spot, path, only)
-            for name, curve in response.curves.items():
+            for name in response:
                 if read_from.setdefault(name, only) != only:
                     raise CurveError(
                         f"{path}: channel '{name}' of spot '{spot.spot.name}' is already read from "
                         "another file; name each channel once"
                     )
-                _check_curve(study, spot, path, curve, channels)
+            found = _check_response(study, spot, path, response, channels)
+            warnings += [f"{path.name}: spot '{spot.spot.name}': {text}" for text in found]
             responses[_told(path, study, responses)] = response
         _check_alike(spot, paths, responses)
-    presses = Presses(spot=spot, responses=responses)
+    presses = Presses(spot=spot, responses=responses, warnings=tuple(warnings))
     _check_weighted(study, presses)
     return presses
 
@@ -166,16 +180,25 @@ def _told(path: Path, study: Study, taken: Collection[str]) -> str:
     return told if told not in taken else str(path)
 
 
-def _check_curve(
-    study: Study, spot: StudySpot, path: Path, curve: Curve, channels: Mapping[str, Channel]
-) -> None:
+def _check_response(
+    study: Study, spot: StudySpot, path: Path, response: Response, channels: Mapping[str, Channel]
+) -> list[str]:
+    """Refuse curves that cannot be; returns what is odd, the loader's own warnings first."""
     protocol = study.protocol_at(spot.spot.name)
+    found = [str(text) for text in response.record.get("warnings", ())]
     try:
-        _check_known(curve.channel, channels)
+        for name, curve in response.curves.items():
+            _check_known(name, channels)
+            if isinstance(protocol, Indentation):
+                check_covers(curve, channels[name], protocol, study.minimum_coverage)
+                if channels[name].abscissa in _PATH_COLUMNS:
+                    check_gaps(curve)
+            found += check_curve(curve, channels[name])
         if isinstance(protocol, Indentation):
-            check_covers(curve, channels[curve.channel], protocol, study.minimum_coverage)
+            found += check_sizes(response, channels, protocol, study.space)
     except PalpateError as error:
         raise CurveError(f"{path}: spot '{spot.spot.name}': {error}") from error
+    return found
 
 
 def _check_alike(spot: StudySpot, paths: Sequence[Path], responses: Mapping[str, Response]) -> None:
@@ -216,9 +239,9 @@ def check_covers(
 ) -> None:
     """Refuse a measured curve that does not follow the protocol.
 
-    It must run through ``COVERED_SHARE`` of the protocol's travel, turn no more often
-    than the protocol does, and lie within it for at least ``minimum_coverage`` of its
-    points. A channel over anything but depth or rotation is not checked.
+    It must run through ``COVERED_SHARE`` of the protocol's travel, turn where the protocol
+    does and as often, and lie within it for at least ``minimum_coverage`` of its points. A
+    channel over anything but depth or rotation is not checked.
 
     Raises
     ------
@@ -248,11 +271,25 @@ def _departures(curve: Curve, asked: FloatArray, unit: str, minimum_coverage: fl
     outside = (curve.abscissa < low - slack) | (curve.abscissa > high + slack)
     if 1.0 - outside.mean() < minimum_coverage:
         yield f"{covered}; cut the curve or extend the protocol"
-    turns = len(curve.branches) - 1
-    allowed = len(_core.branches(np.ascontiguousarray(asked[moving_span(asked)]))) - 1
+    path = np.ascontiguousarray(asked[moving_span(asked)])
+    planned = [float(path[stop - 1]) for _, stop in _core.branches(path)]
+    travelled = [float(curve.abscissa[stop - 1]) for _, stop in curve.branches]
+    turns, allowed = len(travelled) - 1, len(planned) - 1
     if turns > allowed:
         turning_point = curve.branches[allowed + 1][0]
         yield (
             f"turns {turns} times where the protocol turns {allowed} times (first at row "
             f"{turning_point}, {curve.abscissa[turning_point]:g} {unit}); smooth its abscissa"
+        )
+    for k, (end, goal) in enumerate(zip(travelled[:-1], planned[:-1], strict=False)):
+        if abs(end - goal) > TURN_SLACK * (high - low):
+            yield (
+                f"goes to {end:g} {unit} {'then' if k else 'first'} where the protocol goes to {goal:g} "
+                f"{unit}; give [protocol] the order and signs of the measured path, or turn the sign of "
+                "the column"
+            )
+    if turns < allowed:
+        yield (
+            f"turns {turns} times where the protocol turns {allowed} times; measure the whole path "
+            "or shorten the protocol"
         )

@@ -42,7 +42,8 @@ def palpate_channels() -> "Iterable[Channel]":  # type: ignore[empty-body]
     """Channels that curves may have, with the units and labels of their axes.
 
     A study may hold only curves of declared channels. The names of abscissa and ordinate end in
-    the unit that loaders and solvers keep to: ``depth_mm``, ``force_N``.
+    the unit that loaders and solvers keep to: ``depth_mm``, ``force_N``. What a channel declares
+    beyond its names is checked on every measured curve, whichever loader has read it.
     """
 
 

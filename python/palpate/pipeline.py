@@ -19,8 +19,12 @@ from palpate.completeness import completeness, without_result
 from palpate.determination import at_measured, determine
 from palpate.domain import Design, Limb, Response, Simulation
 from palpate.errors import StudyError
+<<<<<<< HEAD
 from palpate.executors.attempts import simulate_alone
 from palpate.experiment import draw_files, load_measured, load_presses, mean
+=======
+from palpate.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
+>>>>>>> 38b51cb (Check measured curves by what their channels declare)
 from palpate.generalisation import generalise
 from palpate.ledger import Ledger
 from palpate.limb import load_limbs
@@ -41,6 +45,7 @@ from palpate.report import (
 from palpate.run_directory import RunDirectory, manifest
 from palpate.sampling import draw_design
 from palpate.study import Study
+from palpate.study_checks import odd_settings
 
 if TYPE_CHECKING:
     from palpate.report.verdict import Verdict
@@ -55,11 +60,14 @@ class Checked:
     measured, limbs : mapping of spot name to Response, Limb
         ``limbs`` is empty where the solver needs none.
     design : Design
+    warnings : tuple of str
+        What is odd about the study or its curves, and stops nothing.
     """
 
     measured: Mapping[str, Response]
     limbs: Mapping[str, Limb]
     design: Design
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,7 +154,8 @@ def check(study: Study, plugins: Plugins) -> Checked:
     limbs = load_limbs(study)
     design = _draw(study)
     simulation.check_jobs(study, simulation.jobs(study, design, measured), limbs)
-    return Checked(measured=measured, limbs=limbs, design=design)
+    warnings = (*odd_settings(study), *measured_warnings(measured))
+    return Checked(measured=measured, limbs=limbs, design=design, warnings=warnings)
 
 
 def _draw(study: Study) -> Design:
@@ -196,6 +205,8 @@ def run_study(
         Every simulation failed.
     """
     checked = check(study, plugins)
+    for text in checked.warnings:
+        progress.note(f"warning: {text}")
     run, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
     study = before.trusting(study, trust)
     confirm(_changed(study, checked, before, plugins))
@@ -257,6 +268,8 @@ def measure(
     if plots:
         for spot, found in presses.items():
             draw_presses(found, measured[spot], plugins.channels, study.notice, run.plots(spot))
+    for text in measured_warnings(measured):
+        progress.note(f"warning: {text}")
     progress.step()
     return measured
 

@@ -106,6 +106,18 @@ def test_check_as_json(call: Call) -> None:
     assert (found["data"], found["n_sets"]) == ("simulated", 20)
 
 
+@pytest.mark.usefixtures("one_figure")
+def test_what_is_odd_is_a_warning_of_check_and_of_a_run(call: Call, study: Path) -> None:
+    edit(study, '"1000 kPa"', '"1 kPa"')
+    said = "rubber.k: the range spans a factor of 3000, and a linear scale leaves its lower decades"
+    outcome = call("check", study, "--json")
+    assert outcome.code == 0
+    assert outcome.json["warnings"][0].startswith(said)
+    assert f"warning: {said}" in outcome.err
+    assert f"warning: {said}" in call("run", study, "--json").err
+    assert call("check", TOY, "--json").json["warnings"] == []
+
+
 def test_check_prints_the_schema(call: Call) -> None:
     found = call("check", "--schema").json
     assert found["$schema"].startswith("https://json-schema.org")

@@ -40,6 +40,8 @@ def check(
 
     checked_study = session.study(study)
     checked = pipeline.check(checked_study, session.plugins)
+    for text in checked.warnings:
+        session.stderr.print(f"warning: {text}", markup=False)
     if as_json:
         session.json(_as_json(checked_study, checked))
         return
@@ -60,6 +62,7 @@ def _as_json(study: "Study", checked: "Checked") -> "CheckOutput":
         "n_sets": checked.design.n_sets,
         "solver": study.solver.name,
         "scenarios": [scenario.name for scenario in study.scenarios],
+        "warnings": list(checked.warnings),
     }
 
 

@@ -34,7 +34,7 @@ class Searched(TypedDict):
 
 @closed
 class CheckOutput(TypedDict):
-    """A study that was found in order; ``spots`` has the channels of each."""
+    """A study without mistakes; ``spots`` has the channels of each, ``warnings`` what is odd."""
 
     study: str
     data: str
@@ -44,6 +44,7 @@ class CheckOutput(TypedDict):
     n_sets: int
     solver: str
     scenarios: list[str]
+    warnings: list[str]
 
 
 @closed

@@ -57,6 +57,10 @@ def palpate_channels() -> "list[Channel]":
             ordinate="force_N",
             abscissa_label="indentation depth (mm)",
             ordinate_label="normal force (N)",
+            non_negative=True,
+            zero_at_start=True,
+            dissipative=True,
+            length_power=2,
         ),
         Channel(
             name="torque",
@@ -64,6 +68,9 @@ def palpate_channels() -> "list[Channel]":
             ordinate="torque_Nmm",
             abscissa_label="rotation (degrees)",
             ordinate_label="torque (N·mm)",
+            zero_at_start=True,
+            dissipative=True,
+            length_power=3,
         ),
     ]
 
