@@ -19,12 +19,8 @@ from palpate.completeness import completeness, without_result
 from palpate.determination import at_measured, determine
 from palpate.domain import Design, Limb, Response, Simulation
 from palpate.errors import StudyError
-<<<<<<< HEAD
 from palpate.executors.attempts import simulate_alone
-from palpate.experiment import draw_files, load_measured, load_presses, mean
-=======
 from palpate.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
->>>>>>> 38b51cb (Check measured curves by what their channels declare)
 from palpate.generalisation import generalise
 from palpate.ledger import Ledger
 from palpate.limb import load_limbs
