@@ -1,25 +1,27 @@
 """How well a sweep has determined its parameters, from the curves that it has already.
 
-Around the best set every simulated curve, read at the measured points, is fitted as a
-polynomial of the parameters u, each scaled to its range. The slopes J of the residuals r
-make Fopt a quadratic, Fopt(u) ≈ |r + J u|², and "about as good" an ellipsoid: how far that
-reaches along an axis, the other parameters adjusting themselves, is the parameter's interval.
-No simulation is made for it.
+Every simulated curve, read at the measured points, is fitted as a polynomial of the parameters
+(:mod:`palpate.surrogate`), which makes Fopt a quadratic over the box of their ranges. Its least is
+the fitted optimum. The interval of a parameter is as far as it can move until Fopt passes a
+threshold, the other parameters adjusting themselves within their ranges. No simulation is made for it.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from palpate import _core
-from palpate.domain import Design, FloatArray, Parameter, Response, Scenario, Simulation
+from palpate.domain import Design, FloatArray, IntArray, Parameter, Response, Scenario, Simulation
 from palpate.refinement import Refined
 from palpate.scoring import compare, point_weights
 from palpate.selection import objectives
 from palpate.study import Study
+from palpate.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
 
 WORDS: tuple[tuple[float, str], ...] = ((0.1, "well"), (0.3, "roughly"), (0.8, "poorly"), (np.inf, "not"))
 """What is said of an interval up to each share of the parameter's range."""
@@ -27,11 +29,17 @@ WORDS: tuple[tuple[float, str], ...] = ((0.1, "well"), (0.3, "roughly"), (0.8, "
 UNCLEAR = "unclear"
 """What is said where the sweep has too few sets, or curves that no polynomial follows."""
 
-LEAST_Q2 = 0.8
-"""Share of the curves' variation that must be predicted at sets left out of the fit."""
+ALL_SPOTS = "all spots"
+"""Stands for the spot where all of them are fitted together."""
 
-SETS_PER_COEFFICIENT = 1.5
-"""Sets that a fit needs for each of its coefficients."""
+FLOOR = 1e-6
+"""Share of the median Fopt that no threshold is below: simulated curves are not exact."""
+
+APART = 0.05
+"""Share of a range by which two fits must differ to be called in disagreement."""
+
+N_MOVES = 3
+"""Times that the polynomial is moved to the optimum that it has: its slopes are best there."""
 
 _SCHEMA = {
     "spot": pl.String,
@@ -39,6 +47,7 @@ _SCHEMA = {
     "parameter": pl.String,
     "unit": pl.String,
     "value": pl.Float64,
+    "optimum": pl.Float64,
     "lower": pl.Float64,
     "upper": pl.Float64,
     "share": pl.Float64,
@@ -48,6 +57,16 @@ _SCHEMA = {
     "limit": pl.Float64,
     "n_as_good": pl.Int64,
     "q2": pl.Float64,
+}
+
+_DISAGREEMENTS = {
+    "spot": pl.String,
+    "first": pl.String,
+    "second": pl.String,
+    "parameter": pl.String,
+    "unit": pl.String,
+    "first_optimum": pl.Float64,
+    "second_optimum": pl.Float64,
 }
 
 Swept = Mapping[tuple[str, str], FloatArray]
@@ -78,6 +97,31 @@ def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Respon
     return swept
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Determination:
+    """What the curves of a sweep say of its parameters.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row per row of the selection and parameter, then those of all spots together: spot,
+        scenario, parameter, unit, value (of the best set); optimum, where the fitted Fopt is
+        least; lower and upper, the interval within the range; share, its length over that of the
+        range; determined, the word for it; moves_with and correlation, the parameter that it
+        trades with most; limit, the Fopt up to which a set is about as good (the fitted least
+        plus itself, or plus what the measured spread or the error of the fit makes, whichever is
+        more); n_as_good, sets of the sweep within it; q2, the share of variation that the fit
+        predicts at sets left out of it. What cannot be told is null, and its word is "unclear".
+    disagreements : DataFrame
+        One row per spot, pair of scenarios without a common channel that no set fits about as
+        well as each alone, and parameter: spot, first and second (channels), parameter, unit,
+        first_optimum and second_optimum.
+    """
+
+    table: pl.DataFrame
+    disagreements: pl.DataFrame
+
+
 def determine(
     study: Study,
     design: Design,
@@ -85,9 +129,10 @@ def determine(
     swept: Swept,
     scores: pl.DataFrame,
     selection: pl.DataFrame,
+    generalisation: pl.DataFrame,
     refined: Refined,
-) -> pl.DataFrame:
-    """Find the interval of every parameter at every spot in every scenario.
+) -> Determination:
+    """Find the interval of every parameter at every spot in every scenario, and over all spots.
 
     Parameters
     ----------
@@ -96,68 +141,166 @@ def determine(
     measured : mapping of spot name to Response
     swept : mapping of (spot, channel) to (n_sets, n_points) array
         As :func:`at_measured` returns it.
-    scores, selection : DataFrame
-        As :mod:`palpate.scoring` and :mod:`palpate.selection` return them.
+    scores, selection, generalisation : DataFrame
+        As :mod:`palpate.scoring`, :mod:`palpate.selection` and :mod:`palpate.generalisation`
+        return them.
     refined : Refined
         Where it has a row, that is the best set.
-
-    Returns
-    -------
-    DataFrame
-        One row per row of ``selection`` and parameter: spot, scenario, parameter, unit, value;
-        lower and upper, the interval within the range; share, its length over that of the range;
-        determined, the word for it; moves_with and correlation, the parameter that it trades
-        with most; limit, the Fopt up to which a set is about as good (the least plus itself, or
-        plus what the measured spread makes, whichever is more); n_as_good, sets of the sweep
-        within it; q2, the share of variation that the fit predicts at sets left out of it.
-        What cannot be told is null, and its word is "unclear".
     """
-    ranked = objectives(scores, study.scenarios)
+    curves = _Curves(study=study, measured=measured, swept=swept, ranked=objectives(scores, study.scenarios))
     refinements = {(row["spot"], row["scenario"]): row for row in refined.table.iter_rows(named=True)}
     scenarios = {scenario.name: scenario for scenario in study.scenarios}
-    rows: list[dict[str, Any]] = []
+    cases = []
     for chosen in selection.iter_rows(named=True):
-        key = chosen["spot"], chosen["scenario"]
-        end = refinements.get(key, {})
-        best = end if end.get("fopt") is not None else chosen
-        sets = ranked.filter((pl.col("spot") == key[0]) & (pl.col("scenario") == key[1]))
-        rows += _Neighbourhood(
-            study=study,
-            design=design,
-            scenario=scenarios[key[1]],
-            measured=measured[key[0]],
-            swept={name: values for (spot, name), values in swept.items() if spot == key[0]},
-            sets=sets["set_id"].to_numpy(),
-            fopt=sets["fopt"].to_numpy(),
-            best=best,
-        ).rows()
-    return pl.DataFrame(rows, schema=_SCHEMA)
+        spot, name = chosen["spot"], chosen["scenario"]
+        end = refinements.get((spot, name), {})
+        is_refined = end.get("fopt") is not None
+        best = end if is_refined else chosen
+        cases.append(curves.case(spot, scenarios[name], [spot], best, design, is_refined=is_refined))
+    if len(measured) > 1 and not generalisation.is_empty():
+        best = generalisation.row(0, named=True)
+        spots = generalisation["spot"].to_list()
+        cases.append(curves.case(ALL_SPOTS, scenarios[best["scenario"]], spots, best, design))
+    return Determination(
+        table=pl.DataFrame([row for case in cases for row in case.rows()], schema=_SCHEMA),
+        disagreements=pl.DataFrame(
+            [row for a, b in combinations(cases, 2) for row in _disagreement(a, b)], schema=_DISAGREEMENTS
+        ),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Neighbourhood:
-    """What is known around the best set of one spot in one scenario."""
+class _Curves:
+    """Simulated and measured curves as residuals whose sum of squares is Fopt."""
 
     study: Study
-    design: Design
+    measured: Mapping[str, Response]
+    swept: Swept
+    ranked: pl.DataFrame
+
+    def case(
+        self,
+        label: str,
+        scenario: Scenario,
+        spots: Sequence[str],
+        best: Mapping[str, Any],
+        design: Design,
+        *,
+        is_refined: bool = False,
+    ) -> "_Case":
+        """Collect what is known of some spots together in a scenario."""
+        rows = self.ranked.filter(pl.col("scenario") == scenario.name, pl.col("spot").is_in(list(spots)))
+        means = rows.group_by("set_id").agg(pl.len(), pl.col("fopt").mean())
+        means = means.filter(pl.col("len") == len(spots)).sort("set_id")
+        sets = means["set_id"].to_numpy()
+        weighted = [(name, weight) for name, weight in scenario.weights.items() if weight > 0.0]
+        parts = [self._residuals(spot, *each, sets) for spot in spots for each in weighted]
+        spread = sum(self._spread(spot, name) * weight for spot in spots for name, weight in weighted)
+        return _Case(
+            spot=label,
+            scenario=scenario,
+            design=design,
+            sets=sets,
+            fopt=means["fopt"].to_numpy(),
+            residuals=np.concatenate(parts, axis=1) / np.sqrt(len(spots)),
+            spread=spread / len(spots),
+            best=best,
+            is_refined=is_refined,
+        )
+
+    def _spread(self, spot: str, channel: str) -> float:
+        """NMSE between curves that are one measured standard deviation apart."""
+        curve = self.measured[spot][channel]
+        if curve.std is None:
+            return 0.0
+        squares = float(np.average(curve.std**2, weights=point_weights(curve, self.study.weights)))
+        return squares / self._normaliser(spot, channel) ** 2
+
+    def _normaliser(self, spot: str, channel: str) -> float:
+        ordinate = self.measured[spot][channel].ordinate
+        return float(_core.normaliser(ordinate, self.study.normaliser.value))
+
+    def _residuals(self, spot: str, channel: str, weight: float, sets: IntArray) -> FloatArray:
+        """Residuals (n_sets, n_points) of one channel at one spot."""
+        curve, values = self.measured[spot][channel], self.swept[spot, channel][sets]
+        points = point_weights(curve, self.study.weights)
+        points = np.ones(curve.abscissa.size) if points is None else points
+        # A point that hardly any set reaches says nothing of the others.
+        reached = np.isfinite(values).mean(axis=0) > 0.5
+        points, values = points[reached], values[:, reached]
+        scale = np.sqrt(weight * points / points.sum()) / self._normaliser(spot, channel)
+        residuals: FloatArray = (values - curve.ordinate[reached]) * scale
+        return residuals
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """Fopt as a quadratic over the box of the ranges."""
+
+    form: QuadraticForm
+    optimum: FloatArray
+    least: float
+    margin: float
+    q2: float
+
+    def beyond(self) -> QuadraticForm:
+        """Fopt above the least, in margins: up to 1 a set is about as good."""
+        scale = np.sqrt(self.margin)
+        rest = (self.form.rest - self.least) / self.margin
+        return QuadraticForm(matrix=self.form.matrix / scale, offset=self.form.offset / scale, rest=rest)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Case:
+    """What is known of one spot, or of all, in one scenario."""
+
+    spot: str
     scenario: Scenario
-    measured: Response
-    swept: Mapping[str, FloatArray]
-    sets: Any
+    design: Design
+    sets: IntArray
     fopt: FloatArray
+    residuals: FloatArray
+    spread: float
     best: Mapping[str, Any]
+    is_refined: bool
+
+    @cached_property
+    def fit(self) -> _Fit | None:
+        """Fitted Fopt, moved to its own optimum; None where it cannot be relied on."""
+        complete = np.isfinite(self.residuals).all(axis=1)
+        at = _scaled(self.design.parameters, self.design.values[self.sets[complete]])
+        origin, found = self.at, None
+        for _ in range(N_MOVES):
+            slopes = fit_slopes(at - origin, self.residuals[complete], self.fopt[complete])
+            if slopes is None:
+                return None
+            form = slopes.form(origin)
+            origin = form.minimum()
+            least = form(origin)
+            known = float(self.best["fopt"]) if self.is_refined else least
+            margin = max(known, self.spread, slopes.error, FLOOR * float(np.median(self.fopt)))
+            found = _Fit(form=form, optimum=origin, least=least, margin=margin, q2=slopes.q2)
+        return found
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the fit predicts sets that were left out of it."""
+        return self.fit is not None and self.fit.q2 >= LEAST_Q2
+
+    @property
+    def at(self) -> FloatArray:
+        """Where the best set is in the box."""
+        values = np.array([[self.best[p.name] for p in self.design.parameters]])
+        at: FloatArray = _scaled(self.design.parameters, values)[0]
+        return at
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        residuals = self._residuals()
-        complete = np.isfinite(residuals).all(axis=1)
-        at = _scaled(self.design.parameters, self._values(self.sets[complete]))
-        centre = _scaled(self.design.parameters, self._best_values()[None])[0]
-        limit = self._limit()
-        slopes = fit_slopes(at - centre, residuals[complete], self.fopt[complete])
-        found = None if slopes is None else slopes.ellipsoid(limit)
+        fit = self.fit
+        fopt = float(self.best.get("fopt_mean", self.best["fopt"]))
+        limit = 2.0 * fopt if fit is None else (fopt if self.is_refined else fit.least) + fit.margin
         for i, parameter in enumerate(self.design.parameters):
             row = {
-                "spot": self.best["spot"],
+                "spot": self.spot,
                 "scenario": self.scenario.name,
                 "parameter": parameter.name,
                 "unit": parameter.unit,
@@ -165,150 +308,53 @@ class _Neighbourhood:
                 "determined": UNCLEAR,
                 "limit": limit,
                 "n_as_good": int((self.fopt <= limit).sum()),
-                "q2": None if slopes is None else slopes.q2,
+                "q2": None if fit is None else fit.q2,
             }
-            yield row if found is None else row | self._told(parameter, i, centre[i], found)
+            yield row | self._told(parameter, i, fit) if fit is not None and self.is_usable else row
 
-    def _told(self, parameter: Parameter, i: int, at: float, found: "Ellipsoid") -> dict[str, Any]:
-        reach = at + found.centre[i] + np.array([-1.0, 1.0]) * found.half_widths[i]
-        low, high = np.clip([min(reach[0], at), max(reach[1], at)], 0.0, 1.0)
-        partner = found.partner(i)
-        lower, upper = (_value(parameter, end) for end in (low, high))
+    def _told(self, parameter: Parameter, i: int, fit: _Fit) -> dict[str, Any]:
+        low, high = fit.form.interval(i, fit.least + fit.margin)
+        if self.is_refined:
+            low, high = min(low, self.at[i]), max(high, self.at[i])
+        correlation = fit.form.correlation()
+        others = np.abs(correlation[i])
+        others[i] = -1.0
+        partner = int(np.argmax(others)) if others.size > 1 else None
         return {
-            "lower": lower,
-            "upper": upper,
+            "optimum": _value(parameter, float(fit.optimum[i])),
+            "lower": _value(parameter, low),
+            "upper": _value(parameter, high),
             "share": high - low,
             "determined": next(word for most, word in WORDS if high - low <= most),
             "moves_with": None if partner is None else self.design.parameters[partner].name,
-            "correlation": None if partner is None else found.correlation[i, partner],
+            "correlation": None if partner is None else correlation[i, partner],
         }
 
-    def _values(self, sets: Any) -> FloatArray:  # noqa: ANN401 - an integer array
-        values: FloatArray = self.design.values[sets]
-        return values
 
-    def _best_values(self) -> FloatArray:
-        return np.array([self.best[p.name] for p in self.design.parameters])
-
-    def _limit(self) -> float:
-        """Fopt up to which a set is about as good as the best."""
-        least = float(self.best["fopt"])
-        return least + max(least, sum(self._spread(name) * w for name, w in self._weighted()))
-
-    def _weighted(self) -> list[tuple[str, float]]:
-        return [(name, weight) for name, weight in self.scenario.weights.items() if weight > 0.0]
-
-    def _spread(self, channel: str) -> float:
-        """NMSE between curves that are one measured standard deviation apart."""
-        curve = self.measured[channel]
-        if curve.std is None:
-            return 0.0
-        squares = float(np.average(curve.std**2, weights=point_weights(curve, self.study.weights)))
-        return squares / self._normaliser(channel) ** 2
-
-    def _normaliser(self, channel: str) -> float:
-        return float(_core.normaliser(self.measured[channel].ordinate, self.study.normaliser.value))
-
-    def _residuals(self) -> FloatArray:
-        """Residuals (n_sets, n_points) of the ranked sets, whose sum of squares is Fopt."""
-        return np.concatenate([self._of_channel(*weighted) for weighted in self._weighted()], axis=1)
-
-    def _of_channel(self, channel: str, weight: float) -> FloatArray:
-        curve, values = self.measured[channel], self.swept[channel][self.sets]
-        points = point_weights(curve, self.study.weights)
-        points = np.ones(curve.abscissa.size) if points is None else points
-        # A point that hardly any set reaches says nothing of the others.
-        reached = np.isfinite(values).mean(axis=0) > 0.5
-        points, values = points[reached], values[:, reached]
-        scale = np.sqrt(weight * points / points.sum()) / self._normaliser(channel)
-        residuals: FloatArray = (values - curve.ordinate[reached]) * scale
-        return residuals
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Ellipsoid:
-    """Parameters that fit about as well: its centre (p,), half widths (p,) and correlation (p, p)."""
-
-    centre: FloatArray
-    half_widths: FloatArray
-    correlation: FloatArray
-
-    def partner(self, i: int) -> int | None:
-        """Index of the parameter that trades most with the i-th; None where there is no other."""
-        others = np.abs(self.correlation[i]).copy()
-        others[i] = -1.0
-        return int(np.argmax(others)) if others.size > 1 else None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Slopes:
-    """Residuals (n_points,) at the best set, their slopes (p, n_points), and how good the fit is."""
-
-    residuals: FloatArray
-    slopes: FloatArray
-    q2: float
-
-    def ellipsoid(self, limit: float) -> Ellipsoid | None:
-        """Where |r + J u|² stays within the limit; None where the fit is not to be relied on."""
-        hessian, gradient = self.slopes @ self.slopes.T, self.slopes @ self.residuals
-        sizes, axes = np.linalg.eigh(hessian)
-        if self.q2 < LEAST_Q2 or not sizes[-1] > 0.0:
-            return None
-        # A direction without any effect has a width far beyond every range, and not an infinite one.
-        covariance = (axes / np.maximum(sizes, 1e-12 * sizes[-1])) @ axes.T
-        centre = -covariance @ gradient
-        least = float(self.residuals @ self.residuals + gradient @ centre)
-        if least > limit:
-            return None
-        widths = np.sqrt(np.diag(covariance))
-        correlation = covariance / np.outer(widths, widths)
-        half_widths = np.sqrt(limit - least) * widths
-        return Ellipsoid(centre=centre, half_widths=half_widths, correlation=correlation)
-
-
-def fit_slopes(steps: FloatArray, residuals: FloatArray, fopt: FloatArray) -> Slopes | None:
-    """Fit residuals as a polynomial of the steps from the best set, sets that fit well counting more.
-
-    Parameters
-    ----------
-    steps : (n, p) array
-        Of each set from the best one, as a share of the ranges.
-    residuals : (n, n_points) array
-    fopt : (n,) array
-
-    Returns
-    -------
-    Slopes or None
-        Of second degree, or of first where the sets do not suffice; None where they do not
-        suffice for that either.
-    """
-    for columns in (_quadratic(steps), _linear(steps)):
-        if len(steps) >= SETS_PER_COEFFICIENT * columns.shape[1]:
-            break
-    else:
-        return None
-    weights = np.sqrt(1.0 / (fopt + max(float(fopt.min()), 1e-3 * float(np.median(fopt)), 1e-300)))[:, None]
-    q, r = np.linalg.qr(weights * columns)
-    if np.abs(np.diag(r)).min() <= 1e-10 * np.abs(np.diag(r)).max():
-        return None
-    target = weights * residuals
-    coefficients = np.linalg.solve(r, q.T @ target)
-    # What each set would miss by, had it been left out of the fit.
-    left_out = (target - q @ (q.T @ target)) / np.maximum(1.0 - (q**2).sum(axis=1), 1e-9)[:, None]
-    mean = (weights * target).sum(axis=0) / (weights**2).sum()
-    variation = float(((target - weights * mean) ** 2).sum())
-    q2 = 1.0 - float((left_out**2).sum()) / variation if variation > 0.0 else -np.inf
-    n_parameters = steps.shape[1]
-    return Slopes(residuals=coefficients[0], slopes=coefficients[1 : 1 + n_parameters], q2=q2)
-
-
-def _linear(steps: FloatArray) -> FloatArray:
-    return np.column_stack([np.ones(len(steps)), steps])
-
-
-def _quadratic(steps: FloatArray) -> FloatArray:
-    i, j = np.triu_indices(steps.shape[1])
-    return np.column_stack([_linear(steps), steps[:, i] * steps[:, j]])
+def _disagreement(a: _Case, b: _Case) -> Iterator[dict[str, Any]]:
+    """Rows on two fits at a spot that have no channel in common, where no set is about as good in both."""
+    channels = [[name for name, weight in case.scenario.weights.items() if weight > 0.0] for case in (a, b)]
+    if a.spot != b.spot or set(channels[0]) & set(channels[1]) or not (a.is_usable and b.is_usable):
+        return
+    fits = [case.fit for case in (a, b) if case.fit is not None]
+    first, second = (fit.beyond() for fit in fits)
+    if max(together([(w, first), (1.0 - w, second)]) for w in np.linspace(0.05, 0.95, 19)) <= 1.0:
+        return
+    told = [{row["parameter"]: row for row in case.rows()} for case in (a, b)]
+    seen = [
+        (i, parameter)
+        for i, parameter in enumerate(a.design.parameters)
+        if all(rows[parameter.name]["determined"] != "not" for rows in told)
+    ]
+    if seen and max(abs(fits[0].optimum[i] - fits[1].optimum[i]) for i, _ in seen) <= APART:
+        return
+    head = {"spot": a.spot, "first": " + ".join(channels[0]), "second": " + ".join(channels[1])}
+    if not seen:
+        yield head
+    for _, parameter in seen:
+        optima = (rows[parameter.name]["optimum"] for rows in told)
+        values = dict(zip(("first_optimum", "second_optimum"), optima, strict=True))
+        yield {**head, "parameter": parameter.name, "unit": parameter.unit, **values}
 
 
 def _scaled(parameters: tuple[Parameter, ...], values: FloatArray) -> FloatArray:

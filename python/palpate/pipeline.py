@@ -456,6 +456,8 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
     found = simulation.stored(study, design, limbs, measured, run.folder)
     _check_unchanged(run, len(found), scores.select("spot", "set_id").n_unique())
     swept = at_measured(found, measured, design.n_sets)
+    generalisation = run.generalisation()
+    told = determine(study, design, measured, swept, scores, chosen, generalisation, refined)
     return Content(
         study=study,
         channels=plugins.channels,
@@ -463,12 +465,13 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
         design=design,
         scores=scores,
         selection=chosen,
-        generalisation=run.generalisation(),
+        generalisation=generalisation,
         refined=refined,
         rays=run.rays(),
         responses={(s.job.spot, s.job.set_id): s.response for s in found if s.response is not None},
         swept=swept,
-        determination=determine(study, design, measured, swept, scores, chosen, refined),
+        determination=told.table,
+        disagreements=told.disagreements,
         convergence=by_spot(found),
         contact=contact_along(found),
         limbs=limbs,

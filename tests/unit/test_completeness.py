@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import polars as pl
 import pytest
 
 from palpate import pipeline, simulation
 from palpate.completeness import described
 from palpate.domain import Response
 from palpate.progress import SILENT
+from palpate.report import make_tables, make_verdict
 from palpate.report.figures import nmse_distribution, responses
 from palpate.report.space import parameter_space
 
@@ -48,16 +50,14 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
         assert note.startswith(f"warning: incomplete sweep, {n_done} of 24 simulations (")
         assert missing in note
     report = pipeline.report(study, folder, plugins, notes)
-    first = report.verdict.cautions[0]
-    assert first.what == "Incomplete sweep"
-    assert missing in first.why
+    (why,) = [each.why for each in report.verdict.cautions[:2] if each.what == "Incomplete sweep"]
+    assert missing in why
     for table in report.tables.values():
         assert "simulated" in table.columns
     assert f"Incomplete sweep: {n_done} of 24" in (folder / "report" / "index.html").read_text()
     assert any("thin sweep" in each.what for each in report.verdict.cautions)
     if n_done > 12:
         assert report.tables["table2_nmse"]["simulated"].to_list() == ["12 of 12", "8 of 12"]
-        assert "of 8 sets simulated at each" in report.verdict.lead
         assert not selected.without_result
     else:  # nothing at p2
         assert selected.generalisation.is_empty()
@@ -80,6 +80,13 @@ def test_a_set_whose_curves_are_lost_is_missing(make_study, plugins, tmp_path, o
     scores = pipeline.score(study, folder, plugins, notes)
     assert scores.select("spot", "set_id").n_unique() == 24
     assert notes.notes[0].startswith("warning: incomplete sweep, 24 of 32 simulations (p1: 12 of 16, p2: 12")
+
+
+def test_the_set_for_all_spots_says_of_how_many_it_is(content):
+    made = content()
+    partial = replace(made, scores=made.scores.filter((pl.col("spot") == "p1") | (pl.col("set_id") < 30)))
+    lead = make_verdict(partial, make_tables(partial)).lead
+    assert lead.startswith("One set for all 2 spots, of 30 sets simulated at each: set ")
 
 
 def test_a_spot_without_a_simulation_is_drawn_without_sets(content):

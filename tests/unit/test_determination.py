@@ -9,6 +9,7 @@ import pytest
 from palpate.determination import at_measured, determine
 from palpate.domain import Response, Status
 from palpate.experiment import load_measured
+from palpate.generalisation import generalise
 from palpate.refinement import Refined
 from palpate.sampling import draw_design
 from palpate.scoring import score
@@ -19,7 +20,12 @@ NOT_REFINED = Refined(table=pl.DataFrame(), responses={})
 
 
 @pytest.fixture
-def determined(make_study, plugins, tmp_path):
+def determined(found):
+    return lambda *given, **named: found(*given, **named).table
+
+
+@pytest.fixture
+def found(make_study, plugins, tmp_path):
     def made(study=None, refined=NOT_REFINED, spread=0.0, change=lambda simulations: simulations):
         study = study or make_study(n_sets=40)
         measured = load_measured(study, plugins.channels)
@@ -29,7 +35,8 @@ def determined(make_study, plugins, tmp_path):
         scores = score(simulations, measured, normaliser=study.normaliser, minimum_coverage=0.95)
         chosen = select(scores, study.scenarios, design)
         swept = at_measured(simulations, measured, design.n_sets)
-        return determine(study, design, measured, swept, scores, chosen, refined)
+        all_spots = generalise(scores, study.scenarios[0], design, list(measured))
+        return determine(study, design, measured, swept, scores, chosen, all_spots, refined)
 
     return made
 
@@ -50,7 +57,7 @@ def _row(frame, scenario, parameter, spot="p1"):
 
 def test_both_channels_determine_both_parameters_and_one_determines_its_own(determined):
     frame = determined()
-    assert len(frame) == 2 * 3 * 2
+    assert len(frame) == (2 * 3 + 1) * 2
     for parameter, blind in (("stiffness", "II"), ("grip", "III")):
         assert _row(frame, blind, parameter)["determined"] == "not"
         assert _row(frame, blind, parameter)["share"] == 1.0
@@ -64,16 +71,17 @@ def test_the_interval_is_that_of_a_curve_in_proportion_to_its_parameter(determin
     row = _row(determined(), "III", "stiffness")
     x = np.linspace(0.0, 10.0, 21) ** 1.5
     c = (x**2).mean() / x.mean() ** 2
-    assert row["limit"] == pytest.approx(2.0 * (row["value"] / 0.4 - 1.0) ** 2 * c)
-    assert row["upper"] == pytest.approx(0.4 * (1.0 + np.sqrt(row["limit"] / c)))
-    assert row["lower"] == pytest.approx(0.4 * (1.0 - np.sqrt(row["limit"] / c)))
+    assert row["optimum"] == pytest.approx(0.4)
+    assert 0.0 < row["limit"] < 1e-5  # exact curves: what is left is the floor
+    assert row["upper"] == pytest.approx(0.4 * (1.0 + np.sqrt(row["limit"] / c)), abs=1e-6)
+    assert row["lower"] == pytest.approx(0.4 * (1.0 - np.sqrt(row["limit"] / c)), abs=1e-6)
     assert row["q2"] == pytest.approx(1.0)
 
 
 def test_sets_within_the_spread_of_the_presses_are_as_good(determined):
     tight, loose = determined(), determined(spread=0.3)
     one, other = _row(tight, "III", "stiffness"), _row(loose, "III", "stiffness")
-    assert other["limit"] == pytest.approx(one["limit"] / 2.0 + 0.09)
+    assert other["limit"] == pytest.approx(0.09)
     assert other["upper"] - other["lower"] > one["upper"] - one["lower"]
     assert other["n_as_good"] > one["n_as_good"]
 
@@ -97,6 +105,39 @@ def test_a_start_that_was_not_refined_stays_what_the_sweep_found(determined):
     assert determined(refined=Refined(table=table, responses={})).equals(determined())
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("is_refined", [False, True])
+def test_what_a_channel_cannot_see_is_not_determined_even_by_exact_curves(determined, noise, is_refined):
+    random = np.random.default_rng(1)
+
+    def bent(simulations):
+        """Force that is no polynomial of the stiffness, and the torque as it is."""
+        for s in simulations:
+            (theta,) = s.job.thetas.values()
+            force, torque = s.response["force"], s.response["torque"]
+            scale = (theta[0] / 0.4) ** 1.5 + noise * random.normal(size=force.ordinate.size)
+            curves = {"force": replace(force, ordinate=force.ordinate * scale), "torque": torque}
+            yield replace(s, response=Response(curves=curves))
+
+    table = pl.DataFrame(
+        {"spot": ["p1"], "scenario": ["III"], "fopt": [1e-29], "soft_tissue.stiffness": [0.4],
+         "soft_tissue.grip": [45.0]}
+    )  # fmt: skip
+    refined = Refined(table=table, responses={}) if is_refined else NOT_REFINED
+    frame = determined(change=lambda simulations: tuple(bent(simulations)), refined=refined)
+    assert _row(frame, "III", "grip")["determined"] == "not"
+    seen = _row(frame, "III", "stiffness")
+    assert seen["determined"] in ("well", "roughly")
+    assert seen["lower"] < 0.4 < seen["upper"]
+
+
+def test_all_spots_together_have_rows_of_their_own(determined):
+    row = _row(determined(), "I", "stiffness", spot="all spots")
+    # p1 says 0.4 and p2 0.5, each with the same weight.
+    assert row["lower"] < row["optimum"] < row["upper"]
+    assert 0.4 < row["optimum"] < 0.5
+
+
 def test_failed_sets_and_few_sets_are_not_guessed_from(determined, make_study):
     def mostly_failed(simulations):
         return tuple(
@@ -108,10 +149,10 @@ def test_failed_sets_and_few_sets_are_not_guessed_from(determined, make_study):
     assert frame["lower"].null_count() == len(frame)
 
 
-def test_an_interval_stays_in_its_range_and_holds_its_value(determined):
+def test_an_interval_stays_in_its_range_and_holds_its_optimum(determined):
     told = determined().drop_nulls("lower")
-    assert (told["lower"] <= told["value"]).all()
-    assert (told["value"] <= told["upper"]).all()
+    assert (told["lower"] <= told["optimum"]).all()
+    assert (told["optimum"] <= told["upper"]).all()
     assert told["share"].is_between(0.0, 1.0).all()
 
 
@@ -121,3 +162,40 @@ def test_a_logarithmic_range_has_its_ends_as_numbers(determined, make_study, spa
     study = make_study(n_sets=40, space=replace(space, regions=(replace(region, searched=searched),)))
     row = _row(determined(study), "II", "stiffness")
     assert (row["lower"], row["upper"]) == (pytest.approx(0.1), pytest.approx(1.0))
+
+
+def _changed(simulations, channel, change):
+    """Simulations whose curve of a channel is changed, given the stiffness, abscissa and ordinate."""
+    for s in simulations:
+        (theta,) = s.job.thetas.values()
+        curve = s.response[channel]
+        other = replace(curve, ordinate=change(theta[0], curve.abscissa, curve.ordinate))
+        yield replace(s, response=Response(curves={**s.response.curves, channel: other}))
+
+
+def test_channels_that_see_one_parameter_alike_do_not_disagree(found):
+    def alike(simulations):
+        return tuple(_changed(simulations, "torque", lambda k, x, y: 20.0 * np.sign(x) * k / 0.4))
+
+    assert found().disagreements.is_empty()
+    assert found(change=alike).disagreements.filter(spot="p1").is_empty()
+
+
+@pytest.mark.parametrize(("offset", "disagrees"), [(0.0, False), (0.1, False), (1.0, True)])
+def test_a_depth_offset_makes_force_and_torque_disagree(found, tissue, offset, disagrees):
+    """Both channels follow the stiffness; the force is simulated so much deeper than it was measured."""
+    measured = tissue.answer(0.4, 20.0)["torque"].ordinate
+
+    def offset_by(simulations):
+        both = _changed(simulations, "torque", lambda k, x, y: measured * k / 0.4)
+        return tuple(_changed(both, "force", lambda k, x, y: k * (x + offset) ** 1.5))
+
+    rows = found(change=offset_by).disagreements.filter(spot="p1")
+    assert rows.is_empty() is not disagrees
+    if disagrees:
+        row = rows.row(0, named=True)
+        assert (row["first"], row["second"], row["parameter"]) == (
+            "torque", "force", "soft_tissue.stiffness",
+        )  # fmt: skip
+        assert row["first_optimum"] == pytest.approx(0.4, rel=1e-3)
+        assert row["second_optimum"] < 0.36

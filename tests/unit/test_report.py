@@ -81,7 +81,11 @@ def test_a_partial_fit_is_held_against_the_channels_that_it_has_not_seen(content
     worst = table[4:].sort("times", descending=True, maintain_order=True).row(0, named=True)
     said = finding(tables)
     assert f"at spot {worst['spot']}, scenario '{worst['scenario']}'" in said
-    assert f"NMSE {worst['nmse']:.3g} (R² {worst['r2']:.3f}), {worst['times']:.3g} times" in said
+    assert f"NMSE {worst['nmse']:.3g} (R² {worst['r2']:.3f}), which a fit to it does not miss." in said
+    of_sweep = {"unfitted_channels": table.filter(search="sweep")}
+    assert "times that of a fit to it (" in finding(of_sweep)
+    both_exact = table.with_columns(nmse=pl.lit(0.0), nmse_fitted=pl.lit(0.0), times=pl.lit(float("inf")))
+    assert not finding({"unfitted_channels": both_exact})
 
 
 def test_a_fit_to_all_channels_leaves_nothing_unseen(content, make_study):

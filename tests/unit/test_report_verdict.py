@@ -7,10 +7,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.domain import Normaliser, Response
+from palpate.domain import Normaliser, Response, Scenario
 from palpate.report import cautions, make_tables
 from palpate.report.style import DOUBLE_MM, SINGLE_MM, STYLE
-from palpate.report.tables import cost_of_one_set, failures_by_reason
+from palpate.report.tables import cost_of_one_set, failures_by_reason, weighted_channels
 from palpate.report.verdict import make_verdict
 
 
@@ -78,7 +78,10 @@ def test_how_well_each_parameter_is_determined_is_a_sentence(content):
         correlation=pl.lit(-0.97),
     )
     told = verdict(replace(made, determination=worse)).determined
-    assert told[0].startswith("stiffness: well determined at 1 of 2 spots, not determined at 1 of 2 spots")
+    together = made.determination.filter(spot="all spots").row(0, named=True)
+    assert told[0].startswith(f"stiffness: fitted optimum {together['optimum']:.4g} MPa, ")
+    assert "well determined by all spots together; spot by spot: " in told[0]
+    assert "well determined at 1 of 2 spots, not determined at 1 of 2 spots" in told[0]
     assert "it trades with grip (correlation -0.97, spot p1)" in told[0]
     unknown = verdict(replace(made, determination=made.determination[:0])).determined
     assert unknown[0] == "stiffness: nothing is known of how well it is determined."
@@ -106,11 +109,73 @@ def test_a_poor_fit_is_named_with_its_channel(content):
 
 def test_a_best_value_at_the_end_of_its_range_is_named(content):
     made = content()
-    at_end = made.selection.with_columns(pl.lit(0.1001).alias("soft_tissue.stiffness"))
-    assert "stiffness at p1, scenario I" in about(replace(made, selection=at_end), "end of their range")
-    inside = made.selection.with_columns(pl.lit(0.5).alias("soft_tissue.stiffness"))
-    inside = inside.with_columns(pl.lit(20.0).alias("soft_tissue.grip"))
-    assert about(replace(made, selection=inside), "end of their range") is None
+    stiffness = made.design.values[:, 0]
+
+    def with_best(value, determined="well", lower=None):
+        selection = made.selection.with_columns(
+            pl.lit(value).alias("soft_tissue.stiffness"), pl.lit(20.0).alias("soft_tissue.grip")
+        )
+        told = made.determination.with_columns(
+            determined=pl.lit(determined), lower=pl.lit(lower, pl.Float64), upper=pl.lit(0.9)
+        )
+        return about(replace(made, selection=selection, determination=told), "end of their range")
+
+    for end in (stiffness.min(), stiffness.max(), 0.1001, 0.1 + 0.9 / 40):
+        assert "stiffness at p1, scenario I" in with_best(end)
+        assert "stiffness at p1, scenario I" in with_best(end, lower=0.1)
+        assert with_best(end, lower=0.3) is None  # the interval ends inside: it is a coincidence
+        assert with_best(end, "not") is None  # nor does the range matter to what nobody can see
+    assert with_best(0.5) is None
+
+
+def test_a_set_that_does_not_fit_is_said_first_and_in_place_of_parameters(content):
+    made = content()
+    r2 = pl.when(pl.col("spot") == "p2").then(-567585.0).otherwise(pl.col("r2_torque"))
+    wrong = replace(
+        made,
+        selection=made.selection.with_columns(r2_torque=r2),
+        generalisation=made.generalisation.with_columns(r2_torque=r2),
+    )
+    told = verdict(wrong)
+    assert told.lead.startswith(
+        "No parameters can be read from this run: the best set does not fit torque at p2"
+    )
+    assert told.sentences == (told.lead,)
+    assert "stiffness" not in told.lead
+    assert told.warnings[0].startswith("2 of the best sets do not fit. p2, scenario I: torque R² -5.68e+05;")
+    one = pl.col("spot") == "p2"
+    alone = replace(
+        wrong,
+        measured={"p2": made.measured["p2"]},
+        selection=wrong.selection.filter(one),
+        scores=made.scores.filter(one),
+        determination=made.determination.filter(one),
+    )
+    assert verdict(alone).lead.startswith("No parameters can be read")
+
+
+def test_channels_that_disagree_are_named_with_what_each_says_and_typical_causes(content):
+    made = content()
+    assert made.disagreements.is_empty()
+    row = {
+        "spot": "p1", "first": "torque", "second": "force", "parameter": "soft_tissue.stiffness",
+        "unit": "MPa", "first_optimum": 0.5, "second_optimum": 0.4,
+    }  # fmt: skip
+    apart = replace(made, disagreements=pl.DataFrame([row]))
+    why = about(apart, "Torque and force disagree")
+    assert why.startswith("stiffness at p1: 0.5 by torque, 0.4 by force MPa.")
+    assert "offset of the depth" in why
+    nothing_seen = made.disagreements.clear(1).with_columns(
+        spot=pl.lit("p1"), first=pl.lit("torque"), second=pl.lit("force")
+    )
+    why = about(replace(made, disagreements=nothing_seen), "Torque and force disagree")
+    assert why.startswith("At p1. No set fits both")
+
+
+def test_weights_that_are_not_1_are_shown_with_their_channels():
+    assert weighted_channels(Scenario(name="a", weights={"force": 1.0, "torque": 1.0})) == "force + torque"
+    mixed = Scenario(name="a", weights={"force": 0.7, "torque": 0.3, "slide": 0.0})
+    assert weighted_channels(mixed) == "0.7 force + 0.3 torque"
 
 
 def test_what_is_not_determined_or_unclear_and_spots_that_disagree_are_named(content):
@@ -122,8 +187,9 @@ def test_what_is_not_determined_or_unclear_and_spots_that_disagree_are_named(con
         determined=pl.when(first).then(pl.lit("not")).otherwise(pl.lit("unclear")),
     )
     made = replace(made, determination=apart)
-    assert about(made, "Not determined: stiffness, grip")
     assert about(made, "unclear")
+    not_seen = made.determination.with_columns(determined=pl.lit("not"))
+    assert about(replace(made, determination=not_seen), "Not determined: stiffness, grip")
     assert "stiffness at p1 and p2 have intervals that do not meet" in about(made, "spots disagree")
 
 
@@ -187,7 +253,7 @@ def test_a_proof_that_failed_is_named(content, passed):
 def test_the_guide_tells_the_limits_that_are_applied():
     guide = (Path(__file__).parents[2] / "docs" / "report.md").read_text(encoding="utf-8")
     for said in (
-        f"R² below {cautions.GOOD_R2:g}", f"within {100 * cautions.EDGE:g} %",
+        f"R² below {cautions.GOOD_R2:g}", f"R² below {cautions.NO_FIT_R2:g}",
         f"fewer than {cautions.FEW_SETS} sets per parameter", f"more than 1 in {1 / cautions.FAILED_SHARE:g}",
         f"{SINGLE_MM:g} mm wide for one column or {DOUBLE_MM:g} mm for two", f"({STYLE['figure.dpi']} dpi)",
     ):  # fmt: skip

@@ -6,7 +6,7 @@ from typing import Any
 
 import polars as pl
 
-from palpate.determination import UNCLEAR
+from palpate.determination import ALL_SPOTS, UNCLEAR
 from palpate.domain import Parameter
 from palpate.report.content import Content
 from palpate.report.space import named_briefly
@@ -86,10 +86,20 @@ def with_brief_names(content: Content) -> Iterator[tuple[Parameter, Parameter]]:
 
 
 def determined_when_generalising(content: Content) -> pl.DataFrame:
-    """Rows of the determination in the scenario that generalises."""
+    """Rows of the determination in the scenario that generalises, spot by spot."""
+    return _when_generalising(content).filter(pl.col("spot") != ALL_SPOTS)
+
+
+def determined_together(content: Content) -> pl.DataFrame:
+    """Rows of the determination by all spots together, or of the only spot."""
+    rows = _when_generalising(content)
+    return rows.filter(pl.col("spot") == ALL_SPOTS) if len(content.spots) > 1 else rows
+
+
+def _when_generalising(content: Content) -> pl.DataFrame:
     if content.determination.is_empty():
         return pl.DataFrame(
             schema=dict.fromkeys(("spot", "parameter", "determined", "moves_with"), pl.String)
-            | dict.fromkeys(("value", "lower", "upper", "correlation"), pl.Float64)
+            | dict.fromkeys(("value", "optimum", "lower", "upper", "correlation"), pl.Float64)
         )
     return content.determination.filter(pl.col("scenario") == content.generalising.name)

@@ -8,7 +8,7 @@ import polars as pl
 from palpate.completeness import described
 from palpate.determination import UNCLEAR, share_of_range
 from palpate.domain import Parameter
-from palpate.report.best_sets import Best, determined_when_generalising, with_brief_names
+from palpate.report.best_sets import Best, determined_together, determined_when_generalising, with_brief_names
 from palpate.report.content import Content
 from palpate.report.tables import cost_of_one_set, failures_by_reason, finding
 
@@ -17,6 +17,15 @@ GOOD_R2 = 0.95
 
 FEW_SETS = 10
 """Sets per parameter below which a sweep is called thin."""
+
+NO_FIT_R2 = 0.5
+"""R² in a fitted channel below which a set is not called a fit."""
+
+CHECK = (
+    "Check the units, the signs and the order of turns of the measured curves, then friction, ranges "
+    "and the number of sets."
+)
+"""What to do about a set that does not fit."""
 
 EDGE = 0.01
 """Share of a range within which a value lies at its end."""
@@ -40,10 +49,12 @@ def cautions(
     content: Content, bests: Sequence[Best], tables: Mapping[str, pl.DataFrame]
 ) -> Iterator[Caution]:
     """Everything that there is to distrust, the gravest first."""
+    yield from _about_no_fit(content, bests)
     yield from _about_missing(content)
     yield from _about_fits(content, bests)
     yield from _about_one_set(content)
     yield from _about_failures(content)
+    yield from _about_disagreement(content)
     yield from _about_ends(content, bests)
     yield from _about_determination(content)
     yield from _about_searches(content)
@@ -94,12 +105,11 @@ def _about_data(content: Content) -> Iterator[Caution]:
 
 
 def _about_fits(content: Content, bests: Sequence[Best]) -> Iterator[Caution]:
-    fitted = {s.name: [c for c, weight in s.weights.items() if weight > 0.0] for s in content.study.scenarios}
     poor = [
-        f"{best.spot}, scenario {best.scenario}: {channel} R² {best.r2[channel]:.3f}"
+        f"{best.spot}, scenario {best.scenario}: {channel} R² {r2:.3f}"
         for best in bests
-        for channel in fitted[best.scenario]
-        if best.r2.get(channel) is not None and (best.r2[channel] or 0.0) < GOOD_R2
+        for channel, r2 in _r2_of_fitted(content, best)
+        if NO_FIT_R2 <= r2 < GOOD_R2
     ]
     if poor:
         yield Caution(
@@ -114,12 +124,49 @@ def _about_fits(content: Content, bests: Sequence[Best]) -> Iterator[Caution]:
         )
 
 
+def _about_no_fit(content: Content, bests: Sequence[Best]) -> Iterator[Caution]:
+    wrong = [
+        f"{best.spot}, scenario {best.scenario}: {channel} R² {r2:.3g}"
+        for best in bests
+        for channel, r2 in _r2_of_fitted(content, best)
+        if r2 < NO_FIT_R2
+    ]
+    if wrong:
+        yield Caution(what=f"{len(wrong)} of the best sets do not fit", why=f"{_some(wrong)}. {CHECK}")
+
+
+def _r2_of_fitted(content: Content, best: Best) -> Iterator[tuple[str, float]]:
+    scenario = next(s for s in content.study.scenarios if s.name == best.scenario)
+    for channel, weight in scenario.weights.items():
+        if weight > 0.0 and (r2 := best.r2.get(channel)) is not None:
+            yield channel, r2
+
+
+def _about_disagreement(content: Content) -> Iterator[Caution]:
+    if content.disagreements.is_empty():
+        return
+    brief = {p.name: b.name for p, b in with_brief_names(content)}
+    for (first, second), rows in content.disagreements.group_by("first", "second", maintain_order=True):
+        values = [
+            f"{brief[row['parameter']]} at {row['spot']}: {row['first_optimum']:.4g} by {first}, "
+            f"{row['second_optimum']:.4g} by {second}{'' if row['unit'] == '1' else ' ' + row['unit']}"
+            for row in rows.drop_nulls("parameter").iter_rows(named=True)
+        ]
+        spots = ", ".join(rows["spot"].unique(maintain_order=True))
+        yield Caution(
+            what=f"{str(first).capitalize()} and {second} disagree",
+            why=f"{_some(values) or f'At {spots}'}. No set fits both about as well as each is fitted alone. "
+            "Typical causes: an offset of the depth, compliance of the robot or the mount, bias of a "
+            "sensor, a lag between motion and force, a wrong friction.",
+        )
+
+
 def _about_ends(content: Content, bests: Sequence[Best]) -> Iterator[Caution]:
     ends = [
         f"{brief.name} at {best.spot}, scenario {best.scenario}"
         for best in bests
-        for (parameter, brief), value in zip(with_brief_names(content), best.values, strict=True)
-        if _at_end(parameter, value.value)
+        for i, (parameter, brief) in enumerate(with_brief_names(content))
+        if _at_end(content, parameter, i, best)
     ]
     if ends:
         yield Caution(
@@ -137,21 +184,35 @@ def _about_trust(content: Content) -> Iterator[Caution]:
         )
 
 
-def _at_end(parameter: Parameter, value: float) -> bool:
-    return not EDGE < share_of_range(parameter, value) < 1.0 - EDGE
+def _at_end(content: Content, parameter: Parameter, i: int, best: Best) -> bool:
+    """Whether a best set is the outermost of the design, or within a spacing of the range's end.
+
+    Not where the curves show that the optimum is inside, or do not depend on the parameter.
+    """
+    value, drawn = best.values[i], content.design.values[:, i]
+    if value.determined == "not":
+        return False
+    if value.lower is not None and value.upper is not None:
+        ends = [share_of_range(parameter, end) for end in (value.lower, value.upper)]
+        if ends[0] > EDGE and ends[1] < 1.0 - EDGE:
+            return False
+    spacing = EDGE if best.found == "refined" else max(EDGE, 1.0 / content.design.n_sets)
+    is_outermost = best.found != "refined" and value.value in (drawn.min(), drawn.max())
+    return is_outermost or not spacing < share_of_range(parameter, value.value) < 1.0 - spacing
 
 
 def _about_determination(content: Content) -> Iterator[Caution]:
     rows = determined_when_generalising(content)
     brief = {p.name: b.name for p, b in with_brief_names(content)}
-    names = list(dict.fromkeys(rows.filter(pl.col("determined") == "not")["parameter"]))
+    together = determined_together(content)
+    names = list(dict.fromkeys(together.filter(pl.col("determined") == "not")["parameter"]))
     if names:
         yield Caution(
             what=f"Not determined: {', '.join(brief[name] for name in names)}",
-            why="Somewhere, sets that fit about as well reach across most of the range; "
+            why="Sets that fit about as well reach across most of the range; "
             "do not read the value as the tissue's.",
         )
-    if UNCLEAR in rows["determined"].to_list():
+    if UNCLEAR in pl.concat([rows, together])["determined"].to_list():
         yield Caution(
             what="How well some parameters are determined is unclear",
             why="Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets.",

@@ -37,7 +37,8 @@ class Content:
         Every set's curves at the measured points, as :func:`palpate.determination.at_measured`
         returns them; empty where they are not to be shown.
     determination : DataFrame
-        As :func:`palpate.determination.determine` returns it.
+    disagreements : DataFrame
+        Both as in :class:`palpate.determination.Determination`.
     convergence : DataFrame
         As :func:`palpate.report.convergence.by_spot` returns it.
     contact : mapping of (spot, set_id) to mapping
@@ -64,6 +65,7 @@ class Content:
     rays: pl.DataFrame = field(default_factory=pl.DataFrame)
     swept: Swept = field(default_factory=dict)
     determination: pl.DataFrame = field(default_factory=pl.DataFrame)
+    disagreements: pl.DataFrame = field(default_factory=pl.DataFrame)
     convergence: pl.DataFrame = field(default_factory=pl.DataFrame)
     contact: Mapping[tuple[str, int], Contact] = field(default_factory=dict)
     limbs: Mapping[str, Limb] = field(default_factory=dict)

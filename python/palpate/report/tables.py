@@ -30,6 +30,9 @@ TITLES: Mapping[str, str] = MappingProxyType(
 )
 """Captions of the tables by name."""
 
+EXACT = 1e-6
+"""NMSE below which a curve is fitted as well as solvers can tell."""
+
 
 def make_tables(content: Content) -> dict[str, pl.DataFrame]:
     """Every table that has a row, by name.
@@ -116,8 +119,12 @@ def cross_channel(content: Content) -> pl.DataFrame:
 
 
 def weighted_channels(scenario: Scenario) -> str:
-    """Channels that a scenario weights, joined with plus signs."""
-    return " + ".join(channel for channel, weight in scenario.weights.items() if weight > 0.0)
+    """Channels that a scenario weights, joined with plus signs; with the weights that are not 1."""
+    return " + ".join(
+        channel if weight == 1.0 else f"{weight:g} {channel}"
+        for channel, weight in scenario.weights.items()
+        if weight > 0.0
+    )
 
 
 def unfitted_channels(content: Content) -> pl.DataFrame:
@@ -155,8 +162,15 @@ def _unfitted(
         "nmse": nmse,
         "r2": row[f"r2_{channel}"],
         "nmse_fitted": fitted,
-        "times": None if fitted is None else nmse / fitted if fitted > 0.0 else float("inf"),
+        "times": _times(nmse, fitted),
     }
+
+
+def _times(nmse: float, fitted: float | None) -> float | None:
+    """How many times further off; None where nobody fits the channel, or where both are exact."""
+    if fitted is None or nmse <= fitted == 0.0:
+        return None
+    return nmse / fitted if fitted > 0.0 else float("inf")
 
 
 def finding(tables: Mapping[str, pl.DataFrame]) -> str:
@@ -167,13 +181,16 @@ def finding(tables: Mapping[str, pl.DataFrame]) -> str:
         return ""
     last = table.filter(pl.col("search") == table["search"][-1])
     worst = last.sort("times", descending=True, maintain_order=True).row(0, named=True)
-    if worst["times"] <= 1.0:
+    if worst["times"] <= 1.0 or worst["nmse"] < EXACT:
         return ""
+    times = f"{worst['times']:.3g} times that of a fit to it ({worst['nmse_fitted']:.3g})"
+    if worst["nmse_fitted"] < EXACT:
+        times = "which a fit to it does not miss"
     r2 = "" if worst["r2"] is None else f" (R² {worst['r2']:.3f})"
     return (
         f"What a partial fit does not see: at spot {worst['spot']}, scenario '{worst['scenario']}' (fitted "
         f"to {worst['fitted_to']}) misses {worst['unfitted']} with NMSE {worst['nmse']:.3g}{r2}, "
-        f"{worst['times']:.3g} times that of a fit to it ({worst['nmse_fitted']:.3g})."
+        f"{times}."
     )
 
 

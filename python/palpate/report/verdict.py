@@ -7,8 +7,14 @@ import polars as pl
 
 from palpate.determination import UNCLEAR, WORDS
 from palpate.domain import Parameter
-from palpate.report.best_sets import Best, best_sets, determined_when_generalising, with_brief_names
-from palpate.report.cautions import Caution, cautions
+from palpate.report.best_sets import (
+    Best,
+    best_sets,
+    determined_together,
+    determined_when_generalising,
+    with_brief_names,
+)
+from palpate.report.cautions import CHECK, NO_FIT_R2, Caution, cautions
 from palpate.report.content import Content
 from palpate.report.space import label_of, named_briefly
 
@@ -26,9 +32,9 @@ class Verdict:
     bests : tuple of Best
     lead : str
         Sentence on the set for all spots, or on the best set of the only spot; empty where
-        there is none.
+        there is none. Where it does not fit, that is the sentence.
     determined : tuple of str
-        A sentence on each parameter.
+        A sentence on each parameter; none where the set does not fit.
     cautions : tuple of Caution
         The gravest first.
     without_result : mapping of (spot, scenario) to str
@@ -57,14 +63,38 @@ def make_verdict(content: Content, tables: Mapping[str, pl.DataFrame]) -> Verdic
     """Sum up a run, from what its stages have left."""
     bests = tuple(best_sets(content))
     brief = named_briefly(content.design.parameters)
+    no_fit = _no_fit(content, bests)
     return Verdict(
         parameters=tuple(label_of(p) for p in brief),
         bests=bests,
-        lead=_lead(content, bests, brief),
-        determined=tuple(_determined(content, p, b.name) for p, b in with_brief_names(content)),
+        lead=no_fit or _lead(content, bests, brief),
+        determined=()
+        if no_fit
+        else tuple(_determined(content, p, b.name) for p, b in with_brief_names(content)),
         cautions=tuple(cautions(content, bests, tables)),
         without_result=content.without_result,
     )
+
+
+def _no_fit(content: Content, bests: Sequence[Best]) -> str:
+    """Sentence in place of parameters where the set that they would be of does not fit."""
+    channels = [name for name, weight in content.generalising.weights.items() if weight > 0.0]
+    if len(content.spots) > 1:
+        found = {row["spot"]: row for row in content.generalisation.iter_rows(named=True)}
+        r2 = {(spot, name): row.get(f"r2_{name}") for spot, row in found.items() for name in channels}
+    else:
+        own = (best for best in bests if best.scenario == content.generalising.name)
+        r2 = {(best.spot, name): best.r2.get(name) for best in own for name in channels}
+    wrong = [
+        f"{name} at {spot} (R² {at:.3g})"
+        for (spot, name), at in r2.items()
+        if at is not None and at < NO_FIT_R2
+    ]
+    if not wrong:
+        return ""
+    more = f" and {len(wrong) - 4} more" if len(wrong) > 4 else ""
+    where = f"{', '.join(wrong[:4])}{more}"
+    return f"No parameters can be read from this run: the best set does not fit {where}. {CHECK}"
 
 
 def _lead(content: Content, bests: Sequence[Best], brief: Sequence[Parameter]) -> str:
@@ -99,6 +129,7 @@ def _determined(content: Content, parameter: Parameter, name: str) -> str:
     """Sentence on one parameter in the scenario that generalises, over all spots."""
     rows = determined_when_generalising(content).filter(pl.col("parameter") == parameter.name)
     words = rows["determined"].to_list()
+    known = _together(content, parameter)
     if not words:
         return f"{name}: nothing is known of how well it is determined."
     counts = {word: words.count(word) for word in _ORDER if word in words}
@@ -113,7 +144,22 @@ def _determined(content: Content, parameter: Parameter, name: str) -> str:
         other = {p.name: b.name for p, b in with_brief_names(content)}[strongest["moves_with"][0]]
         sign = strongest["correlation"][0]
         trade = f"; it trades with {other} (correlation {sign:.2f}, spot {strongest['spot'][0]})"
-    return f"{name}: {told}{trade}."
+    return f"{name}: {known}{told}{trade}."
+
+
+def _together(content: Content, parameter: Parameter) -> str:
+    """Fitted optimum and interval by all spots together; empty where they cannot be given."""
+    rows = determined_together(content).filter(pl.col("parameter") == parameter.name).drop_nulls("lower")
+    if rows.is_empty():
+        return ""
+    row, unit = rows.row(0, named=True), "" if parameter.unit == "1" else f" {parameter.unit}"
+    where = ""
+    if len(content.spots) > 1:
+        where = f"{_said(row['determined'])} by all spots together; spot by spot: "
+    return (
+        f"fitted optimum {row['optimum']:.4g}{unit}, {row['lower']:.4g} to {row['upper']:.4g}{unit} "
+        f"fits about as well; {where}"
+    )
 
 
 def _said(word: str) -> str:
