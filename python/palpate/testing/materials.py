@@ -94,8 +94,9 @@ class MaterialContract(ComponentContract):
         for p in material.parameters:
             assert p.name.isidentifier(), f"parameter name {p.name!r} must be an identifier"
             assert p.description.strip(), f"parameter '{p.name}' needs a description"
-            assert p.unit in (("MPa",) if p.kind == "modulus" else ("", "1")), (
-                f"parameter '{p.name}' is a {p.kind} in '{p.unit}': a modulus is in MPa, a shape has no unit"
+            assert p.unit in (("MPa",) if p.kind == "modulus" else ("", "1", "s")), (
+                f"parameter '{p.name}' is a {p.kind} in '{p.unit}': a modulus is in MPa, a shape has no "
+                "unit, or s where it is a time constant"
             )
 
     def test_refuses_the_wrong_number_of_parameters(self, material: Material, thetas: FloatArray) -> None:

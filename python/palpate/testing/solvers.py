@@ -2,19 +2,43 @@
 
 # ruff: noqa: D102 - the name of a test says what must hold
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 import pytest
 
-from palpate.domain import Curve, FloatArray, HomogeneousTests, Job, Limb, Simulation, Status, moving_span
-from palpate.interfaces import Component, Solver
+from palpate.domain import (
+    Curve,
+    FloatArray,
+    HomogeneousTests,
+    Indentation,
+    Job,
+    Limb,
+    Simulation,
+    Sphere,
+    Status,
+    moving_span,
+)
+from palpate.errors import MaterialError, PalpateError
+from palpate.interfaces import Component, Material, Solver
+from palpate.specimens import half_space
 from palpate.testing.components import ComponentContract, missing
+from palpate.testing.references import (
+    HALF_SPACE_FRICTION,
+    HALF_SPACE_PATH,
+    RADIUS_MM,
+    SMALL_STRAIN,
+    half_space_peaks,
+    small_strain_modulus,
+)
 
 DEPTH, ROTATION = 0, 1
 """Columns of an indentation's path."""
+
+CHANGE = 1e-9
+"""Least change of a curve, relative to its largest ordinate, that is more than rounding."""
 
 
 class SolverContract(ComponentContract):
@@ -29,6 +53,18 @@ class SolverContract(ComponentContract):
 
     convergence_tolerance = 0.02
     """Largest relative difference between an answer and that of ``finer``."""
+
+    degrees: Mapping[str, int] = MappingProxyType({})
+    """Degree in the moduli of channels where it is not 1: 0 for a displacement."""
+
+    half_space_tolerance = 0.2
+    """Largest relative deviation from the force and the torque of a half-space."""
+
+    blind_to: frozenset[str] = frozenset()
+    """Inputs that cannot change the answer to `job`: ``radius``, ``friction``, ``limb``, ``parameters``.
+
+    Name one only with the reason: a solver that passes over what a study says answers another one.
+    """
 
     path_channels: Mapping[str, int] = MappingProxyType({"force": DEPTH, "torque": ROTATION})
     """Channels whose abscissa is a column of an indentation's path; others are not held against it."""
@@ -59,6 +95,36 @@ class SolverContract(ComponentContract):
         return None
 
     @pytest.fixture
+    def half_space_solver(self, solver: Solver) -> Solver | None:
+        """Provide the solver for a half-space, or None where it cannot make one.
+
+        Override it where a setting decides the shape: a layer as thick as a hundred radii.
+        """
+        return solver
+
+    @pytest.fixture
+    def half_space(self, limb: Limb | None) -> Limb | None:
+        """Provide a mesh of a half-space for a solver that needs one."""
+        if limb is None:
+            return None
+        # So few cells answer some 14 % too stiffly: what is looked for here is a factor or a sign.
+        return half_space("hex8", 0.05 * RADIUS_MM, n_radius=3, n_core=2, extent=40.0)
+
+    @pytest.fixture
+    def answer(
+        self, request: pytest.FixtureRequest, solver: Solver, job: Job, limb: Limb | None
+    ) -> Simulation:
+        """Provide the answer to the job, simulated once for all laws."""
+        answers = request.cls.__dict__.get("_answers")
+        if answers is None:
+            answers = request.cls._answers = {}
+        case = getattr(getattr(request.node, "callspec", None), "id", "")
+        if case not in answers:
+            answers[case] = solver.simulate(job, limb)
+        found: Simulation = answers[case]
+        return found
+
+    @pytest.fixture
     def component(self, solver: Solver) -> Component:
         """Provide the solver."""
         return solver
@@ -77,6 +143,91 @@ class SolverContract(ComponentContract):
         assert simulation.seconds >= 0.0, f"{simulation.seconds} seconds"
         for channel in simulation.response:
             self.assert_follows(simulation.response[channel], job)
+
+    def test_the_same_job_gives_the_same_bits(
+        self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
+    ) -> None:
+        again = solver.simulate(job, limb)
+        assert answer.response is not None, answer.message
+        assert again.response is not None, again.message
+        for channel in answer.response:
+            said = f"channel '{channel}': the same job has two answers, and only one of them is kept"
+            first, second = answer.response[channel], again.response[channel]
+            np.testing.assert_array_equal(second.abscissa, first.abscissa, said)
+            np.testing.assert_array_equal(second.ordinate, first.ordinate, said)
+
+    def test_radius_friction_and_limb_matter(
+        self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
+    ) -> None:
+        for what, other, body in self.other_inputs(job, limb):
+            try:
+                solver.check(other, body)
+            except PalpateError:
+                continue  # a refusal is an honest answer
+            assert self.differs(answer, solver.simulate(other, body)), (
+                f"another {what} changes nothing: use it, refuse it in `check`, or name it in `blind_to`"
+            )
+
+    def test_a_parameter_matters_unless_it_is_ignored(
+        self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
+    ) -> None:
+        for region, material in job.materials.items():
+            ignored = solver.ignored(material)
+            unknown = set(ignored) - {p.name for p in material.parameters}
+            assert not unknown, f"`ignored` names {', '.join(unknown)}, which '{material.name}' does not have"
+            for name, theta in _moved(material, job.thetas[region]):
+                other = replace(job, thetas={**job.thetas, region: theta})
+                matters = self.differs(answer, solver.simulate(other, limb))
+                assert not (matters and name in ignored), (
+                    f"`ignored` names '{region}.{name}', but the answer changes with it"
+                )
+                assert matters or name in ignored or "parameters" in self.blind_to, (
+                    f"'{region}.{name}' changes nothing: use every region, or name it in `ignored`"
+                )
+
+    def test_a_half_space_has_the_force_of_hertz_and_the_torque_of_reissner_and_sagoci(
+        self, half_space_solver: Solver | None, half_space: Limb | None, job: Job
+    ) -> None:
+        if half_space_solver is None or isinstance(job.protocol, HomogeneousTests):
+            return
+        material, theta = _first_isotropic(job)
+        regions = job.materials if half_space is None else half_space.mesh.regions
+        pressed = replace(
+            job,
+            materials=dict.fromkeys(regions, material),
+            thetas=dict.fromkeys(regions, theta),
+            protocol=Indentation(
+                indenter=Sphere(radius_mm=RADIUS_MM), path=HALF_SPACE_PATH, friction=HALF_SPACE_FRICTION
+            ),
+        )
+        simulation = half_space_solver.simulate(pressed, half_space)
+        assert simulation.response is not None, simulation.message
+        for channel, expected in half_space_peaks(material, theta).items():
+            if channel not in simulation.response:
+                continue
+            found = float(simulation.response[channel].ordinate[-1])
+            assert abs(found / expected - 1.0) <= self.half_space_tolerance, (
+                f"channel '{channel}': {found:g} for a half-space whose answer is {expected:g}: force is in "
+                "N and positive on the way in, torque in N·mm and of the rotation's sign"
+            )
+
+    def test_small_strains_have_the_stress_of_the_initial_moduli(self, solver: Solver, job: Job) -> None:
+        if not isinstance(job.protocol, HomogeneousTests):
+            return
+        material, theta = _first_isotropic(job)
+        for channel in job.protocol.paths:
+            modulus = small_strain_modulus(channel, material, theta)
+            if modulus is None:
+                continue
+            start = 0.0 if channel == "simple_shear" else 1.0
+            paths = {channel: start + np.array([0.0, SMALL_STRAIN / 2, SMALL_STRAIN])}
+            response = solver.simulate(replace(job, protocol=HomogeneousTests(paths=paths)), None).response
+            assert response is not None
+            found = float(response[channel].ordinate[-1]) / SMALL_STRAIN
+            assert abs(found / modulus - 1.0) <= 0.05, (
+                f"channel '{channel}': a slope of {found:g} MPa at rest, where the initial moduli give "
+                f"{modulus:g} MPa: stress is nominal, in MPa, and positive in tension"
+            )
 
     def test_a_hopeless_job_is_no_success(
         self, solver: Solver, hopeless: Job | None, limb: Limb | None
@@ -110,9 +261,37 @@ class SolverContract(ComponentContract):
         for simulation, alone in zip(many, (solver.simulate(j, limb) for j in jobs), strict=True):
             self.assert_scaled(simulation, alone, 1.0)
 
-    def test_moduli_scale_the_response(self, solver: Solver, job: Job, limb: Limb | None) -> None:
-        simulation = solver.simulate(job, limb)
-        self.assert_scaled(solver.simulate(self.scaled(job, 2.0, job.set_id), limb), simulation, 2.0)
+    def test_moduli_scale_the_response(
+        self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
+    ) -> None:
+        self.assert_scaled(solver.simulate(self.scaled(job, 2.0, job.set_id), limb), answer, 2.0)
+
+    def other_inputs(self, job: Job, limb: Limb | None) -> Iterator[tuple[str, Job, Limb | None]]:
+        """Yield what is changed, the job and the limb, for each input that must matter."""
+        press = job.protocol
+        if isinstance(press, Indentation):
+            wider = replace(press, indenter=Sphere(radius_mm=1.25 * press.indenter.radius_mm))
+            if "radius" not in self.blind_to:
+                yield "radius", replace(job, protocol=wider), limb
+            if np.ptp(press.path[:, ROTATION]) > 0.0 and "friction" not in self.blind_to:
+                other = replace(press, friction=0.0 if press.friction > 0.0 else 1.0)
+                yield "friction", replace(job, protocol=other), limb
+        if limb is not None and "limb" not in self.blind_to:
+            centre, points = limb.spot.position_mm, limb.mesh.points_mm
+            mesh = replace(limb.mesh, points_mm=centre + 1.25 * (points - centre))
+            yield "limb", job, replace(limb, mesh=mesh)
+
+    def differs(self, one: Simulation, other: Simulation) -> bool:
+        """Whether two answers differ by more than rounding, in any curve."""
+        if one.response is None or other.response is None or set(one.response) != set(other.response):
+            return True
+        for channel in one.response:
+            a, b = one.response[channel], other.response[channel]
+            if a.ordinate.shape != b.ordinate.shape:
+                return True
+            if np.abs(a.ordinate - b.ordinate).max() > CHANGE * np.abs(a.ordinate).max():
+                return True
+        return False
 
     def scaled(self, job: Job, factor: float, set_id: int) -> Job:
         """Build the job with every modulus times ``factor``."""
@@ -124,18 +303,20 @@ class SolverContract(ComponentContract):
         return replace(job, thetas=thetas, set_id=set_id)
 
     def assert_scaled(self, simulation: Simulation, reference: Simulation, factor: float) -> None:
-        """Assert that every ordinate is ``factor`` times the reference's."""
+        """Assert that every ordinate is ``factor``, to the channel's degree, times the reference's."""
         assert simulation.response is not None, simulation.message
         assert reference.response is not None, reference.message
         assert set(simulation.response) == set(reference.response), "channels come and go with the moduli"
         for channel in reference.response:
-            expected = factor * reference.response[channel].ordinate
+            times = factor ** self.degrees.get(channel, 1)
+            expected = times * reference.response[channel].ordinate
             tolerance = self.scaling_tolerance * float(np.abs(expected).max())
             np.testing.assert_allclose(
                 simulation.response[channel].ordinate,
                 expected,
                 atol=tolerance,
-                err_msg=f"channel '{channel}': moduli times {factor:g} is not the curve times {factor:g}",
+                err_msg=f"channel '{channel}': moduli times {factor:g} is not the curve times {times:g}; "
+                "`degrees` names channels that do not scale with the moduli",
             )
 
     def assert_follows(self, curve: Curve, job: Job) -> None:
@@ -157,6 +338,26 @@ class SolverContract(ComponentContract):
         if channel not in self.path_channels:
             return None
         return job.protocol.path[:, self.path_channels[channel]]
+
+
+def _moved(material: Material, theta: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+    """Each parameter by name, and the values with it moved by a tenth, inside its physical range."""
+    for k, parameter in enumerate(material.parameters):
+        step = 0.1 * (abs(theta[k]) or parameter.upper - parameter.lower)
+        moved = np.array(theta, dtype=np.float64)
+        moved[k] += step
+        try:
+            parameter.check(float(moved[k]))
+        except MaterialError:
+            moved[k] -= 2.0 * step
+        yield parameter.name, moved
+
+
+def _first_isotropic(job: Job) -> tuple[Material, FloatArray]:
+    for region, material in job.materials.items():
+        if material.isotropic:
+            return material, job.thetas[region]
+    pytest.skip("no region has an isotropic material: no closed form says what the answer must be")
 
 
 def turning_points(abscissa: FloatArray) -> FloatArray:
