@@ -1,6 +1,7 @@
 """The ledger: what it took is on the disk, what is damaged is named."""
 
 import errno
+import hashlib
 import os
 import shutil
 import sqlite3
@@ -442,6 +443,43 @@ def test_a_spoilt_file_of_the_cache_is_as_none(tmp_path):
         assert cache.load("key0", job()) is None
         cache.store("key0", finished(0).simulation)
         assert path.read_bytes() == whole
+
+
+def test_two_files_of_the_cache_that_were_exchanged_are_as_none(tmp_path):
+    cache = ResultCache(tmp_path)
+    for key in ("key0", "key1"):
+        cache.store(key, finished(int(key[-1])).simulation)
+    one, two = sorted(tmp_path.rglob("*.simulation"))
+    first, second = one.read_bytes(), two.read_bytes()
+    one.write_bytes(second)
+    two.write_bytes(first)
+    assert cache.load("key0", job()) is cache.load("key1", job()) is None
+    cache.store("key0", finished(0).simulation)
+    assert one.read_bytes() == first
+
+
+HEAD = b'{"status": "ok", "message": "", "seconds": 1.0, "diagnostics": {}}'
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        HEAD + b"\nno Parquet",
+        HEAD + b"\n",
+        HEAD.replace(b"1.0", b'"x"') + b"\n",
+        HEAD.replace(b"{}", b"3") + b"\n",
+        HEAD.replace(b"{}", b"[" * 100_000) + b"\n",
+        HEAD,
+    ],
+)
+def test_a_file_of_the_cache_with_a_right_checksum_and_no_simulation_is_as_none(tmp_path, content):
+    path = tmp_path / "ke" / "key0.simulation"
+    path.parent.mkdir()
+    path.write_bytes(hashlib.sha256(b"key0\n" + content).hexdigest().encode() + b"\n" + content)
+    cache = ResultCache(tmp_path)
+    assert cache.load("key0", job()) is None
+    cache.store("key0", finished(0).simulation)
+    same(cache.load("key0", job()).response, response(1.0))
 
 
 def test_a_copy_taken_while_somebody_writes_is_whole(tmp_path):

@@ -9,6 +9,8 @@ import hashlib
 import json
 from pathlib import Path
 
+import polars as pl
+
 from palpate.answers import believable
 from palpate.domain import Job, Simulation, Status
 from palpate.errors import CurveError, LedgerError
@@ -47,10 +49,10 @@ class ResultCache:
             "message": simulation.message,
             "seconds": simulation.seconds,
             "diagnostics": plain(simulation.diagnostics),
-            "sha256": hashlib.sha256(curves).hexdigest(),
         }
+        content = json.dumps(told, allow_nan=False).encode() + b"\n" + curves
         try:
-            write_atomically(path, json.dumps(told, allow_nan=False).encode() + b"\n" + curves)
+            write_atomically(path, _checksum(key, content) + b"\n" + content)
         except OSError as error:
             raise LedgerError(
                 f"{path}: cannot be written ({error.strerror}); mend it, or take executor.cache out"
@@ -58,27 +60,32 @@ class ResultCache:
             ) from error
 
     def load(self, key: str, job: Job) -> Simulation | None:
-        """Read the simulation of a job; None where nobody shared it, or the file is not whole."""
+        """Read the simulation of a job; None where nobody shared it, or the file does not hold it."""
         try:
-            head, curves = self._path(key).read_bytes().split(b"\n", 1)
-            told = json.loads(head)
-            if hashlib.sha256(curves).hexdigest() != told["sha256"]:
+            checksum, content = self._path(key).read_bytes().split(b"\n", 1)
+            if checksum != _checksum(key, content):
                 return None
+            head, curves = content.split(b"\n", 1)
             response = unpack(curves, [key])[key] if curves else None
             if isinstance(response, CurveError):
                 return None
-            return believable(
-                Simulation(
-                    job=job,
-                    status=Status(told["status"]),
-                    response=response,
-                    message=told["message"],
-                    seconds=told["seconds"],
-                    diagnostics=told["diagnostics"],
-                )
+            told = json.loads(head)
+            found = Simulation(
+                job=job,
+                status=Status(told["status"]),
+                response=response,
+                message=str(told["message"]),
+                seconds=float(told["seconds"]),
+                diagnostics=dict(told["diagnostics"]),
             )
-        except (OSError, ValueError, KeyError, TypeError):
+            return found if believable(found) is found else None
+        except (OSError, ValueError, KeyError, TypeError, RecursionError, pl.exceptions.PolarsError):
             return None
 
     def _path(self, key: str) -> Path:
         return self.folder / key[:2] / f"{key}.simulation"
+
+
+def _checksum(key: str, content: bytes) -> bytes:
+    """Of the content under this key, so that one file cannot take the place of another."""
+    return hashlib.sha256(key.encode() + b"\n" + content).hexdigest().encode()
