@@ -316,12 +316,15 @@ class Design:
     seed : int
     n_drawn : int
         Sets drawn before the filters; ``n_sets`` of them were kept.
+    n_kept : int
+        The first sets that come from an earlier design of wider ranges, and not from this draw.
     """
 
     parameters: tuple[Parameter, ...]
     values: FloatArray
     seed: int
     n_drawn: int
+    n_kept: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen_floats(self.values))

@@ -17,8 +17,8 @@ from palpate import scoring, selection, simulation
 from palpate.changes import Changed, changed
 from palpate.completeness import completeness, without_result
 from palpate.determination import at_measured, determine
-from palpate.domain import Design, Limb, Response, Simulation
-from palpate.errors import StudyError
+from palpate.domain import Design, FloatArray, Limb, Response, Simulation
+from palpate.errors import PalpateError, StudyError
 from palpate.executors.attempts import simulate_alone
 from palpate.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
 from palpate.generalisation import generalise
@@ -39,12 +39,15 @@ from palpate.report import (
     write_report,
 )
 from palpate.run_directory import RunDirectory, manifest
-from palpate.sampling import draw_design
+from palpate.sampling import draw_design, kept_sets
 from palpate.study import Study
 from palpate.study_checks import odd_settings
 
 if TYPE_CHECKING:
     from palpate.report.verdict import Verdict
+
+_UNUSABLE = (PalpateError, OSError, ValueError, KeyError, TypeError, pl.exceptions.PolarsError)
+"""What reading a damaged file raises."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,8 +141,15 @@ class RunResult:
         return views.run_result(self)
 
 
-def check(study: Study, plugins: Plugins) -> Checked:
+def check(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -> Checked:
     """Read and check every input of the study without writing or simulating anything.
+
+    Parameters
+    ----------
+    study : Study
+    plugins : Plugins
+    earlier : RunDirectory, optional
+        Its finished sets begin the design where the ranges are narrower than they were there.
 
     Raises
     ------
@@ -148,13 +158,13 @@ def check(study: Study, plugins: Plugins) -> Checked:
     measured = load_measured(study, plugins.channels)
     scoring.check_scorable(measured, study.normaliser, study.weights)
     limbs = load_limbs(study)
-    design = _draw(study)
+    design = _draw(study, earlier)
     simulation.check_jobs(study, simulation.jobs(study, design, measured), limbs)
     warnings = (*odd_settings(study), *measured_warnings(measured))
     return Checked(measured=measured, limbs=limbs, design=design, warnings=warnings)
 
 
-def _draw(study: Study) -> Design:
+def _draw(study: Study, earlier: RunDirectory | None) -> Design:
     return draw_design(
         study.space,
         study.sampler,
@@ -163,7 +173,17 @@ def _draw(study: Study) -> Design:
         study.filters,
         refill=study.refill,
         n_total=study.n_total,
+        kept=_kept_sets(study, earlier) if earlier else None,
     )
+
+
+def _kept_sets(study: Study, earlier: RunDirectory) -> FloatArray | None:
+    try:
+        design = earlier.design()
+    except _UNUSABLE:  # none yet, or damaged: it is drawn as for a new run
+        return None
+    with Ledger(earlier.folder) as ledger:
+        return kept_sets(study.space, study.seed, design, ledger.finished_sets())
 
 
 def run_study(
@@ -200,10 +220,10 @@ def run_study(
     NothingSelectableError
         Every simulation failed.
     """
-    checked = check(study, plugins)
+    run, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
+    checked = check(study, plugins, before)
     for text in checked.warnings:
         progress.note(f"warning: {text}")
-    run, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
     study = before.trusting(study, trust)
     confirm(_changed(study, checked, before, plugins))
     if forked_from is not None:
@@ -212,6 +232,8 @@ def run_study(
     with run.begun(study, plugins.channels) as check_lock:
         run.write_measured(checked.measured)
         run.write_design(checked.design)
+        if n_kept := checked.design.n_kept:
+            progress.note(f"the design begins with {n_kept} sets of an earlier one with wider ranges")
         simulations = _simulate(study, run, checked, progress, check_lock)
         scores = _score(study, run, checked, simulations)
         selected = _select(study, run, checked, scores, progress)
@@ -279,8 +301,8 @@ def _draw_files(study: Study, run: RunDirectory) -> None:
 def sample(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Design:
     """Draw the parameter sets into ``design.parquet``."""
     progress.begin("sample", 1)
-    design = _draw(study)
     run = RunDirectory(run_folder)
+    design = _draw(study, run)
     run.begin(study, plugins.channels)
     run.write_design(design)
     progress.step()

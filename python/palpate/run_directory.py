@@ -198,6 +198,7 @@ class RunDirectory:
         about = {
             "seed": design.seed,
             "n_drawn": design.n_drawn,
+            "n_kept": design.n_kept,
             "parameters": [_finite(asdict(p)) for p in design.parameters],
         }
         write_atomically(self.folder / "design.json", _json(about))
@@ -208,7 +209,8 @@ class RunDirectory:
         about = json.loads(self._existing("design.json", "sample").read_text(encoding="utf-8"))
         parameters = tuple(Parameter(**_infinite(p)) for p in about["parameters"])
         values = frame.select(p.name for p in parameters).to_numpy()
-        return Design(parameters=parameters, values=values, seed=about["seed"], n_drawn=about["n_drawn"])
+        counts = {name: about[name] for name in ("seed", "n_drawn", "n_kept") if name in about}
+        return Design(parameters=parameters, values=values, **counts)
 
     def write_scores(self, scores: pl.DataFrame) -> None:
         """Write ``scores.parquet``."""

@@ -5,7 +5,8 @@ are extended to twice as many, again and again, so that the sets already kept st
 and the first sets that pass are the design.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,6 +32,7 @@ def draw_design(
     *,
     refill: int = 0,
     n_total: int = 0,
+    kept: FloatArray | None = None,
 ) -> Design:
     """Draw parameter sets and keep those that every filter accepts.
 
@@ -51,6 +53,8 @@ def draw_design(
         Extend the design of ``n_sets`` to this many, which begin with the same sets: the points
         are doubled until there are enough, so that a further extension begins with them too. Less
         than ``n_sets`` leaves the first of them, for a cheap first look. 0 does neither.
+    kept : (n, n_parameters) array, optional
+        Sets that the design begins with, as :func:`kept_sets` returns them; only the rest is drawn.
 
     Raises
     ------
@@ -63,8 +67,62 @@ def draw_design(
         raise SamplingError("design: every parameter is fixed; give at least one a range to search")
     points = _unit_points(sampler, n_sets, len(parameters), seed)
     n_wanted = n_total or n_sets
+    if kept is None or not kept.size:
+        return _drawn(space, sampler, points, seed, filters, refill, n_wanted)
+    first = kept[accepted_by_all(filters, space, kept)][:n_wanted]
+    if (n_rest := n_wanted - len(first)) == 0:
+        return Design(parameters=parameters, values=first, seed=seed, n_drawn=n_wanted, n_kept=n_wanted)
+    rest = _drawn(space, sampler, points, seed, filters, refill, n_rest)
+    values = np.concatenate([first, rest.values])
+    return replace(rest, values=values, n_drawn=rest.n_drawn + len(first), n_kept=len(first))
+
+
+def kept_sets(
+    space: ParameterSpace, seed: int, earlier: Design, finished: Collection[int]
+) -> FloatArray | None:
+    """Sets of an earlier design that a design with these ranges begins with; None where there are none.
+
+    Where no range reaches further than before and one reaches less far, these are the finished
+    sets that are inside: they are spread over the narrower ranges as evenly as over the wider ones.
+    Where the ranges are those of the earlier design, they are what it began with itself.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+    seed : int
+        Another seed than the earlier one asks for sets of its own.
+    earlier : Design
+    finished : collection of int
+        ``set_id`` of the sets whose simulations are finished.
+    """
+    now, before = space.parameters, earlier.parameters
+    same_kind = [(p.name, p.unit, p.scale) for p in now] == [(p.name, p.unit, p.scale) for p in before]
+    if not same_kind or earlier.seed != seed:
+        return None
+    lower, upper = (np.array([getattr(p, end) for p in now]) for end in ("lower", "upper"))
+    wide_lower, wide_upper = (np.array([getattr(p, end) for p in before]) for end in ("lower", "upper"))
+    if (lower == wide_lower).all() and (upper == wide_upper).all():
+        return earlier.values[: earlier.n_kept]
+    if (lower < wide_lower).any() or (upper > wide_upper).any():
+        return None
+    values = earlier.values[sorted(set(finished) & set(range(earlier.n_sets)))]
+    kept: FloatArray = values[((lower <= values) & (values <= upper)).all(axis=1)]
+    return kept
+
+
+def _drawn(
+    space: ParameterSpace,
+    sampler: Sampler,
+    points: FloatArray,
+    seed: int,
+    filters: Sequence[SetFilter],
+    refill: int,
+    n_wanted: int,
+) -> Design:
+    """Design of these points and, as far as more are wanted, those that extend them."""
     if refill:
         return _refilled(space, sampler, points, seed, filters, refill, n_wanted)
+    parameters = space.parameters
     while len(points) < n_wanted:
         points = _extended(sampler, points, 2 * len(points), seed)
     values = _in_ranges(space, points[:n_wanted])

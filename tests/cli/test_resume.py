@@ -237,3 +237,32 @@ def test_the_manifest_holds_no_place_of_this_machine(call, study, tmp_path):
     call("run", study)
     manifest = json.loads((tmp_path / "runs" / "toy" / "manifest.json").read_text())
     assert manifest["study_file"] == "../../study/study.toml"
+
+
+def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, tmp_path):
+    run, path = tmp_path / "runs" / "toy", study / "study.toml"
+    assert call("run", study).code == 0
+    wide, usual = tables(run), path.read_text()
+    before = pl.read_parquet(run / "design.parquet")
+    path.write_text(usual.replace('"3 MPa"', '"2 MPa"'))
+    ran = call("run", study, "--go-on")
+    assert ran.code == 0, ran.err
+    inside = before.filter(pl.col("rubber.k") <= 2.0)
+    assert f"{inside.height} of 20 finished simulations are still valid" in ran.err
+    design = pl.read_parquet(run / "design.parquet")
+    assert design.head(inside.height)["rubber.k"].equals(inside["rubber.k"])
+    assert (design.height, json.loads((run / "design.json").read_text())["n_kept"]) == (20, inside.height)
+    with Ledger(run) as ledger:
+        assert ledger.frame("simulations").height == 40 - inside.height
+        assert ledger.frame("simulations")["n_attempts"].max() == 1
+    narrow = tables(run)
+    assert call("resume", run, plugin=None).code == 0
+    assert tables(run) == narrow
+    assert call("resume", run, "--n", "30", "--json", plugin=None).json["n_sets"] == 30
+    assert pl.read_parquet(run / "design.parquet").head(20).equals(design)
+    path.write_text(usual)
+    assert call("run", study, "--go-on").code == 0
+    assert tables(run) == wide
+    (run / "design.json").write_text("{")
+    assert call("run", study).code == 0
+    assert tables(run) == wide

@@ -12,7 +12,7 @@ from palpate.domain import ParameterSpace
 from palpate.errors import SamplingError
 from palpate.interfaces import Sampler, SetFilter
 from palpate.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
-from palpate.sampling import draw_design
+from palpate.sampling import draw_design, kept_sets
 
 
 class Corners(Sampler):
@@ -232,3 +232,60 @@ def test_a_first_look_at_a_filtered_design_is_its_first_sets(space, plugins):
     for n in (2, 7, 12):
         look = draw_design(*arguments, refill=4, n_total=n)
         np.testing.assert_array_equal(look.values, whole.values[:n])
+
+
+def narrowed(space, upper):
+    region = space.regions[0]
+    first, *rest = region.searched
+    searched = (replace(first, upper=upper), *rest)
+    return replace(space, regions=(replace(region, searched=searched),))
+
+
+def test_narrower_ranges_begin_with_the_finished_sets_inside_them(space, plugins):
+    sampler = plugins.samplers["lhs"]()
+    wide, narrow = draw_design(space, sampler, 40, 1), narrowed(space, 0.4)
+    finished = set(range(0, 40, 2))
+    inside = [i for i in sorted(finished) if wide.values[i, 0] <= 0.4]
+    kept = kept_sets(narrow, 1, wide, finished)
+    np.testing.assert_array_equal(kept, wide.values[inside])
+    design = draw_design(narrow, sampler, 40, 1, kept=kept)
+    fresh = draw_design(narrow, sampler, 40, 1)
+    n_kept = len(inside)
+    assert (design.n_sets, design.n_drawn, design.n_kept) == (40, 40, n_kept)
+    np.testing.assert_array_equal(design.values[:n_kept], kept)
+    np.testing.assert_array_equal(design.values[n_kept:], fresh.values[: 40 - n_kept])
+    # Once more, extended, cut, and narrowed again.
+    again = kept_sets(narrow, 1, design, set())
+    longer = draw_design(narrow, sampler, 40, 1, n_total=60, kept=again)
+    np.testing.assert_array_equal(longer.values[:40], design.values)
+    shorter = draw_design(narrow, sampler, 40, 1, n_total=2, kept=again)
+    assert (shorter.n_sets, shorter.n_kept) == (2, 2)
+    narrower = narrowed(space, 0.2)
+    third = kept_sets(narrower, 1, design, range(40))
+    np.testing.assert_array_equal(third, design.values[design.values[:, 0] <= 0.2])
+
+
+def test_other_ranges_than_narrower_ones_begin_with_nothing_of_before(space, plugins):
+    sampler = plugins.samplers["lhs"]()
+    design = draw_design(space, sampler, 12, 1)
+    assert kept_sets(narrowed(space, 0.4), 2, design, range(12)) is None
+    assert kept_sets(narrowed(space, 1.5), 1, design, range(12)) is None
+    assert kept_sets(space, 1, design, range(12)).size == 0
+    assert kept_sets(narrowed(space, 0.11), 1, design, ()).size == 0
+
+
+def test_kept_sets_pass_the_filters_of_the_study_and_may_be_all_there_is(space, plugins):
+    class Left(SetFilter):
+        name, summary = "left", "every set in the lower part"
+
+        def accept(self, space, values):
+            return values[:, 0] < 0.3
+
+    sampler = plugins.samplers["lhs"]()
+    wide, narrow = draw_design(space, sampler, 60, 1), narrowed(space, 0.4)
+    kept = kept_sets(narrow, 1, wide, range(60))
+    for refill in (0, 8):
+        design = draw_design(narrow, sampler, 12, 1, (Left(),), refill=refill, kept=kept)
+        assert design.n_sets == 12 if refill else 0 < design.n_sets <= 12
+        assert (design.values[:, 0] < 0.3).all()
+    assert draw_design(narrow, sampler, 5, 1, kept=kept).n_kept == 5

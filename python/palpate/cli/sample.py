@@ -22,4 +22,6 @@ def sample(context: typer.Context, study: StudyPath, out: OutFolder = None, as_j
         session.json({"n_drawn": design.n_drawn, "n_sets": design.n_sets, "seed": design.seed, "sets": sets})
         return
     session.say(f"{design.n_drawn} sets drawn, {design.n_sets} kept by the filters (seed {design.seed})")
+    if design.n_kept:
+        session.say(f"the first {design.n_kept} are of an earlier design with wider ranges")
     session.next(f"simulate {study} --out {folder}", f"written to {folder}; ")

@@ -117,6 +117,11 @@ class Ledger:
         """Keys of the sweep begun last that are finished."""
         return {key for (key,) in self._all("SELECT key FROM jobs JOIN simulations USING (key)")}
 
+    def finished_sets(self) -> set[int]:
+        """``set_id`` of the sweep begun last that are finished at every spot."""
+        query = "SELECT jobs.set_id FROM jobs LEFT JOIN simulations USING (key) GROUP BY jobs.set_id "
+        return {set_id for (set_id,) in self._all(f"{query} HAVING count(state) = count(*)")}
+
     def frame_of_last_sweep(self) -> pl.DataFrame:
         """One row for each job of the sweep begun last that is finished."""
         texts = ("spot", "key", "state", "message", "curves", "finished_at")
