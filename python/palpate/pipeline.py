@@ -17,8 +17,8 @@ from palpate import scoring, selection, simulation
 from palpate.changes import Changed, changed
 from palpate.completeness import completeness, without_result
 from palpate.determination import at_measured, determine
-from palpate.domain import Design, FloatArray, Limb, Response, Simulation
-from palpate.errors import PalpateError, StudyError
+from palpate.domain import Design, Limb, Response, Simulation
+from palpate.errors import StudyError
 from palpate.executors.attempts import simulate_alone
 from palpate.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
 from palpate.generalisation import generalise
@@ -39,15 +39,12 @@ from palpate.report import (
     write_report,
 )
 from palpate.run_directory import RunDirectory, manifest
-from palpate.sampling import draw_design, kept_sets
 from palpate.study import Study
 from palpate.study_checks import odd_settings
+from palpate.study_design import draw_study
 
 if TYPE_CHECKING:
     from palpate.report.verdict import Verdict
-
-_UNUSABLE = (PalpateError, OSError, ValueError, KeyError, TypeError, pl.exceptions.PolarsError)
-"""What reading a damaged file raises."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,32 +155,10 @@ def check(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -
     measured = load_measured(study, plugins.channels)
     scoring.check_scorable(measured, study.normaliser, study.weights)
     limbs = load_limbs(study)
-    design = _draw(study, earlier)
+    design = draw_study(study, earlier)
     simulation.check_jobs(study, simulation.jobs(study, design, measured), limbs)
     warnings = (*odd_settings(study), *measured_warnings(measured))
     return Checked(measured=measured, limbs=limbs, design=design, warnings=warnings)
-
-
-def _draw(study: Study, earlier: RunDirectory | None) -> Design:
-    return draw_design(
-        study.space,
-        study.sampler,
-        study.n_sets,
-        study.seed,
-        study.filters,
-        refill=study.refill,
-        n_total=study.n_total,
-        kept=_kept_sets(study, earlier) if earlier else None,
-    )
-
-
-def _kept_sets(study: Study, earlier: RunDirectory) -> FloatArray | None:
-    try:
-        design = earlier.design()
-    except _UNUSABLE:  # none yet, or damaged: it is drawn as for a new run
-        return None
-    with Ledger(earlier.folder) as ledger:
-        return kept_sets(study.space, study.seed, design, ledger.finished_sets())
 
 
 def run_study(
@@ -302,7 +277,7 @@ def sample(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     """Draw the parameter sets into ``design.parquet``."""
     progress.begin("sample", 1)
     run = RunDirectory(run_folder)
-    design = _draw(study, run)
+    design = draw_study(study, run)
     run.begin(study, plugins.channels)
     run.write_design(design)
     progress.step()

@@ -22,8 +22,8 @@ from palpate.limb import load_limbs
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.results import frame_of, response_of
-from palpate.sampling import draw_design
 from palpate.study import Study
+from palpate.study_design import draw_study
 
 _SIMULATED = ("spot", "set_id", "status", "message", "seconds", "channel", "point", "abscissa", "ordinate")
 
@@ -66,15 +66,7 @@ def sample(study: Study) -> pl.DataFrame:
     ------
     SamplingError
     """
-    design = draw_design(
-        study.space,
-        study.sampler,
-        study.n_sets,
-        study.seed,
-        study.filters,
-        refill=study.refill,
-        n_total=study.n_total,
-    )
+    design = draw_study(study)
     columns = {p.name: design.values[:, k] for k, p in enumerate(design.parameters)}
     return pl.DataFrame({"set_id": np.arange(design.n_sets), **columns})
 
