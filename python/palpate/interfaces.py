@@ -347,7 +347,10 @@ class Solver(Component):
     """Simulates a job."""
 
     needs_limb: ClassVar[bool] = True
-    """False for a solver of homogeneous tests, which has no mesh."""
+    """False for a solver that has no mesh: closed forms, or homogeneous tests."""
+
+    homogeneous: ClassVar[bool] = False
+    """True for a solver of homogeneous tests alone; a study that gives it a protocol is refused."""
 
     def ignored(self, material: Material) -> tuple[str, ...]:
         """Names of the material's parameters that cannot change an answer; a study has to fix them."""

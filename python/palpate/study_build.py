@@ -201,16 +201,18 @@ def check_limits(context: Context, executor: Executor, table: ExecutorTable) -> 
 def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None:
     """Refuse a study that lacks what its solver needs, or gives what it would pass over."""
     problems, name = context.problems, f"solver '{solver.name}'"
-    for table, given in (("limb", tables.limb), ("protocol", tables.protocol)):
+    for table in ("limb", "protocol"):
         if solver.needs_limb and table not in tables.written:
             problems.add(("solver", "name"), f"{name} needs a [{table}] table; add one")
-        if not solver.needs_limb and given is not None:
-            problems.add((table,), f"{name} makes homogeneous tests and has no {table}; remove the table")
+    if not solver.needs_limb and tables.limb is not None:
+        problems.add(("limb",), f"{name} takes no mesh; remove the table")
+    if solver.homogeneous and tables.protocol is not None:
+        problems.add(("protocol",), f"{name} makes homogeneous tests and has no protocol; remove the table")
     for index, spot in enumerate(tables.spot):
         if solver.needs_limb and spot.mesh is None:
             problems.add(("spot", index), f'{name} needs a mesh; add mesh = "…" to the spot')
         if not solver.needs_limb and spot.mesh is not None:
             problems.add(
                 ("spot", index, "mesh"),
-                f"{name} makes homogeneous tests without a mesh; remove the key",
+                f"{name} takes no mesh; remove the key",
             )

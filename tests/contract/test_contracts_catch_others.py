@@ -178,6 +178,13 @@ class Unstoppable(Forgetful):
         yield from InProcess().outcomes(replace(work, going_on=lambda: True))
 
 
+class Claiming(Forgetful):
+    """Runs jobs here and says that a memory limit holds."""
+
+    def outcomes(self, work):
+        yield from InProcess().outcomes(work)
+
+
 @pytest.mark.parametrize(
     ("test", "executor", "said"),
     [
@@ -186,6 +193,7 @@ class Unstoppable(Forgetful):
         ("outcomes_are_those_of_their_jobs", Silent(), "why it failed is lost"),
         ("outcomes_are_those_of_their_jobs", Muddled(), "holds the answer of another job"),
         ("begins_nothing_when_told_to_stop", Unstoppable(), "goes on although"),
+        ("holds_limits_where_it_says_so", Claiming(), "set holds_limits = False"),
     ],
 )
 def test_an_executors_fault_is_told(test, executor, said):

@@ -9,7 +9,17 @@ from palpate.executors.pool import Pool, by_spot
 from palpate.executors.work import Limits, Outcome, Work
 from palpate.interfaces import Executor
 
-__all__ = ["InProcess", "Limits", "Outcome", "Pool", "Processes", "Work", "n_cores", "thread_limits"]
+__all__ = [
+    "InProcess",
+    "Limits",
+    "Outcome",
+    "Pool",
+    "Processes",
+    "Work",
+    "attempt",
+    "n_cores",
+    "thread_limits",
+]
 
 
 class InProcess(Executor):

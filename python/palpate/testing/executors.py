@@ -3,6 +3,7 @@
 # ruff: noqa: D102 - the name of a test says what must hold
 
 import contextlib
+import os
 
 import numpy as np
 import pytest
@@ -36,6 +37,7 @@ class LinearSolver(Solver):
     name = "linear"
     summary = "closed form, for tests of executors"
     needs_limb = False
+    homogeneous = True
 
     def version(self) -> str:
         """One."""
@@ -48,7 +50,12 @@ class LinearSolver(Solver):
         assert isinstance(job.protocol, HomogeneousTests)
         ((theta,), path) = job.thetas.values(), job.protocol.paths["uniaxial"]
         curve = Curve(channel="uniaxial", abscissa=path, ordinate=theta[0] * (path - 1.0))
-        return Simulation(job=job, status=Status.OK, response=Response(curves={"uniaxial": curve}))
+        return Simulation(
+            job=job,
+            status=Status.OK,
+            response=Response(curves={"uniaxial": curve}),
+            diagnostics={"process": os.getpid()},
+        )
 
 
 class ExecutorContract(ComponentContract):
@@ -119,6 +126,14 @@ class ExecutorContract(ComponentContract):
         """Assert that a job whose simulation raised is told so."""
         assert outcome.status is Status.CRASHED, f"a simulation that raises is '{outcome.status.value}'"
         assert "a stretch of zero" in outcome.message, f"why it failed is lost: {outcome.message!r}"
+
+    def test_holds_limits_where_it_says_so(self, executor: Executor, jobs: list[Job]) -> None:
+        here = any(
+            outcome.diagnostics.get("process") == os.getpid() for outcome in executor.outcomes(self.work(jobs))
+        )
+        assert not (here and executor.holds_limits), (
+            "jobs run in palpate's own process, which no memory limit can end: set holds_limits = False"
+        )
 
     def test_begins_nothing_when_told_to_stop(self, executor: Executor, jobs: list[Job]) -> None:
         found = [o.index for o in executor.outcomes(self.work(jobs, n_before_stop=1))]

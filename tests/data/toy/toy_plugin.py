@@ -101,6 +101,7 @@ class ClosedForm(Solver):
     name = "closed_form"
     summary = "y = k (x - 1) (1 + a (x - 1))"
     needs_limb = False
+    homogeneous = True
 
     def version(self) -> str:
         return "1"
@@ -137,6 +138,7 @@ class NeedsLimb(ClosedForm):
     name = "needs_limb"
     summary = "Wants a mesh"
     needs_limb = True
+    homogeneous = False
 
 
 class Block(LimbSource):

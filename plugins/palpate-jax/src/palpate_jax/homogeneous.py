@@ -227,6 +227,7 @@ class HomogeneousSolver(Solver):
     summary = "homogeneous tests (uniaxial, equibiaxial, pure and simple shear, confined) without a mesh"
     Settings = HomogeneousSettings
     needs_limb = False
+    homogeneous = True
 
     def __init__(self, settings: HomogeneousSettings | None = None) -> None:
         super().__init__(settings)
