@@ -21,6 +21,7 @@ from palpate.testing.materials import MaterialContract
 from palpate.testing.plugins import plugins_with
 from palpate.testing.scenarios import ScenarioContract
 from palpate.testing.solvers import SolverContract
+from palpate.testing.studies import SmallStudy, StudyRunner, study_runner
 
 __all__ = [
     "ComponentContract",
@@ -33,7 +34,10 @@ __all__ = [
     "SamplerContract",
     "ScenarioContract",
     "SetFilterContract",
+    "SmallStudy",
     "SolverContract",
+    "StudyRunner",
     "check_described",
     "plugins_with",
+    "study_runner",
 ]

@@ -129,7 +129,8 @@ class ExecutorContract(ComponentContract):
 
     def test_holds_limits_where_it_says_so(self, executor: Executor, jobs: list[Job]) -> None:
         here = any(
-            outcome.diagnostics.get("process") == os.getpid() for outcome in executor.outcomes(self.work(jobs))
+            outcome.diagnostics.get("process") == os.getpid()
+            for outcome in executor.outcomes(self.work(jobs))
         )
         assert not (here and executor.holds_limits), (
             "jobs run in palpate's own process, which no memory limit can end: set holds_limits = False"

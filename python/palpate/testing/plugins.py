@@ -1,17 +1,17 @@
 """Whether palpate takes what a plugin's module provides."""
 
-from types import ModuleType
+import functools
 
 from palpate.plugin_registry import admitted
 from palpate.plugins import Plugins
 
 
-def plugins_with(module: ModuleType) -> Plugins:
-    """Load the core and one plugin, as if nothing else were installed.
+def plugins_with(*plugins: object) -> Plugins:
+    """Load the core and these plugins, as if nothing else were installed.
 
     Parameters
     ----------
-    module : ModuleType
+    plugins : module or object
         With hooks marked ``@palpate.hookimpl``.
 
     Returns
@@ -21,10 +21,16 @@ def plugins_with(module: ModuleType) -> Plugins:
     Raises
     ------
     AssertionError
-        palpate would list the module as broken; with the reason.
+        palpate would leave one of them out; with the reason.
     """
     registry = admitted((), entry_points=False)
-    registry.admit(module.__name__, "the module under test", lambda: module)
+    for plugin in plugins:
+        name = getattr(plugin, "__name__", type(plugin).__name__)
+        registry.admit(name, "under test", functools.partial(_itself, plugin))
     registry.collect()
     assert not registry.broken, "; ".join(map(str, registry.broken))
     return Plugins(registry)
+
+
+def _itself(plugin: object) -> object:
+    return plugin

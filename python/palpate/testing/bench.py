@@ -1,0 +1,167 @@
+"""A plugin of small parts that work at once: what a plugin under test is run together with.
+
+Channels ``force`` and ``torque``, loader ``points``, limb source ``small_block``, material ``linear``,
+solvers ``half_space`` and ``half_space_on_mesh``, and scenario ``both``.
+"""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from palpate import hookimpl, mechanics
+from palpate.domain import (
+    Channel,
+    Curve,
+    FloatArray,
+    Indentation,
+    Job,
+    Limb,
+    Response,
+    Scenario,
+    Simulation,
+    Spot,
+    Status,
+)
+from palpate.errors import CurveError
+from palpate.interfaces import ExperimentLoader, LimbSource, Material, Solver
+from palpate.specimens import block
+from palpate.testing.executors import LinearMaterial
+
+N_POINTS = 10
+"""Points along each way of the path."""
+
+
+class Points(ExperimentLoader):
+    """Rows of channel, abscissa and ordinate."""
+
+    name = "points"
+    summary = "rows of channel, abscissa and ordinate, for tests of plugins"
+
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        """Read one file."""
+        rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+        names = [channel] if channel else list(dict.fromkeys(row[0] for row in rows))
+        points = {name: np.array([row[1:] for row in rows if row[0] == name], dtype=float) for name in names}
+        curves = {n: Curve(channel=n, abscissa=p[:, 0], ordinate=p[:, 1]) for n, p in points.items()}
+        return Response(curves=curves)
+
+    def save(self, path: Path, response: Response, channel: str | None = None) -> None:
+        """Write curves in the form that :meth:`load` reads."""
+        rows = [
+            f"{name} {float(x)!r} {float(y)!r}\n"
+            for name in ([channel] if channel else response)
+            for x, y in zip(response[name].abscissa, response[name].ordinate, strict=True)
+        ]
+        path.write_text("".join(rows), encoding="utf-8")
+
+
+class SmallBlock(LimbSource):
+    """A block of 50 nodes, whatever the file holds."""
+
+    name = "small_block"
+    summary = "a block of 50 nodes and one region, for tests of plugins"
+
+    def load(self, path: Path, spot: Spot) -> Limb:
+        """Make the limb of one spot."""
+        return Limb(spot=spot, mesh=replace(block(n_across=4, n_down=1).mesh, regions=("tissue",)))
+
+
+class HalfSpace(Solver):
+    """Hertz's force and Reissner and Sagoci's torque, of the mean initial moduli of all regions."""
+
+    name = "half_space"
+    summary = "a sphere on a half-space in closed form, for tests of plugins"
+    needs_limb = False
+
+    def version(self) -> str:
+        """One."""
+        return "1"
+
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        """Simulate one job."""
+        if not isinstance(job.protocol, Indentation):
+            raise CurveError(f"spot '{job.spot}': '{self.name}' only indents; give the study a [protocol]")
+        moduli = [mechanics.initial_moduli(job.materials[r], job.thetas[r]) for r in job.materials]
+        mu, kappa = np.mean(moduli, axis=0)
+        response = Response(curves=_curves(float(mu), float(kappa), job.protocol, _thickness_mm(limb)))
+        return Simulation(job=job, status=Status.OK, response=response)
+
+
+class HalfSpaceOnMesh(HalfSpace):
+    """The same on a body of the mesh's thickness, which stiffens it."""
+
+    name = "half_space_on_mesh"
+    summary = "a sphere on a body of the mesh's thickness in closed form, for tests of plugins"
+    needs_limb = True
+
+
+def _thickness_mm(limb: Limb | None) -> float:
+    return float("inf") if limb is None else float(np.ptp(limb.mesh.points_mm[:, 2]))
+
+
+def _curves(mu: float, kappa: float, press: Indentation, thickness_mm: float) -> dict[str, Curve]:
+    steps = np.linspace(0.0, 1.0, N_POINTS + 1)[1:, None]
+    ways = [start + steps * (end - start) for start, end in pairwise(press.path)]
+    walk: FloatArray = np.concatenate([press.path[:1], *ways])
+    depth, rotation = walk.T
+    contact = np.sqrt(press.indenter.radius_mm * depth)
+    plane = 4.0 * mu * (3.0 * kappa + mu) / (3.0 * kappa + 4.0 * mu)  # E / (1 - ν²)
+    force = 4.0 / 3.0 * plane * contact * depth * (1.0 + contact / thickness_mm)
+    grip = 0.9 + 0.1 * press.friction / (1.0 + press.friction)
+    torque = 16.0 / 3.0 * mu * contact**3 * grip * np.radians(rotation)
+    found = {"force": (depth, force), "torque": (rotation, torque)}
+    return {
+        name: Curve(channel=name, abscissa=x, ordinate=y) for name, (x, y) in found.items() if np.ptp(x) > 0.0
+    }
+
+
+@hookimpl
+def palpate_channels() -> list[Channel]:
+    """Provide force over depth and torque over rotation."""
+    force = Channel(
+        name="force",
+        abscissa="depth_mm",
+        ordinate="force_N",
+        abscissa_label="indentation depth (mm)",
+        ordinate_label="normal force (N)",
+    )
+    torque = Channel(
+        name="torque",
+        abscissa="rotation_deg",
+        ordinate="torque_Nmm",
+        abscissa_label="rotation (°)",
+        ordinate_label="torque (N·mm)",
+    )
+    return [force, torque]
+
+
+@hookimpl
+def palpate_experiment_loaders() -> list[type[ExperimentLoader]]:
+    """Provide the loader."""
+    return [Points]
+
+
+@hookimpl
+def palpate_limb_sources() -> list[type[LimbSource]]:
+    """Provide the limb source."""
+    return [SmallBlock]
+
+
+@hookimpl
+def palpate_materials() -> list[type[Material]]:
+    """Provide the material."""
+    return [LinearMaterial]
+
+
+@hookimpl
+def palpate_solvers() -> list[type[Solver]]:
+    """Provide the solvers."""
+    return [HalfSpace, HalfSpaceOnMesh]
+
+
+@hookimpl
+def palpate_scenarios() -> list[Scenario]:
+    """Provide the scenario."""
+    return [Scenario(name="both", weights={"force": 1.0, "torque": 1.0}, description="force and torque")]

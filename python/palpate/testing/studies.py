@@ -1,0 +1,139 @@
+"""A small study around the plugin under test: 50 nodes, 3 sets, a few seconds."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import polars as pl
+import pytest
+
+from palpate.plugins import Plugins
+from palpate.study import Study
+from palpate.testing import bench
+from palpate.testing.plugins import plugins_with
+
+DEFAULTS: Mapping[str, Any] = {
+    "study": {"name": "small", "data": "simulated"},
+    "experiment": {"loader": "points"},
+    "protocol": {
+        "indenter": {"shape": "sphere", "radius": "7.5 mm"},
+        "depth": "2 mm",
+        "twist": ["-10 deg", "10 deg", "0 deg"],
+        "friction": 1.0,
+    },
+    "region": {"tissue": {"material": "linear"}},
+    "sampling": {"n_sets": 3},
+    "solver": {"name": "half_space"},
+    "executor": {"name": "in_process"},
+    "selection": {"scenarios": ["both"]},
+}
+"""Tables of the small study; those that a test gives take their place."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SmallStudy:
+    """What came of a small study.
+
+    Parameters
+    ----------
+    simulated, scores, selection : DataFrame
+        As :func:`palpate.simulate`, :func:`palpate.score` and :func:`palpate.select` return them.
+    """
+
+    study: Study
+    plugins: Plugins
+    simulated: pl.DataFrame
+    scores: pl.DataFrame
+    selection: pl.DataFrame
+
+
+class StudyRunner:
+    """Makes a study of one spot in a folder, and runs its stages in this process.
+
+    Its measured curves are those of the study's own solver, in the middle of every range.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __call__(self, *plugins: object, mesh: str = "", **tables: Mapping[str, Any]) -> SmallStudy:
+        """Run a study of these plugins and the parts of :mod:`palpate.testing.bench`.
+
+        Parameters
+        ----------
+        plugins : module or object
+            With hooks marked ``@palpate.hookimpl``.
+        mesh : str
+            Text of the spot's mesh file, for a limb source of one's own.
+        tables : mapping
+            Tables of study.toml that take the place of those in ``DEFAULTS``:
+            ``solver={"name": "mine"}``. With ``limb`` the solver is one that needs a mesh.
+
+        Raises
+        ------
+        PalpateError
+            The study is refused.
+        AssertionError
+            palpate would leave a plugin out, or a simulation failed.
+        """
+        from palpate import sample, score, select, simulate, stages
+        from palpate.study import read_study
+        from palpate.synthesis import synthesise
+
+        loaded = plugins_with(bench, *plugins)
+        study = read_study(self.write(mesh, **tables), loaded, need_measured=False)
+        middle = {p.name: (p.lower + p.upper) / 2.0 for p in study.space.parameters}
+        study = replace(study, truth=middle)
+        synthesise(study, loaded.channels)
+        measured, design = stages.measure(study, loaded), sample(study)
+        simulated = simulate(study, design, measured)
+        failed = simulated.filter(pl.col("status") != "ok")
+        assert failed.is_empty(), f"a simulation failed: {failed['message'][0]}"
+        scores = score(study, simulated, measured)
+        selection = select(study, scores, design)
+        return SmallStudy(
+            study=study, plugins=loaded, simulated=simulated, scores=scores, selection=selection
+        )
+
+    def write(self, mesh: str = "", **tables: Mapping[str, Any]) -> Path:
+        """Write the study file, without its measured curves, and return its path."""
+        parts = {**DEFAULTS, **tables}
+        spot: dict[str, Any] = {"name": "p1", "measured": "p1.txt"}
+        if "limb" in tables:
+            spot["mesh"] = "mesh.txt"
+            (self.folder / "mesh.txt").write_text(mesh, encoding="utf-8")
+            parts["solver"] = tables.get("solver", {"name": "half_space_on_mesh"})
+        lines = [f"[{name}]\n{_rows(table)}" for name, table in parts.items()]
+        file = self.folder / "study.toml"
+        file.write_text("\n".join([*lines, f"[[spot]]\n{_rows(spot)}"]), encoding="utf-8")
+        return file
+
+    def command(self, plugin: ModuleType, *words: object) -> int:
+        """Call ``palpate`` with these words, and with the plugin and the bench as ``--plugin`` files."""
+        from palpate.cli.app import main
+
+        files = [str(module.__file__) for module in (bench, plugin)]
+        return main([*(f"--plugin={file}" for file in files), *map(str, words)])
+
+
+@pytest.fixture
+def study_runner(tmp_path: Path) -> StudyRunner:
+    """Provide what runs a small study; import the fixture in a ``conftest.py``."""
+    return StudyRunner(tmp_path)
+
+
+def _rows(table: Mapping[str, Any]) -> str:
+    return "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())
+
+
+def _toml(value: Any) -> str:  # noqa: ANN401 -- what a study file may hold
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml(item)}" for key, item in value.items()) + " }"
+    return json.dumps(value, ensure_ascii=False)
