@@ -56,7 +56,6 @@ def _fingerprint_of(cls: type) -> str:
     return _of_module(cls)  # a base from a library, which may be huge
 
 
-@functools.cache
 def _of_package(module: str) -> str:
     """Fingerprint of the outermost package with a folder of its own; empty where there is none."""
     parts = module.split(".")
@@ -64,7 +63,7 @@ def _of_package(module: str) -> str:
         package = sys.modules.get(".".join(parts[:n]))
         folder = Path(getattr(package, "__file__", None) or "").parent
         if hasattr(package, "__path__") and folder.name and folder.is_dir():
-            return ", ".join([*_distribution(parts[0]), f"source {_hash_of(folder)}"])
+            return ", ".join([*_distributions().get(parts[0], ()), f"source {_hash_of(folder)}"])
     return ""
 
 
@@ -101,15 +100,17 @@ def _code_files(folder: Path) -> Iterator[Path]:
             yield path
 
 
-def _distribution(package: str) -> Iterator[str]:
-    """Name and version of the distribution that a package comes with, as far as that is known."""
+@functools.cache
+def _distributions() -> dict[str, tuple[str]]:
+    """Name and version of the distribution that each package with plugins comes with."""
     points = importlib.metadata.entry_points()
-    for group in sorted(points.groups):
-        if group.partition(".")[0] == CORE:
-            for point in points.select(group=group):
-                if point.module.partition(".")[0] == package and point.dist:
-                    yield f"{point.dist.name} {point.dist.version}"
-                    return
+    groups = sorted(group for group in points.groups if group.partition(".")[0] == CORE)
+    return {
+        point.module.partition(".")[0]: (f"{point.dist.name} {point.dist.version}",)
+        for group in groups
+        for point in points.select(group=group)
+        if point.dist
+    }
 
 
 def _no_file(cls: type) -> PluginError:

@@ -46,9 +46,6 @@ def packaged(tmp_path, monkeypatch):
         monkeypatch.syspath_prepend(str(root))
         for known in [module for module in sys.modules if module.partition(".")[0] == name]:
             monkeypatch.delitem(sys.modules, known)
-        from palpate import fingerprints
-
-        fingerprints._of_package.cache_clear()
         return importlib.import_module(f"{name}.material").Fat
 
     return make
