@@ -394,14 +394,7 @@ def _simulate(
 def _score(
     study: Study, run: RunDirectory, checked: Checked, simulations: tuple[Simulation, ...]
 ) -> pl.DataFrame:
-    scores = scoring.score(
-        simulations,
-        checked.measured,
-        normaliser=study.normaliser,
-        minimum_coverage=study.minimum_coverage,
-        weights=study.weights,
-        rank_partial=study.rank_partial,
-    )
+    scores = scoring.score_as_studied(study, simulations, checked.measured)
     run.write_scores(scores)
     return scores
 

@@ -27,7 +27,7 @@ from palpate.domain import (
 from palpate.executors.attempts import simulate_alone
 from palpate.progress import SILENT, Progress
 from palpate.sampling import NO_ROW, accepted_by_all
-from palpate.scoring import score
+from palpate.scoring import score_as_studied
 from palpate.selection import objectives
 from palpate.simulation import job_for
 from palpate.study import Study
@@ -199,13 +199,7 @@ def _fopts(study: Study, simulations: Iterable[Simulation], measured: Mapping[st
 def _scores(
     study: Study, simulations: Iterable[Simulation], measured: Mapping[str, Response]
 ) -> pl.DataFrame:
-    return score(
-        simulations,
-        measured,
-        normaliser=study.normaliser,
-        minimum_coverage=study.minimum_coverage,
-        weights=study.weights,
-    )
+    return score_as_studied(study, simulations, measured)
 
 
 def _scaled(study: Study, simulations: Iterable[Simulation], scale: float) -> Iterator[Simulation]:

@@ -20,7 +20,7 @@ from palpate.domain import Design, FloatArray, Limb, Response, Scenario, Simulat
 from palpate.executors.attempts import simulate_alone
 from palpate.progress import SILENT, Progress
 from palpate.sampling import NO_ROW
-from palpate.scoring import compare, is_enough, point_weights, score
+from palpate.scoring import compare, is_enough, point_weights, ranked_statuses, score_as_studied
 from palpate.selection import objectives
 from palpate.simulation import job_for
 from palpate.study import Study
@@ -119,6 +119,10 @@ class _Search:
     _seen: dict[bytes, FloatArray] = field(default_factory=dict)
 
     @property
+    def ranked(self) -> tuple[Status, ...]:
+        return ranked_statuses(rank_partial=self.study.rank_partial)
+
+    @property
     def lower(self) -> FloatArray:
         return np.array([p.lower for p in self.study.space.parameters])
 
@@ -158,13 +162,7 @@ class _Search:
         )
         if self.best is None:
             return begin
-        scores = score(
-            [self.best],
-            {self.spot: self.measured},
-            normaliser=self.study.normaliser,
-            minimum_coverage=self.study.minimum_coverage,
-            weights=self.study.weights,
-        )
+        scores = score_as_studied(self.study, [self.best], {self.spot: self.measured})
         end = objectives(scores, [self.scenario]).drop("spot", "scenario", "set_id")
         values = pl.DataFrame(
             {p.name: [float(v)] for p, v in zip(self.study.space.parameters, self.best_values, strict=True)}
@@ -220,7 +218,7 @@ class _Search:
         self.n_simulations += 1
         simulation = simulate_alone(self.study.solver, job, self.limb)
         self._note()
-        if simulation.status is not Status.OK:
+        if simulation.status not in self.ranked:
             self.failure = f"{simulation.status}: {simulation.message or simulation.status.remedy}"
             return None
         parts = [
@@ -252,7 +250,7 @@ class _Search:
         points = point_weights(curve, self.study.weights)
         points = np.ones(covered.size) if points is None else points
         reached = points[covered].sum()
-        if compared.status is not Status.OK or not is_enough(
+        if compared.status not in self.ranked or not is_enough(
             reached / points.sum(), self.study.minimum_coverage
         ):
             return None

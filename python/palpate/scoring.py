@@ -7,6 +7,7 @@ abscissae branch by branch, because a twist is a path and not a function of the 
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -14,6 +15,9 @@ import polars as pl
 from palpate import _core
 from palpate.domain import Curve, FloatArray, Normaliser, PointWeights, Response, Simulation, Status
 from palpate.errors import CurveError, ScoringError
+
+if TYPE_CHECKING:
+    from palpate.study import Study
 
 SCHEMA = {
     "spot": pl.String,
@@ -59,6 +63,11 @@ def point_weights(curve: Curve, weights: PointWeights) -> FloatArray | None:
 def is_enough(coverage: float, minimum_coverage: float) -> bool:
     """Whether a coverage suffices; a share of counted points is exact only up to rounding."""
     return coverage >= minimum_coverage - 1e-12
+
+
+def ranked_statuses(*, rank_partial: bool) -> tuple[Status, ...]:
+    """Statuses of simulations whose curves are ranked."""
+    return (Status.OK, Status.DIVERGED) if rank_partial else (Status.OK,)
 
 
 def check_scorable(
@@ -120,7 +129,7 @@ def score(
     for simulation in simulations:
         by_spot[simulation.job.spot].append(simulation)
     rows: list[dict[str, object]] = []
-    ranked = (Status.OK, Status.DIVERGED) if rank_partial else (Status.OK,)
+    ranked = ranked_statuses(rank_partial=rank_partial)
     for spot, of_spot in by_spot.items():
         of_spot.sort(key=lambda s: s.job.set_id)
         columns = [
@@ -131,6 +140,20 @@ def score(
         ]
         rows += [row for of_set in zip(*columns, strict=True) for row in of_set]
     return pl.DataFrame(rows, schema=SCHEMA)
+
+
+def score_as_studied(
+    study: "Study", simulations: Iterable[Simulation], measured: Mapping[str, Response]
+) -> pl.DataFrame:
+    """Score with the normaliser, weights, coverage and ranking that a study asks for."""
+    return score(
+        simulations,
+        measured,
+        normaliser=study.normaliser,
+        minimum_coverage=study.minimum_coverage,
+        weights=study.weights,
+        rank_partial=study.rank_partial,
+    )
 
 
 def _score_channel(

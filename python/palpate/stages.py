@@ -129,14 +129,7 @@ def score(study: Study, simulated: pl.DataFrame, measured: pl.DataFrame) -> pl.D
     ScoringError
     """
     _check_columns("simulated curves", simulated, _SIMULATED, "palpate.simulate")
-    return scoring.score(
-        _simulations(simulated),
-        _responses(measured),
-        normaliser=study.normaliser,
-        minimum_coverage=study.minimum_coverage,
-        weights=study.weights,
-        rank_partial=study.rank_partial,
-    )
+    return scoring.score_as_studied(study, _simulations(simulated), _responses(measured))
 
 
 def select(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:

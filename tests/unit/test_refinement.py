@@ -17,9 +17,7 @@ def refined(study, plugins, tmp_path):
     measured = load_measured(study, plugins.channels)
     design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
     swept = simulation.simulate(study, design, {}, measured, tmp_path / "run")
-    scores = scoring.score(
-        swept, measured, normaliser=study.normaliser, minimum_coverage=study.minimum_coverage
-    )
+    scores = scoring.score_as_studied(study, swept, measured)
     chosen = selection.select(scores, study.scenarios, design)
     return chosen, refine(study, chosen, design, {}, measured)
 
@@ -171,6 +169,19 @@ def test_a_solver_that_raises_ends_its_search_and_not_the_run(make_study, plugin
     chosen, found = refined(make_study(solver=Raising()), plugins, tmp_path)
     assert found.table.height == chosen.height
     assert found.table["message"].str.contains("crashed: ZeroDivisionError: no contact").any()
+
+
+def test_what_a_diverged_simulation_reached_is_searched_where_the_study_ranks_it(
+    make_study, plugins, tmp_path, tissue
+):
+    class Diverging(tissue.Analytic):
+        def behave(self, job):
+            return replace(super().behave(job), status=Status.DIVERGED, message="stopped at the end")
+
+    _, found = refined(make_study(solver=Diverging(), rank_partial=True), plugins, tmp_path)
+    row = found.table.filter(_is("p1", "I")).row(0, named=True)
+    assert row["message"] == "converged"
+    assert row["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-5)
 
 
 def test_a_search_ends_where_the_solver_s_own_rounding_begins(make_study, plugins, tmp_path, tissue):

@@ -26,6 +26,9 @@ _LOST = {"refine": "; the local searches begin again", "rays": "; the stiffness 
 LINE_S = 60.0
 """Longest time that a log is without a line while simulations end."""
 
+WARNING = "warning: "
+"""How a note begins that also goes to ``--json``."""
+
 LOOK_S = 5.0
 """Least time between two looks at the best sets so far."""
 
@@ -49,8 +52,8 @@ class StageProgress:
         self._total = self._done = self._n_running = 0
         self._last_line = time.monotonic()
         self._first: tuple[float, int] | None = None
-        self.noted: list[str] = []
-        """Every note so far."""
+        self.warnings: list[str] = []
+        """Every note so far that begins with ``warning:``, without that."""
         self._notes: Counter[str] = Counter()
         self._stopping = False
         self._handlers: dict[signal.Signals, Any] = {}
@@ -116,7 +119,8 @@ class StageProgress:
 
     def note(self, text: str) -> None:
         """Tell of something on the way."""
-        self.noted.append(text)
+        if text.startswith(WARNING):
+            self.warnings.append(text.removeprefix(WARNING))
         self._console.print(text, markup=False)
 
     def going_on(self) -> bool:

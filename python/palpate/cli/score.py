@@ -17,7 +17,7 @@ def score(context: typer.Context, study: StudyPath, out: OutFolder = None, as_js
     with StageProgress(session) as progress:
         scores = pipeline.score(checked, folder, session.plugins, progress)
     if as_json:
-        session.json({"scores": scores.to_dicts(), "warnings": progress.noted})
+        session.json({"scores": scores.to_dicts(), "warnings": progress.warnings})
         return
     session.frame("Scores", scores)
     session.next(f"select {study} --out {folder}", f"written to {folder}; ")

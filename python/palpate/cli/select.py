@@ -26,7 +26,7 @@ def select(context: typer.Context, study: StudyPath, out: OutFolder = None, as_j
     }
     if as_json:
         tables = {name: frame.to_dicts() for name, frame in frames.items()}
-        session.json({**tables, "warnings": progress.noted})
+        session.json({**tables, "warnings": progress.warnings})
     else:
         for name, frame in frames.items():
             if frame.height:
