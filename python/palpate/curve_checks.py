@@ -20,6 +20,9 @@ from palpate.domain import (
 from palpate.errors import CurveError
 from palpate.plugins import answering_for
 
+LARGEST = 1e150
+"""Ordinate beyond which a square, and with it every score, is no number."""
+
 BIAS = 0.025
 """Share of its peak that an ordinate may be where it must be zero, before there is a warning."""
 
@@ -68,6 +71,11 @@ def check_curve(curve: Curve, channel: Channel) -> list[str]:
     peak = float(np.abs(curve.ordinate).max())
     if not peak > 0.0:
         return []  # scoring refuses what has no size
+    if peak > LARGEST:
+        row = int(np.abs(curve.ordinate).argmax())
+        raise CurveError(
+            f"{named}: {curve.ordinate[row]:.3g} in row {row} is too large to be squared; repair it"
+        )
     if channel.non_negative:
         _check_sign(curve, channel, peak)
     if channel.dissipative:

@@ -39,6 +39,18 @@ def twice() -> Recording:
     )
 
 
+def drawn(n_rows: int, seed: int) -> Recording:
+    """Keep some of the rows by chance."""
+    whole, random = log(), np.random.default_rng(seed)
+    return whole.part(np.sort(random.choice(whole.n_rows, n_rows, replace=False)))
+
+
+def half_without_force() -> Recording:
+    force = log().force_N.copy()
+    force[: log().n_rows // 2, 2] = 0.0
+    return log().changed(force_N=force)
+
+
 FAULTS: dict[str, tuple[Callable[[], Recording], str]] = {
     "reaction": (lambda: log().changed(force_N=-log().force_N), r"row 34\d \(t = 1.7\d\d s\).*turn its sign"),
     "force x z": (
@@ -86,6 +98,8 @@ FAULTS: dict[str, tuple[Callable[[], Recording], str]] = {
         lambda: log().changed(force_N=log().force_N + 50.0 * (np.arange(log().n_rows) % 50 == 0)[:, None]),
         "146 of 7300 rows have a spike",
     ),
+    "thinned": (lambda: drawn(60, 0), r"too few rows where the tool starts or stops .* 2\.53 Hz"),
+    "half without force": (half_without_force, "too few rows where .* check that the force is logged"),
     "ends before contact": (lambda: until(0.6), "a press without contact"),
     "ends pressing": (lambda: until(3.0), r"row 601 \(t = 2.995 s\): the log stops half-way.*presses deeper"),
     "ends at depth": (lambda: until(6.0), r"row 1201 .*0 rows in free air after the press"),

@@ -1,5 +1,6 @@
 """Files from strangers: no code, no other files, bounded memory and time."""
 
+import json
 import os
 import pickle
 import subprocess
@@ -274,3 +275,27 @@ def test_a_module_beside_the_log_is_not_imported(tmp_path: Path, monkeypatch: py
     write.write_text(tmp_path / "log.csv", write.press(30))
     monkeypatch.chdir(tmp_path)
     assert read_log(Path("log.csv"), Request()).streams[0].rows.size == 30
+
+
+def test_a_reader_whose_caller_was_killed_leaves_no_folder(tmp_path: Path) -> None:
+    write.write_text(tmp_path / "log.csv", write.press(30))
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    request = Request()
+    asked = {
+        "path": str(tmp_path / "log.csv"),
+        "scratch": str(scratch),
+        "columns": request.columns,
+        "streams": request.streams,
+        "text": request.text.model_dump(),
+        "limits": request.limits.model_dump(),
+    }
+    command = [sys.executable, "-c", "from palpate_experiments.reading.child import main; main()"]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as process:
+        process.stdout.close()
+        process.stdin.write(json.dumps(asked).encode())
+        process.stdin.close()
+        process.wait(timeout=60.0)
+    assert not scratch.exists()

@@ -248,10 +248,11 @@ def _values(table: TextTable, column: Column) -> FloatArray:
     numbers = np.array(table.column(column.name), dtype=np.float64)
     with np.errstate(over="ignore"):
         values: FloatArray = column.scale * numbers + column.offset
-    if not np.isfinite(values).all():
-        line = table.rows[int(np.flatnonzero(~np.isfinite(values))[0])][0]
+    # Beyond this a square is no number any more, and every score is one of squares.
+    large = np.flatnonzero(~(np.abs(values) <= 1e150))
+    if large.size:
         raise CurveError(
-            f"{table.path}: line {line}, column '{column.name}': too large once scaled by "
-            f"{column.scale}; correct the scale or the row"
+            f"{table.path}: line {table.rows[int(large[0])][0]}, column '{column.name}': too large once "
+            f"scaled by {column.scale}; correct the scale or the row"
         )
     return values

@@ -5,7 +5,6 @@ in the same way: file, line (counted from 1 in the file), column, remedy.
 """
 
 import csv
-import difflib
 import math
 import re
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from palpate.errors import CurveError
+from palpate_experiments.reading.raw import close_to
 
 DELIMITERS = (",", ";", "\t")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -56,10 +56,8 @@ class TextTable:
         return [self._number(line, name, cells[index]) for line, cells in self.rows]
 
     def _no_column(self, name: str) -> str:
-        close = difflib.get_close_matches(name, self.header, n=2, cutoff=0.5)
-        hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
         return (
-            f"{self.path}: line {self.header_line} has no column '{name}'{hint} "
+            f"{self.path}: line {self.header_line} has no column '{name}'{close_to(name, self.header)} "
             f"(columns there: {', '.join(self.header)}); rename it in the file, or name the file's "
             "columns under channels in the loader's settings"
         )

@@ -9,7 +9,7 @@ from palpate_experiments.processing.contact import Contact
 from palpate_experiments.processing.motion import Motion
 from palpate_experiments.processing.onset import Onset
 from palpate_experiments.processing.strokes import Stroke, strokes_of
-from palpate_experiments.processing.transitions import Transition, speed_change
+from palpate_experiments.processing.transitions import TooFewRowsError, Transition, speed_change
 from palpate_experiments.recording import Recording
 
 LEAST_TWIST_DEG = 1.0
@@ -49,6 +49,19 @@ class Strokes:
     retract: Stroke | None
 
 
+def _strokes(
+    recording: Recording, time_s: FloatArray, values: FloatArray, least: float
+) -> tuple[Stroke, ...]:
+    try:
+        return strokes_of(time_s, values, least)
+    except TooFewRowsError:
+        raise recording.fault(
+            f"too few rows where the tool starts or stops in contact ({recording.n_rows} in all, "
+            f"{recording.rate_hz:.3g} Hz); log the press at a higher rate, with its rests, and check that "
+            "the force is logged throughout"
+        ) from None
+
+
 def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Strokes:
     """Strokes of the travel and of the turn while the tool presses.
 
@@ -61,7 +74,7 @@ def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Stro
     rows = slice(max(contact.first - (contact.last - contact.first) // 20, 0), None)
     # What the tool does above the limb is of no concern: the travel there counts as none.
     depth = np.maximum(motion.travel_mm[rows], 0.0)
-    travels = strokes_of(motion.time_s[rows], depth, _LEAST_SHARE * float(np.ptp(depth)))
+    travels = _strokes(recording, motion.time_s[rows], depth, _LEAST_SHARE * float(np.ptp(depth)))
     rising = [stroke for stroke in travels if stroke.to_value > stroke.from_value]
     if len(rising) != 1 or travels[0] is not rising[0]:
         spans = ", ".join(f"{s.start.time_s:.2f} to {s.stop.time_s:.2f} s" for s in rising) or "none"
@@ -134,7 +147,7 @@ def _twists(recording: Recording, motion: Motion, contact: Contact) -> tuple[Str
     span = float(np.ptp(turn))
     if span < LEAST_TWIST_DEG:
         return ()
-    return strokes_of(motion.time_s[rows], turn, max(_LEAST_SHARE * span, LEAST_TWIST_DEG / 2.0))
+    return _strokes(recording, motion.time_s[rows], turn, max(_LEAST_SHARE * span, LEAST_TWIST_DEG / 2.0))
 
 
 def _check_at_rest(recording: Recording, motion: Motion, contact: Contact) -> None:

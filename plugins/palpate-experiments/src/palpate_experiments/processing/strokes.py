@@ -8,7 +8,13 @@ import numpy as np
 from palpate.domain import FloatArray
 from palpate_experiments.processing.noise import noise_std
 from palpate_experiments.processing.thinning import block_means
-from palpate_experiments.processing.transitions import Transition, is_turning, stroke_end, turning
+from palpate_experiments.processing.transitions import (
+    TooFewRowsError,
+    Transition,
+    is_turning,
+    stroke_end,
+    turning,
+)
 
 _TRACK_ROWS = 20_000
 _REST_SHARE = 0.01
@@ -124,6 +130,8 @@ def _stop(time: FloatArray, values: FloatArray, rough: list[_Rough], k: int) -> 
         rest *= moving / max(moving + following, 1e-12)
     rest = min(rest, moving)
     rows = slice(*np.searchsorted(time, [begin - _WINDOW_SHARE * moving, begin + rest]))
+    if not time[rows].size:
+        raise TooFewRowsError
     between = (begin - _EARLY_SHARE * moving, float(time[rows][-1]))
     return stroke_end(time[rows], values[rows], between, moving)
 

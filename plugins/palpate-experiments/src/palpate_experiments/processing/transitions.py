@@ -47,6 +47,10 @@ _FEWEST = 12
 """Rows below which no kink can be told."""
 
 
+class TooFewRowsError(ValueError):
+    """A start or stop of a motion has too few rows around it to be timed."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transition:
     """An instant, its standard deviation, and how it came about.
@@ -75,14 +79,23 @@ def stroke_end(
         Where the instant lies.
     moving_s : float
         How long the whole stroke takes.
+
+    Raises
+    ------
+    TooFewRowsError
+        No window has more rows than there are unknowns.
     """
     tried: list[Fit] = []
     for share in _SHARES:
         first = int(np.searchsorted(time_s, between_s[0] + (_SPARE - share) * moving_s))
         time, value = _averaged(time_s[first:], values[first:])
+        if value.size <= _N_FREE:
+            break
         tried.append(_ending(time, value, between_s, moving_s * share))
         if _explains(tried[-1].squares, value):
             break
+    if not tried:
+        raise TooFewRowsError
     allowed = max(_NO_WORSE * min(_variance(fit) for fit in tried), (_FINEST * float(np.ptp(values))) ** 2)
     chosen = next(fit for fit in tried if _variance(fit) <= allowed)
 

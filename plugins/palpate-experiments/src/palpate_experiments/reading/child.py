@@ -5,6 +5,7 @@ there: nothing that the other side would have to trust.
 """
 
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import IO, Any
@@ -20,8 +21,18 @@ from palpate_experiments.reading.text_layout import TextFormat
 
 
 def main() -> None:
-    """Read the file that the request on stdin names, and answer on stdout."""
+    """Read the file that the request on stdin names, and answer on stdout.
+
+    The scratch folder is removed here too: who asked may have been killed by then.
+    """
     asked = json.load(sys.stdin)
+    try:
+        _answer(asked, sys.stdout.buffer)
+    finally:
+        shutil.rmtree(asked["scratch"], ignore_errors=True)
+
+
+def _answer(asked: dict[str, Any], out: IO[bytes]) -> None:
     limits = Limits.model_validate(asked["limits"])
     limit_resources(limits.memory_mb, limits.time_s, limits.file_mb)
     path = Path(asked["path"])
@@ -32,7 +43,6 @@ def main() -> None:
         text=TextFormat.model_validate(asked["text"]),
         limits=limits,
     )
-    out = sys.stdout.buffer
     try:
         send(out, read_here(path, request))
     except CurveError as error:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from palpate.domain import FloatArray, IntArray
 from palpate.errors import CurveError
+from palpate_experiments.reading.header_units import unit_in
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -136,8 +137,11 @@ class RawLog:
 
 
 def close_to(name: str, known: Iterable[str]) -> str:
-    """Suggest names like this one, for a message."""
-    close = difflib.get_close_matches(name, list(known), n=2, cutoff=0.5)
+    """Suggest names like this one, for a message: first those that differ in case or unit alone."""
+    names = list(known)
+    label = unit_in(name)[0].casefold()
+    same = [each for each in names if unit_in(each)[0].casefold() == label]
+    close = same[:2] or difflib.get_close_matches(name, names, n=2, cutoff=0.5)
     return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
 
 
