@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 
 from palpate.domain import Response
@@ -113,6 +114,33 @@ def test_the_band_is_one_standard_deviation_to_each_side_branch_by_branch(browse
     assert count(browser, "#curve-1 .fills path, #curve-1 .js-fill") >= 3
     browser.value("document.querySelector('[data-shown=measured]').click()")
     assert browser.value(f"{bands.format(1)}.length") == 0
+
+
+def unranked(content):
+    """The same run, of which no torque could be compared: two of three scenarios have no set."""
+    unscored = pl.when(pl.col("channel") == "torque").then(None).otherwise(pl.col("nmse"))
+    third = pl.col("scenario") == "III"
+    return replace(
+        content,
+        scores=content.scores.with_columns(nmse=unscored),
+        selection=content.selection.filter(third),
+        generalisation=content.generalisation[:0],
+        determination=content.determination.filter(third),
+    )
+
+
+def test_a_scenario_without_a_ranked_set_is_drawn_without_an_error(browser, page):
+    path = page(unranked)
+    for width in (1100, 400):
+        browser.open(path, width)
+        assert browser.complaints() == []
+        browser.value(
+            "(s => {s.value = '2'; s.dispatchEvent(new Event('change'))})(document.getElementById('scenario'))"
+        )
+        assert browser.complaints() == []
+    assert "NaN" not in browser.value(
+        "[...document.querySelectorAll('svg *')].flatMap(e => [...e.attributes].map(a => a.value)).join(' ')"
+    )
 
 
 def test_zooming_and_resetting(browser, page):

@@ -134,7 +134,9 @@
 
   function points(x, y, values, more) {
     const drawn = order(values).filter((i) => x[i] !== null && y[i] !== null), looks = drawn.map((i) => look(values[i]));
-    const trace = { type: "scatter", mode: "markers", x: drawn.map((i) => x[i]), y: drawn.map((i) => y[i]), customdata: drawn,
+    // Without any point the library draws no axes, and lines at NaN in their place.
+    const along = (v) => (drawn.length ? drawn.map((i) => v[i]) : [null]);
+    const trace = { type: "scatter", mode: "markers", x: along(x), y: along(y), customdata: drawn,
       text: drawn.map((i) => `set ${data.sets.ids[i]}, Fopt ${four(values[i])}`),
       marker: { symbol: looks.map((l) => l.symbol), color: looks.map((l) => l.color), size: 7,
         line: { width: 0.8, color: looks.map((l) => (l.symbol === "circle" ? colour("soft") : l.color)) } },
