@@ -91,6 +91,9 @@ class Mesh:
     regions : tuple of str
     node_sets : mapping of name to (n,) integer array
         At least ``fixed`` (held still) and ``contact`` (the outer surface).
+    cell_fields : mapping of name and kind to (n_cells,) or (n_cells, 3) array
+        What materials take from each element, such as the direction of its fibres. Vectors are in the
+        frame of the mesh.
     """
 
     points_mm: FloatArray
@@ -98,10 +101,16 @@ class Mesh:
     cell_regions: Mapping[str, IntArray]
     regions: tuple[str, ...]
     node_sets: Mapping[str, IntArray]
+    cell_fields: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points_mm", frozen_floats(self.points_mm))
         object.__setattr__(self, "regions", tuple(self.regions))
+        fields = {
+            name: MappingProxyType({kind: frozen_floats(values) for kind, values in by_kind.items()})
+            for name, by_kind in self.cell_fields.items()
+        }
+        object.__setattr__(self, "cell_fields", MappingProxyType(fields))
         for name in ("cells", "cell_regions", "node_sets"):
             frozen = {key: _frozen_ints(values) for key, values in getattr(self, name).items()}
             object.__setattr__(self, name, MappingProxyType(frozen))
@@ -115,6 +124,11 @@ class Mesh:
     def n_cells(self) -> int:
         """Number of elements of all kinds."""
         return sum(int(cells.shape[0]) for cells in self.cells.values())
+
+    @property
+    def used_regions(self) -> frozenset[str]:
+        """Regions that have elements."""
+        return frozenset(self.regions[i] for ids in self.cell_regions.values() for i in np.unique(ids))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

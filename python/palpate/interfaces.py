@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 Array = Any
 """An array of the array API: numpy in checks, JAX under differentiation."""
 
+NO_FIELDS: Mapping[str, Array] = MappingProxyType({})
+"""Where there is no mesh, or a material that takes nothing from it."""
+
 
 class Settings(BaseModel):
     """Base of every component's settings: frozen, and unknown keys are refused."""
@@ -111,11 +114,16 @@ class Material(Component):
             JAX can differentiate it.
         """
 
-    def energy_from_F(self, F: Array, theta: Array) -> Array:  # noqa: N802
+    def energy_from_F(  # noqa: N802
+        self, F: Array, theta: Array, fields: Mapping[str, Array] = NO_FIELDS
+    ) -> Array:
         """Energy [MPa] from the deformation gradient (3, 3): see :class:`AnisotropicMaterial`."""
         raise MaterialError(f"material '{self.name}' is isotropic: use energy(stretches, theta)")
 
     isotropic: ClassVar[bool] = True
+
+    fields: tuple[str, ...] = ()
+    """Cell fields of the mesh that the energy takes: see :class:`AnisotropicMaterial`."""
 
     def _repr_html_(self) -> str:
         from palpate import views
@@ -179,12 +187,19 @@ class AnisotropicMaterial(Material):
     gradient: through C = FᵀF and its invariants, I4 = a · C a for a fibre along the unit vector
     a of the undeformed body, all in the frame of the mesh. Everything else follows as for any
     material, by JAX alone.
+
+    A direction that differs from element to element comes with the mesh, as a cell field: name it
+    in ``fields``, as a class attribute or in ``__init__``. A study of several spots needs that,
+    since each spot's mesh may be in a frame of its own; one direction in the settings is refused
+    there, unless the study says that all meshes share a frame.
     """
 
     isotropic: ClassVar[bool] = False
 
     @abstractmethod
-    def energy_from_F(self, F: Array, theta: Array) -> Array:  # noqa: N802
+    def energy_from_F(  # noqa: N802
+        self, F: Array, theta: Array, fields: Mapping[str, Array] = NO_FIELDS
+    ) -> Array:
         """Strain energy per reference volume.
 
         Parameters
@@ -194,6 +209,10 @@ class AnisotropicMaterial(Material):
             rotation follows.
         theta : (n_parameters,) array
             Textbook values in the order of ``parameters``.
+        fields : mapping of name to () or (3,) array
+            Values of this element, vectors in the frame of the mesh, for each name in
+            ``self.fields``. Empty where there is no mesh, as when the moduli at rest are checked; a
+            material without fields need not take the argument.
 
         Returns
         -------
@@ -345,6 +364,9 @@ class SetFilter(Component):
 
 class Solver(Component):
     """Simulates a job."""
+
+    takes_fields: ClassVar[bool] = False
+    """Whether it gives materials the cell fields of the mesh."""
 
     needs_limb: ClassVar[bool] = True
     """False for a solver that has no mesh: closed forms, or homogeneous tests."""

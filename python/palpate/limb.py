@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.cell_fields import check_frames, with_fields
 from palpate.domain import CELL_NODES, BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError, StudyError
 from palpate.mesh_joints import check_joints, holes
@@ -29,6 +30,10 @@ def load_limbs(study: Study) -> dict[str, Limb]:
     if not study.solver.needs_limb:
         return {}
     limbs = {}
+    meshes = {spot.spot.name: spot.mesh for spot in study.spots if spot.mesh is not None}
+    for region in study.space.regions:
+        if not region.material.isotropic and not region.material.fields:
+            check_frames(region, meshes, map(mesh_note, meshes.values()), one_frame=study.one_frame)
     for spot in study.spots:
         name = spot.spot.name
         if spot.mesh is None or study.limb_source is None:
@@ -43,15 +48,15 @@ def load_limbs(study: Study) -> dict[str, Limb]:
             check_limb(limb, [region.region for region in study.space.regions])
             if isinstance(protocol := study.protocol_at(name), Indentation):
                 check_depth(limb, protocol)
+            limbs[name] = with_fields(limb, study.space.regions)
         except MeshError as error:
             raise MeshError(f"{spot.mesh}: {error}") from error
-        limbs[name] = limb
     _check_every_region(study, limbs)
     return limbs
 
 
 def _check_every_region(study: Study, limbs: Mapping[str, Limb]) -> None:
-    used = frozenset[str]().union(*(regions_of(limb.mesh) for limb in limbs.values()))
+    used = frozenset[str]().union(*(limb.mesh.used_regions for limb in limbs.values()))
     for region in study.space.regions:
         if region.region not in used:
             raise MeshError(
@@ -64,7 +69,7 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
     """What is odd in the limbs, though it can be simulated, each in a sentence."""
     found = []
     for name, limb in limbs.items():
-        here = regions_of(limb.mesh)
+        here = limb.mesh.used_regions
         absent = [region.region for region in study.space.regions if region.region not in here]
         if absent:
             found.append(
@@ -182,13 +187,8 @@ def _index_problems(what: str, indices: IntArray, n: int, noun: str = "node") ->
         yield f"mesh: {what}[{row}] names {noun} {indices[place]}, but there are {n}; write the mesh anew"
 
 
-def regions_of(mesh: Mesh) -> frozenset[str]:
-    """Regions that have elements."""
-    return frozenset(mesh.regions[i] for ids in mesh.cell_regions.values() for i in np.unique(ids))
-
-
 def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:
-    for region in sorted(regions_of(mesh) - set(regions)):
+    for region in sorted(mesh.used_regions - set(regions)):
         raise MeshError(f"mesh: region '{region}' has no material (given: {', '.join(regions)}); give it one")
 
 

@@ -84,9 +84,20 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
         for region, theta in job.thetas.items():
             job.materials[region].check(theta)
         if job.spot not in asked:
+            _check_fields(study.solver, job, limbs.get(job.spot))
             with answering_for(study.solver, f"checking spot '{job.spot}'"):
                 study.solver.check(job, limbs.get(job.spot))
             asked.add(job.spot)
+
+
+def _check_fields(solver: Solver, job: Job, limb: Limb | None) -> None:
+    """Refuse a material whose cell fields nothing would give it."""
+    for region, material in job.materials.items():
+        if material.fields and (material.isotropic or limb is None or not solver.takes_fields):
+            raise StudyError(
+                f"region '{region}': material '{material.name}' takes cell data {', '.join(material.fields)} "
+                f"and solver '{solver.name}' gives it none; use 'jax' with a mesh, or another material"
+            )
 
 
 def _check_searched(study: Study) -> None:

@@ -67,6 +67,8 @@ class Study:
         Most memory that one simulation may take; 0: no limit.
     n_attempts : int
         How often a job may end its worker before it is given up.
+    one_frame : bool
+        Whether the meshes of all spots are in one frame.
     cache : Path, optional
         Folder of results shared with other studies.
     unscaled : frozenset of str
@@ -108,6 +110,7 @@ class Study:
     memory_limit_MB: float = 0.0
     rank_partial: bool = False
     n_attempts: int = 2
+    one_frame: bool = False
     cache: Path | None = None
     unscaled: frozenset[str] = frozenset()
     n_total: int = 0
@@ -286,6 +289,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         memory_limit_MB=running.memory_limit or 0.0,
         n_attempts=running.attempts,
         unscaled=frozenset(n for n, channel in context.plugins.channels.items() if channel.degree == 0),
+        one_frame=tables.limb is not None and tables.limb.one_frame,
         cache=context.file.parent / running.cache if running.cache else None,
     )
 

@@ -143,6 +143,11 @@ class LimbTable(Table):
 
     source: str = Field(description="Name of a limb source.")
     settings: dict[str, Any] = Field(default={}, description="Settings of the limb source.")
+    one_frame: bool = Field(
+        default=False,
+        description="Whether the meshes of all spots are in one frame, so that one direction of a material's "
+        "fibres serves them all.",
+    )
 
 
 class SearchedRange(Table):

@@ -58,6 +58,20 @@ def test_regions_and_node_sets_come_by_name(tmp_path: Path, suffix: str) -> None
     np.testing.assert_array_equal(mesh.node_sets["contact"], [3, 4])
 
 
+def test_cell_data_of_numbers_and_vectors_are_kept_by_kind(tmp_path: Path) -> None:
+    vectors = np.array([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]])
+    data = {
+        "region": [np.array([7]), np.array([0, 1])],
+        "fibre": [np.full((1, 3), np.nan), vectors],
+        "stiffer": [np.array([0]), np.array([1, 2])],
+        "tensor": [np.zeros((1, 9)), np.zeros((2, 9))],
+    }
+    fields = read(write(tmp_path / "m.vtu", cell_data=data)).cell_fields
+    assert sorted(fields) == ["fibre", "stiffer"]
+    np.testing.assert_array_equal(fields["fibre"]["tet4"], vectors)
+    np.testing.assert_array_equal(fields["stiffer"]["tet4"], [1.0, 2.0])
+
+
 def test_a_tet10_has_the_middles_of_its_edges_in_vtk_order(tmp_path: Path) -> None:
     middles = np.array([(CORNERS[a] + CORNERS[b]) / 2 for a, b in EDGES])
     path = write(

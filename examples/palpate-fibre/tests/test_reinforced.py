@@ -1,5 +1,7 @@
 """The contract of a material, closed forms along and across the fibres, and its symmetry."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -100,6 +102,18 @@ def test_finite_elements_feel_the_fibres():
     forces, _ = body.force(u, {"soft_tissue": THETA})
     P = np.asarray(mechanics.stress(OBLIQUE, F, THETA))
     np.testing.assert_allclose(forces.T @ mesh.points_mm, P * 4.0 * 4.0 * 3.0, atol=1e-12)
+
+
+def test_fibres_may_come_with_the_mesh():
+    mesh = block("hex8", n_across=2, n_down=1, width_mm=4.0, height_mm=3.0).mesh
+    of_mesh = Reinforced(ReinforcedSettings(field="fibre"))
+    fibres = {"fibre": {"hex8": np.tile([2.0, -2.0, 1.0], (mesh.n_cells, 1))}}
+    u = 0.05 * np.random.default_rng(1).standard_normal(mesh.points_mm.shape)
+    expected, _ = Body(mesh, {"soft_tissue": OBLIQUE}, True).force(u, {"soft_tissue": THETA})
+    found, _ = Body(replace(mesh, cell_fields=fibres), {"soft_tissue": of_mesh}, True).force(
+        u, {"soft_tissue": THETA}
+    )
+    np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
 def test_palpate_finds_both():

@@ -20,7 +20,7 @@ sets: ``jax.vmap`` over ``theta``). Importing the module turns on JAX's 64-bit
 mode, without which none of the tolerances below hold.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import jax
@@ -29,7 +29,7 @@ import numpy as np
 
 from palpate.domain import FloatArray
 from palpate.errors import MaterialError
-from palpate.interfaces import Array, Material
+from palpate.interfaces import NO_FIELDS, Array, Material
 
 jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
 
@@ -198,9 +198,16 @@ def _isotropic_stress_and_tangent(material: Material, F: Array, theta: Array) ->
     return _from_principal(S, g, n), A
 
 
-def _pointwise(function: Callable[[Array], Array], F: Array) -> Array:
-    """Map a function of one F (3, 3) over all leading axes."""
-    results = jax.vmap(function)(F.reshape((-1, 3, 3)))
+Fields = Mapping[str, Array]
+
+
+def _pointwise(function: Callable[..., Array], F: Array, fields: Fields) -> Array:
+    """Map a function of one F (3, 3), and of the fields there if there are any, over all leading axes."""
+    n = F.ndim - 2
+    own = (
+        [{name: jnp.reshape(each, (-1, *each.shape[n:])) for name, each in fields.items()}] if fields else []
+    )
+    results = jax.vmap(function)(F.reshape((-1, 3, 3)), *own)
     return jax.tree.map(lambda r: r.reshape((*F.shape[:-2], *r.shape[1:])), results)
 
 
@@ -208,7 +215,9 @@ def _as_arrays(F: Array, theta: Array) -> tuple[Array, Array]:
     return jnp.asarray(F, dtype=jnp.float64), jnp.asarray(theta, dtype=jnp.float64)
 
 
-def stress_and_tangent(material: Material, F: Array, theta: Array) -> tuple[Array, Array]:
+def stress_and_tangent(
+    material: Material, F: Array, theta: Array, fields: Fields = NO_FIELDS
+) -> tuple[Array, Array]:
     """First Piola–Kirchhoff stress and its exact tangent.
 
     Spectral, with divided differences (Daleckii–Krein) in place of the
@@ -222,6 +231,8 @@ def stress_and_tangent(material: Material, F: Array, theta: Array) -> tuple[Arra
         Deformation gradient. Where det F <= 0 the results are NaN.
     theta : (n_parameters,) array
         Textbook values.
+    fields : mapping of name to (...) or (..., 3) array, optional
+        Values at each F of the fields that the material takes.
 
     Returns
     -------
@@ -235,22 +246,24 @@ def stress_and_tangent(material: Material, F: Array, theta: Array) -> tuple[Arra
         return _isotropic_stress_and_tangent(material, F, theta)
     gradient = jax.grad(material.energy_from_F)
     tangent = jax.jacfwd(gradient)
-    return _pointwise(lambda f: (gradient(f, theta), tangent(f, theta)), F)  # type: ignore[no-any-return]
+    return _pointwise(  # type: ignore[no-any-return]
+        lambda f, *own: (gradient(f, theta, *own), tangent(f, theta, *own)), F, fields
+    )
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _stress(material: Material, F: Array, theta: Array) -> Array:
+def _stress(material: Material, F: Array, theta: Array, fields: Fields) -> Array:
     if material.isotropic:
         return _isotropic_stress(material, F, theta)
-    return _pointwise(lambda f: jax.grad(material.energy_from_F)(f, theta), F)
+    return _pointwise(lambda f, *own: jax.grad(material.energy_from_F)(f, theta, *own), F, fields)
 
 
 @_stress.defjvp
 def _stress_jvp(
-    material: Material, primals: tuple[Array, Array], tangents: tuple[Array, Array]
+    material: Material, primals: tuple[Array, Array, Fields], tangents: tuple[Array, Array, Fields]
 ) -> tuple[Array, Array]:
-    (F, theta), (dF, dtheta) = primals, tangents
-    P, A = stress_and_tangent(material, F, theta)
+    (F, theta, fields), (dF, dtheta, _) = primals, tangents
+    P, A = stress_and_tangent(material, F, theta, fields)
     if material.isotropic:
         g, n = _principal_columns(F)
         stretches = jnp.sqrt(_squared_stretches(g))
@@ -258,11 +271,13 @@ def _stress_jvp(
         dP = _from_principal(dpsi / stretches, g, n)
     else:
         energy = material.energy_from_F
-        _, dP = jax.jvp(lambda t: _pointwise(lambda f: jax.grad(energy)(f, t), F), (theta,), (dtheta,))
+        _, dP = jax.jvp(
+            lambda t: _pointwise(lambda f, *own: jax.grad(energy)(f, t, *own), F, fields), (theta,), (dtheta,)
+        )
     return P, dP + jnp.einsum("...iJkL,...kL->...iJ", A, dF)
 
 
-def stress(material: Material, F: Array, theta: Array) -> Array:
+def stress(material: Material, F: Array, theta: Array, fields: Fields = NO_FIELDS) -> Array:
     """First Piola–Kirchhoff stress alone, the cheap path for residuals.
 
     JAX differentiates it once in ``F`` and ``theta``, forward or reverse, with
@@ -274,13 +289,15 @@ def stress(material: Material, F: Array, theta: Array) -> Array:
     F : (..., 3, 3) array
         Where det F <= 0 the stress is NaN.
     theta : (n_parameters,) array
+    fields : mapping of name to (...) or (..., 3) array, optional
+        Values at each F of the fields that the material takes, held constant in every derivative.
 
     Returns
     -------
     (..., 3, 3) array
         [MPa]
     """
-    return _stress(material, *_as_arrays(F, theta))
+    return _stress(material, *_as_arrays(F, theta), dict(fields))
 
 
 def cauchy_stress(material: Material, F: Array, theta: Array) -> Array:

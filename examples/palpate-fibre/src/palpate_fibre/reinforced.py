@@ -1,11 +1,12 @@
 """Soft matter with one family of fibres."""
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
-import numpy as np
-from pydantic import Field, field_validator
+from pydantic import BaseModel, Field, field_validator
 
 from palpate import AnisotropicMaterial, Parameter, Settings
-from palpate.interfaces import Array
+from palpate.interfaces import NO_FIELDS, Array
 
 
 class ReinforcedSettings(Settings):
@@ -14,6 +15,10 @@ class ReinforcedSettings(Settings):
     direction: tuple[float, float, float] = Field(
         default=(1.0, 0.0, 0.0),
         description="Of the fibres, in the frame of the mesh; of any length but zero.",
+    )
+    field: str = Field(
+        default="",
+        description="Cell data of the mesh with the direction in each element, instead of one for all.",
     )
     tension_only: bool = Field(default=True, description="Whether fibres that are shortened bear nothing.")
 
@@ -62,10 +67,17 @@ class Reinforced(AnisotropicMaterial):
         _modulus("kappa", 0.25, 2.5, "bulk modulus"),
     )
 
-    def energy_from_F(self, F: Array, theta: Array) -> Array:  # noqa: N802 - the interface's name
+    def __init__(self, settings: BaseModel | None = None) -> None:
+        super().__init__(settings)
+        self.fields = (self.settings.field,) if self.settings.field else ()
+
+    def energy_from_F(  # noqa: N802 - the interface's name
+        self, F: Array, theta: Array, fields: Mapping[str, Array] = NO_FIELDS
+    ) -> Array:
         """Strain energy per reference volume [MPa] of one deformation gradient (3, 3)."""
         mu, k1, k2, kappa = theta
-        a = np.array(self.settings.direction) / np.linalg.norm(self.settings.direction)
+        along = fields[self.settings.field] if fields else jnp.array(self.settings.direction)
+        a = along / jnp.linalg.norm(along)
         J, longer = jnp.linalg.det(F), jnp.sum((F @ a) ** 2) - 1.0
         if self.settings.tension_only:
             longer = jnp.where(longer > 0.0, longer, 0.0)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from palpate.domain import Indentation, Job, Limb, Simulation, Status
-from palpate.errors import PalpateError, StudyError
+from palpate.errors import MeshError, PalpateError, StudyError
 from palpate.interfaces import Material, Solver
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
@@ -156,6 +156,11 @@ class FebioSolver(Solver):
         check_limb(limb, list(job.materials))
         for region in limb.mesh.regions:
             check_reference_state(job.materials[region], job.thetas[region])
+            if not job.materials[region].isotropic and limb.spot.normal[2] != 1.0:
+                raise MeshError(
+                    f"spot '{job.spot}': region '{region}' has directions, and FEBio's deck is in the frame "
+                    "of the spot, not of the mesh; give a mesh whose normal there is +z, or use solver 'jax'"
+                )
         problem = self.problem(job, limb, dict.fromkeys(job.materials, "textbook"))
         if not problem.bonded:
             skin_faces(problem.mesh)

@@ -79,7 +79,8 @@ class MeshioSource(LimbSource):
     and ``hex8`` with their nodes in the file's order as meshio gives it, which is VTK's: a
     ``tet10`` has its four corners, then the middles of the edges 01, 12, 02, 03,
     13, 23. Edges may be curved. Points, lines and faces are passed over; any
-    other element is refused.
+    other element is refused. Cell data of one number or one vector for each element, such as the
+    direction of fibres, go to the materials that name them.
     """
 
     name = "meshio"
@@ -109,6 +110,7 @@ class MeshioSource(LimbSource):
                 name: chosen(path, content, points, choice if isinstance(choice, list) else [choice])
                 for name, choice in settings.node_sets.items()
             },
+            cell_fields=_fields(content, settings.region_data),
         )
         return Limb(spot=spot, mesh=mesh)
 
@@ -162,6 +164,27 @@ def _volume(
         {kind: np.concatenate(blocks) for kind, blocks in cells.items()},
         {kind: np.concatenate(blocks) for kind, blocks in ids.items()},
     )
+
+
+def _fields(content: MeshFile, region_data: str) -> dict[str, dict[str, NDArray[np.float64]]]:
+    """Cell data of one number or vector for each element, by name and kind."""
+    volume = [i for i, (cell_type, _) in enumerate(content.blocks) if cell_type in KINDS]
+    found: dict[str, dict[str, NDArray[np.float64]]] = {}
+    for name, blocks in content.cell_data.items():
+        own = [blocks[i] for i in volume]
+        if name == region_data or any(
+            b.dtype.kind not in "biuf" or b.shape[1:] not in ((), (3,)) for b in own
+        ):
+            continue
+        if len({block.shape[1:] for block in own}) == 1:
+            kinds = [KINDS[content.blocks[i][0]] for i in volume]
+            found[name] = {
+                kind: np.concatenate([b for k, b in zip(kinds, own, strict=True) if k == kind]).astype(
+                    np.float64
+                )
+                for kind in set(kinds)
+            }
+    return found
 
 
 def _by_group(path: Path, content: MeshFile, block: int, settings: MeshioSettings) -> IntArray:

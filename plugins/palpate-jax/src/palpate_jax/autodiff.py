@@ -5,6 +5,7 @@ Piola–Kirchhoff stress and tangent at F̄ = s F; index letters i k space, J L
 reference, a b nodes.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -15,19 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.domain import FloatArray, IntArray
-from palpate.interfaces import Material
+from palpate.interfaces import NO_FIELDS, Material
 from palpate.mechanics import stress, stress_and_tangent
 
 Jax = Any
 T = TypeVar("T", bound=np.generic)
 
+_Geometry = tuple[Jax, Jax, Jax, dict[str, Jax]]
+"""Gradients, volumes, the deformation at rest (3, 3) and fields of a block."""
+
 PADDING = 512
 """Blocks are padded to a multiple of this many elements."""
 
 
-def _deformation(displacements: Jax, gradients: Jax) -> Jax:
-    """F = I + Σ_a u_a ⊗ ∇N_a, shape (e, q, 3, 3)."""
-    return jnp.eye(3) + jnp.einsum("eai,eqaJ->eqiJ", displacements, gradients)
+def _deformation(displacements: Jax, gradients: Jax, rest: Jax) -> Jax:
+    """F = R + Σ_a u_a ⊗ ∇N_a, shape (e, q, 3, 3), where R turns the reference frame into the spatial one."""
+    return rest + jnp.einsum("eai,eqaJ->eqiJ", displacements, gradients)
 
 
 def _cofactor_inverse(F: Jax) -> tuple[Jax, Jax]:
@@ -52,8 +56,8 @@ class _Kinematics:
     volume: Jax  # (e, 1)
 
 
-def _kinematics(displacements: Jax, gradients: Jax, volumes: Jax) -> _Kinematics:
-    F = _deformation(displacements, gradients)
+def _kinematics(displacements: Jax, gradients: Jax, volumes: Jax, rest: Jax) -> _Kinematics:
+    F = _deformation(displacements, gradients, rest)
     J, H = _cofactor_inverse(F)
     volume = volumes.sum(axis=1, keepdims=True)
     theta = (volumes * J).sum(axis=1, keepdims=True) / volume
@@ -96,30 +100,32 @@ def _mean_dilatation_tangent(k: _Kinematics, P: Jax, A: Jax, volumes: Jax) -> tu
 
 
 def _block_force(
-    material: Material, mean: bool, displacements: Jax, gradients: Jax, volumes: Jax, parameters: Jax
+    material: Material, mean: bool, displacements: Jax, geometry: _Geometry, parameters: Jax
 ) -> tuple[Jax, Jax]:
     """Nodal forces (e, n, 3) [N] and the least J of the block."""
-    k = _kinematics(displacements, gradients, volumes)
+    gradients, volumes, rest, fields = geometry
+    k = _kinematics(displacements, gradients, volumes, rest)
     if mean:
-        P = stress(material, k.s[..., None, None] * k.F, parameters)
+        P = stress(material, k.s[..., None, None] * k.F, parameters, fields)
         Q, pressure, _ = _mean_dilatation_stress(k, P, volumes)
         P = k.s[..., None, None] * Q + (pressure * k.J)[..., None, None] * k.H
     else:
-        P = stress(material, k.F, parameters)
+        P = stress(material, k.F, parameters, fields)
     force = jnp.einsum("eq,eqiJ,eqaJ->eai", volumes, P, gradients)
     return force, k.J.min()
 
 
 def _block_tangent(
-    material: Material, mean: bool, displacements: Jax, gradients: Jax, volumes: Jax, parameters: Jax
+    material: Material, mean: bool, displacements: Jax, geometry: _Geometry, parameters: Jax
 ) -> tuple[Jax, Jax, Jax]:
     """Nodal forces (e, n, 3), stiffness (e, 3n, 3n) [N/mm] and the least J of the block."""
-    k = _kinematics(displacements, gradients, volumes)
+    gradients, volumes, rest, fields = geometry
+    k = _kinematics(displacements, gradients, volumes, rest)
     n = gradients.shape[2]
     if not mean:
-        P, A = stress_and_tangent(material, k.F, parameters)
+        P, A = stress_and_tangent(material, k.F, parameters, fields)
         return _contract(gradients, volumes, P), _stiffness(gradients, volumes, A), k.J.min()
-    P, A = stress_and_tangent(material, k.s[..., None, None] * k.F, parameters)
+    P, A = stress_and_tangent(material, k.s[..., None, None] * k.F, parameters, fields)
     tangent, total, mixed, curvature = _mean_dilatation_tangent(k, P, A, volumes)
     stiffness = _stiffness(gradients, volumes, tangent)
     b = _contract(gradients, volumes, mixed).reshape(-1, 3 * n)
@@ -146,12 +152,12 @@ def _stiffness(gradients: Jax, volumes: Jax, A: Jax) -> Jax:
 
 
 def _block_rates(
-    material: Material, mean: bool, displacements: Jax, gradients: Jax, volumes: Jax, parameters: Jax
+    material: Material, mean: bool, displacements: Jax, geometry: _Geometry, parameters: Jax
 ) -> Jax:
     """Derivatives (e, n, 3, m) of the nodal forces in the parameters."""
 
     def force(p: Jax) -> Jax:
-        return _block_force(material, mean, displacements, gradients, volumes, p)[0]
+        return _block_force(material, mean, displacements, geometry, p)[0]
 
     return jax.jacfwd(force)(parameters)
 
@@ -183,6 +189,11 @@ class AutodiffKernel:
     volumes : (e, q) array
         [mm³]
     mean_dilatation : bool
+    axes : (3, 3) array, optional
+        Axes of the spatial frame, as columns in the frame that the material's directions are in; F then
+        goes from that frame to this one, which changes no energy.
+    fields : mapping of name to (e, q) or (e, q, 3) array, optional
+        What the material takes, in that frame too.
     """
 
     def __init__(
@@ -192,10 +203,18 @@ class AutodiffKernel:
         gradients: FloatArray,
         volumes: FloatArray,
         mean_dilatation: bool,
+        axes: FloatArray | None = None,
+        fields: Mapping[str, FloatArray] = NO_FIELDS,
     ) -> None:
+        axes = np.eye(3) if axes is None else axes
         self._nodes = nodes
         self._padded_nodes = _padded(nodes)
-        self._geometry = jnp.asarray(_padded(gradients)), jnp.asarray(_padded(volumes))
+        self._geometry: _Geometry = (
+            jnp.asarray(_padded(gradients @ axes.T)),
+            jnp.asarray(_padded(volumes)),
+            jnp.asarray(axes.T),
+            {name: jnp.asarray(_padded(values)) for name, values in fields.items()},
+        )
         self._force = partial(_force_kernel, material, mean_dilatation)
         self._tangent = partial(_tangent_kernel, material, mean_dilatation)
         self._rates = partial(_rates_kernel, material, mean_dilatation)
@@ -207,13 +226,13 @@ class AutodiffKernel:
 
     def add_force(self, displacements: FloatArray, theta: FloatArray, total: FloatArray) -> float:
         """Add nodal forces to ``total`` (n_nodes, 3) [N]; the least J."""
-        forces, least = self._force(displacements[self._padded_nodes], *self._geometry, theta)
+        forces, least = self._force(displacements[self._padded_nodes], self._geometry, theta)
         self._scatter(forces, total)
         return float(least)
 
     def add_rates(self, displacements: FloatArray, theta: FloatArray, totals: FloatArray) -> None:
         """Add the derivatives of the nodal forces in the parameters to ``totals`` (m, n_nodes, 3)."""
-        rates = self._rates(displacements[self._padded_nodes], *self._geometry, np.asarray(theta))
+        rates = self._rates(displacements[self._padded_nodes], self._geometry, np.asarray(theta))
         for k, total in enumerate(totals):
             self._scatter(rates[..., k], total)
 
@@ -221,7 +240,7 @@ class AutodiffKernel:
         self, displacements: FloatArray, theta: FloatArray, total: FloatArray, values: FloatArray
     ) -> float:
         """Add nodal forces, and stiffness to ``values`` [N/mm] at the places; the least J."""
-        results = self._tangent(displacements[self._padded_nodes], *self._geometry, theta)
+        results = self._tangent(displacements[self._padded_nodes], self._geometry, theta)
         forces, stiffness, least = results
         self._scatter(forces, total)
         own = np.asarray(stiffness)[: len(self._nodes)]

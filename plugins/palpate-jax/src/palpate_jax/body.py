@@ -9,7 +9,7 @@ F̄ = F: the plain displacement element.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class Block:
         Quadrature weight times reference Jacobian [mm³].
     mean_dilatation : bool
         Otherwise plain displacement elements.
+    fields : mapping of name to (n_elements, q) or (n_elements, q, 3) array
+        Cell fields of the mesh, in its frame.
     """
 
     region: str
@@ -43,6 +45,7 @@ class Block:
     gradients: FloatArray
     volumes: FloatArray
     mean_dilatation: bool = True
+    fields: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 def blocks(mesh: Mesh, mean_dilatation: bool | Collection[str] = True) -> tuple[Block, ...]:
@@ -58,13 +61,18 @@ def blocks(mesh: Mesh, mean_dilatation: bool | Collection[str] = True) -> tuple[
         for index, region in enumerate(mesh.regions):
             mean = mean_dilatation if isinstance(mean_dilatation, bool) else region in mean_dilatation
             element = ELEMENTS[kind] if mean else PLAIN_ELEMENTS[kind]
-            nodes = cells[mesh.cell_regions[kind] == index]
+            own = mesh.cell_regions[kind] == index
+            nodes = cells[own]
             if len(nodes) == 0:
                 continue
             jacobians = np.einsum("eai,qaj->eqij", mesh.points_mm[nodes], element.slopes)
             gradients = np.einsum("qaj,eqji->eqai", element.slopes, np.linalg.inv(jacobians))
             volumes = np.linalg.det(jacobians) * element.weights
-            block = Block(region, nodes, gradients, volumes, mean)
+            fields = {
+                name: np.repeat(by_kind[kind][own][:, None], volumes.shape[1], axis=1)
+                for name, by_kind in mesh.cell_fields.items()
+            }
+            block = Block(region, nodes, gradients, volumes, mean, fields)
             if mean and kind == "tet4":
                 block = _by_patch(block, tetrahedron_patches(mesh.points_mm, nodes))
             found.append(block)
@@ -89,7 +97,13 @@ def _by_patch(block: Block, labels: IntArray) -> Block:
     gradients = np.zeros((*volumes.shape, nodes.shape[1], 3))
     local = places[inverse.reshape(block.nodes.shape)]
     gradients[labels[:, None], slots[:, None], local] = block.gradients[:, 0]
-    return Block(block.region, nodes, gradients, volumes, block.mean_dilatation)
+    _, first_cell = np.unique(labels, return_index=True)
+    fields = {
+        name: np.repeat(values[first_cell], slots.max() + 1, axis=1) for name, values in block.fields.items()
+    }
+    for name, values in block.fields.items():
+        fields[name][labels, slots] = values[:, 0]
+    return Block(block.region, nodes, gradients, volumes, block.mean_dilatation, fields)
 
 
 def points_of_cells(points_mm: FloatArray, cells: IntArray, block: Block) -> tuple[IntArray, IntArray]:
@@ -122,10 +136,16 @@ class Body:
     mesh : Mesh
     materials : mapping of region to Material
     mean_dilatation : bool, or the regions that have it
+    axes : (3, 3) array, optional
+        Axes of the frame of ``mesh.points_mm``, as columns in the frame that directions and fields are in.
     """
 
     def __init__(
-        self, mesh: Mesh, materials: Mapping[str, Material], mean_dilatation: bool | Collection[str]
+        self,
+        mesh: Mesh,
+        materials: Mapping[str, Material],
+        mean_dilatation: bool | Collection[str],
+        axes: FloatArray | None = None,
     ) -> None:
         self.blocks = blocks(mesh, mean_dilatation)
         self._shape = (mesh.n_nodes, 3)
@@ -133,10 +153,12 @@ class Body:
         self._kernels: list[CompiledKernel | AutodiffKernel] = []
         for block in self.blocks:
             material = materials[block.region]
-            kernel = CompiledKernel if serves(material) else AutodiffKernel
-            self._kernels.append(
-                kernel(material, block.nodes, block.gradients, block.volumes, block.mean_dilatation)
-            )
+            shape = (block.nodes, block.gradients, block.volumes, block.mean_dilatation)
+            if serves(material):
+                self._kernels.append(CompiledKernel(material, *shape))
+                continue
+            fields = {name: block.fields[name] for name in material.fields}
+            self._kernels.append(AutodiffKernel(material, *shape, axes=axes, fields=fields))
 
     def bind(self, places: Sequence[IntArray], n_entries: int) -> None:
         """Say where stiffness entries go, before the first tangent.

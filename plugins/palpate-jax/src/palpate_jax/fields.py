@@ -122,7 +122,9 @@ class FieldWriter:
         for (kind, rows, region), block in zip(_block_cells(mesh), self._blocks, strict=True):
             own = found.setdefault(kind, {"region": mesh.cell_regions[kind].astype(np.float64)})
             places = points_of_cells(mesh.points_mm, mesh.cells[kind][rows], block)
-            values = cell_fields(self._materials[region], thetas[region], block, displacements, places)
+            values = cell_fields(
+                self._materials[region], thetas[region], block, displacements, places, self._axes
+            )
             for name, value in zip(("cauchy_stress_MPa", "principal_stretches", "J"), values, strict=True):
                 if name == "cauchy_stress_MPa":
                     value = (self._axes @ value @ self._axes.T).reshape(-1, 9)
@@ -145,6 +147,7 @@ def cell_fields(
     block: Block,
     displacements: FloatArray,
     places: tuple[IntArray, IntArray],
+    axes: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Cauchy stress, stretches and J of cells.
 
@@ -156,6 +159,8 @@ def cell_fields(
     ----------
     places : (c, p) element numbers and (c, p) point numbers
         Quadrature points of each cell.
+    axes : (3, 3) array, optional
+        As of :class:`palpate_jax.body.Body`.
 
     Returns
     -------
@@ -170,7 +175,9 @@ def cell_fields(
     volume = w.sum(axis=1, keepdims=True)
     theta_mean = (w * J).sum(axis=1, keepdims=True) / volume if block.mean_dilatation else J
     mean_F = np.cbrt(theta_mean / J)[..., None, None] * F
-    kirchhoff = np.asarray(stress(material, mean_F, theta)) @ mean_F.swapaxes(-1, -2)
+    mean_F = mean_F if axes is None else mean_F @ axes.T
+    own = {name: block.fields[name] for name in material.fields}
+    kirchhoff = np.asarray(stress(material, mean_F, theta, own)) @ mean_F.swapaxes(-1, -2)
     third = np.trace(kirchhoff, axis1=-2, axis2=-1) / 3.0
     pressure = third / theta_mean
     if block.mean_dilatation:

@@ -75,7 +75,7 @@ class Model:
         factors: By = "palpate",
     ) -> None:
         mesh = in_spot_frame(limb)
-        self.body = Body(mesh, materials, mean_dilatation)
+        self.body = Body(mesh, materials, mean_dilatation, spot_axes(limb))
         self.contact = Contact(mesh)
         self.points = mesh.points_mm
         self.touched_region = _touched_region(mesh, self.body)

@@ -119,6 +119,7 @@ class JaxSolver(Solver):
     name = "jax"
     summary = "finite elements (hex8, tet10, tet4) under a rigid sphere, friction with memory; embedded"
     Settings = JaxSettings
+    takes_fields = True
 
     def __init__(self, settings: BaseModel | None = None) -> None:
         super().__init__(settings)
@@ -288,6 +289,12 @@ def _same(one: Limb, other: Limb) -> bool:
         and all(np.array_equal(a.cell_regions[k], b.cell_regions[k]) for k in a.cells)
         and a.node_sets.keys() == b.node_sets.keys()
         and all(np.array_equal(a.node_sets[k], b.node_sets[k]) for k in a.node_sets)
+        and a.cell_fields.keys() == b.cell_fields.keys()
+        and all(
+            np.array_equal(values, b.cell_fields[name][kind])
+            for name, by_kind in a.cell_fields.items()
+            for kind, values in by_kind.items()
+        )
     )
 
 
