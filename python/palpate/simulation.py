@@ -14,6 +14,7 @@ from palpate.domain import (
     Simulation,
 )
 from palpate.errors import StudyError
+from palpate.interfaces import Solver
 from palpate.keys import JobKeys, limb_key
 from palpate.ledger import Ledger
 from palpate.plugins import answering_for
