@@ -135,7 +135,8 @@ def test_a_scenario_without_a_ranked_set_is_drawn_without_an_error(browser, page
         browser.open(path, width)
         assert browser.complaints() == []
         browser.value(
-            "(s => {s.value = '2'; s.dispatchEvent(new Event('change'))})(document.getElementById('scenario'))"
+            "(s => {s.value = '2'; s.dispatchEvent(new Event('change'))})"
+            "(document.getElementById('scenario'))"
         )
         assert browser.complaints() == []
     assert "NaN" not in browser.value(

@@ -27,6 +27,12 @@ CHECK = (
 )
 """What to do about a set that does not fit."""
 
+CAUSES = (
+    "an offset of the depth, compliance of the robot or the mount, bias of a sensor, a lag between motion "
+    "and force, a wrong friction, "
+)
+"""Why force and torque of a press may disagree."""
+
 EDGE = 0.01
 """Share of a range within which a value lies at its end."""
 
@@ -146,6 +152,7 @@ def _about_disagreement(content: Content) -> Iterator[Caution]:
     if content.disagreements.is_empty():
         return
     brief = {p.name: b.name for p, b in with_brief_names(content)}
+    causes = "" if content.study.protocol is None else CAUSES
     for (first, second), rows in content.disagreements.group_by("first", "second", maintain_order=True):
         values = [
             f"{brief[row['parameter']]} at {row['spot']}: {row['first_optimum']:.4g} by {first}, "
@@ -156,8 +163,7 @@ def _about_disagreement(content: Content) -> Iterator[Caution]:
         yield Caution(
             what=f"{str(first).capitalize()} and {second} disagree",
             why=f"{_some(values) or f'At {spots}'}. No set fits both about as well as each is fitted alone. "
-            "Typical causes: an offset of the depth, compliance of the robot or the mount, bias of a "
-            "sensor, a lag between motion and force, a wrong friction.",
+            f"Typical causes: {causes}a material law that cannot describe both.",
         )
 
 
