@@ -7,6 +7,7 @@ This decides what a file may look like; what its names mean is for
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
@@ -353,7 +354,40 @@ class Tables:
     truth: Mapping[str, Any] = field(default_factory=dict)
 
 
-def json_schema() -> dict[str, Any]:
-    """JSON schema of study.toml, for editors."""
+NAMED_BY: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "loaders": ("ExperimentTable", "loader"),
+        "limb_sources": ("LimbTable", "source"),
+        "materials": ("RegionTable", "material"),
+        "samplers": ("SamplingTable", "sampler"),
+        "solvers": ("SolverTable", "name"),
+        "executors": ("ExecutorTable", "name"),
+    }
+)
+"""Table and key that name a component of a kind, and so say what its ``settings`` may hold."""
+
+
+def json_schema(settings: Mapping[str, Mapping[str, type[BaseModel]]] | None = None) -> dict[str, Any]:
+    """JSON schema of study.toml, for editors.
+
+    Parameters
+    ----------
+    settings : mapping of kind to mapping of name to class of settings, optional
+        Components whose settings the schema describes, by the keys of ``NAMED_BY``.
+    """
     schema = StudyFile.model_json_schema()
+    for kind, models in (settings or {}).items():
+        table, key = NAMED_BY[kind]
+        choices = []
+        for name, model in models.items():
+            own = model.model_json_schema(ref_template=f"#/$defs/{kind}.{name}.{{model}}")
+            schema["$defs"] |= {f"{kind}.{name}.{k}": each for k, each in own.pop("$defs", {}).items()}
+            own.pop("required", None)  # a spot may give what [experiment] leaves out
+            choices.append(
+                {
+                    "if": {"properties": {key: {"const": name}}, "required": [key]},
+                    "then": {"properties": {"settings": own}},
+                }
+            )
+        schema["$defs"][table]["allOf"] = choices
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

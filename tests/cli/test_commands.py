@@ -397,6 +397,26 @@ def test_plugins_as_json_holds_everything(call: Call) -> None:
     ]
 
 
+def test_settings_of_nested_tables_are_listed(call: Call) -> None:
+    (entry,) = call("plugins", "loaders", "robot_log", "--json", plugin=None).json["loaders"]
+    rows = {row["name"]: row for row in entry["settings"]}
+    assert rows["onset"] == {
+        "name": "onset",
+        "type": "table",
+        "default": None,
+        "required": False,
+        "description": "First contact.",
+    }
+    assert (rows["onset.exponent"]["type"], rows["onset.exponent"]["default"]) == ("number", 1.5)
+    assert rows["gravity.weight"]["type"] == "quantity, such as '10 N' | null"
+    assert {"channels.wrench_frame", "channels.plausible.lever", "channels.max_gap"} <= set(rows)
+    (entry,) = call("plugins", "loaders", "csv", "--json", plugin=None).json["loaders"]
+    rows = {row["name"]: row for row in entry["settings"]}
+    assert rows["channels"]["default"]["torque"]["ordinate"] == {"name": "torque_Nmm"}
+    assert rows["channels.<name>.ordinate.scale"]["default"] == 1.0
+    assert not any("$" in row["type"] for row in rows.values())
+
+
 def test_plugins_by_kind_and_by_name(call: Call) -> None:
     kind = call("plugins", "set-filters").out
     assert "stiff" in kind

@@ -2,7 +2,9 @@
 
 import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -11,7 +13,7 @@ import pytest
 from palpate.domain import Indentation, Normaliser, PointWeights
 from palpate.plugins import Plugins
 from palpate.study import Study, read_study
-from palpate.study_model import json_schema
+from palpate.study_model import NAMED_BY, json_schema
 
 TOY = Path(__file__).parents[1] / "data" / "toy"
 PLUGIN = TOY / "toy_plugin.py"
@@ -207,7 +209,26 @@ def shipped_studies() -> list[Path]:
 
 @pytest.mark.parametrize("path", shipped_studies(), ids=lambda path: path.parent.name)
 def test_the_schema_accepts_every_shipped_study(path: Path) -> None:
-    jsonschema.Draft202012Validator(json_schema()).validate(parsed(path))
+    jsonschema.Draft202012Validator(whole_schema()).validate(parsed(path))
+
+
+@cache
+def whole_schema() -> dict[str, Any]:
+    plugins = Plugins.load()
+    kinds = {kind: plugins.catalogue(kind) for kind in NAMED_BY}
+    return json_schema({kind: {n: c.Settings for n, c in each.items()} for kind, each in kinds.items()})
+
+
+def test_the_schema_knows_the_settings_of_the_component_that_is_named() -> None:
+    study = parsed(Path(Plugins.load().studies["robot-log"].directory) / "study.toml")
+    validator = jsonschema.Draft202012Validator(whole_schema())
+    validator.check_schema(validator.schema)
+    study["experiment"]["settings"]["onset"] = {"exponent": 9.0}
+    study["region"]["soft_tissue"]["settings"] = {"none_such": 2}
+    assert sorted(error.json_path for error in validator.iter_errors(study)) == [
+        "$.experiment.settings.onset.exponent",
+        "$.region.soft_tissue.settings",
+    ]
 
 
 def test_the_schema_is_json_and_refuses_what_reading_refuses() -> None:

@@ -30,9 +30,12 @@ def check(
     """Check a study with its curves and meshes; writes and simulates nothing."""
     session = Session.of(context)
     if schema:
-        from palpate.study_model import json_schema
+        from palpate.study_model import NAMED_BY, json_schema
 
-        session.json(json_schema())
+        kinds = {kind: session.plugins.catalogue(kind) for kind in NAMED_BY}
+        session.json(
+            json_schema({kind: {n: c.Settings for n, c in each.items()} for kind, each in kinds.items()})
+        )
         return
     if study is None:
         raise StudyError("no study given; name a study.toml: palpate check STUDY")

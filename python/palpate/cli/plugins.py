@@ -65,14 +65,15 @@ def _commands(loaded: "Plugins") -> list[dict[str, Any]]:
 
 def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
     """Everything there is to know about one entry, in plain values."""
-    from palpate.interfaces import Material
+    from palpate.cli.settings import settings_rows
+    from palpate.interfaces import Component, Material
 
     catalogue = loaded.catalogue(kind)
     entry = catalogue[name]
     found: dict[str, Any] = {"name": name, "plugin": catalogue.provider(name), "summary": _summary(entry)}
-    if isinstance(entry, type):
+    if isinstance(entry, type) and issubclass(entry, Component):
         found["class"] = f"{entry.__module__}.{entry.__qualname__}"
-        found["settings"] = _settings(entry)
+        found["settings"] = settings_rows(entry.Settings)
     if isinstance(entry, type) and issubclass(entry, Material):
         found.update(_material(entry))
     for attribute in ("abscissa", "ordinate", "weights", "directory"):
@@ -86,28 +87,6 @@ def _summary(entry: Any) -> str:  # noqa: ANN401 -- an entry of any kind
         if isinstance(text := getattr(entry, attribute, None), str):
             return text
     return f"{entry.ordinate_label} over {entry.abscissa_label}" if hasattr(entry, "ordinate_label") else ""
-
-
-def _settings(component: Any) -> list[dict[str, Any]]:  # noqa: ANN401 -- a component class
-    schema = component.Settings.model_json_schema()
-    return [
-        {
-            "name": name,
-            "type": _type(schema["properties"][name]),
-            "default": None if field.is_required() else field.get_default(call_default_factory=True),
-            "required": field.is_required(),
-            "description": field.description,
-        }
-        for name, field in component.Settings.model_fields.items()
-    ]
-
-
-def _type(schema: dict[str, Any]) -> str:
-    if "enum" in schema:
-        return " | ".join(map(repr, schema["enum"]))
-    if "anyOf" in schema:
-        return " | ".join(map(_type, schema["anyOf"]))
-    return str(schema.get("type", schema.get("$ref", "any")))
 
 
 def _material(material: Any) -> dict[str, Any]:  # noqa: ANN401 -- a material class
