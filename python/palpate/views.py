@@ -109,4 +109,6 @@ def run_result(shown: "RunResult") -> str:
     chosen = shown.selected.selection
     page = escape(str(shown.folder / "report" / "index.html"))
     caption = f"least Fopt by spot and scenario; {len(shown.simulations)} simulations"
-    return f"{table(chosen.columns, chosen.rows(), caption)}<p>report: <code>{page}</code></p>"
+    verdict = shown.report.verdict
+    said = "".join(f"<p>{escape(line)}</p>" for line in (*verdict.sentences, *verdict.warnings))
+    return f"{table(chosen.columns, chosen.rows(), caption)}{said}<p>report: <code>{page}</code></p>"

@@ -8,6 +8,8 @@ import palpate
 from palpate import pipeline
 from palpate.domain import Curve, Design, Response
 from palpate.errors import StudyError
+from palpate.report.cautions import Caution
+from palpate.report.verdict import Verdict
 
 
 @pytest.fixture
@@ -60,6 +62,8 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
     selected = pipeline.select(study, tmp_path, plugins)
     assert palpate.select(study, scores, design).equals(selected.selection)
     assert palpate.generalise(study, scores, design).equals(selected.generalisation)
+    caution = Caution(what="A thin sweep", why="Few <sets>.")
+    verdict = Verdict(parameters=(), bests=(), lead="c1 = 2", determined=(), cautions=(caution,))
     result = palpate.RunResult(
         folder=tmp_path,
         measured={},
@@ -67,10 +71,12 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
         simulations=(),
         scores=kept,
         selected=selected,
-        report=pipeline.Report(tables={}, files=(), verdict=None),
+        report=pipeline.Report(tables={}, files=(), verdict=verdict),
     )
     assert repr(result) == f"RunResult({tmp_path}: 0 simulations, {selected.selection.height} chosen sets)"
-    assert "<td>p1</td>" in result._repr_html_()
+    shown = result._repr_html_()
+    for text in ("<td>p1</td>", "<p>c1 = 2</p>", "<p>A thin sweep. Few &lt;sets&gt;.</p>"):
+        assert text in shown
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """The application: global options, the commands, and what becomes of an error.
 
-Exit codes: 0 done, 1 every simulation failed so that nothing can be selected,
+Exit codes: 0 done, 1 no set could be selected, in all or in one of the scenarios,
 2 a mistake in the input, 130 stopped by the user. Anything else that escapes is a bug and keeps its
 traceback.
 """
