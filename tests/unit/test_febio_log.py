@@ -1,5 +1,6 @@
 """Logs and records: good, partial, garbled and lying ones."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,16 @@ def test_both_banners_or_none_say_nothing():
 @given(st.text(max_size=400))
 def test_any_text_is_read(text):
     assert read_log(text).finished in (None, True, False)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["* ERROR *\n", "\n\t", "invalid ", "linear solver ", "failed to loading ", "invalid " * 120 + "\n"],
+)
+def test_a_long_log_takes_time_in_proportion_to_its_length(line):
+    begun = time.process_time()
+    read_log(line * (400_000 // len(line)))
+    assert time.process_time() - begun < 5.0  # minutes where it is quadratic
 
 
 @given(st.integers(0, len(BAD_LOG)))

@@ -1,16 +1,16 @@
 """Reads what FEBio said: its log, and the last of what it printed."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 GOOD_BANNER = "N O R M A L   T E R M I N A T I O N"
 BAD_BANNER = "E R R O R   T E R M I N A T I O N"
 
-_VERSION = re.compile(r"^\s*version\s+(\d+\.\d+\S*)", re.MULTILINE)
-_BOX = re.compile(
-    r"^[ \t]*\*[ \t]+(ERROR|WARNING)[ \t]+\*[ \t]*\n((?:[ \t]*\*[^\n]*\*[ \t]*\n)+?)[ \t]*\*{10,}",
-    re.MULTILINE,
-)
+LONGEST_LINE = 1000
+"""Characters of a line that are looked at: patterns that take quadratic time stay fast on them."""
+
+_VERSION = re.compile(r"^[ \t]*version[ \t]+(\d+\.\d+\S*)", re.MULTILINE)
 _CONVERGED = re.compile(r"^-+ converged at time : (\S+)", re.MULTILINE)
 _FAILED = re.compile(r"^-+ failed to converge at time : (\S+)", re.MULTILINE)
 
@@ -112,22 +112,23 @@ class LogSummary:
 
 def read_log(text: str) -> LogSummary:
     """Summarise a log or what FEBio printed; any text will do, garbled or cut off."""
+    text = _cut(text)
     good, bad = GOOD_BANNER in text, BAD_BANNER in text
     version = _VERSION.search(text)
     failed = _FAILED.findall(text)
-    boxes = [(kind, _unboxed(body)) for kind, body in _BOX.findall(text)]
     return LogSummary(
         version=version.group(1) if version else None,
         finished=None if good == bad else good,
         reason=None if good and not bad else last_reason(text),
         converged=tuple(t for word in _CONVERGED.findall(text) if (t := _time(word)) is not None),
         failed_at=_time(failed[-1]) if failed else None,
-        warnings=tuple(dict.fromkeys(body for kind, body in boxes if kind == "WARNING")),
+        warnings=tuple(dict.fromkeys(body for kind, body in _boxes(text) if kind == "WARNING")),
     )
 
 
 def last_reason(text: str) -> Reason | None:
     """The cause of failure that stands last, where a consequence counts less than its cause."""
+    text = _cut(text)
     found = []
     for rank, (pattern, name, remedy) in enumerate(_REASONS):
         if matches := list(pattern.finditer(text)):
@@ -136,15 +137,30 @@ def last_reason(text: str) -> Reason | None:
             found.append((name in CONSEQUENCES, -matches[-1].start(), rank, reason))
     if found:
         return min(found, key=lambda row: row[:3])[3]
-    errors = [_unboxed(body) for kind, body in _BOX.findall(text) if kind == "ERROR"]
+    errors = [body for kind, body in _boxes(text) if kind == "ERROR"]
     if errors:
         return Reason("error", errors[-1][:200], "FEBio's own words say what it is about")
     return None
 
 
-def _unboxed(body: str) -> str:
-    lines = (line.strip().strip("*").strip() for line in body.splitlines())
-    return " ".join(line for line in lines if line)
+def _cut(text: str) -> str:
+    return "\n".join(line[:LONGEST_LINE] for line in text.split("\n"))
+
+
+def _boxes(text: str) -> Iterator[tuple[str, str]]:
+    """Kind and words of each frame of asterisks that is closed: ``* ERROR *``, lines, a row of asterisks."""
+    kind, body = "", list[str]()
+    for line in map(str.strip, text.split("\n")):
+        words = line.split()
+        if body and line.startswith("*" * 10):
+            yield kind, " ".join(word for word in body if word)
+            kind, body = "", []
+        elif kind and len(line) > 1 and line.startswith("*") and line.endswith("*"):
+            body.append(line.strip("*").strip())
+        elif len(words) == 3 and words[0] == words[2] == "*" and words[1] in ("ERROR", "WARNING"):
+            kind, body = words[1], []
+        else:
+            kind, body = "", []
 
 
 def _time(word: str) -> float | None:
