@@ -1,9 +1,12 @@
 """The command line over the toy study: what it prints, where, and how it ends."""
 
+import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +15,7 @@ import pytest
 from palpate import __version__
 from palpate.cli.app import COMMANDS, STAGES, main, split_option
 from palpate.cli.listing import name_of
+from palpate.cli.session import Session
 from palpate.ledger import Ledger
 
 from .conftest import PLUGIN, TOY, Call
@@ -207,6 +211,20 @@ def test_ctrl_c_ends_with_130_and_says_how_to_go_on(call: Call, monkeypatch: pyt
     outcome = call("run", TOY)
     assert outcome.code == 130
     assert "the same command goes on from there" in outcome.err
+
+
+def test_ctrl_c_that_a_callback_swallows_stops_the_next_stage(
+    call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def check(*_: object) -> None:
+        with contextlib.suppress(KeyboardInterrupt):  # as the interpreter does with one in a callback
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(1.0)
+
+    whole = Session.study
+    monkeypatch.setattr(Session, "study", lambda self, path: (check(), whole(self, path))[1])
+    outcome = call("sample", TOY, "--out", "o")
+    assert outcome.code == 130
 
 
 def test_a_process_ends_with_the_code(study: Path, tmp_path: Path) -> None:

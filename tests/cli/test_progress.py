@@ -25,10 +25,10 @@ pytestmark = pytest.mark.usefixtures("one_figure")
 def follow(monkeypatch):
     """A session whose stderr is kept, as a terminal's or as a log."""
 
-    def make(*, is_terminal, colour=False):
+    def make(*, is_terminal, colour=False, width=200):
         session, text = Session(), io.StringIO()
         console = Console(
-            file=text, force_terminal=is_terminal, width=200, soft_wrap=True, no_color=not colour
+            file=text, force_terminal=is_terminal, width=width, soft_wrap=True, no_color=not colour
         )
         monkeypatch.setattr(Session, "stderr", console)
         return session, text
@@ -48,8 +48,8 @@ def test_a_log_gets_lines_with_counts_and_the_time_left(follow, monkeypatch):
     lines = text.getvalue().splitlines()
     assert lines[0] == "simulate: 40 steps"
     assert len(lines) == 11
-    assert re.fullmatch(r"simulate: 20 of 40 18 ok, 2 crashed, 1 running; about \d+ s left", lines[5]), lines
-    assert lines[-1] == "simulate: 40 of 40 36 ok, 4 crashed, 1 running"
+    assert re.fullmatch(r"simulate: 20 of 40 2 crashed, 18 ok, 1 running; about \d+ s left", lines[5]), lines
+    assert lines[-1] == "simulate: 40 of 40 4 crashed, 36 ok, 1 running"
     assert not re.search(r"[\r\x1b]", text.getvalue())
 
 
@@ -72,8 +72,29 @@ def test_a_terminal_gets_a_bar_and_no_colour_where_none_is_wanted(follow):
         following.step("ok")
         following.step("timed_out")
     assert "2/3" in text.getvalue()
-    assert "1 ok, 1 timed_out" in text.getvalue()
+    assert "1 timed_out, 1 ok" in text.getvalue()
     assert not re.search(r"\x1b\[[0-9;]*3[0-9]m", text.getvalue())
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_a_narrow_terminal_keeps_count_time_left_and_failures(follow, monkeypatch, width):
+    session, text = follow(is_terminal=True, width=width)
+    side = "cpu 78 % of 2 cores, memory 1.4 GB; best I 0.0221 (p1/5), II 0.00256 (p1/5), III 0.1 (p2/17)"
+    with StageProgress(session) as following:
+        following._side.text = side
+        following.begin("simulate", 1000)
+        for _ in range(400):
+            following.step("ok")  # of an earlier run
+        following.running(2)
+        following._first = (following._first[0] - 60.0, 400)  # a minute for the next 20
+        for i in range(20):
+            following.step("ok" if i % 2 else "timed_out")
+            following.running(2)
+    plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text.getvalue())
+    lines = [line for line in plain.splitlines() if "left" in line]
+    assert re.search(r"simulate +420/1000 .* about 2\d min left +10 timed_out, 410 ok", lines[-1]), lines[-1]
+    assert len(lines[-1].rstrip()) <= width
+    assert "cpu 78 % of 2 cores, memory 1.4 GB; best I 0.0221 (p1/5)" in plain
 
 
 def test_the_side_shows_processor_memory_and_the_best_sets(call, study, tmp_path, follow, monkeypatch):

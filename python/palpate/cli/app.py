@@ -5,12 +5,15 @@ Exit codes: 0 done, 1 no set could be selected, in all or in one of the scenario
 traceback.
 """
 
+import contextlib
 import errno
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import MappingProxyType
+from types import FrameType, MappingProxyType
 from typing import Annotated
 
 import typer
@@ -112,6 +115,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given, without = split_option("--no-plugin", given)
     app = build_app()
     session = Session([Path(file) for file in files], without)
+    with _noting_interrupts(session):
+        return _run(app, session, given)
+
+
+def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:
     try:
         if not _is_core_command(given):
             from palpate.plugin_registry import add_commands
@@ -136,6 +144,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return stop.code or 0
         return _fail(PalpateError(str(stop.code)), 2)
     return 0
+
+
+@contextlib.contextmanager
+def _noting_interrupts(session: Session) -> Iterator[None]:
+    """Note each Ctrl-C of this call: the exception may be swallowed where it is raised in a callback."""
+    usual = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or usual is not signal.default_int_handler:
+        yield
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        session.interrupted = True
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
 
 
 def _reserve_stdout() -> None:

@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
@@ -44,6 +45,7 @@ class StageProgress:
     """
 
     def __init__(self, session: Session, folder: Path | None = None) -> None:
+        self._session = session
         self._console = session.stderr
         self._folder = folder
         self._bars: Progress | None = None
@@ -61,7 +63,7 @@ class StageProgress:
 
     def __enter__(self) -> "StageProgress":
         if self._console.is_terminal:
-            self._bars = _bars(self._console)
+            self._bars = _bars(self._console, lambda: self._side.text)
             self._bars.start()
         if threading.current_thread() is threading.main_thread():
             self._handlers = {each: signal.signal(each, self._stop) for each in _ASKING}
@@ -86,11 +88,15 @@ class StageProgress:
 
     def begin(self, stage: str, total: int) -> None:
         """Show a new stage of ``total`` steps."""
+        if self._session.interrupted:
+            raise KeyboardInterrupt
         self._stage, self._total, self._done, self._n_running = stage, total, 0, 0
-        self._last_line, self._first = time.monotonic(), None
+        # Of a sweep the pace counts from its first simulation: what is done before was done by another run.
+        self._last_line = time.monotonic()
+        self._first = None if stage == "simulate" else (self._last_line, 0)
         self._notes = Counter()
         if self._bars is not None:
-            self._task = self._bars.add_task(stage, total=total, notes="")
+            self._task = self._bars.add_task(stage, total=total, left="", notes="")
         else:
             self._console.print(f"{stage}: {total} steps", markup=False)
         if stage == "simulate":
@@ -103,17 +109,18 @@ class StageProgress:
         if note:
             self._notes[note] += 1
         if self._bars is not None and self._task is not None:
-            self._bars.update(self._task, advance=1, notes=self._told())
+            self._bars.update(self._task, advance=1, left=self._left(), notes=self._told())
         elif self._is_line_due():
             self._last_line = time.monotonic()
             line = f"{self._stage}: {self._done} of {self._total} {self._told()}"
-            self._console.print(f"{line.rstrip()}{self._left()}", markup=False)
+            parts = [line.rstrip(), self._left(), self._side.text]
+            self._console.print("; ".join(part for part in parts if part), markup=False)
 
     def running(self, n_running: int) -> None:
         """Show how many simulations are running."""
         self._n_running = n_running
         if self._first is None:
-            self._first = (time.monotonic(), self._done)  # what is done already was done by another run
+            self._first = (time.monotonic(), self._done)
         if self._bars is not None and self._task is not None:
             self._bars.update(self._task, notes=self._told())
 
@@ -128,20 +135,20 @@ class StageProgress:
         return not self._stopping
 
     def _told(self) -> str:
-        counts = [f"{count} {name}" for name, count in self._notes.most_common()]
+        """Counts by how steps ended: failures first, since a narrow terminal cuts the end."""
+        ended = sorted(self._notes.items(), key=lambda each: (each[0] == "ok", -each[1]))
         running = [f"{self._n_running} running"] if self._n_running else []
-        parts = [", ".join([*counts, *running]), self._side.text]
-        return "; ".join(part for part in parts if part)
+        return ", ".join([*(f"{count} {name}" for name, count in ended), *running])
 
     def _left(self) -> str:
-        """Time to come, at the pace so far; the bar has its own."""
+        """Time to come, at the pace so far."""
         from palpate.cli.status import duration
 
         begun, n_before = self._first or (time.monotonic(), self._done)
         n_left, n_done = self._total - self._done, self._done - n_before
         if not n_left or not n_done:
             return ""
-        return f"; about {duration((time.monotonic() - begun) / n_done * n_left)} left"
+        return f"about {duration((time.monotonic() - begun) / n_done * n_left)} left"
 
     def _is_line_due(self) -> bool:
         tenth = max(1, self._total // 10)
@@ -152,6 +159,7 @@ class StageProgress:
     def _stop(self, number: int, frame: FrameType | None) -> None:
         """Finish what runs when asked once, stop at once when asked again."""
         if self._stopping or self._stage != "simulate":
+            self._session.interrupted = True
             raise KeyboardInterrupt
         self._stopping = True
         self._console.print(
@@ -215,23 +223,25 @@ def best(frame: "pl.DataFrame") -> str:
     return "best " + ", ".join(f"{name} {fopt:.3g} ({spot}/{set_id})" for name, fopt, spot, set_id in rows)
 
 
-def _bars(console: Any) -> "Progress":  # noqa: ANN401 - rich's, imported only where it is needed
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+def _bars(console: Any, side: Callable[[], str]) -> "Progress":  # noqa: ANN401 - rich's, imported only here
+    """Bars that keep count and time left on a narrow terminal, with ``side`` on a line below them."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.table import Column
+    from rich.text import Text
 
-    return Progress(
-        TextColumn("{task.description:<14}"),
-        BarColumn(bar_width=20),
+    class Bars(Progress):
+        def get_renderables(self) -> Iterable[Any]:
+            yield self.make_tasks_table(self.tasks)
+            if text := side():
+                yield Text(f"  {text}", no_wrap=True, overflow="ellipsis")
+
+    return Bars(
+        TextColumn("{task.description}"),
         MofNCompleteColumn(),
+        BarColumn(bar_width=10),
         TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[notes]}"),
+        TextColumn("{task.fields[left]}"),
+        TextColumn("{task.fields[notes]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
         console=console,
+        expand=True,
     )
