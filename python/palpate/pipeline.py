@@ -196,7 +196,9 @@ def run_study(
         Every simulation failed.
     """
     run, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
+    progress.begin("check", 1)
     checked = check(study, plugins, before)
+    progress.step()
     for text in checked.warnings:
         progress.note(f"warning: {text}")
     study = before.trusting(study, trust)
@@ -219,7 +221,7 @@ def run_study(
             simulations=simulations,
             scores=scores,
             selected=selected,
-            report=_report(study, run, checked, plugins),
+            report=_report(study, run, checked, plugins, progress),
         )
 
 
@@ -354,11 +356,8 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
 def report(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Report:
     """Lay the results out as tables and figures under ``report/``; recomputes nothing."""
     run = RunDirectory(run_folder)
-    progress.begin("report", 1)
     study = run.trusting(study)
-    made = _report(study, run, _from_files(study, run), plugins)
-    progress.step()
-    return made
+    return _report(study, run, _from_files(study, run), plugins, progress)
 
 
 def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progress: Progress) -> None:
@@ -432,12 +431,15 @@ def _rays(study: Study, run: RunDirectory, checked: Checked, progress: Progress)
     return best_on_rays(study, swept, design, limbs, measured, progress)
 
 
-def _report(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins) -> Report:
+def _report(
+    study: Study, run: RunDirectory, checked: Checked, plugins: Plugins, progress: Progress
+) -> Report:
+    progress.begin("report", 1)
     content = _content(study, run, checked, plugins)
     tables = make_tables(content)
-    return Report(
-        tables=tables, files=write_report(content, run.report), verdict=make_verdict(content, tables)
-    )
+    files = write_report(content, run.report)
+    progress.step()
+    return Report(tables=tables, files=files, verdict=make_verdict(content, tables))
 
 
 def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins) -> Content:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.options import AsJson
+from palpate.cli.progress import StageProgress
 from palpate.cli.results import data_notice
 from palpate.cli.session import Session
 from palpate.errors import StudyError
@@ -41,8 +42,11 @@ def check(
         raise StudyError("no study given; name a study.toml: palpate check STUDY")
     from palpate import pipeline
 
-    checked_study = session.study(study)
-    checked = pipeline.check(checked_study, session.plugins)
+    with StageProgress(session, keeps=False) as progress:
+        progress.begin("check", 1)
+        checked_study = session.study(study)
+        checked = pipeline.check(checked_study, session.plugins)
+        progress.step()
     for text in checked.warnings:
         session.stderr.print(f"warning: {text}", markup=False)
     if as_json:

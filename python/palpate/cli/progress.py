@@ -42,9 +42,12 @@ class StageProgress:
     session : Session
     folder : Path, optional
         The run directory, where the best sets so far are to be shown too.
+    keeps : bool
+        Whether the simulations of a sweep are kept when it is stopped.
     """
 
-    def __init__(self, session: Session, folder: Path | None = None) -> None:
+    def __init__(self, session: Session, folder: Path | None = None, *, keeps: bool = True) -> None:
+        self._keeps = keeps
         self._session = session
         self._console = session.stderr
         self._folder = folder
@@ -81,10 +84,9 @@ class StageProgress:
         if self._bars is not None:
             self._bars.stop()
         if kind is not None and issubclass(kind, KeyboardInterrupt):
-            raise StoppedError(
-                f"stopped in stage '{self._stage}'; the sweep's simulations are kept, and the same command "
-                f"goes on from there{_LOST.get(self._stage, '')}"
-            )
+            kept = "; the sweep's simulations are kept, and the same command goes on from there"
+            lost = _LOST.get(self._stage, "")
+            raise StoppedError(f"stopped in stage '{self._stage}'{kept + lost if self._keeps else ''}")
 
     def begin(self, stage: str, total: int) -> None:
         """Show a new stage of ``total`` steps."""
@@ -98,7 +100,7 @@ class StageProgress:
         if self._bars is not None:
             self._task = self._bars.add_task(stage, total=total, left="", notes="")
         else:
-            self._console.print(f"{stage}: {total} steps", markup=False)
+            self._console.print(f"{stage}: {total} steps" if total > 1 else f"{stage} …", markup=False)
         if stage == "simulate":
             self._side.begin()
 

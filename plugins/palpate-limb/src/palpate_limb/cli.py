@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from palpate.cli.options import AsJson
+from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session
 from palpate_limb import cli_options as options
 
@@ -60,9 +61,16 @@ def scan(
         n_smoothing=smoothing,
     )
     places = BonePlaces(motion=motion, landmarks=landmarks, reference=reference)
-    read = read_scan(file, bones or [], plan, places)
-    out.mkdir(parents=True, exist_ok=True)
-    notes = [_written(read, made, plan, out) for made in limbs_of(read, plan)]
+    notes = []
+    with StageProgress(session, keeps=False) as progress:
+        progress.begin("read the scan", 1)
+        read = read_scan(file, bones or [], plan, places)
+        progress.step()
+        progress.begin("mesh the spots", len(read.spots))
+        out.mkdir(parents=True, exist_ok=True)
+        for made in limbs_of(read, plan):
+            notes.append(_written(read, made, plan, out))
+            progress.step(made.found.spot.name)
     if as_json:
         session.json(notes)
     else:
