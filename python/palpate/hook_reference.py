@@ -22,8 +22,7 @@ BEGIN = "<!-- hooks: written by python -m palpate.hook_reference -->"
 END = "<!-- end of hooks -->"
 
 CONTRACTS: Mapping[str, str] = MappingProxyType(
-    {kit.catalogue: kit.contract for kit in KITS.values()}
-    | {"samplers": "SamplerContract", "set_filters": "SetFilterContract"}
+    {kit.catalogue: kit.contract for kit in KITS.values() if kit.contract}
 )
 """Contract test of :mod:`palpate.testing` by catalogue."""
 

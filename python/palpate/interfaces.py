@@ -361,6 +361,10 @@ class SetFilter(Component):
     def accept(self, space: ParameterSpace, values: FloatArray) -> BoolArray:
         """Which rows of ``values`` (n_sets, n_parameters), in design columns, to keep: (n_sets,)."""
 
+    def reason(self, space: ParameterSpace, row: FloatArray) -> str:
+        """Why a set (n_parameters,) is dropped; shown where all sets are. Override it to say more."""
+        return ""
+
 
 class Solver(Component):
     """Simulates a job."""

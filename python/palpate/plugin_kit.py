@@ -19,35 +19,66 @@ _NAME = re.compile(r"[a-z]([a-z0-9_]*[a-z0-9])?")
 
 @dataclass(frozen=True, slots=True)
 class Kit:
-    """What can be made: its catalogue, its contract test, and how a study names it.
+    """What can be made: its catalogue, its contract test if it has one, and how it is used.
 
     Parameters
     ----------
+    use : str
+        A sentence, with ``{}`` for the name.
     needs : tuple of str
         Distributions that the plugin depends on.
+    files : tuple of str
+        More files of the package, each with a template.
     """
 
     catalogue: str
     noun: str
     contract: str
-    in_study: str
+    use: str
     needs: tuple[str, ...] = ("palpate",)
+    files: tuple[str, ...] = ()
+
+
+def _named(key: str, table: str) -> str:
+    return f"A study names it with `{key}` under `[{table}]`."
 
 
 KITS: Mapping[str, Kit] = MappingProxyType(
     {
-        "material": Kit("materials", "material", "MaterialContract", 'material = "{}"` under `[region.…]'),
-        "solver": Kit("solvers", "solver", "SolverContract", 'name = "{}"` under `[solver]'),
-        "loader": Kit("loaders", "loader", "LoaderContract", 'loader = "{}"` under `[experiment]'),
+        "material": Kit("materials", "material", "MaterialContract", _named('material = "{}"', "region.…")),
+        "solver": Kit("solvers", "solver", "SolverContract", _named('name = "{}"', "solver")),
+        "loader": Kit("loaders", "loader", "LoaderContract", _named('loader = "{}"', "experiment")),
         "scenario": Kit(
             "scenarios",
             "scenario",
             "ScenarioContract",
-            'scenarios = ["{}"]` under `[selection]',
+            _named('scenarios = ["{}"]', "selection"),
             needs=("palpate", "palpate-forearm"),  # declares force and torque
         ),
-        "limb": Kit("limb_sources", "limb source", "LimbSourceContract", 'source = "{}"` under `[limb]'),
-        "executor": Kit("executors", "executor", "ExecutorContract", 'name = "{}"` under `[executor]'),
+        "limb": Kit("limb_sources", "limb source", "LimbSourceContract", _named('source = "{}"', "limb")),
+        "executor": Kit("executors", "executor", "ExecutorContract", _named('name = "{}"', "executor")),
+        "sampler": Kit("samplers", "sampler", "SamplerContract", _named('sampler = "{}"', "sampling")),
+        "filter": Kit(
+            "set_filters",
+            "set filter",
+            "SetFilterContract",
+            "A study names it with a table `[sampling.filters.{}]`.",
+        ),
+        "channel": Kit(
+            "channels",
+            "channel",
+            "",
+            'A study measures it with `measured = {{ {} = "file" }}` under `[[spot]]`.',
+        ),
+        "command": Kit("", "command", "", "Call it with `palpate {} STUDY`."),
+        "study": Kit(
+            "studies",
+            "study",
+            "",
+            "Copy it with `palpate init --study {}`.",
+            needs=("palpate", "palpate-experiments", "palpate-jax", "palpate-materials"),
+            files=("study/study.toml", "study/strip.csv"),
+        ),
     }
 )
 """Kinds of plugin that can be made, by the word on the command line."""
@@ -105,12 +136,9 @@ def _check_free(kind: str, name: str, plugins: Plugins) -> None:
             f"plugin name '{name}': give a Python identifier in lower case that is no keyword, such as "
             f"{_repaired(name)}"
         )
-    catalogue = plugins.catalogue(KITS[kind].catalogue)
+    catalogue = plugins.catalogue(KITS[kind].catalogue) if KITS[kind].catalogue else {}
     if name in catalogue:
-        raise PluginError(
-            f"{KITS[kind].noun} '{name}' is already provided by plugin '{catalogue.provider(name)}'; "
-            "choose another name"
-        )
+        raise PluginError(f"{KITS[kind].noun} '{name}' is already provided; choose another name")
     for point in importlib.metadata.entry_points(group=GROUP):
         if point.name == name:
             source = point.dist.name if point.dist else point.value
@@ -157,18 +185,29 @@ def _files(kind: str, name: str) -> dict[str, str]:
         "package": package,
         "distribution": _distribution(name),
         "noun": kit.noun,
-        "kind_shown": kit.catalogue.replace("_", "-"),
+        "kind_shown": kit.catalogue.replace("_", "-") or "commands",
         "contract": kit.contract,
-        "in_study": kit.in_study.format(name),
+        "use": kit.use.format(name.replace("_", "-") if kind in ("command", "study") else name),
         "needs": kit.needs,
+        "bounds": _bounds(),
     }
     templates = {
         "pyproject.toml": "pyproject.toml",
         "README.md": "README.md",
+        "LICENSE": "LICENSE",
+        "tests/conftest.py": "conftest.py",
         f"src/{package}/__init__.py": f"{kind}/module.py",
         f"tests/test_{name}.py": f"{kind}/test.py",
     }
-    return {
+    templates |= {f"src/{package}/{file}": f"{kind}/{Path(file).name}" for file in kit.files}
+    made = {
         path: environment.get_template(f"{template}.jinja").render(words)
         for path, template in templates.items()
     }
+    return {**made, f"src/{package}/py.typed": ""}
+
+
+def _bounds() -> str:
+    """Versions of palpate, and of what is released with it, that the plugin is written for."""
+    major, minor = map(int, palpate.__version__.split(".")[:2])
+    return f">={major}.{minor},<{major}.{minor + 1}"

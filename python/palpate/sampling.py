@@ -130,11 +130,18 @@ def _drawn(
         accepted = _accepted(keep, space, values)
         if not accepted.any():
             raise SamplingError(
-                f"design: filter '{keep.name}' rejects all {len(values)} sets; widen or move the ranges of "
+                f"design: filter '{keep.name}' rejects all {len(values)} sets{_why(keep, space, values[0])}; "
+                f"widen or move the ranges of "
                 f"{', '.join(p.name for p in parameters)}, draw more sets, or drop the filter"
             )
         values = values[accepted]
     return Design(parameters=parameters, values=values, seed=seed, n_drawn=n_wanted)
+
+
+def _why(keep: SetFilter, space: ParameterSpace, row: FloatArray) -> str:
+    with answering_for(keep, "explaining why a set is dropped"):
+        reason = keep.reason(space, row)
+    return f" (the first: {reason})" if reason else ""
 
 
 def _refilled(

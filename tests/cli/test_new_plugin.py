@@ -46,11 +46,32 @@ def test_their_tests_pass_at_once(made: dict[str, Path]) -> None:
     for kind in KITS:
         assert f"my_{kind}" in "".join(path.name for path in made[kind].glob("tests/*.py"))
 
+        # Each runs a study: the scaffold of a solver once fitted none.
+        assert "def test_a_study_runs_with_it(" in (made[kind] / "tests" / f"test_my_{kind}.py").read_text()
+
 
 def test_their_own_settings_find_their_code(made: dict[str, Path]) -> None:
-    done = _run(["-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "finds_it"], made["scenario"], [])
+    done = _run(["-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "counts_half"], made["scenario"], [])
     assert done.returncode == 0, done.stdout + done.stderr
     assert "1 passed" in done.stdout
+
+
+def test_their_code_is_typed(made: dict[str, Path]) -> None:
+    root = Path(__file__).parents[2]
+    packages = [str(path / "src") for path in made.values()]
+    options = ["--strict", "--config-file", str(root / "pyproject.toml")]
+    done = _run(["-m", "mypy", *options, "--cache-dir", str(root / ".mypy_cache"), *packages], root, [])
+    assert done.returncode == 0, done.stdout
+    assert all(list(path.glob("src/*/py.typed")) for path in made.values())
+
+
+def test_they_are_licensed_and_bounded(made: dict[str, Path]) -> None:
+    for folder in made.values():
+        project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
+        assert project["license"] == "MIT"
+        assert "Permission is hereby granted" in (folder / "LICENSE").read_text()
+        assert "palpate>=0.1,<0.2" in project["dependencies"]
+        assert all(needed.endswith(">=0.1,<0.2") for needed in project["dependencies"])
 
 
 def test_their_code_is_clean(made: dict[str, Path]) -> None:
@@ -93,7 +114,7 @@ def test_the_command_tells_what_it_wrote_and_what_to_do_next(call: Call, tmp_pat
         ("material", "tissue_", "such as tissue"),
         ("loader", "curve", "hide palpate's own Curve; choose another name, such as my_curve"),
         ("material", "../x", "such as x"),
-        ("material", "yeoh", "material 'yeoh' is already provided by plugin 'materials'; choose another"),
+        ("material", "yeoh", "material 'yeoh' is already provided; choose another"),
         ("limb", "materials", "plugin name 'materials' is taken by distribution palpate-materials"),
         ("limb", "palpate", "choose another name"),
     ],

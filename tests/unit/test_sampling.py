@@ -45,6 +45,9 @@ class Nothing(SetFilter):
     name = "nothing"
     summary = "rejects all"
 
+    def reason(self, space, row):
+        return "too soft"
+
     def accept(self, space, values):
         return np.zeros(len(values), dtype=bool)
 
@@ -85,7 +88,7 @@ def test_filters_keep_rows_and_the_number_drawn_is_remembered(space):
 
 
 def test_a_filter_that_rejects_all_is_named(space):
-    with pytest.raises(SamplingError, match=r"'nothing' rejects all \d+ sets; widen"):
+    with pytest.raises(SamplingError, match=r"'nothing' rejects all \d+ sets \(the first: too soft\); widen"):
         draw_design(space, LatinHypercube(), 8, seed=1, filters=[Stiff(), Nothing()])
 
 

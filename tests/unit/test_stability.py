@@ -83,6 +83,15 @@ def test_a_set_without_an_energy_is_not_stable():
     assert not Drucker().stable(Ogden(), np.array([[0.1, 0.0, 1.0]])).any()
 
 
+def test_the_reason_names_region_mode_and_stretch():
+    material = Yeoh()
+    region = RegionMaterial(region="fat", material=material, searched=material.parameters, fixed={})
+    row = np.array([0.01, -0.01, 1e-6, 1.0])
+    said = Drucker(DruckerSettings(n_stretches=5)).reason(ParameterSpace(regions=(region,)), row)
+    assert said.startswith("fat has a stiffness of -")
+    assert "stretch" in said
+
+
 class Fibre(Material):
     """Neo-Hookean ground with fibres along e1 that may soften."""
 

@@ -12,7 +12,12 @@ from palpate.cli.session import Session
 def new_plugin(
     context: typer.Context,
     kind: Annotated[
-        str, typer.Argument(metavar="KIND", help="material, solver, loader, scenario, limb or executor.")
+        str,
+        typer.Argument(
+            metavar="KIND",
+            help="material, solver, loader, scenario, limb, executor, sampler, filter, channel, command "
+            "or study.",
+        ),
     ],
     name: Annotated[
         str, typer.Argument(metavar="NAME", help="What a study will call it: lower case, an identifier.")

@@ -87,6 +87,25 @@ class Drucker(SetFilter):
             keep &= self.stable(region.material, thetas)
         return keep
 
+    def reason(self, space: ParameterSpace, row: FloatArray) -> str:
+        """Region, mode and stretch at which a set (n_parameters,) is least stable."""
+        from palpate_materials.log_strain import least_stiffness
+
+        states = list(
+            zip(self._stretches(), np.repeat(self.settings.modes, self.settings.n_stretches), strict=True)
+        )
+        found = {}
+        for region in space.regions:
+            theta = space.thetas(row)[region.region][None]
+            for state, mode in states:
+                margin = float(np.asarray(least_stiffness(region.material, state[None], theta))[0])
+                where = (
+                    f"{region.region} has a stiffness of {margin:.3g} MPa at {mode} stretch {state[0]:.3g}"
+                )
+                # NaN, where the energy is undefined, is the worst there is.
+                found[where] = -np.inf if np.isnan(margin) else margin
+        return min(found, key=lambda where: found[where])
+
     def stable(self, material: Material, thetas: FloatArray) -> BoolArray:
         """Which textbook parameter sets (n_sets, n_parameters) of one material are stable: (n_sets,)."""
         # Imported here so that listing the plugins does not wait for JAX.
