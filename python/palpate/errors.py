@@ -7,6 +7,11 @@ A failed simulation is not an error but a row with a status
 (:class:`palpate.domain.Status`).
 """
 
+NUMPY_IN_ENERGY = (
+    "JAX cannot differentiate an energy that calls numpy: take xp = stretches.__array_namespace__() and call "
+    "xp.sum, xp.log … in place of np's, or jax.numpy in energy_from_F"
+)
+
 
 class PalpateError(Exception):
     """A mistake in the input, with what, where and what to do."""

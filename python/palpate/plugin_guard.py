@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from palpate.errors import PalpateError, PluginError
+from palpate.errors import NUMPY_IN_ENERGY, PalpateError, PluginError
 
 if TYPE_CHECKING:
     from palpate.interfaces import Component
@@ -37,9 +37,11 @@ def answering_for(component: "Component", doing: str) -> Iterator[None]:
         raise
     except (Exception, SystemExit) as error:
         where = f"{type(component).__module__}.{type(component).__qualname__}"
+        said, remedy = f": {error}", "check the file, or tell the plugin's author"
+        if type(error).__name__ == "TracerArrayConversionError":
+            said, remedy = "", NUMPY_IN_ENERGY
         raise PluginError(
-            f"{doing}: '{component.name}' ({where}) raised {type(error).__name__}: {error}; "
-            "check the file, or tell the plugin's author"
+            f"{doing}: '{component.name}' ({where}) raised {type(error).__name__}{said}; {remedy}"
         ) from error
 
 

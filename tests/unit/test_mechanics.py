@@ -9,8 +9,9 @@ import pytest
 
 from palpate import mechanics
 from palpate.domain import Parameter
-from palpate.errors import MaterialError
+from palpate.errors import MaterialError, PluginError
 from palpate.interfaces import Material
+from palpate.plugins import answering_for
 
 THETA = np.array([0.061, 3.1, 1.3])
 stress = jax.jit(mechanics.stress, static_argnums=0)
@@ -110,6 +111,23 @@ def test_tangent_of_a_general_exponent_is_the_slope_of_the_stress(F):
         dF[k, m] = step
         rise = stress(material, F + dF, THETA) - stress(material, F - dF, THETA)
         np.testing.assert_allclose(A[:, :, k, m], rise / (2 * step), atol=3e-9 * np.abs(A).max())
+
+
+class WithNumpy(Material):
+    name = "with_numpy"
+    summary = "calls numpy"
+    parameters = POWER_LAW.parameters
+
+    def energy(self, stretches, theta):
+        return np.sum(np.asarray(stretches) ** 2, axis=-1)
+
+
+def test_an_energy_that_calls_numpy_is_told_what_to_call():
+    with pytest.raises(MaterialError, match=r"'with_numpy': .* calls numpy: take xp = stretches\.__array_na"):
+        mechanics.initial_moduli(WithNumpy(), THETA)
+    with pytest.raises(PluginError, match=r"raised TracerArrayConversionError; JAX cannot .* xp = stretches"):
+        with answering_for(WithNumpy(), "filtering the design"):
+            mechanics.stress(WithNumpy(), np.eye(3), THETA)
 
 
 def test_divided_difference_and_limit_agree_where_they_meet(monkeypatch):

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from palpate.domain import FloatArray
-from palpate.errors import MaterialError
+from palpate.errors import NUMPY_IN_ENERGY, MaterialError
 from palpate.interfaces import NO_FIELDS, Array, Material
 
 jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
@@ -351,8 +351,11 @@ def initial_moduli(material: Material, theta: FloatArray) -> tuple[float, float]
         The reference state is not free of energy and stress, or a modulus is
         not positive.
     """
-    energy, largest, mu, kappa = map(float, _rest(material, jnp.asarray(theta, dtype=jnp.float64)))
     where = f"material '{material.name}' at {_named(material, theta)}"
+    try:
+        energy, largest, mu, kappa = map(float, _rest(material, jnp.asarray(theta, dtype=jnp.float64)))
+    except jax.errors.TracerArrayConversionError:
+        raise MaterialError(f"material '{material.name}': {NUMPY_IN_ENERGY}") from None
     # A modulus that is missing altogether shows up as rounding of the other.
     least = REST_TOLERANCE * (mu + kappa)
     if not (mu > least and kappa > least):
