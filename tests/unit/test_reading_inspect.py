@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.inspection import Inspection
+from palpate_experiments import CsvLoader, CsvSettings
 from palpate_experiments.reading import ChannelMap, Request, TextFormat, read_recording
 from palpate_experiments.reading.grouping import words_of
 from palpate_experiments.reading.inspection import inspect_log
@@ -183,7 +184,37 @@ def test_nothing_is_proposed_out_of_nothing() -> None:
     assert proposed({"a": np.zeros(9), "b": np.ones(9)}) == {}
 
 
-def test_curves_that_are_processed_already_are_sent_to_their_loader(tmp_path: Path) -> None:
-    path = tmp_path / "curves.csv"
-    path.write_text("depth_mm,force_N\n" + "".join(f"{k},{k * k}\n" for k in range(30)))
-    assert any("processed curves (force)" in finding for finding in inspect_log(path).findings)
+@pytest.mark.parametrize(
+    ("header", "settings"),
+    [
+        ("depth_mm,angle_deg,force_N,torque_Nmm", {}),
+        ("depth_mm,force_N", {"channels": {"force": {"abscissa": "depth_mm", "ordinate": "force_N"}}}),
+        (
+            "Depth [m];Load (kN);Twist [rad];Torque_N_m",
+            {
+                "channels": {
+                    "force": {
+                        "abscissa": {"name": "Depth [m]", "scale": 1000.0},
+                        "ordinate": {"name": "Load (kN)", "scale": 1000.0},
+                    },
+                    "torque": {
+                        "abscissa": {"name": "Twist [rad]", "scale": 57.2957795131},
+                        "ordinate": {"name": "Torque_N_m", "scale": 1000.0},
+                    },
+                }
+            },
+        ),
+    ],
+)
+def test_curves_that_are_processed_already_are_for_the_loader_csv(
+    tmp_path: Path, header: str, settings: dict[str, Any]
+) -> None:
+    path, cell = tmp_path / "curves.csv", ";" if ";" in header else ","
+    width = header.count(cell) + 1
+    path.write_text("\n".join([header, *(cell.join([str(k * k)] * width) for k in range(30))]) + "\n")
+    found = inspect_log(path)
+    assert any("processed curves and no log" in finding for finding in found.findings)
+    table = tomllib.loads(found.study_text)["experiment"]
+    assert (table["loader"], table.get("settings", {})) == ("csv", settings)
+    curves = CsvLoader(CsvSettings.model_validate(settings)).load(path)
+    assert list(curves) == list(settings.get("channels", ("force", "torque")))

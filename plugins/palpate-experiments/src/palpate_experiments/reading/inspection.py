@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from palpate.errors import CurveError
 from palpate.inspection import InspectedTable, Inspection
-from palpate_experiments.csv_loader import FOREARM
+from palpate_experiments.reading import processed_curves
 from palpate_experiments.reading.assembly import assemble
 from palpate_experiments.reading.channel_map import ChannelMap
 from palpate_experiments.reading.confined import read_log
@@ -40,12 +40,13 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
         The file cannot be read at all. What is merely wrong in it is among the findings.
     """
     log = read_log(path, request or Request())
+    if processed := processed_curves.study_text(log):
+        return _of_curves(path, log, processed)
     proposal = propose(log)
     clocks = {stream.name: _clock(stream, proposal) for stream in log.streams}
     problem, reads = _try(log, proposal)
     findings = [
         *log.notes,
-        *_processed(log),
         *_gap_findings(log, clocks),
         *_doubts(proposal),
         *_others(proposal),
@@ -69,12 +70,25 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
     )
 
 
-def _processed(log: RawLog) -> Iterable[str]:
-    """Say so where a file holds curves already, which another loader reads."""
-    names = {name for stream in log.streams for name in stream.columns}
-    found = [key for key, each in FOREARM.items() if {each.abscissa.name, each.ordinate.name} <= names]
-    if found and log.format == "delimited text":
-        yield f'processed curves ({", ".join(found)}) and no log: loader = "csv" reads them without a map'
+def _of_curves(path: Path, log: RawLog, text: str) -> Inspection:
+    """Say that a file holds curves already, which the loader ``csv`` reads."""
+    nothing = Proposal(guesses={}, time={})
+    findings = [*log.notes, "processed curves and no log: the loader csv reads them; check names and units"]
+    return Inspection(
+        tables=(_columns_table(log, nothing),),
+        findings=tuple(findings),
+        study_text=text,
+        record={
+            "file": str(path),
+            "format": log.format,
+            "layout": dict(log.layout),
+            "streams": [_stream_record(stream, None, nothing) for stream in log.streams],
+            "channels": {},
+            "findings": findings,
+            "problem": "",
+            "study_toml": text,
+        },
+    )
 
 
 # -------------------------------------------------------------------------- clocks
