@@ -12,10 +12,22 @@ import pytest
 from typer.main import get_command
 
 from palpate.cli.app import build_app, main
+from palpate.curve_checks import (
+    BIAS,
+    LARGEST_BIAS,
+    LARGEST_GAP,
+    LARGEST_ONSET,
+    LARGEST_WORK_BACK,
+    LEAST_POINTS,
+    LEVERS,
+    ODD_LEVERS,
+    SIZES,
+)
 from palpate.determination import UNCLEAR, WORDS
 from palpate.plugin_registry import add_commands
 from palpate.plugins import Plugins
 from palpate.study import read_study
+from palpate_experiments import CsvLoader, CsvSettings
 
 ROOT = Path(__file__).parents[2]
 GUIDES = [
@@ -93,6 +105,39 @@ def test_the_layered_guide_is_the_layered_study(tmp_path, monkeypatch, capsys):
         assert table.items() <= shipped[name].items()
     space = read_study(tmp_path / "layered", Plugins.load()).space
     assert [p.name for p in space.parameters] == ["skin.E", "soft_tissue.c1"]
+
+
+def test_the_guide_on_curves_is_so(tmp_path, monkeypatch, capsys):
+    text = text_of(ROOT / "docs" / "curves.md")
+    monkeypatch.chdir(tmp_path)
+    assert call("palpate init --study forearm-demo arm") == 0
+    shutil.copy("arm/measured/p1.csv", "p1.csv")
+    for line in commands_of(ROOT / "docs" / "curves.md"):
+        assert call(line) == 0, (line, capsys.readouterr().err)
+    out = capsys.readouterr().out
+    assert 'loader = "csv"' in out
+    assert "channels.<name>.ordinate.scale" in out
+    (table,) = (tomllib.loads(each) for each in re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL))
+    settings = CsvSettings.model_validate(table["experiment"]["settings"])
+    assert settings.channels["torque"].ordinate.scale == 1000.0
+    (example,) = re.findall(r"```\n(depth_mm.*?)```", text, flags=re.DOTALL)
+    Path("example.csv").write_text(example)
+    assert len(CsvLoader().load(Path("example.csv"))["torque"].branches) == 3
+
+
+def test_the_limits_in_the_guide_on_curves_are_those_of_the_checks():
+    text = text_of(ROOT / "docs" / "curves.md")
+    for said in (
+        f"below −{BIAS:.1%} of the peak".replace("%", " %"),
+        f"above {BIAS:.1%} of the peak | above {LARGEST_BIAS:.0%}".replace("%", " %"),
+        f"{LARGEST_ONSET:.0%} of the depth".replace("%", " %"),
+        f"{LARGEST_WORK_BACK:.0%} more returned".replace("%", " %"),
+        f"below 1/{1 / SIZES[0]:.0f} or above {SIZES[1]:.0f} times |",
+        f"below 1/{1 / ODD_LEVERS[0]:.0f} or above {ODD_LEVERS[1]:.0f} times that of the sphere",
+        f"below 1/{1 / LEVERS[0]:.0f} or above {LEVERS[1]:.0f} times |",
+        f"fewer than {LEAST_POINTS}, or a gap above {LARGEST_GAP:.0%} of the branch".replace("%", " %"),
+    ):
+        assert said in text, said
 
 
 def test_the_words_of_the_guide_are_those_of_the_report():
