@@ -56,8 +56,9 @@ if TYPE_CHECKING:
         Settings,
         Solver,
     )
-    from palpate.pipeline import RunResult, run_study
+    from palpate.pipeline import run_study
     from palpate.plugins import Plugins
+    from palpate.run_result import RunResult
     from palpate.stages import generalise, measure, sample, score, select, simulate
     from palpate.study import Study, read_study
 
@@ -125,7 +126,8 @@ _HOMES = MappingProxyType(
             "Settings",
             "Solver",
         ),
-        "pipeline": ("RunResult", "run_study"),
+        "pipeline": ("run_study",),
+        "run_result": ("RunResult",),
         "plugins": ("Plugins",),
         "stages": ("generalise", "measure", "sample", "score", "select", "simulate"),
         "study": ("Study", "read_study"),

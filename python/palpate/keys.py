@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Job, Limb, Protocol
+from palpate.domain import Job, Limb, Protocol, Simulation
 from palpate.errors import PluginError
 from palpate.fingerprints import CORE, code_fingerprint
 from palpate.interfaces import Component, Material, Solver
@@ -114,6 +114,17 @@ class JobKeys:
 def _described(kind: str, component: Component, trusted: Mapping[str, str]) -> tuple[str, str, str]:
     settings = json.dumps(component.settings.model_dump(mode="json"), sort_keys=True)
     return component.name, settings, trusted.get(f"{kind}:{component.name}") or identity(component)
+
+
+def answers_key(simulations: Iterable[Simulation]) -> str:
+    """Hash of what simulations answered: how each ended, and its curves to the last bit."""
+    digest = hashlib.sha256()
+    for simulation in simulations:
+        job = simulation.job
+        _add(digest, job.spot, int(job.set_id), simulation.status.value, simulation.message)
+        for name, curve in simulation.response.curves.items() if simulation.response is not None else ():
+            _add(digest, name, curve.abscissa, curve.ordinate)
+    return digest.hexdigest()[:16]
 
 
 def _add(digest: "hashlib._Hash", *parts: object) -> None:

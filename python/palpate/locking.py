@@ -130,7 +130,8 @@ class RunLock:
             )
 
     def _os_lock(self) -> int:
-        descriptor = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+        descriptor = os.open(self.folder / ".lock", flags, 0o644)
         if fcntl is None:
             return descriptor
         # Whoever looks whether the lock is held holds it for a moment: not a reason to give up.
@@ -205,9 +206,12 @@ def locked(folder: Path) -> Iterator[Callable[[], None]]:
 def runner_of(folder: Path) -> Runner | None:
     """Who says to be working in a folder; None where nobody does."""
     try:
-        return Runner(**json.loads((folder / "runner.json").read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
+        runner = Runner(**json.loads((folder / "runner.json").read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError, RecursionError):
         return None
+    texts, numbers = (runner.host, runner.since, runner.token), (runner.pid, runner.beat)
+    is_whole = all(isinstance(text, str) for text in texts) and all(type(n) is int for n in numbers)
+    return runner if is_whole and 0 < runner.pid < 2**31 else None
 
 
 def living_runner_of(folder: Path) -> Runner | None:

@@ -6,10 +6,9 @@ them in a row. Whatever can be checked is checked before the first file is
 written.
 """
 
+import contextlib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import polars as pl
 
@@ -17,16 +16,19 @@ from palpate import scoring, selection, simulation
 from palpate.changes import Changed, changed
 from palpate.completeness import completeness, without_result
 from palpate.determination import at_measured, determine
-from palpate.domain import Design, Limb, Response, Simulation
+from palpate.domain import Design, Response, Simulation
 from palpate.errors import StudyError
 from palpate.executors.attempts import simulate_alone
 from palpate.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
 from palpate.generalisation import generalise
+from palpate.keys import answers_key
 from palpate.ledger import Ledger
 from palpate.limb import load_limbs
+from palpate.manifest import manifest
+from palpate.ownership import drawing_in
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
-from palpate.proofs import prove, proves
+from palpate.proofs import prove
 from palpate.rays import best_on_rays
 from palpate.refinement import Refined, refine
 from palpate.report import (
@@ -38,104 +40,12 @@ from palpate.report import (
     make_verdict,
     write_report,
 )
-from palpate.run_directory import RunDirectory, manifest
+from palpate.run_directory import RunDirectory
+from palpate.run_result import Checked, Report, RunResult, Selected
+from palpate.stage_records import design_from, measured_from, scores_from, selection_from
 from palpate.study import Study
 from palpate.study_checks import odd_settings
 from palpate.study_design import draw_study
-
-if TYPE_CHECKING:
-    from palpate.report.verdict import Verdict
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Checked:
-    """A study whose files have been read and found usable.
-
-    Parameters
-    ----------
-    measured, limbs : mapping of spot name to Response, Limb
-        ``limbs`` is empty where the solver needs none.
-    design : Design
-    warnings : tuple of str
-        What is odd about the study or its curves, and stops nothing.
-    """
-
-    measured: Mapping[str, Response]
-    limbs: Mapping[str, Limb]
-    design: Design
-    warnings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Selected:
-    """What identification chose.
-
-    Parameters
-    ----------
-    selection : DataFrame
-        One row per spot and scenario: spot, scenario, set_id, fopt, nmse_<channel>,
-        r2_<channel>, <region.parameter>.
-    generalisation : DataFrame
-        One row per spot for the one set with the least mean Fopt over the spots; empty
-        when no set succeeded at every spot.
-    refinement : DataFrame
-        Rows of the local search that started from each selected set; empty without one.
-    rays : DataFrame
-        Best multiple of any set by spot and scenario, as
-        :func:`palpate.rays.best_on_rays` returns it; empty unless asked for.
-    proofs : DataFrame
-        Which chosen sets passed the solver's own proof, as :func:`palpate.proofs.prove`
-        returns it; empty where the solver has none.
-    without_result : mapping of (spot, scenario) to str
-        Why no set could be selected there; empty where every scenario has a set at every spot.
-    """
-
-    selection: pl.DataFrame
-    generalisation: pl.DataFrame
-    refinement: pl.DataFrame
-    rays: pl.DataFrame = field(default_factory=pl.DataFrame)
-    proofs: pl.DataFrame = field(default_factory=pl.DataFrame)
-    without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
-    """What the report shows, and where it lies.
-
-    Parameters
-    ----------
-    tables : mapping of name to DataFrame
-    files : tuple of Path
-        Everything that was written.
-    verdict : Verdict
-        What the run amounts to, and its warnings.
-    """
-
-    tables: Mapping[str, pl.DataFrame]
-    files: tuple[Path, ...]
-    verdict: "Verdict"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunResult:
-    """Everything a run found."""
-
-    folder: Path
-    measured: Mapping[str, Response]
-    design: Design
-    simulations: tuple[Simulation, ...]
-    scores: pl.DataFrame
-    selected: Selected
-    report: Report
-
-    def __repr__(self) -> str:
-        chosen = self.selected.selection.height
-        return f"RunResult({self.folder}: {len(self.simulations)} simulations, {chosen} chosen sets)"
-
-    def _repr_html_(self) -> str:
-        from palpate import views
-
-        return views.run_result(self)
 
 
 def check(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -> Checked:
@@ -170,6 +80,7 @@ def run_study(
     forked_from: Path | None = None,
     trust: Collection[str] = (),
     confirm: Callable[[Changed], None] = lambda changed: None,
+    adopt: bool = False,
 ) -> RunResult:
     """From measured curves to identified parameters.
 
@@ -187,6 +98,8 @@ def run_study(
     confirm : callable
         Told how the study differs from what the folder holds, before anything is written;
         raises to stop there.
+    adopt : bool
+        Whether the run of another study file may be continued with this one.
 
     Raises
     ------
@@ -196,6 +109,7 @@ def run_study(
         Every simulation failed.
     """
     run, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
+    run.refuse_other(study, adopt=adopt)
     progress.begin("check", 1)
     checked = check(study, plugins, before)
     progress.step()
@@ -203,12 +117,13 @@ def run_study(
         progress.note(f"warning: {text}")
     study = before.trusting(study, trust)
     confirm(_changed(study, checked, before, plugins))
-    if forked_from is not None:
-        with Ledger(forked_from) as ledger:
-            ledger.copy_to(run_folder)
-    with run.begun(study, plugins.channels) as check_lock:
-        run.write_measured(checked.measured)
-        run.write_design(checked.design)
+    with run.held(study, plugins.channels, adopt=adopt) as check_lock:
+        if forked_from is not None:
+            with Ledger(forked_from) as ledger:
+                ledger.copy_to(run_folder)
+        run.begin(study, plugins.channels, simulating=True)
+        run.write_measured(checked.measured, measured_from(study))
+        run.write_design(checked.design, design_from(study))
         if n_kept := checked.design.n_kept:
             progress.note(f"the design begins with {n_kept} sets of an earlier one with wider ranges")
         simulations = _simulate(study, run, checked, progress, check_lock)
@@ -252,36 +167,39 @@ def measure(
     as far as it can be: the pictures of a file that is refused may show why.
     """
     progress.begin("measure", 1)
-    if plots:
-        _draw_files(study, RunDirectory(run_folder))
-    presses = load_presses(study, plugins.channels)
-    measured = {spot: mean(found) for spot, found in presses.items()}
-    scoring.check_scorable(measured, study.normaliser, study.weights)
     run = RunDirectory(run_folder)
-    run.begin(study, plugins.channels)
-    run.write_measured(measured)
-    if plots:
-        for spot, found in presses.items():
-            draw_presses(found, measured[spot], plugins.channels, study.notice, run.plots(spot))
+    with contextlib.ExitStack() as drawn:
+        folders: dict[str, Path] = {}
+        if plots:
+            drawn.enter_context(run.held(study, plugins.channels))
+            for name in (spot.spot.name for spot in study.spots):
+                folders[name] = drawn.enter_context(drawing_in(run.plots(name)))
+        for spot in study.spots if plots else ():
+            draw_files(study, spot, folders[spot.spot.name])
+        made_from = measured_from(study)  # before the files are read: a later change is then noticed
+        presses = load_presses(study, plugins.channels)
+        measured = {spot: mean(found) for spot, found in presses.items()}
+        scoring.check_scorable(measured, study.normaliser, study.weights)
+        if not plots:  # a file that is refused leaves no folder behind
+            drawn.enter_context(run.held(study, plugins.channels))
+        run.begin(study, plugins.channels)
+        run.write_measured(measured, made_from)
+        for name, folder in folders.items():
+            draw_presses(presses[name], measured[name], plugins.channels, study.notice, folder)
     for text in measured_warnings(measured):
         progress.note(f"warning: {text}")
     progress.step()
     return measured
 
 
-def _draw_files(study: Study, run: RunDirectory) -> None:
-    folders = {spot.spot.name: run.plots(spot.spot.name, empty=True) for spot in study.spots}
-    for spot in study.spots:
-        draw_files(study, spot, folders[spot.spot.name])
-
-
 def sample(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Design:
     """Draw the parameter sets into ``design.parquet``."""
     progress.begin("sample", 1)
     run = RunDirectory(run_folder)
-    design = draw_study(study, run)
-    run.begin(study, plugins.channels)
-    run.write_design(design)
+    with run.held(study, plugins.channels):
+        design = draw_study(study, run)
+        run.begin(study, plugins.channels)
+        run.write_design(design, design_from(study))
     progress.step()
     return design
 
@@ -291,9 +209,12 @@ def simulate(
 ) -> tuple[Simulation, ...]:
     """Simulate every set at every spot, keeping each result as it comes."""
     run = RunDirectory(run_folder)
-    study, checked = run.trusting(study), _from_files(study, run)
-    simulation.check_jobs(study, simulation.jobs(study, checked.design, checked.measured), checked.limbs)
-    with run.begun(study, plugins.channels) as check_lock:
+    run.require("design")
+    with run.held(study, plugins.channels) as check_lock:
+        study = run.trusting(study)
+        checked = _from_files(study, run)
+        simulation.check_jobs(study, simulation.jobs(study, checked.design, checked.measured), checked.limbs)
+        run.begin(study, plugins.channels, simulating=True)
         return _simulate(study, run, checked, progress, check_lock)
 
 
@@ -321,15 +242,18 @@ def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simu
 def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:
     """Compare simulated with measured curves into ``scores.parquet``."""
     run = RunDirectory(run_folder)
-    study, checked = run.trusting(study), _from_files(study, run)
-    scoring.check_scorable(checked.measured, study.normaliser, study.weights)
-    progress.begin("score", 1)
-    simulations = simulation.stored(study, checked.design, checked.limbs, checked.measured, run_folder)
-    if not simulations:
-        raise StudyError(f"{run_folder}: holds no simulation of this study; run `palpate simulate` first")
-    run.begin(study, plugins.channels)
-    scores = _score(study, run, checked, simulations)
-    _warn_of_missing(study, checked.design, scores, progress)
+    run.require("design")
+    with run.held(study, plugins.channels):
+        study = run.trusting(study)
+        checked = _from_files(study, run)
+        scoring.check_scorable(checked.measured, study.normaliser, study.weights)
+        progress.begin("score", 1)
+        simulations = _stored(study, run, checked)
+        if not simulations:
+            raise StudyError(f"{run_folder}: holds no simulation of this study; run `palpate simulate` first")
+        run.begin(study, plugins.channels)
+        scores = _score(study, run, checked, simulations)
+        _warn_of_missing(study, checked.design, scores, progress)
     progress.step()
     return scores
 
@@ -343,12 +267,15 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
         Every simulation failed.
     """
     run = RunDirectory(run_folder)
-    study, scores = run.trusting(study), run.scores()
-    checked = _from_files(study, run, with_limbs=study.refine or study.rays or proves(study.solver))
-    progress.begin("select", 1)
-    selected = _select(study, run, checked, scores, progress)
-    run.begin(study, plugins.channels)
-    _warn_of_missing(study, checked.design, scores, progress)
+    run.require("scores")
+    with run.held(study, plugins.channels):
+        study = run.trusting(study)
+        checked = _from_files(study, run)
+        scores = _scores_of(study, run, _stored(study, run, checked))
+        progress.begin("select", 1)
+        run.begin(study, plugins.channels)
+        selected = _select(study, run, checked, scores, progress)
+        _warn_of_missing(study, checked.design, scores, progress)
     progress.step()
     return selected
 
@@ -356,8 +283,10 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
 def report(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Report:
     """Lay the results out as tables and figures under ``report/``; recomputes nothing."""
     run = RunDirectory(run_folder)
-    study = run.trusting(study)
-    return _report(study, run, _from_files(study, run), plugins, progress)
+    run.require("design")
+    with run.held(study, plugins.channels):
+        study = run.trusting(study)
+        return _report(study, run, _from_files(study, run), plugins, progress)
 
 
 def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progress: Progress) -> None:
@@ -369,17 +298,13 @@ def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progres
 # ------------------------------------------------------------------- what they do
 
 
-def _from_files(study: Study, run: RunDirectory, *, with_limbs: bool = True) -> Checked:
-    """Read what the earlier verbs left, and refuse it where it belongs to another study."""
+def _from_files(study: Study, run: RunDirectory) -> Checked:
+    """Read what the earlier verbs left, and refuse what was not made from this study."""
     design = run.design()
-    searched = tuple(p.name for p in study.space.parameters)
-    if tuple(p.name for p in design.parameters) != searched:
-        raise StudyError(
-            f"{run.folder / 'design.parquet'}: was drawn for {', '.join(p.name for p in design.parameters)}, "
-            f"but the study searches {', '.join(searched)}; run `palpate sample` again"
-        )
     measured = run.measured(tuple(spot.spot.name for spot in study.spots))
-    return Checked(measured=measured, limbs=load_limbs(study) if with_limbs else {}, design=design)
+    run.records.check("design", design_from(study))
+    run.records.check("measured", measured_from(study))
+    return Checked(measured=measured, limbs=load_limbs(study), design=design)
 
 
 def _simulate(
@@ -390,11 +315,15 @@ def _simulate(
     )
 
 
+def _stored(study: Study, run: RunDirectory, checked: Checked) -> tuple[Simulation, ...]:
+    return simulation.stored(study, checked.design, checked.limbs, checked.measured, run.folder)
+
+
 def _score(
     study: Study, run: RunDirectory, checked: Checked, simulations: tuple[Simulation, ...]
 ) -> pl.DataFrame:
     scores = scoring.score_as_studied(study, simulations, checked.measured)
-    run.write_scores(scores)
+    run.write_scores(scores, scores_from(study, run.records, answers_key(simulations)))
     return scores
 
 
@@ -404,15 +333,11 @@ def _select(
     chosen = selection.select(scores, study.scenarios, checked.design)
     for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
     generalisation = generalise(scores, for_all, checked.design, study.spot_names)
-    run.write_selection(chosen, generalisation)
     refined = Refined(table=pl.DataFrame(), responses={})
     if study.refine:
         refined = refine(study, chosen, checked.design, checked.limbs, checked.measured, progress)
-        run.write_refinement(refined)
-    else:
-        run.drop_refinement()
     rays = _rays(study, run, checked, progress)
-    run.write_rays(rays)
+    run.write_selection(chosen, generalisation, refined, rays, selection_from(study, run.records))
     return Selected(
         selection=chosen,
         generalisation=generalisation,
@@ -426,9 +351,8 @@ def _select(
 def _rays(study: Study, run: RunDirectory, checked: Checked, progress: Progress) -> pl.DataFrame:
     if not study.rays:
         return pl.DataFrame()
-    design, limbs, measured = checked.design, checked.limbs, checked.measured
-    swept = simulation.stored(study, design, limbs, measured, run.folder)
-    return best_on_rays(study, swept, design, limbs, measured, progress)
+    swept = _stored(study, run, checked)
+    return best_on_rays(study, swept, checked.design, checked.limbs, checked.measured, progress)
 
 
 def _report(
@@ -444,9 +368,9 @@ def _report(
 
 def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins) -> Content:
     design, limbs, measured = checked.design, checked.limbs, checked.measured
-    scores, chosen, refined = run.scores(), run.selection(), run.refinement()
-    found = simulation.stored(study, design, limbs, measured, run.folder)
-    _check_unchanged(run, len(found), scores.select("spot", "set_id").n_unique())
+    found = _stored(study, run, checked)
+    scores, chosen, refined = _scores_of(study, run, found), run.selection(), run.refinement()
+    run.records.check("selection", selection_from(study, run.records))
     swept = at_measured(found, measured, design.n_sets)
     generalisation = run.generalisation()
     told = determine(study, design, measured, swept, scores, chosen, generalisation, refined)
@@ -473,10 +397,15 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
     )
 
 
-def _check_unchanged(run: RunDirectory, n_found: int, n_scored: int) -> None:
+def _scores_of(study: Study, run: RunDirectory, found: tuple[Simulation, ...]) -> pl.DataFrame:
+    """Read the scores, and refuse those of other simulations or rules than the study has now."""
+    scores = run.scores()
+    n_found, n_scored = len(found), scores.select("spot", "set_id").n_unique()
     if n_found < n_scored:
         raise StudyError(
             f"{run.folder}: {n_scored - n_found} of {n_scored} scored simulations are not those of the study "
             "as it is now: a mesh, a material, the solver, its settings or a version has changed since; "
-            "`palpate run` simulates them anew, with --fork in a copy of this folder"
+            "`palpate run` simulates them again, with --fork in a copy of this folder"
         )
+    run.records.check("scores", scores_from(study, run.records, answers_key(found)))
+    return scores

@@ -119,8 +119,13 @@ def remove_temporary(folder: Path) -> None:
     if folder.is_symlink() or not folder.is_dir():
         return
     for path in list(folder.iterdir()):
-        if _TEMPORARY.fullmatch(path.name):
+        if is_temporary(path.name):
             path.unlink(missing_ok=True)
+
+
+def is_temporary(name: str) -> bool:
+    """Whether a file of this name was being written by palpate."""
+    return _TEMPORARY.fullmatch(name) is not None
 
 
 def _sync_folder(folder: Path) -> None:

@@ -19,6 +19,8 @@ from palpate.errors import StudyError
 from palpate.experiment import load_measured
 from palpate.generalisation import generalise as generalise_design
 from palpate.limb import load_limbs
+from palpate.locking import locked
+from palpate.ownership import claim, writing_in
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.results import frame_of, response_of
@@ -172,8 +174,10 @@ def generalise(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.D
 @contextlib.contextmanager
 def _kept_in(folder: Path | None) -> Iterator[Path]:
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        yield folder
+        with writing_in(folder):
+            claim(folder)
+            with locked(folder):
+                yield folder
         return
     with tempfile.TemporaryDirectory(prefix="palpate-") as temporary:
         yield Path(temporary)

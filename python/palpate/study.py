@@ -188,15 +188,26 @@ def with_study_plugins(path: Path | str, plugins: Plugins | None = None) -> Plug
     StudyError
         The study file cannot be read, or a plugin file does not exist.
     """
-    path, plugins = _study_file(path), plugins or Plugins.load()
+    plugins = plugins or Plugins.load()
+    try:
+        return plugins.with_files(study_plugins(path))
+    except PluginError as error:
+        raise StudyError(f"{_study_file(path)}: [study] plugins: {error}") from None
+
+
+def study_plugins(path: Path | str) -> list[Path]:
+    """Plugin files that a study names; none of them is executed.
+
+    Raises
+    ------
+    StudyError
+        The study file cannot be read.
+    """
+    path = _study_file(path)
     header = _parse(path)[1].get("study")
     named = header.get("plugins", []) if isinstance(header, dict) else []
-    if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
-        return plugins  # the check of the tables reports it
-    try:
-        return plugins.with_files([path.parent / name for name in named])
-    except PluginError as error:
-        raise StudyError(f"{path}: [study] plugins: {error}") from None
+    is_list = isinstance(named, list) and all(isinstance(name, str) for name in named)
+    return [path.parent / name for name in named] if is_list else []  # the check of the tables reports it
 
 
 def _study_file(path: Path | str) -> Path:

@@ -21,10 +21,10 @@ from palpate.experiment import load_measured
 from palpate.interfaces import ExperimentLoader
 from palpate.keys import job_key
 from palpate.limb import load_limbs
+from palpate.manifest import manifest
 from palpate.plugins import answering_for
 from palpate.progress import SILENT, Progress
 from palpate.results import plain, write_atomically
-from palpate.run_directory import manifest
 from palpate.simulation import check_jobs, homogeneous_tests
 from palpate.study import Study, StudySpot
 from palpate.sweep import outcomes

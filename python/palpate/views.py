@@ -12,8 +12,8 @@ import numpy as np
 if TYPE_CHECKING:
     from palpate.curves import Curve
     from palpate.domain import Design, Parameter
-    from palpate.pipeline import RunResult
     from palpate.plugins import Catalogue
+    from palpate.run_result import RunResult
     from palpate.study import Study
 
 WIDTH, HEIGHT = 220, 120

@@ -49,7 +49,7 @@ def press(monkeypatch):
 
 @pytest.mark.parametrize(
     ("presses", "said"),
-    [(1, r"stopped with \d+ of 20 simulations"), (2, "stopped; what is simulated is kept")],
+    [(1, r"stopped with \d+ of 20 simulations"), (2, "simulations are kept, and the same command goes on")],
 )
 def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
     call, study, tmp_path, press, presses, said
@@ -66,7 +66,7 @@ def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
     assert status["running"] is None
     assert 4 <= status["n_finished"] < status["n_simulations"] == 20
     assert "next: palpate" in call("status", "stopped").err
-    resumed = call("resume", "stopped", plugin=None)
+    resumed = call("resume", "stopped", "--trust-plugins", plugin=None)
     assert resumed.code == 0, resumed.err
     assert tables(tmp_path / "stopped") == tables(tmp_path / "whole")
     assert call("status", "stopped", "--json").json["n_finished"] == status["n_simulations"]
@@ -136,7 +136,7 @@ def test_failures_are_grouped_by_reason_whatever_its_numbers():
 
 def test_more_sets_keep_those_that_are_done(call, study, tmp_path):
     call("run", study)
-    more = call("resume", "runs/toy", "--n", "30", "--json", plugin=None)
+    more = call("resume", "runs/toy", "--n", "30", "--json", "--trust-plugins", plugin=None)
     assert more.code == 0, more.err
     assert more.json["n_sets"] == 30
     with Ledger(tmp_path / "runs" / "toy") as ledger:
@@ -147,7 +147,7 @@ def test_more_sets_keep_those_that_are_done(call, study, tmp_path):
     assert even_more["n_sets"] == 50
     design = pl.read_parquet(tmp_path / "runs" / "toy" / "design.parquet")
     assert design.equals(pl.read_parquet(tmp_path / "other" / "design.parquet").head(30))
-    again = call("resume", "runs/toy", "--json", plugin=None).json
+    again = call("resume", "runs/toy", "--json", "--trust-plugins", plugin=None).json
     assert again["n_sets"] == 30
     refused = call("resume", "runs/toy", "--n", "10", "--study", study)
     assert refused.code == 0  # a run is never made smaller
@@ -157,7 +157,7 @@ def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
     look = call("run", study, "--n", "8", "--json")
     assert look.code == 0, look.err
     assert look.json["n_sets"] == 8
-    assert call("resume", "runs/toy", "--json", plugin=None).json["n_sets"] == 8
+    assert call("resume", "runs/toy", "--json", "--trust-plugins", plugin=None).json["n_sets"] == 8
     whole = call("run", study)
     assert whole.code == 0, whole.err
     assert "n_total: 8 → 0" in whole.err
@@ -166,7 +166,9 @@ def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
         assert ledger.frame("simulations")["n_attempts"].to_list() == [1] * 20
     assert call("run", study, "--out", "at-once").code == 0
     assert tables(tmp_path / "runs" / "toy") == tables(tmp_path / "at-once")
-    assert call("resume", "runs/toy", "--n", "8", "--json", plugin=None).json["n_sets"] == 20
+    assert (
+        call("resume", "runs/toy", "--n", "8", "--json", "--trust-plugins", plugin=None).json["n_sets"] == 20
+    )
 
 
 def test_a_changed_study_shows_what_changed_and_forks_or_goes_on(call, study, tmp_path):
@@ -179,7 +181,7 @@ def test_a_changed_study_shows_what_changed_and_forks_or_goes_on(call, study, tm
     assert "0 of 20 finished simulations are still valid" in refused.err
     assert "--fork FOLDER" in refused.err
     before = tables(tmp_path / "runs" / "toy")
-    assert call("resume", "runs/toy", "--fork", "forked", plugin=None).code == 0
+    assert call("resume", "runs/toy", "--fork", "forked", "--trust-plugins", plugin=None).code == 0
     assert tables(tmp_path / "runs" / "toy") == before
     with Ledger(tmp_path / "forked") as ledger:
         assert ledger.frame("simulations").height == 40
@@ -225,9 +227,9 @@ def test_a_run_and_its_study_move_together_and_a_lost_study_is_asked_for(call, s
     call("run", study, "--out", study / "run")
     moved = tmp_path / "moved"
     shutil.move(study, moved)
-    assert call("resume", moved / "run", plugin=None).code == 0
+    assert call("resume", moved / "run", "--trust-plugins", plugin=None).code == 0
     shutil.move(moved / "run", tmp_path / "alone")
-    lost = call("resume", "alone", plugin=None)
+    lost = call("resume", "alone", "--trust-plugins", plugin=None)
     assert lost.code == 2
     assert "--study FILE" in lost.err or "a plugin file of this run is not there" in lost.err
     assert call("resume", "nowhere").code == 2
@@ -256,9 +258,9 @@ def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, tmp_p
         assert ledger.frame("simulations").height == 40 - inside.height
         assert ledger.frame("simulations")["n_attempts"].max() == 1
     narrow = tables(run)
-    assert call("resume", run, plugin=None).code == 0
+    assert call("resume", run, "--trust-plugins", plugin=None).code == 0
     assert tables(run) == narrow
-    assert call("resume", run, "--n", "30", "--json", plugin=None).json["n_sets"] == 30
+    assert call("resume", run, "--n", "30", "--json").json["n_sets"] == 30
     assert pl.read_parquet(run / "design.parquet").head(20).equals(design)
     path.write_text(usual)
     assert call("run", study, "--go-on").code == 0
@@ -266,3 +268,74 @@ def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, tmp_p
     (run / "design.json").write_text("{")
     assert call("run", study).code == 0
     assert tables(run) == wide
+
+
+def test_a_received_run_executes_no_file_that_nobody_trusts(call, study, tmp_path):
+    call("run", study, "--out", study / "run")
+    planted = tmp_path / "planted.py"
+    planted.write_text(f"open({str(tmp_path / 'executed')!r}, 'w').close()\n")
+    path = study / "run" / "manifest.json"
+    manifest = json.loads(path.read_text())
+    path.write_text(json.dumps(manifest | {"plugin_files": [*manifest["plugin_files"], str(planted)]}))
+    for given in ([], ["--json"], ["--go-on"]):
+        refused = call("resume", study / "run", *given)
+        assert refused.code == 2
+        assert str(planted) in refused.err
+        assert "--trust-plugins" in refused.err
+        assert f"palpate --plugin {planted} resume" in refused.err
+    toml = study / "study.toml"
+    toml.write_text(toml.read_text().replace("[study]", '[study]\nplugins = ["../planted.py"]', 1))
+    path.write_text(json.dumps(manifest))
+    assert "planted.py" in call("resume", study / "run").err
+    assert not (tmp_path / "executed").exists()
+    assert call("resume", study / "run", "--trust-plugins").code == 0
+    assert (tmp_path / "executed").exists()
+
+
+def test_a_run_moved_away_from_its_plugin_is_resumed_with_that_plugin(call, study, tmp_path):
+    call("run", study, "--out", study / "run")
+    (tmp_path / "far" / "away").mkdir(parents=True)
+    shutil.move(study / "run", tmp_path / "far" / "away" / "run")
+    assert call("resume", "far/away/run", "--study", study).code == 0
+    manifest = json.loads((tmp_path / "far" / "away" / "run" / "manifest.json").read_text())
+    assert manifest["study_file"] == "../../../study/study.toml"
+
+
+def test_status_finds_the_run_that_is_meant(call, study, tmp_path, monkeypatch):
+    nothing = call("status")
+    assert nothing.code == 2
+    assert "runs/ holds no run" in nothing.err
+    call("sample", study)
+    call("sample", study, "--out", "runs/newer")
+    os.utime(tmp_path / "runs" / "newer" / "manifest.json", (4e9, 4e9))
+    (tmp_path / "runs" / "notes").mkdir()
+    assert call("status", "--json").json["folder"] == "runs/newer"
+    monkeypatch.chdir(study)
+    assert "no run" in call("status", ".").err
+    call("sample", ".")
+    assert call("status", ".", "--json").json["folder"] == "runs/toy"
+
+
+def test_two_studies_of_one_name_do_not_share_the_default_folder(call, study, tmp_path):
+    call("sample", study)
+    other = shutil.copytree(study, tmp_path / "other")
+    for command in ("run", "sample"):
+        refused = call(command, other)
+        assert refused.code == 2
+        assert "holds the run of" in refused.err
+        assert "--out" in refused.err
+    assert call("resume", "runs/toy", "--study", other).code == 0
+
+
+def test_a_damaged_manifest_is_an_error_and_deleting_it_is_a_remedy(call, study, tmp_path):
+    call("sample", study)
+    manifest = tmp_path / "runs" / "toy" / "manifest.json"
+    for content in ("", "{", "[1]", "\xff", "[" * 100_000):
+        manifest.write_text(content, encoding="latin-1")
+        for command in (("run", study), ("status", "runs/toy"), ("resume", "runs/toy"), ("report", study)):
+            refused = call(*command)
+            assert refused.code == 2, command
+            assert "manifest.json: damaged" in refused.err
+            assert "delete it" in refused.err
+    manifest.unlink()
+    assert call("run", study).code == 0

@@ -373,7 +373,7 @@ def test_what_is_no_ledger_or_another_version_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("code", "told"),
     [
-        (errno.ENOSPC, "no space is left on the disk; make room"),
+        (errno.ENOSPC, r"no space is left on the disk \(No space left on device\); make room"),
         (errno.EIO, r"cannot be written or read \(Input/output error\); check the disk"),
         (errno.EROFS, "give write permission"),
     ],

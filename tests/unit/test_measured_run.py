@@ -11,7 +11,9 @@ from palpate.domain import Curve, Indentation, PointWeights, Response, Sphere
 from palpate.errors import CurveError, PluginError, StudyError
 from palpate.experiment import Presses
 from palpate.keys import job_key
+from palpate.ownership import claim, keep_only
 from palpate.report import draw_presses
+from palpate.results import write_atomically
 from palpate.run_directory import RunDirectory
 from palpate.simulation import jobs
 
@@ -80,7 +82,10 @@ def test_later_stages_keep_what_the_first_has_told(make_study, plugins, tmp_path
 def test_pictures_of_every_file_and_of_the_mean(make_study, plugins, tmp_path, telling):
     study, out = pressed_thrice(make_study(loader=telling())), tmp_path / "run"
     plots = out / "measured" / "plots"
-    (plots / "p1" / "of an earlier run").mkdir(parents=True)
+    claim(out)
+    stale = plots / "p1" / "of an earlier run" / "log.svg"
+    write_atomically(stale, b"")
+    keep_only(plots / "p1", [stale])
     pipeline.measure(study, out, plugins, plots=True)
     found = sorted(str(file.relative_to(plots)) for file in plots.rglob("*.*g"))
     assert found == [

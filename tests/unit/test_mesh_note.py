@@ -7,7 +7,7 @@ import pytest
 
 from palpate.errors import MeshError
 from palpate.limb import mesh_note
-from palpate.run_directory import manifest
+from palpate.manifest import manifest
 from palpate_limb.cli import DEFAULT_SIZE
 from palpate_limb.mesh_error import RATIOS, mesh_error
 

@@ -139,7 +139,7 @@ def test_a_design_of_other_parameters_is_refused(make_study, plugins, tmp_path, 
     pipeline.sample(make_study(), tmp_path / "run", plugins)
     region = replace(space.regions[0], searched=space.regions[0].searched[:1], fixed={"grip": 20.0})
     study = make_study(space=replace(space, regions=(region,)))
-    with pytest.raises(StudyError, match=r"drawn for .*grip, but the study searches soft_tissue.stiffness"):
+    with pytest.raises(StudyError, match=r"design was made from other ranges, materials .* `palpate sample`"):
         pipeline.simulate(study, tmp_path / "run", plugins)
 
 

@@ -10,6 +10,7 @@ from palpate.domain import Curve, Design, Response
 from palpate.errors import StudyError
 from palpate.report.cautions import Caution
 from palpate.report.verdict import Verdict
+from palpate.run_result import Report
 
 
 @pytest.fixture
@@ -53,13 +54,13 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
     study = make_study()
     measured, design = palpate.measure(study, plugins), palpate.sample(study)
     scores = palpate.score(study, palpate.simulate(study, design, measured), measured)
-    pipeline.measure(study, tmp_path, plugins)
-    drawn = pipeline.sample(study, tmp_path, plugins)
-    pipeline.simulate(study, tmp_path, plugins)
-    kept = pipeline.score(study, tmp_path, plugins)
+    pipeline.measure(study, tmp_path / "run", plugins)
+    drawn = pipeline.sample(study, tmp_path / "run", plugins)
+    pipeline.simulate(study, tmp_path / "run", plugins)
+    kept = pipeline.score(study, tmp_path / "run", plugins)
     np.testing.assert_array_equal(drawn.values, design.drop("set_id").to_numpy())
     assert scores.equals(kept)
-    selected = pipeline.select(study, tmp_path, plugins)
+    selected = pipeline.select(study, tmp_path / "run", plugins)
     assert palpate.select(study, scores, design).equals(selected.selection)
     assert palpate.generalise(study, scores, design).equals(selected.generalisation)
     caution = Caution(what="A thin sweep", why="Few <sets>.")
@@ -71,7 +72,7 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
         simulations=(),
         scores=kept,
         selected=selected,
-        report=pipeline.Report(tables={}, files=(), verdict=verdict),
+        report=Report(tables={}, files=(), verdict=verdict),
     )
     assert repr(result) == f"RunResult({tmp_path}: 0 simulations, {selected.selection.height} chosen sets)"
     shown = result._repr_html_()

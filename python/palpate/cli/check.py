@@ -13,7 +13,7 @@ from palpate.errors import StudyError
 
 if TYPE_CHECKING:
     from palpate.cli.output import CheckOutput
-    from palpate.pipeline import Checked
+    from palpate.run_result import Checked
     from palpate.study import Study
 
 

@@ -39,4 +39,8 @@ Trust: TypeAlias = Annotated[
         show_default=False,
     ),
 ]
+TrustPlugins: TypeAlias = Annotated[
+    bool,
+    typer.Option("--trust-plugins", help="Execute the plugin files that the run names, without asking."),
+]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON for a script.")]

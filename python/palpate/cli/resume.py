@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, Trust
+from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, Trust, TrustPlugins
 from palpate.cli.run import go
+from palpate.cli.runs import find_run, plugins_of, session_of_run
 from palpate.cli.session import Session
 from palpate.errors import StudyError
 
@@ -24,6 +25,7 @@ def resume(
             "--study", help="The study file, where it does not lie where it did.", show_default=False
         ),
     ] = None,
+    trust_plugins: TrustPlugins = False,
     n_sets: NumberOfSets = None,
     go_on: GoOn = False,
     fork: ForkTo = None,
@@ -32,18 +34,30 @@ def resume(
 ) -> None:
     """Go on with a run; what is finished is kept, and the tables are those of a run never stopped."""
     from palpate.run_directory import RunDirectory
+    from palpate.study import study_plugins
 
+    run = find_run(run)
     manifest = RunDirectory(run).manifest()
-    given = Session.of(context)
-    session = Session((*given.files, *_plugin_files(run, manifest)), given.without)
-    checked = session.study(study or _study_file(run, manifest))
-    extended = _extended(checked, manifest, n_sets)
-    go(session, extended, run, go_on=go_on, fork=fork, trust=trust or (), as_json=as_json)
+    file = study or _study_file(run, manifest)
+    named = [*plugins_of(run, manifest), *([] if study else study_plugins(file))]
+    session = session_of_run(Session.of(context), run, named, trust=trust_plugins)
+    checked = _extended(session.study(file), manifest, n_sets)
+    go(
+        session,
+        checked,
+        run,
+        go_on=go_on,
+        fork=fork,
+        trust=trust or (),
+        as_json=as_json,
+        adopt=study is not None,
+    )
 
 
 def _extended(study: "Study", manifest: dict[str, Any], n_sets: int | None) -> "Study":
     """The study with as many sets as the run has, or more."""
-    n_before: int = manifest.get("n_total", 0)
+    n_before = manifest.get("n_total")
+    n_before = n_before if isinstance(n_before, int) else 0
     if not n_before and n_sets is not None and n_sets <= study.n_sets:
         return study
     return replace(study, n_total=max(n_sets or 0, n_before))
@@ -57,14 +71,3 @@ def _study_file(run: Path, manifest: dict[str, Any]) -> Path:
             f"palpate resume {run} --study FILE"
         )
     return file.resolve()
-
-
-def _plugin_files(run: Path, manifest: dict[str, Any]) -> list[Path]:
-    files = [run / file for file in manifest.get("plugin_files", [])]
-    for file in files:
-        if not file.is_file():
-            raise StudyError(
-                f"{file}: a plugin file of this run is not there any more; put it back, "
-                "or use `palpate run` with --plugin FILE and --out"
-            )
-    return [file.resolve() for file in files]

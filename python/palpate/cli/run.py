@@ -48,8 +48,12 @@ def go(
     fork: Path | None,
     trust: Sequence[str],
     as_json: bool,
+    adopt: bool = False,
 ) -> None:
-    """Run a study in a folder, or in a copy of it, and show what it found."""
+    """Run a study in a folder, or in a copy of it, and show what it found.
+
+    With ``adopt`` the folder may hold the run of another study file.
+    """
     from palpate import pipeline
 
     where = folder if fork is None else fork
@@ -61,6 +65,7 @@ def go(
             progress,
             forked_from=None if fork is None else folder,
             trust=trust,
+            adopt=adopt,
             confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
         )
     show_run(session, study, result, as_json=as_json)

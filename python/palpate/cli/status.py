@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.options import AsJson
+from palpate.cli.runs import find_run
 from palpate.cli.session import Session
 
 if TYPE_CHECKING:
@@ -19,7 +20,14 @@ INTERVAL_S = 2.0
 
 def status(
     context: typer.Context,
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run directory.", show_default=False)],
+    run: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[RUN]",
+            help="A run directory, or a study for its newest run; default: the newest in runs/.",
+            show_default=False,
+        ),
+    ] = None,
     watch: Annotated[
         bool, typer.Option("--watch", help="Look again every two seconds until the run ends.")
     ] = False,
@@ -28,7 +36,7 @@ def status(
     """Show how far a run is, why simulations failed, and the best set so far."""
     from palpate.run_status import Watcher
 
-    session, watcher = Session.of(context), Watcher(run)
+    session, watcher = Session.of(context), Watcher(find_run(run))
     seen = watcher.look()
     if watch and seen.runner is not None:
         seen = _watched(session, watcher, seen)

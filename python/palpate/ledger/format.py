@@ -1,7 +1,6 @@
 """What a ledger is on the disk: its tables, its version, and what is told where it cannot be used."""
 
 import contextlib
-import errno
 import hashlib
 import json
 import os
@@ -11,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from palpate.errors import LedgerError
+from palpate.ownership import KEPT, reason
 
 VERSION = 2
 """Version of the tables; a ledger of another one is refused."""
@@ -79,18 +79,7 @@ def told(path: Path) -> Iterator[None]:
         raise damaged(path, f"a text is not UTF-8 ({error.reason})") from error
     except OSError as error:
         where = error.filename or path
-        raise LedgerError(f"{where}: {_of_system(error)}; {_KEPT}") from error
-
-
-_KEPT = "everything finished before is kept, and `palpate resume` goes on from there"
-
-
-def _of_system(error: OSError) -> str:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return "no space is left on the disk; make room"
-    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
-        return f"cannot be written ({error.strerror}); give write permission or name another folder"
-    return f"cannot be written or read ({error.strerror}); check the disk"
+        raise LedgerError(f"{where}: {reason(error)}; {KEPT}") from error
 
 
 def _explained(path: Path, error: sqlite3.Error) -> str:
@@ -98,10 +87,10 @@ def _explained(path: Path, error: sqlite3.Error) -> str:
     if name.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")):
         return str(damaged(path, str(error)))
     if name.startswith("SQLITE_FULL"):
-        return f"{path}: no space is left on the disk; make room; {_KEPT}"
+        return f"{path}: no space is left on the disk; make room; {KEPT}"
     if name.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM")):
         return f"{path}: cannot be written ({error}); copy the folder to where it can be, or name another"
-    return f"{path}: {error} ({name or 'SQLite'}); check the disk; {_KEPT}"
+    return f"{path}: {error} ({name or 'SQLite'}); check the disk; {KEPT}"
 
 
 def damaged(path: Path, place: str) -> LedgerError:

@@ -11,6 +11,7 @@ import polars as pl
 
 from palpate.domain import Channel, Response
 from palpate.experiment import Presses
+from palpate.ownership import keep_only
 from palpate.report.content import Content
 from palpate.report.convergence import by_spot, contact_along
 from palpate.report.table_files import write_tables
@@ -32,11 +33,15 @@ __all__ = [
 
 
 def write_report(content: Content, folder: Path) -> tuple[Path, ...]:
-    """Write ``tables/*.csv|tex|md``, ``figures/*.svg|pdf|png`` and ``index.html``; returns the files."""
+    """Write ``tables/*.csv|tex|md``, ``figures/*.svg|pdf|png`` and ``index.html``; returns the files.
+
+    Those of an earlier report that this one does not have are removed afterwards.
+    """
     tables = make_tables(content)
     table_files = write_tables(tables, folder / "tables")
     figure_files = write_figures(content, folder / "figures")
     page = write_page(content, tables, (*table_files, *figure_files), folder)
+    keep_only(folder, (*table_files, *figure_files, page))
     return (*table_files, *figure_files, page)
 
 

@@ -46,7 +46,7 @@ class Content:
     limbs : mapping of spot name to Limb
         Empty where there is no mesh.
     manifest : mapping
-        What the numbers depended on, as :func:`palpate.run_directory.manifest` tells it.
+        What the numbers depended on, as :func:`palpate.manifest.manifest` tells it.
     proofs : DataFrame
         As :func:`palpate.proofs.prove` returns it; empty where the solver has no proof.
     certificates : mapping of file name to its content

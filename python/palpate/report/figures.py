@@ -21,7 +21,6 @@ from palpate.report.style import (
     MEASURED_COLOUR,
     SINGLE_MM,
     STYLE,
-    SUFFIXES,
     Dash,
     entitle,
     legend_below,
@@ -36,10 +35,7 @@ DISTRIBUTION_LIMIT = 4.0
 
 
 def write_figures(content: Content, folder: Path) -> tuple[Path, ...]:
-    """Draw every figure as SVG, PDF and PNG, and remove those of an earlier report."""
-    for old in folder.glob("*"):
-        if old.suffix in SUFFIXES:
-            old.unlink()
+    """Draw every figure as SVG, PDF and PNG."""
     folder.mkdir(parents=True, exist_ok=True)
     drawings: dict[str, Callable[[], Figure]] = {"nmse_distribution": partial(nmse_distribution, content)}
     for spot in content.spots:

@@ -40,11 +40,8 @@ _MARKDOWN = str.maketrans(
 
 
 def write_tables(tables: Mapping[str, pl.DataFrame], folder: Path) -> tuple[Path, ...]:
-    """Write each table as CSV, LaTeX and Markdown, and remove those of an earlier report."""
+    """Write each table as CSV, LaTeX and Markdown."""
     kinds = {".csv": _csv, ".tex": latex, ".md": markdown}
-    for old in folder.glob("*"):
-        if old.suffix in kinds:
-            old.unlink()
     files = []
     for name, table in tables.items():
         for suffix, written in kinds.items():

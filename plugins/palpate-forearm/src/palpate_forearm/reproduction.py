@@ -29,6 +29,7 @@ from palpate.executors.attempts import simulate_alone
 from palpate.plugins import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.run_directory import RunDirectory
+from palpate.run_result import RunResult
 from palpate.study import Study, read_study
 
 PAPER_SETS = 250
@@ -332,7 +333,7 @@ class Outcome:
         Why nothing could be selected.
     """
 
-    results: Mapping[str, pipeline.RunResult]
+    results: Mapping[str, RunResult]
     failed: Mapping[str, str]
 
 

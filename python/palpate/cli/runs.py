@@ -1,0 +1,96 @@
+"""Run directories as arguments: which one is meant, and whether its plugin files may be executed."""
+
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from palpate.cli.session import Session
+from palpate.errors import StudyError
+
+FOLDER = Path("runs")
+"""Where runs go that are given no other folder."""
+
+
+def find_run(given: Path | None) -> Path:
+    """Run directory that is meant: a given one, the newest of a given study, or the newest in runs/.
+
+    Raises
+    ------
+    StudyError
+        There is none.
+    """
+    from palpate.ownership import is_run
+
+    if given is None:
+        return _newest(_runs(FOLDER), f"{FOLDER}/ holds no run; name one: palpate status RUN")
+    study = given if given.is_file() else given / "study.toml"
+    if is_run(given) or not study.is_file():
+        return given
+    found = (run for folder in (study.parent / FOLDER, FOLDER) for run in _runs(folder) if _is_of(run, study))
+    return _newest(found, f"{given}: a study, of which runs/ holds no run; name its run directory")
+
+
+def _runs(folder: Path) -> Iterator[Path]:
+    from palpate.ownership import is_run
+
+    if folder.is_dir():
+        yield from (path for path in folder.iterdir() if path.is_dir() and is_run(path))
+
+
+def _is_of(run: Path, study: Path) -> bool:
+    from palpate.run_directory import RunDirectory
+
+    try:
+        return (run / str(RunDirectory(run).manifest()["study_file"])).samefile(study)
+    except (StudyError, KeyError, OSError):
+        return False
+
+
+def _newest(runs: Iterable[Path], missing: str) -> Path:
+    found = max(runs, key=lambda run: max(path.stat().st_mtime for path in run.iterdir()), default=None)
+    if found is None:
+        raise StudyError(missing)
+    return found
+
+
+def session_of_run(
+    session: Session, run: Path, named: Iterable[Path], *, trust: bool, command: str = "resume"
+) -> Session:
+    """Session with the plugin files that a received run names, once the user trusts them.
+
+    A file given with ``--plugin`` is trusted, and is used instead of a named one of the same file name.
+
+    Raises
+    ------
+    StudyError
+        A file is missing, or nobody can be asked whether to execute it.
+    """
+    given = {file.name for file in session.files}
+    others = list(dict.fromkeys(file.resolve() for file in named if file.name not in given))
+    for file in others:
+        if not file.is_file():
+            raise StudyError(
+                f"{file}: a plugin file of this run is not there any more; name it: "
+                f"palpate --plugin {file.name} {command} {run}"
+            )
+    if others and not trust:
+        _ask(session, run, others, command)
+    return Session((*session.files, *others), session.without)
+
+
+def plugins_of(run: Path, manifest: Mapping[str, Any]) -> list[Path]:
+    """Plugin files that the manifest of a run names."""
+    return [run / str(file) for file in manifest.get("plugin_files") or ()]
+
+
+def _ask(session: Session, run: Path, files: list[Path], command: str) -> None:
+    text = "\n".join([f"{run} names plugin files, which are programs:", *(f"  {file}" for file in files)])
+    if not (sys.stdin.isatty() and session.stderr.is_terminal):
+        options = " ".join(f"--plugin {file}" for file in files)
+        raise StudyError(
+            f"{text}\nlook at them; then use --trust-plugins, or name them: palpate {options} {command} {run}"
+        )
+    typer.confirm(f"{text}\nexecute them?", abort=True, err=True)

@@ -1,0 +1,186 @@
+"""Each stage's file is read as it was written, and only where it was made from what the study says."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate import pipeline
+from palpate.domain import Normaliser, Scenario
+from palpate.errors import PalpateError, StoppedError, StudyError
+from palpate.progress import Silent
+from palpate.run_status import Watcher
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+MADE_BY = {
+    "design.parquet": "sample",
+    "design.json": "sample",
+    "measured/p1.parquet": "experiment",
+    "measured/p1.json": "experiment",
+    "scores.parquet": "score",
+    "selection.parquet": "select",
+    "generalisation.parquet": "select",
+    "refinement.parquet": "select",
+    "refined/p1/I.parquet": "select",
+}
+READ_BY = {"simulate": 4, "score": 4, "select": 5, "report": len(MADE_BY)}
+"""How many of these files a verb reads."""
+
+
+@pytest.fixture
+def done(make_study, plugins, tmp_path):
+    study = make_study(n_sets=4, refine=True)
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    return study, tmp_path / "run"
+
+
+def flipped(content):
+    place = len(content) // 2
+    return content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
+
+
+def cut(content):
+    return content[: len(content) // 2]
+
+
+@pytest.mark.parametrize("spoil", [flipped, cut])
+def test_a_damaged_file_names_the_stage_that_makes_it_again(done, plugins, spoil):
+    study, run = done
+    for i, (name, command) in enumerate(MADE_BY.items()):
+        path = run / name
+        whole = path.read_bytes()
+        path.write_bytes(spoil(whole))
+        for verb, n_read in READ_BY.items():
+            if i < n_read:
+                said = rf"{path.name}: damaged or replaced.*run `palpate {command}` again"
+                with pytest.raises(StudyError, match=said):
+                    getattr(pipeline, verb)(study, run, plugins)
+        path.write_bytes(whole)
+    (run / "measured" / "p1.parquet").write_bytes(b"")
+    with pytest.raises(StudyError, match=r"p1\.parquet: damaged or replaced"):
+        Watcher(run).look()
+    pipeline.run_study(study, run, plugins)
+
+
+def test_a_file_of_another_run_is_refused(done, plugins, tmp_path):
+    study, run = done
+    pipeline.run_study(replace(study, seed=2), tmp_path / "other", plugins)
+    names = ("scores", "selection", "generalisation")
+    for name in names:
+        shutil.copy(run / f"{name}.parquet", tmp_path / "kept")
+        shutil.copy(tmp_path / "other" / f"{name}.parquet", run)
+        with pytest.raises(StudyError, match=rf"{name}\.parquet: damaged or replaced"):
+            pipeline.report(study, run, plugins)
+        shutil.copy(tmp_path / "kept", run / f"{name}.parquet")
+    for name in (*(f"{name}.parquet" for name in names), "stages.json"):
+        shutil.copy(tmp_path / "other" / name, run)
+    with pytest.raises(StudyError, match=r"design.*damaged or replaced"):
+        pipeline.report(study, run, plugins)
+
+
+def test_a_refinement_that_is_put_in_place_is_not_reported(make_study, plugins, tmp_path, done):
+    plain = make_study(n_sets=4)
+    pipeline.run_study(plain, tmp_path / "plain", plugins)
+    shutil.copy(done[1] / "refinement.parquet", tmp_path / "plain")
+    assert "refined" not in pipeline.report(plain, tmp_path / "plain", plugins).tables
+
+
+def other_ranges(study):
+    (region,) = study.space.regions
+    searched = tuple(replace(p, upper=0.9 * p.upper) for p in region.searched)
+    return replace(study, space=replace(study.space, regions=(replace(region, searched=searched),)))
+
+
+CHANGES = {
+    "normaliser": (lambda study: replace(study, normaliser=Normaliser.RMS), "score", "select"),
+    "coverage or partial": (lambda study: replace(study, minimum_coverage=0.5), "score", "select"),
+    "n_sets, refill or seed": (lambda study: replace(study, seed=5), "sample", "simulate"),
+    "ranges": (other_ranges, "sample", "score"),
+    "scenarios": (
+        lambda study: replace(study, scenarios=(Scenario(name="I", weights={"force": 1.0, "torque": 2.0}),)),
+        "select",
+        "report",
+    ),
+    "generalise_by": (lambda study: replace(study, generalise_by="II"), "select", "report"),
+}
+
+
+def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugins):
+    study, run = done
+    manifest = (run / "manifest.json").read_bytes()
+    for name, (change, remedy, first) in CHANGES.items():
+        for verb in dict.fromkeys((first, "report")):
+            said = rf"made from other .*{name}.* than the study has now; run `palpate {remedy}`"
+            with pytest.raises(StudyError, match=said):
+                getattr(pipeline, verb)(change(study), run, plugins)
+    assert (run / "manifest.json").read_bytes() == manifest
+    changed = replace(study, normaliser=Normaliser.RMS)
+    for verb in ("score", "select", "report"):
+        getattr(pipeline, verb)(changed, run, plugins)
+
+
+def test_a_measured_file_that_changes_makes_its_curves_stale(done, plugins):
+    study, run = done
+    (path,) = study.spots[0].measured[None]
+    text = path.read_text()
+    path.write_text(text + "\n")
+    for verb in ("simulate", "score", "select", "report"):
+        with pytest.raises(StudyError, match=r"made from other files of spot 'p1' than .*`palpate experi"):
+            getattr(pipeline, verb)(study, run, plugins)
+    path.unlink()  # what cannot be compared is not refused
+    pipeline.report(study, run, plugins)
+
+
+def test_an_extended_design_is_one_of_the_same_draws(make_study, plugins, tmp_path):
+    study, run = make_study(n_sets=4), tmp_path / "run"
+    pipeline.run_study(replace(study, n_total=8), run, plugins)
+    pipeline.report(study, run, plugins)
+
+
+class Stopping(Silent):
+    """Stops after three steps."""
+
+    n_steps = 0
+
+    def step(self, note=""):
+        self.n_steps += 1
+
+    def going_on(self):
+        return self.n_steps < 3
+
+
+def test_simulations_that_came_later_make_the_scores_stale(make_study, plugins, tmp_path):
+    study, run = make_study(n_sets=4), tmp_path / "run"
+    pipeline.measure(study, run, plugins)
+    pipeline.sample(study, run, plugins)
+    with pytest.raises(StoppedError):
+        pipeline.simulate(study, run, plugins, Stopping())
+    pipeline.score(study, run, plugins)
+    pipeline.simulate(study, run, plugins)
+    for verb in ("select", "report"):
+        with pytest.raises(StudyError, match=r"made from other simulations than .* `palpate score`"):
+            getattr(pipeline, verb)(study, run, plugins)
+
+
+def test_damaged_records_ask_for_every_stage_again(done, plugins):
+    study, run = done
+    for content in (b"", b"{", b"[]", b'{"design": 3}', b'{"design": {"files": []}}', b"\xff"):
+        (run / "stages.json").write_bytes(content)
+        with pytest.raises(StudyError, match=r"design\.parquet: damaged or replaced"):
+            pipeline.report(study, run, plugins)
+    pipeline.run_study(study, run, plugins)
+
+
+def test_random_damage_of_any_table_is_never_read_as_other_numbers(done, plugins):
+    study, run = done
+    rng = np.random.default_rng(0)
+    for name in ("design.parquet", "scores.parquet", "selection.parquet", "measured/p1.parquet"):
+        path = run / name
+        whole = path.read_bytes()
+        for place in rng.integers(0, len(whole), 5):
+            path.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
+            with pytest.raises(PalpateError, match="damaged or replaced"):
+                pipeline.report(study, run, plugins)
+        path.write_bytes(whole)
