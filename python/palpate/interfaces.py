@@ -378,6 +378,9 @@ class Solver(Component):
     homogeneous: ClassVar[bool] = False
     """True for a solver of homogeneous tests alone; a study that gives it a protocol is refused."""
 
+    channels: ClassVar[tuple[str, ...] | None] = None
+    """Channels that it computes; a study that weights another one is refused. None: not declared."""
+
     def ignored(self, material: Material) -> tuple[str, ...]:
         """Names of the material's parameters that cannot change an answer; a study has to fix them."""
         return ()

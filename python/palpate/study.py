@@ -19,6 +19,7 @@ from palpate.study_build import (
     build_scenarios,
     check_limits,
     check_rays,
+    check_solver_channels,
     check_solver_needs,
 )
 from palpate.study_lines import KeyLines
@@ -267,6 +268,8 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     truth = build_truth(context, tables, space)
     running = tables.executor or ExecutorTable()
     _check_together(context, tables, parts, space, running)
+    if parts.solver and selection:
+        check_solver_channels(context, parts.solver, selection, scenarios)
     context.problems.raise_if_any()
     return Study(
         name=settled(header).name,

@@ -198,6 +198,22 @@ def check_limits(context: Context, executor: Executor, table: ExecutorTable) -> 
         )
 
 
+def check_solver_channels(
+    context: Context, solver: Solver, selection: SelectionTable, scenarios: Collection[Scenario]
+) -> None:
+    """Refuse a scenario of a channel that the solver says it does not compute."""
+    for scenario in scenarios:
+        missing = [
+            c for c, weight in scenario.weights.items() if weight and c not in (solver.channels or (c,))
+        ]
+        if missing:
+            context.problems.add(
+                ("selection", "scenarios", selection.scenarios.index(scenario.name)),
+                f"scenario '{scenario.name}' weights channel '{missing[0]}', which solver '{solver.name}' "
+                f"does not compute (it has {', '.join(solver.channels or ())}); choose another of either",
+            )
+
+
 def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None:
     """Refuse a study that lacks what its solver needs, or gives what it would pass over."""
     problems, name = context.problems, f"solver '{solver.name}'"

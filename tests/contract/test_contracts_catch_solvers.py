@@ -96,6 +96,10 @@ class Hopeful(Sound):
         return Simulation(job=job, status=Status.OK, response=Response(curves=curves))
 
 
+class Undeclared(Sound):
+    channels = ("force",)
+
+
 class Mute(Sound):
     def simulate(self, job, limb):
         return replace(super().simulate(job, limb), message="")
@@ -207,6 +211,7 @@ FAULTS = [
         WithoutBranches(),
         "'torque'.* runs -20 → 20 where .* 0 → -20 → 20 → 0",
     ),
+    ("simulates_the_whole_protocol", Undeclared(), "torque is not among the solver's channels"),
     ("a_hopeless_job_is_no_success", Hopeful(), "status ok for a job that has no answer"),
     ("a_hopeless_job_is_no_success", Mute(), "status diverged without a message"),
     ("finer_settings_change_little", Loose(), "'force': finer settings change the answer by 0"),

@@ -417,6 +417,15 @@ def test_a_scenario_needs_channels_that_are_measured(tmp_path: Path, plugins: Pl
     assert "spot 's2' does not measure" in told[1]
 
 
+def test_a_scenario_needs_channels_that_the_solver_computes(
+    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plugins.solvers["closed_form"], "channels", ("push",))
+    (message,) = messages(tmp_path, plugins, TEXT)
+    assert "selection.scenarios[0]: scenario 'pull only' weights channel 'pull', which solver" in message
+    assert message.endswith("does not compute (it has push); choose another of either")
+
+
 def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(tmp_path: Path, plugins: Plugins) -> None:
     text = TEXT
     for case in ("data", "file missing", "loader", "unit unknown", "n_sets 1", "solver", "generalise_by"):

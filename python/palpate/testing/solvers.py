@@ -140,6 +140,8 @@ class SolverContract(ComponentContract):
         assert simulation.status is Status.OK, simulation.message
         assert simulation.response is not None, "status ok without a response"
         assert list(simulation.response), "status ok without a curve"
+        undeclared = set(simulation.response) - set(solver.channels or simulation.response)
+        assert not undeclared, f"{', '.join(undeclared)} is not among the solver's channels"
         assert simulation.seconds >= 0.0, f"{simulation.seconds} seconds"
         for channel in simulation.response:
             self.assert_follows(simulation.response[channel], job)

@@ -80,6 +80,7 @@ class FebioSolver(Solver):
     name = "febio"
     summary = "finite elements by FEBio 4 (a program of its own): decks, conventions probed, torque gated"
     Settings = FebioSettings
+    channels = ("force", "torque")
 
     def __init__(self, settings: BaseModel | None = None) -> None:
         super().__init__(settings)

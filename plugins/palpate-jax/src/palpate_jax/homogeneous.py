@@ -228,6 +228,7 @@ class HomogeneousSolver(Solver):
     Settings = HomogeneousSettings
     needs_limb = False
     homogeneous = True
+    channels = MODES
 
     def __init__(self, settings: HomogeneousSettings | None = None) -> None:
         super().__init__(settings)

@@ -120,6 +120,7 @@ class JaxSolver(Solver):
     summary = "finite elements (hex8, tet10, tet4) under a rigid sphere, friction with memory; embedded"
     Settings = JaxSettings
     takes_fields = True
+    channels = ("force", "torque")
 
     def __init__(self, settings: BaseModel | None = None) -> None:
         super().__init__(settings)
