@@ -1,5 +1,6 @@
 """The method's terms, explained."""
 
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -61,9 +62,14 @@ class Glossary(Mapping[str, Term]):
         try:
             return self._terms[self._names[_plain(word)]]
         except KeyError:
-            close = suggestion(_plain(word), self._names)
+            close = self._where(_plain(word)) or suggestion(_plain(word), self._names)
             known = ", ".join(self._terms)
             raise UnknownTermError(f"no term '{word}'{close} (known: {known})") from None
+
+    def _where(self, word: str) -> str:
+        """Text that names the terms whose text has the word, or is empty."""
+        used = [t.name for t in self._terms.values() if word in re.findall(r"[\w']+", t.text.casefold())]
+        return f"; the word is in the text of {', '.join(used[:3])}" if used else ""
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._terms)

@@ -337,6 +337,20 @@ def test_limb_shows_meshes_or_says_that_there_are_none(call: Call, study: Path) 
     assert call("limb", study, "--json").json == []
 
 
+def test_limb_of_a_file_that_is_no_study_says_which_it_takes(call: Call, tmp_path: Path) -> None:
+    (tmp_path / "limb.vtu").write_text("<VTKFile/>")
+    outcome = call("limb", "limb.vtu")
+    assert outcome.code == 2
+    assert "neither a study (study.toml) nor a scan (.glb, .obj, .off, .ply, .stl)" in outcome.err
+
+
+def test_limb_of_a_surface_is_meshed_or_refused_by_the_reader(call: Call, tmp_path: Path) -> None:
+    (tmp_path / "x.stl").write_text("solid x\nendsolid x\n")
+    outcome = call("limb", "x.stl", "--out", "m", plugin=None)
+    assert (outcome.code, "No such option" in outcome.err) == (2, False)
+    assert outcome.err.startswith("palpate: x.stl: ")
+
+
 # ---------------------------------------------------------------- init, demo
 
 
@@ -345,6 +359,8 @@ def test_init_lists_the_ready_studies(call: Call) -> None:
     assert "A spring that is pulled" in outcome.out
     names = [entry["name"] for entry in call("init", "--json").json]
     assert "toy" in names
+    toy = next(entry for entry in call("init", "--json").json if entry["name"] == "toy")
+    assert toy["simulations"] == 40
 
 
 def test_init_copies_a_study_that_checks(call: Call) -> None:

@@ -126,3 +126,13 @@ def test_the_command_prints_it(capsys, tmp_path):
     assert {f["topic"] for f in found} == {"versions", "plugins", "solvers", "machine", "speed"}
     assert main(["doctor", str(tmp_path)]) == 0
     assert "nothing is wrong" in capsys.readouterr().out
+
+
+def test_the_command_ends_with_1_where_something_is_wrong(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "misspelt.py").write_text(BROKEN)
+    assert main(["--plugin", "misspelt.py", "doctor"]) == 1
+    assert "1 wrong" in capsys.readouterr().out
+    assert main(["--plugin", "misspelt.py", "doctor", "--json"]) == 1
+    assert any(each["level"] == "wrong" for each in json.loads(capsys.readouterr().out))
+    assert main(["doctor"]) == 0

@@ -63,3 +63,31 @@ def test_the_command(capsys):
     assert main(["explain", "Drucker", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["name"] == "Drucker"
     assert main(["explain", "nonsense"]) == 2
+
+
+def test_an_unknown_word_that_a_text_has_names_the_terms():
+    with pytest.raises(
+        UnknownTermError, match=r"no term 'sphere'; the word is in the text of spot, indentation"
+    ):
+        GLOSSARY["sphere"]
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "refine",
+        "R²",
+        "R2",
+        "well",
+        "poorly",
+        "not",
+        "proof",
+        "certificate",
+        "torque",
+        "depth",
+        "Sobol",
+        "FEBio",
+    ],
+)
+def test_the_words_of_the_report_and_the_commands_are_explained(word):
+    assert word in GLOSSARY

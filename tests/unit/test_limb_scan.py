@@ -1,6 +1,7 @@
 """Scans: read, checked, their marks found and named, their bones placed, their segments cut."""
 
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -111,14 +112,25 @@ def test_a_rigid_motion_of_the_scan_moves_the_spots_with_it() -> None:
 
 def test_too_many_or_too_few_marks_are_listed_with_their_places() -> None:
     surface = scanned()
-    with pytest.raises(
-        MeshError, match=r"4 marks found where 1 were named \(p1\).*green of .* mm² at \((89|90)\."
-    ):
-        name_marks(find_marks(surface), {"p1": "red"}, X, surface.name)
+    listed = r"4 marks found where 5 were named .*green of .* mm² at \((89|90)\."
+    with pytest.raises(MeshError, match=listed):
+        name_marks(find_marks(surface), dict.fromkeys("abcde"), X, surface.name)
+    with pytest.raises(MeshError, match="4 marks found where 1 were named"):
+        name_marks(find_marks(surface), {"p1": None}, X, surface.name)
     with pytest.raises(MeshError, match="no mark is magenta"):
         name_marks(find_marks(surface), {"a": "magenta", "b": "green", "c": "blue", "d": "yellow"}, X, "s")
     with pytest.raises(MeshError, match="mark colour 'mauve'"):
         name_marks(find_marks(surface), {"a": "mauve", "b": "red", "c": "blue", "d": "yellow"}, X, "s")
+
+
+def test_one_of_several_marks_may_be_named_by_its_colour() -> None:
+    marks = find_marks(scanned())
+    every = name_marks(marks, NAMES, X, "s")
+    (spot, colour) = next((spot, colour) for spot, colour in NAMES.items() if colour == "green")
+    assert name_marks(marks, {spot: colour}, X, "s") == {spot: every[spot]}
+    twice = (*marks, replace(every[spot], centre_mm=every[spot].centre_mm + 20.0))
+    with pytest.raises(MeshError, match=r"s: several marks are green\. Found: .* Name them all"):
+        name_marks(twice, {spot: colour}, X, "s")
 
 
 def test_a_scan_without_colours_is_refused() -> None:

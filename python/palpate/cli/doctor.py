@@ -18,19 +18,20 @@ def doctor(
     ] = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
-    """Show versions, solvers, broken plugins, threads, disk, and what is slow and why."""
+    """Show versions, solvers, broken plugins, threads, disk, and what is slow; exit 1 where one is wrong."""
     from palpate.doctor import LABELS, examine
 
     session, begin = Session.of(context), perf_counter()
     plugins = session.plugins
     findings = examine(plugins, folder, perf_counter() - begin)
+    n_wrong = sum(finding.level == "wrong" for finding in findings)
     if as_json:
         session.json([asdict(finding) for finding in findings])
-        return
+        raise typer.Exit(min(n_wrong, 1))
     rows = [[f.topic, f.what, f.found, LABELS[f.level]] for f in findings]
     session.table("palpate doctor", ["topic", "what", "found", ""], rows)
     for finding in findings:
         if finding.advice:
             session.paragraph(f"{finding.what}: {finding.advice}")
-    n_wrong = sum(finding.level == "wrong" for finding in findings)
     session.say("nothing is wrong" if n_wrong == 0 else f"{n_wrong} wrong")
+    raise typer.Exit(min(n_wrong, 1))

@@ -1,6 +1,7 @@
 """``palpate init``: a ready study to start from."""
 
 import shutil
+import tomllib
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +9,7 @@ import typer
 
 from palpate.cli.demo import DEMO
 from palpate.cli.options import AsJson
-from palpate.cli.session import Session
+from palpate.cli.session import Session, cell
 from palpate.errors import StudyError
 
 
@@ -24,11 +25,20 @@ def init(
     session = Session.of(context)
     studies = session.plugins.studies
     if folder is None:
-        rows = [[name, studies.provider(name), studies[name].summary] for name in studies]
+        rows = [
+            {
+                "name": name,
+                "plugin": studies.provider(name),
+                "simulations": n_simulations(Path(studies[name].directory)),
+                "summary": studies[name].summary,
+            }
+            for name in studies
+        ]
         if as_json:
-            session.json([dict(zip(("name", "plugin", "summary"), row, strict=True)) for row in rows])
+            session.json(rows)
             return
-        session.table("Ready studies", ["name", "plugin", "summary"], rows)
+        shown = ("name", "simulations", "summary")
+        session.table("Ready studies", shown, [[cell(row[key]) for key in shown] for row in rows])
         session.next("init --study NAME FOLDER")
         return
     copy_study(Path(studies[study].directory), folder)
@@ -37,6 +47,15 @@ def init(
         return
     session.say(f"{study} copied to {folder}")
     session.next(f"check {folder}")
+
+
+def n_simulations(folder: Path) -> int | None:
+    """Simulations of a ready study before the filters; None where its file does not say."""
+    try:
+        raw = tomllib.loads((folder / "study.toml").read_text(encoding="utf-8"))
+        return len(raw["spot"]) * int(raw["sampling"]["n_sets"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def copy_study(source: Path, folder: Path) -> None:

@@ -1,13 +1,17 @@
 """``palpate limb``: the meshes of a study, read and checked, or made from a scan."""
 
 from pathlib import PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from palpate.cli.inspect import StageGroup, stage_group
 from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.session import Session
+from palpate.errors import StudyError
+
+if TYPE_CHECKING:
+    from palpate.domain import Limb
 
 
 def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> None:
@@ -15,13 +19,19 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
     from palpate import pipeline
 
     session = Session.of(context)
+    if study.is_file() and study.suffix.lower() != ".toml":
+        scans = ", ".join(sorted(SCAN_SUFFIXES))
+        remedy = "install palpate-limb" if study.suffix.lower() in SCAN_SUFFIXES else "name one of the two"
+        raise StudyError(
+            f"{study}: neither a study (study.toml) nor a scan ({scans}) that can be meshed; {remedy}"
+        )
     limbs = pipeline.check(session.study(study), session.plugins).limbs
     rows: list[dict[str, object]] = [
         {
             "spot": spot,
             "n_nodes": limb.mesh.n_nodes,
             "n_cells": limb.mesh.n_cells,
-            "regions": list(limb.mesh.regions),
+            "regions": sorted(limb.mesh.used_regions),
             "node_sets": {name: int(nodes.size) for name, nodes in limb.mesh.node_sets.items()},
         }
         for spot, limb in limbs.items()
@@ -29,13 +39,28 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
     if as_json:
         session.json(rows)
     elif rows:
-        session.table("Limbs", list(rows[0]), [list(map(str, row.values())) for row in rows])
+        cells = [
+            [
+                spot,
+                str(limb.mesh.n_nodes),
+                str(limb.mesh.n_cells),
+                ", ".join(sorted(limb.mesh.used_regions)),
+                _sizes(limb),
+            ]
+            for spot, limb in limbs.items()
+        ]
+        session.table("Limbs", ["spot", "nodes", "cells", "regions", "node sets"], cells)
     else:
         session.say("No limb: the study's solver makes homogeneous tests.")
 
 
+def _sizes(limb: "Limb") -> str:
+    return ", ".join(f"{name} {nodes.size}" for name, nodes in limb.mesh.node_sets.items())
+
+
 SCAN = "scan"
-SCAN_SUFFIXES = frozenset({".ply", ".obj", ".glb"})
+SCAN_SUFFIXES = frozenset({".ply", ".obj", ".glb", ".stl", ".off"})
+"""Of surfaces; what has no colours is refused when it is read, and says so."""
 
 
 class LimbGroup(StageGroup):

@@ -200,6 +200,7 @@ class TemplateRow(TypedDict):
 
     name: str
     plugin: str
+    simulations: int | None
     summary: str
 
 

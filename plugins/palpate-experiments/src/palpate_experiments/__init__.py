@@ -46,7 +46,7 @@ def palpate_studies() -> "list[StudyTemplate]":
     return [
         StudyTemplate(
             name="treloar",
-            summary="Treloar's rubber in three modes: a fit to one of them misleads (measured)",
+            summary="Treloar's rubber in three modes, one of which misleads; half a minute (measured)",
             directory=_directory("treloar"),
         ),
         StudyTemplate(

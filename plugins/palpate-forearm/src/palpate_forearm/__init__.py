@@ -103,12 +103,12 @@ def palpate_studies() -> "list[StudyTemplate]":
     return [
         StudyTemplate(
             name="forearm-demo",
-            summary="four spots on coarse meshes, a small design: minutes (simulated)",
+            summary="four spots on coarse meshes, a small design; 4 minutes on 2 cores (simulated)",
             directory=_directory("forearm-demo"),
         ),
         StudyTemplate(
             name="forearm",
-            summary="four spots in the paper's manner, 250 sets: hours (simulated)",
+            summary="four spots in the paper's manner, 250 sets; hours (simulated)",
             directory=_directory("forearm"),
         ),
         StudyTemplate(

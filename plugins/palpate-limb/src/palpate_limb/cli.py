@@ -109,7 +109,7 @@ def _written(read: Any, made: Any, plan: "ScanPlan", out: Path) -> dict[str, Any
 def _tell(session: Session, notes: list[dict[str, Any]], plan: "ScanPlan", out: Path) -> None:
     from palpate_limb.limb_files import study_tables
 
-    columns = ["spot", "nodes", "edge mm", "least Jacobian", "volume", "± mm", "± normal", "force", "torque"]
+    columns = ["spot", "nodes", "edge mm", "shape", "volume", "± mm", "± deg", "force", "torque"]
     rows = [
         [
             n["spot"],
@@ -118,12 +118,16 @@ def _tell(session: Session, notes: list[dict[str, Any]], plan: "ScanPlan", out: 
             f"{n['quality']['least_scaled_jacobian']:.3f}",
             f"{100 * n['quality']['volume_error']:+.2f} %",
             f"{n['std_across_mm']:.2f}",
-            f"{n['std_normal_deg']:.2f}°",
+            f"{n['std_normal_deg']:.2f}",
             *(_share(n["mesh_error"][channel]) for channel in ("force", "torque")),
         ]
         for n in notes
     ]
-    session.table(f"Limbs in {out}; force and torque: what the mesh adds, by the phantom", columns, rows)
+    session.table(f"Limbs in {out}", columns, rows)
+    session.paragraph(
+        "shape: least scaled Jacobian of an element; volume: its error; ±: standard deviation of the spot's "
+        "position and normal; force, torque: error by the mesh, as measured on a phantom"
+    )
     for name, mended in notes[0]["mended"].items():
         session.say(f"{name}: {mended}")
     regions = (*plan.mesh.layers_mm, "soft_tissue")

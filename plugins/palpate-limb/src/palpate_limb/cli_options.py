@@ -22,7 +22,7 @@ Marks: TypeAlias = Annotated[
         "--mark",
         metavar="NAME[=COLOUR]",
         help="A spot and the colour of its ink, e.g. p1=red; without colours, names go along the limb. "
-        "Repeat for more; default: p1=red, p2=green, p3=blue, p4=yellow.",
+        "Repeat for more; others are left out. Default: p1=red, p2=green, p3=blue, p4=yellow.",
     ),
 ]
 MarkRadii: TypeAlias = Annotated[

@@ -119,8 +119,8 @@ def name_marks(
     ----------
     marks : tuple of Mark
     wanted : mapping of name to a colour of ``HUES``, or to None
-        With colours, each name gets the mark of its hue. Without, names go
-        along the limb.
+        With colours, each name gets the mark of its hue; marks of other hues may be left out.
+        Without, every mark has a name, and names go along the limb.
     along : (3,) array
         Direction of the limb's axis.
     where : str
@@ -129,15 +129,15 @@ def name_marks(
     Raises
     ------
     MeshError
-        More or fewer marks than names, or a hue that no mark has; with every mark found.
+        Fewer marks than names, more of one hue than named, or a hue that no mark has; with every mark found.
     """
     found = "; ".join(map(str, marks)) or "none"
-    if len(marks) != len(wanted):
+    colours = list(wanted.values())
+    if len(marks) < len(wanted) or (len(marks) > len(wanted) and None in colours):
         raise MeshError(
             f"{where}: {len(marks)} marks found where {len(wanted)} were named ({', '.join(wanted)}). Found: "
             f"{found}. Name them all, or change the radii between which ink is a mark (--mark-radii)"
         )
-    colours = list(wanted.values())
     if any(colour is None for colour in colours):
         order = np.argsort([mark.centre_mm @ along for mark in marks])
         return {name: marks[i] for name, i in zip(wanted, order, strict=True)}
@@ -153,6 +153,12 @@ def name_marks(
             raise MeshError(
                 f"{where}: no mark is {colours[row]} ('{list(wanted)[row]}'). Found: {found}. "
                 "Correct the colour"
+            )
+    for colour in colours:
+        if sum(mark.colour == colour for mark in marks) > colours.count(colour):
+            raise MeshError(
+                f"{where}: several marks are {colour}. Found: {found}. Name them all, or change the radii "
+                "between which ink is a mark (--mark-radii)"
             )
     return {name: marks[column] for name, column in zip(wanted, columns, strict=True)}
 
