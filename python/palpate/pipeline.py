@@ -23,7 +23,7 @@ from palpate.experiment import draw_files, load_measured, load_presses, mean, me
 from palpate.generalisation import generalise
 from palpate.keys import answers_key
 from palpate.ledger import Ledger
-from palpate.limb import load_limbs
+from palpate.limb import limb_warnings, load_limbs
 from palpate.manifest import manifest
 from palpate.ownership import drawing_in
 from palpate.plugins import Plugins
@@ -67,7 +67,7 @@ def check(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -
     limbs = load_limbs(study)
     design = draw_study(study, earlier)
     simulation.check_jobs(study, simulation.jobs(study, design, measured), limbs)
-    warnings = (*odd_settings(study), *measured_warnings(measured))
+    warnings = (*odd_settings(study), *measured_warnings(measured), *limb_warnings(study, limbs))
     return Checked(measured=measured, limbs=limbs, design=design, warnings=warnings)
 
 

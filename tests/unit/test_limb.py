@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate import pipeline
 from palpate.domain import Indentation, Limb, Mesh, Sphere, Spot
 from palpate.errors import MeshError, PluginError, StudyError
 from palpate.interfaces import LimbSource, Solver
@@ -189,8 +190,8 @@ def test_a_layer_that_is_bonded_nowhere_is_named():
     refused(replace(sound, mesh=loose), match, regions=("skin", "soft_tissue"))
 
 
-@pytest.mark.parametrize("kind", ["hex8", "tet10"])
-def test_a_hole_in_the_tissue_is_warned_of(kind):
+def hollow(kind):
+    """A block without some elements in its inside."""
     sound = block(kind, n_across=4, n_down=4)
     centres = sound.mesh.points_mm[sound.mesh.cells[kind]].mean(axis=1)
     kept = np.linalg.norm(centres - [4.0, 4.0, -9.0], axis=1) > 4.0
@@ -206,10 +207,15 @@ def test_a_hole_in_the_tissue_is_warned_of(kind):
         cell_regions={kind: sound.mesh.cell_regions[kind][kept]},
         node_sets=sets,
     )
-    check_limb(replace(sound, mesh=mesh), ["soft_tissue"])
-    (told,) = holes(mesh)
+    return replace(sound, mesh=mesh)
+
+
+@pytest.mark.parametrize("kind", ["hex8", "tet10"])
+def test_a_hole_in_the_tissue_is_warned_of(kind):
+    check_limb(hollow(kind), ["soft_tissue"])
+    (told,) = holes(hollow(kind).mesh)
     assert "a hole in the tissue, or a bone whose nodes are not in 'fixed'" in told
-    assert holes(sound.mesh) == []
+    assert holes(block(kind, n_across=4, n_down=4).mesh) == []
 
 
 @pytest.mark.parametrize("fixed", [[0], [0, 1], [0, 0, 1, 1]])
@@ -338,3 +344,17 @@ def test_spots_of_different_anatomy_share_a_study(make_study, tissue, tmp_path):
         MeshError, match=r"region 'fat' has a material but no element in any mesh; .*: muscle\)"
     ):
         load_limbs(replace(both, spots=spots[:1]))
+
+
+def test_check_warns_of_what_is_odd_in_a_limb(make_study, tissue, plugins, tmp_path):
+    class Meshed(tissue.Analytic):
+        needs_limb = True
+
+    class Hollow(Source):
+        def load(self, path, spot):
+            return replace(hollow("hex8"), spot=spot)
+
+    study = make_study(solver=Meshed(), limb_source=Hollow())
+    spots = tuple(replace(s, mesh=tmp_path / "x.vtu", spot=Spot(name=s.spot.name)) for s in study.spots)
+    checked = pipeline.check(replace(study, spots=spots), plugins)
+    assert any(text.startswith("spot 'p1': a closed inner surface of") for text in checked.warnings)
