@@ -502,6 +502,13 @@ def test_a_study_names_its_own_plugin_files(call: Call, study: Path) -> None:
     assert "sprigs.py: no such file" in wrong.err
 
 
+def test_plugins_shows_commands_and_qualified_names(call: Call) -> None:
+    assert "limb scan" in call("plugins", "commands").out
+    assert "plugin: febio" in call("plugins", "commands", "certify").out
+    assert "did you mean 'certify'" in call("plugins", "commands", "certfy").err
+    assert "plugin: materials" in call("plugins", "materials", "palpate-materials:yeoh").out
+
+
 def test_an_installed_plugin_can_be_left_out(call: Call) -> None:
     found = call("--no-plugin", "palpate-materials", "plugins", "--json").json
     assert "yeoh" not in [m["name"] for m in found["materials"]]

@@ -12,10 +12,14 @@ if TYPE_CHECKING:
     from palpate.plugins import Plugins
 
 
+COMMANDS = "commands"
+"""What is listed besides the catalogues."""
+
+
 def _kinds(incomplete: str) -> list[str]:
     from palpate.plugin_registry import KINDS
 
-    return [kind for kind in KINDS if kind.startswith(incomplete)]
+    return [kind for kind in (*KINDS, COMMANDS) if kind.startswith(incomplete)]
 
 
 def plugins(
@@ -38,28 +42,30 @@ def plugins(
 
     session = Session.of(context)
     loaded = session.plugins
-    kinds = [kind.replace("-", "_")] if kind else list(KINDS)
-    found = {
-        key: [describe(loaded, key, entry) for entry in loaded.catalogue(key) if name in (None, entry)]
-        for key in kinds
-    }
-    if name is not None and not found[kinds[0]]:
-        loaded.catalogue(kinds[0])[name]  # raises, with close matches
+    kinds = [kind.replace("-", "_")] if kind else [*KINDS, COMMANDS]
+    found = {key: _entries(loaded, key, name) for key in kinds}
     if as_json:
-        session.json({**found, "commands": _commands(loaded), "broken": [asdict(b) for b in loaded.broken]})
+        session.json({**found, "broken": [asdict(broken) for broken in loaded.broken]})
     elif name is not None:
         _show_one(session, found[kinds[0]][0])
     else:
-        _show_all(session, found if kind else {**found, "commands": _commands(loaded)})
+        _show_all(session, found)
 
 
-def _commands(loaded: "Plugins") -> list[dict[str, Any]]:
-    """Name and plugin of each command that is not the core's."""
+def _entries(loaded: "Plugins", kind: str, name: str | None) -> list[dict[str, Any]]:
+    """Describe all entries of a kind, or the one of this name."""
+    if kind != COMMANDS:
+        return [describe(loaded, kind, each) for each in ([name] if name else loaded.catalogue(kind))]
     from palpate.cli.app import build_app
+    from palpate.plugins import UnknownNameError, suggestion
 
+    commands = loaded.commands(build_app())
+    if name is not None and name not in commands:
+        raise UnknownNameError(f"no plugin adds a command '{name}'{suggestion(name, commands)}")
     return [
-        {"name": name, "plugin": plugin, "summary": f"palpate {name} --help"}
-        for name, plugin in loaded.commands(build_app()).items()
+        {"name": each, "plugin": plugin, "summary": f"palpate {each} --help"}
+        for each, plugin in commands.items()
+        if name in (None, each)
     ]
 
 
