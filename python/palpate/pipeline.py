@@ -286,7 +286,10 @@ def report(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     run.require("design")
     with run.held(study, plugins.channels):
         study = run.trusting(study)
-        return _report(study, run, _from_files(study, run), plugins, progress)
+        checked = _from_files(study, run)
+        made = _report(study, run, checked, plugins, progress)
+        _warn_of_missing(study, checked.design, run.scores(), progress)
+        return made
 
 
 def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progress: Progress) -> None:

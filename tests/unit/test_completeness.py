@@ -45,11 +45,11 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
     notes = Notes()
     pipeline.score(study, folder, plugins, notes)
     selected = pipeline.select(study, folder, plugins, notes)
-    assert len(notes.notes) == 2
+    report = pipeline.report(study, folder, plugins, notes)
+    assert len(notes.notes) == 3
     for note in notes.notes:
         assert note.startswith(f"warning: incomplete sweep, {n_done} of 24 simulations (")
         assert missing in note
-    report = pipeline.report(study, folder, plugins, notes)
     (why,) = [each.why for each in report.verdict.cautions[:2] if each.what == "Incomplete sweep"]
     assert missing in why
     for table in report.tables.values():
