@@ -128,6 +128,24 @@ def test_a_best_value_at_the_end_of_its_range_is_named(content):
     assert with_best(0.5) is None
 
 
+def test_a_best_set_outside_the_interval_of_the_optimum_is_named(content):
+    made = content()
+    inside = made.determination.with_columns(lower=pl.lit(0.1), upper=pl.lit(50.0))
+    assert about(replace(made, determination=inside), "better set") is None
+    outside = inside.with_columns(
+        lower=pl.when(pl.col("parameter") == "soft_tissue.stiffness").then(49.0).otherwise(0.1),
+        optimum=pl.lit(49.5),
+    )
+    value = made.selection["soft_tissue.stiffness"][0]
+    why = about(replace(made, determination=outside), "better set")
+    assert why.startswith(f"stiffness at p1: set {value:.4g}, optimum 49.5; stiffness at p2: ")
+    assert best_of(made).values[0].optimum == pytest.approx(0.4, rel=1e-3)
+
+
+def best_of(content):
+    return verdict(content).bests[0]
+
+
 def test_a_set_that_does_not_fit_is_said_first_and_in_place_of_parameters(content):
     made = content()
     r2 = pl.when(pl.col("spot") == "p2").then(-567585.0).otherwise(pl.col("r2_torque"))

@@ -15,9 +15,13 @@ from palpate.report.tables import weighted_channels
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Value:
-    """One parameter of a best set; ``lower`` and ``upper`` are None where they cannot be told."""
+    """One parameter of a best set, with the fitted optimum and the interval around that.
+
+    These are None where they cannot be told; the set need not lie in the interval.
+    """
 
     value: float
+    optimum: float | None
     lower: float | None
     upper: float | None
     determined: str
@@ -75,8 +79,9 @@ def _set(row: Mapping[str, Any]) -> str:
 
 def _value(value: float, told: Mapping[str, Any] | None) -> Value:
     if told is None:
-        return Value(value=value, lower=None, upper=None, determined=UNCLEAR)
-    return Value(value=value, lower=told["lower"], upper=told["upper"], determined=told["determined"])
+        return Value(value=value, optimum=None, lower=None, upper=None, determined=UNCLEAR)
+    known = {name: told[name] for name in ("optimum", "lower", "upper", "determined")}
+    return Value(value=value, **known)
 
 
 def with_brief_names(content: Content) -> Iterator[tuple[Parameter, Parameter]]:

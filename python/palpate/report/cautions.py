@@ -67,6 +67,7 @@ def cautions(
     yield from _about_proofs(content)
     yield from _about_certificates(content)
     yield from _about_sweep(content)
+    yield from _about_coarseness(content, bests)
     yield from _about_data(content)
     yield from _about_trust(content)
     if sentence := finding(tables):
@@ -264,6 +265,23 @@ def _about_sweep(content: Content) -> Iterator[Caution]:
         yield Caution(
             what=f"A thin sweep: {n_sets} sets for {n_parameters} parameters",
             why="The best set is the best of few; raise n_sets, or refine.",
+        )
+
+
+def _about_coarseness(content: Content, bests: Sequence[Best]) -> Iterator[Caution]:
+    outside = [
+        f"{brief.name} at {best.spot}: set {value.value:.4g}, optimum {value.optimum:.4g}"
+        for best in bests
+        if best.scenario == content.generalising.name and best.found != "refined"
+        for (_, brief), value in zip(with_brief_names(content), best.values, strict=True)
+        if value.optimum is not None and value.lower is not None and value.upper is not None
+        if not value.lower <= value.value <= value.upper
+    ]
+    if outside:
+        yield Caution(
+            what="A better set lies between those that were drawn",
+            why=f"{_some(outside)}. Search locally from the best sets ([selection] refine = true), "
+            "or raise n_sets.",
         )
 
 
