@@ -18,7 +18,7 @@ import numpy as np
 from palpate import __version__, _core
 from palpate.errors import PalpateError
 from palpate.executors.machine import THREAD_VARIABLES, free_memory, n_cores
-from palpate.plugins import Plugins
+from palpate.plugins import Plugins, answering_for
 
 LIBRARIES = ("numpy", "scipy", "polars", "jax", "jaxlib", "pydantic", "pluggy")
 """Libraries on which results or their speed depend."""
@@ -131,7 +131,9 @@ def _solvers(plugins: Plugins) -> Iterator[Finding]:
             yield Finding(topic="solvers", what=name, found=f"needs its settings {', '.join(needed)}")
             continue
         try:
-            yield Finding(topic="solvers", what=name, found=f"version {solver().version()}")
+            with answering_for(solver, "asking for its version"):
+                version = solver().version()
+            yield Finding(topic="solvers", what=name, found=f"version {version}")
         except PalpateError as error:
             yield Finding(
                 topic="solvers",

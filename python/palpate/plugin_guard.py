@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @contextlib.contextmanager
-def answering_for(component: "Component", doing: str) -> Iterator[None]:
+def answering_for(component: "Component | type[Component]", doing: str) -> Iterator[None]:
     """Turn what a plugin's component raises beside a PalpateError into one that names it.
 
     What it prints goes to stderr.
@@ -23,6 +23,7 @@ def answering_for(component: "Component", doing: str) -> Iterator[None]:
     Parameters
     ----------
     component : Component
+        Or its class.
     doing : str
         What it was asked to do, with the file if there is one: ``"reading p1.csv"``.
 
@@ -36,7 +37,8 @@ def answering_for(component: "Component", doing: str) -> Iterator[None]:
     except PalpateError:
         raise
     except (Exception, SystemExit) as error:
-        where = f"{type(component).__module__}.{type(component).__qualname__}"
+        kind = component if isinstance(component, type) else type(component)
+        where = f"{kind.__module__}.{kind.__qualname__}"
         said, remedy = f": {error}", "check the file, or tell the plugin's author"
         if type(error).__name__ == "TracerArrayConversionError":
             said, remedy = "", NUMPY_IN_ENERGY

@@ -83,7 +83,8 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
     asked: set[str] = set()
     for job in to_do:
         for region, theta in job.thetas.items():
-            job.materials[region].check(theta)
+            with answering_for(job.materials[region], f"checking set {job.set_id}"):
+                job.materials[region].check(theta)
         if job.spot not in asked:
             _check_fields(study.solver, job, limbs.get(job.spot))
             with answering_for(study.solver, f"checking spot '{job.spot}'"):

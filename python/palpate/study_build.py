@@ -99,7 +99,7 @@ def build_component(
         return None
     try:
         return component(checked)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         told = str(error) if isinstance(error, PalpateError) else f"{type(error).__name__}: {error}"
         context.problems.add(settings_key, f"'{name}' cannot be made from these settings: {told}")
         return None

@@ -167,6 +167,11 @@ def test_a_bad_curve_ends_with_2_and_writes_nothing(
     [
         ('loader = "lines"', 'loader = "clumsy"', "s1.txt: 'clumsy'"),
         ("seed = 3", 'seed = 3\nsampler = "clumsy"', "drawing the design: 'clumsy'"),
+        (
+            "seed = 3",
+            'seed = 3\nsampler = "leaves"',
+            "'leaves' cannot be made from these settings: SystemExit",
+        ),
         ("[solver]", "[sampling.filters.clumsy]\n[solver]", "filtering the design: 'clumsy'"),
     ],
 )
@@ -177,7 +182,7 @@ def test_a_component_that_raises_is_named_and_ends_with_2(
     outcome = call("run", study)
     assert outcome.code == 2
     assert told in outcome.err
-    assert "Error: " in outcome.err
+    assert "Error: " in outcome.err or "SystemExit: 0" in outcome.err
     assert not Path("runs").exists()
 
 

@@ -89,7 +89,8 @@ def test_what_each_loader_says_is_told_when_none_can_read_the_file(call: Call, p
 def test_a_loader_that_breaks_is_named(call: Call, plugin: str) -> None:
     outcome = call("experiment", "inspect", "bug.log", plugin=plugin)
     assert outcome.code == 2
-    assert "inspecting bug.log: loader 'picky' raised ZeroDivisionError: by zero" in outcome.err
+    assert "inspecting bug.log: 'picky'" in outcome.err
+    assert "raised ZeroDivisionError: by zero" in outcome.err
 
 
 def test_a_loader_that_cannot_inspect_says_so(call: Call, plugin: str) -> None:

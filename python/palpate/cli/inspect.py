@@ -84,7 +84,8 @@ def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
     CurveError
         None can; with what each of them says.
     """
-    from palpate.errors import CurveError, PalpateError, PluginError
+    from palpate.errors import CurveError
+    from palpate.plugins import answering_for
 
     catalogue = session.plugins.loaders
     able = [name for name, kind in catalogue.items() if _can_inspect(kind)]
@@ -92,16 +93,10 @@ def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
     refusals = []
     for name in asked:
         try:
-            return catalogue[name].inspect(file)
+            with answering_for(catalogue[name], f"inspecting {file}"):
+                return catalogue[name].inspect(file)
         except CurveError as error:
             refusals.append(str(error) if len(asked) == 1 else f"{name}: {error}")
-        except PalpateError:
-            raise
-        except Exception as error:
-            raise PluginError(
-                f"inspecting {file}: loader '{name}' raised {type(error).__name__}: {error}; check the "
-                "file, or tell the plugin's author"
-            ) from error
     if not refusals:
         raise CurveError(f"{file}: no loader can inspect files; install palpate-experiments")
     raise CurveError("; ".join(refusals))

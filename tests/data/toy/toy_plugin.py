@@ -94,7 +94,15 @@ class Clumsy(LineLoader, Stiff, Sampler):
         raise IndexError("out of bounds")
 
     def draw(self, n_sets, n_parameters, seed):
-        raise ZeroDivisionError("by zero")
+        raise SystemExit(0)
+
+
+class Leaves(Clumsy):
+    name = "leaves"
+    summary = "Ends the process when it is made"
+
+    def __init__(self, settings=None):
+        raise SystemExit(0)
 
 
 class ClosedForm(Solver):
@@ -188,7 +196,7 @@ def palpate_materials():
 
 @hookimpl
 def palpate_samplers():
-    return [Clumsy]
+    return [Clumsy, Leaves]
 
 
 @hookimpl
