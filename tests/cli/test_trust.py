@@ -72,6 +72,15 @@ def test_trusted_results_stay_in_every_later_stage_and_are_on_record(call, study
     assert scores(run).equals(before)
 
 
+def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, plugin):
+    call("run", study, plugin=plugin())
+    assert call("run", study, "--fork", "copy", *BOTH, plugin=plugin(2.0)).code == 0
+    assert call("resume", "copy", plugin=None).code == 0
+    assert scores(tmp_path / "copy").equals(scores(tmp_path / "runs" / "toy"))
+    with Ledger(tmp_path / "copy") as ledger:
+        assert ledger.frame("simulations").height == 20
+
+
 def test_stages_after_the_sweep_do_not_forget_whose_results_there_are(call, study, tmp_path, plugin):
     run = tmp_path / "runs" / "toy"
     call("run", study, plugin=plugin())
