@@ -10,6 +10,7 @@ depends on them overrides :meth:`palpate.interfaces.Component.fingerprint`.
 import functools
 import hashlib
 import importlib.metadata
+import importlib.util
 import sys
 from collections.abc import Iterator
 from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES
@@ -63,7 +64,8 @@ def _of_package(module: str) -> str:
         package = sys.modules.get(".".join(parts[:n]))
         folder = Path(getattr(package, "__file__", None) or "").parent
         if hasattr(package, "__path__") and folder.name and folder.is_dir():
-            return ", ".join([*_distributions().get(parts[0], ()), f"source {_hash_of(folder)}"])
+            known = distributions().get(parts[0])
+            return ", ".join([*([" ".join(known)] if known else []), f"source {_hash_of(folder)}"])
     return ""
 
 
@@ -100,13 +102,25 @@ def _code_files(folder: Path) -> Iterator[Path]:
             yield path
 
 
+def installed_code() -> dict[str, str]:
+    """Version and hash of the code of each installed distribution with plugins, none imported for it."""
+    found = {}
+    for package, (name, version) in distributions().items():
+        spec = importlib.util.find_spec(package)
+        origin = Path(spec.origin) if spec and spec.origin else Path()
+        if origin.is_file():
+            source = _hash_of(origin.parent if spec and spec.submodule_search_locations else origin)
+            found[name] = f"{version}, source {source}"
+    return found
+
+
 @functools.cache
-def _distributions() -> dict[str, tuple[str]]:
+def distributions() -> dict[str, tuple[str, str]]:
     """Name and version of the distribution that each package with plugins comes with."""
     points = importlib.metadata.entry_points()
     groups = sorted(group for group in points.groups if group.partition(".")[0] == CORE)
     return {
-        point.module.partition(".")[0]: (f"{point.dist.name} {point.dist.version}",)
+        point.module.partition(".")[0]: (point.dist.name, point.dist.version)
         for group in groups
         for point in points.select(group=group)
         if point.dist

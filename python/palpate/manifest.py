@@ -1,5 +1,6 @@
 """``manifest.json``: what the numbers of a run depended on."""
 
+import contextlib
 import hashlib
 import importlib.metadata
 import platform
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import Channel, HomogeneousTests, Indentation, Protocol
+from palpate.fingerprints import distributions
 from palpate.interfaces import Component
 from palpate.limb import mesh_note
 from palpate.plugins import answering_for
@@ -75,17 +77,10 @@ def versions(study: Study) -> dict[str, str]:
     with answering_for(study.solver, "asking for its version"):
         solver = study.solver.version()
     found = {"python": platform.python_version(), f"solver {study.solver.name}": solver}
-    plugins = {
-        point.dist.name
-        for point in importlib.metadata.entry_points(group="palpate")
-        if point.dist is not None
-    }
-    for name in (*_LIBRARIES, *sorted(plugins)):
-        try:
+    for name in _LIBRARIES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
+    return found | dict(sorted(distributions().values()))
 
 
 def _hashes(study: Study) -> dict[str, str]:

@@ -75,7 +75,7 @@ def test_trusted_results_stay_in_every_later_stage_and_are_on_record(call, study
 def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, plugin):
     call("run", study, plugin=plugin())
     assert call("run", study, "--fork", "copy", *BOTH, plugin=plugin(2.0)).code == 0
-    assert call("resume", "copy", plugin=None).code == 0
+    assert call("resume", "copy", plugin=plugin(2.0)).code == 0
     assert scores(tmp_path / "copy").equals(scores(tmp_path / "runs" / "toy"))
     with Ledger(tmp_path / "copy") as ledger:
         assert ledger.frame("simulations").height == 20
@@ -120,7 +120,7 @@ def test_a_changed_measured_file_is_reported_though_it_costs_no_simulation(call,
     rows = [line.split() for line in file.read_text().splitlines()]
     file.write_text("".join(f"{x} {float(y) * 1.3}\n" for x, y in rows))
     for command in (("run", study), ("resume", "runs/toy")):
-        again = call(*command, plugin=None if command[0] == "resume" else PLUGIN)
+        again = call(*command)
         assert again.code == 0, again.err
         if command[0] == "run":
             assert "inputs.s1.txt: " in again.err

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -183,6 +184,11 @@ def test_workers_of_other_versions_are_refused_with_both(study, monkeypatch):
     monkeypatch.setattr(station, "versions", lambda *given: next(told, None) or here(*given))
     with pytest.raises(ExecutorError, match=r"versions: palpate .* instead of 9\.9; extra absent instead"):
         list(DaskExecutor().outcomes(work_of(study)))
+
+
+def test_the_code_of_installed_plugins_is_among_the_versions(study):
+    found = station.versions(study.solver, ())
+    assert re.fullmatch(r"\d+\.\d+\.\d+, source [0-9a-f]{16}", found["palpate-materials"])
 
 
 @pytest.mark.parametrize(

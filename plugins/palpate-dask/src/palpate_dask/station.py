@@ -11,7 +11,7 @@ import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, entry_points, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from palpate.errors import ExecutorError
 from palpate.executors import Limits, Pool, Work, n_cores
 from palpate.executors.work import Outcome
 from palpate.executors.worker import packed
+from palpate.fingerprints import installed_code
 from palpate.interfaces import Solver
 from palpate.plugins import load_file
 
@@ -159,12 +160,7 @@ def run_tasks(station: str, tasks: bytes) -> bytes:
 def versions(solver: Solver, plugin_files: Sequence[Path]) -> dict[str, str]:
     """Versions of everything that decides a result, here."""
     found = {"python": ".".join(map(str, sys.version_info[:2])), f"solver {solver.name}": solver.version()}
-    plugins = {point.dist.name for point in entry_points(group="palpate") if point.dist is not None}
-    for name in ("palpate", "distributed", "numpy", *sorted(plugins)):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
+    found |= {name: version(name) for name in ("palpate", "distributed", "numpy")} | installed_code()
     for path in plugin_files:
         found[path.name] = _digest(path)
     return found
