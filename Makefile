@@ -68,7 +68,7 @@ bench-logs: $(VENV)/installed ## a robot's log of a million rows, read and proce
 bench-solver: $(VENV)/installed ## whole simulations: by size, many sets together, with derivatives
 	$(BIN)/python tests/benchmarks/bench_solver.py
 
-bench-sparse: $(VENV)/installed ## factors of real tangents beside PARDISO's, CHOLMOD's and SuperLU's
+bench-sparse: $(VENV)/installed ## factors of real tangents beside CHOLMOD's and SuperLU's
 	$(BIN)/python tests/benchmarks/bench_sparse.py
 
 clean: ## remove what the build made

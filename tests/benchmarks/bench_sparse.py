@@ -1,10 +1,10 @@
-"""Factors of real tangents, faer's beside PARDISO's, CHOLMOD's and SuperLU's: ``make bench-sparse``.
+"""Factors of real tangents, faer's beside CHOLMOD's and SuperLU's: ``make bench-sparse``.
 
 Blocks of tet10 and hex8 dented by a sphere, Ogden's material, and the forearm of the demo's
-study. Every solver has a process of its own, on one thread, and gets the same matrix: the
-symmetric part of the tangent without the coupling of friction and pressure, or the exact
-unsymmetric one for the two kinds of LU. Times are processor seconds, the least of some rounds;
-memory is what the process gained at its peak. A solver that is not installed is left out.
+study. Every solver has a process of its own, on one thread, and gets the same matrix, which is the
+symmetric part of the tangent without the coupling of friction and pressure. Times are processor
+seconds, the least of some rounds; memory is what the process gained at its peak. CHOLMOD is left
+out where it is not installed.
 ``--quick`` stops at 25,000 unknowns.
 """
 
@@ -15,8 +15,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from importlib import import_module
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -34,13 +34,10 @@ BLOCKS = {
 }
 """Cells across and down: about 5, 25, 50 and 100 thousand unknowns."""
 
-LARGEST = {"faer lu": 30_000, "pardiso lu": 60_000, "superlu": 30_000}
+PEER = "superlu"
+
+LARGEST = {PEER: 30_000}
 """Unknowns beyond which a solver takes minutes or the memory of a laptop."""
-
-PEER = "pardiso ldlt"
-
-PEERS = {"pypardiso": ("pardiso ldlt", "pardiso llt", "pardiso lu"), "sksparse.cholmod": ("cholmod llt",)}
-"""Solvers of modules that are used where they are installed."""
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
@@ -66,8 +63,7 @@ def tangent(limb: Limb, path: Path) -> int:
         path,
         indptr=model.pattern.indptr,
         indices=model.pattern.indices,
-        exact=linearised.matrix(load).data,
-        symmetric=linearised.preconditioner(load),
+        values=linearised.preconditioner(load),
         rhs=linearised.residual(load).free,
     )
     return model.pattern.n_unknowns
@@ -86,25 +82,16 @@ class Measured:
 
     def __init__(self, solver: str, matrix: sp.csr_array) -> None:
         self.matrix = matrix
-        self.solver, _, self.kind = solver.partition(" ")
-        getattr(self, f"_{self.solver}")()
+        name, _, self.precision = solver.partition(" ")
+        getattr(self, f"_{name}")()
 
     def _faer(self) -> None:
         from palpate._core import SparseFactor
 
-        kind, _, precision = self.kind.partition(" ")
-        factor = SparseFactor(
-            self.matrix.indptr, self.matrix.indices, kind=kind, layout="csr", precision=precision or "double"
-        )
+        indptr, indices = self.matrix.indptr, self.matrix.indices
+        factor = SparseFactor(indptr, indices, kind="ldlt", layout="csr", precision=self.precision)
         self.factorise: Callable[[], object] = lambda: factor.factorise(self.matrix.data)
         self.apply: Callable[[np.ndarray], np.ndarray] = factor.precondition
-
-    def _pardiso(self) -> None:
-        from palpate_jax.pardiso import PardisoFactor
-
-        factor = PardisoFactor(self.matrix.indptr, self.matrix.indices, kind=self.kind)
-        self.factorise = lambda: factor.factorise(self.matrix.data)
-        self.apply = factor.precondition
 
     def _cholmod(self) -> None:
         from sksparse import cholmod
@@ -147,8 +134,7 @@ def resident(which: str) -> float:
 def measure(solver: str, path: str) -> dict[str, float]:
     """All figures of one solver on one matrix."""
     data = np.load(path)
-    values = data["exact" if solver.endswith("lu") else "symmetric"]
-    matrix = sp.csr_array((values, data["indices"], data["indptr"]))
+    matrix = sp.csr_array((data["values"], data["indices"], data["indptr"]))
     rhs = data["rhs"]
     Measured(solver, sp.eye_array(8, format="csr")).factorise()  # loads what it loads
     before = resident("VmRSS")
@@ -170,14 +156,11 @@ def measure(solver: str, path: str) -> dict[str, float]:
 
 def solvers() -> Iterator[str]:
     """Those that are installed."""
-    yield from ("faer ldlt", "faer ldlt single", "faer llt", "faer lu", "superlu")
-    for module, names in PEERS.items():
-        try:
-            import_module(module)
-        except ImportError:
-            sys.stderr.write(f"{module} is not installed, left out\n")
-        else:
-            yield from names
+    yield from ("faer double", "faer single", PEER)
+    if find_spec("sksparse") is None:
+        sys.stderr.write("sksparse is not installed, CHOLMOD is left out\n")
+    else:
+        yield "cholmod"
 
 
 def in_own_process(solver: str, path: Path) -> dict[str, float] | None:

@@ -11,7 +11,7 @@ from palpate.errors import MeshError
 from palpate.interfaces import Material
 from palpate_jax.body import Body
 from palpate_jax.contact import Answer, Contact, Load, Motion, Pose
-from palpate_jax.sparse import By, LinearSolver, Pattern
+from palpate_jax.sparse import LinearSolver, Pattern
 
 
 def spot_axes(limb: Limb) -> FloatArray:
@@ -63,8 +63,6 @@ class Model:
     limb : Limb
     materials : mapping of region to Material
     mean_dilatation : bool, or the regions that have it
-    factors : {"palpate", "pardiso"}
-        Whose sparse factors.
     """
 
     def __init__(
@@ -72,7 +70,6 @@ class Model:
         limb: Limb,
         materials: Mapping[str, Material],
         mean_dilatation: bool | Collection[str],
-        factors: By = "palpate",
     ) -> None:
         mesh = in_spot_frame(limb)
         self.body = Body(mesh, materials, mean_dilatation, spot_axes(limb))
@@ -90,7 +87,7 @@ class Model:
         self.pattern = Pattern([self._numbers(nodes) for nodes in groups], int(self._free.sum()))
         places = [self.pattern.places(k) for k in range(len(self.body.blocks))]
         self.body.bind(places, len(self.pattern.indices))
-        self.linear = LinearSolver(self.pattern, factors)
+        self.linear = LinearSolver(self.pattern)
         self._last: Linearised | None = None
 
     def _numbers(self, nodes: IntArray) -> IntArray:

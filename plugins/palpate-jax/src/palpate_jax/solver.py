@@ -31,7 +31,6 @@ from palpate_jax.footprint import check_footprint
 from palpate_jax.march import March, Station, Stop, stations
 from palpate_jax.model import Model, in_spot_frame
 from palpate_jax.neighbours import Guide, Neighbours
-from palpate_jax.pardiso import is_installed
 from palpate_jax.sensitivity import Sensitivity, by_parameter
 from palpate_jax.shapes import shape_of
 
@@ -68,11 +67,6 @@ class JaxSettings(Settings):
         description="one volume change per element, or per patch of about eight tet4, which keeps nearly "
         "incompressible tissue from locking: in all regions, in none, or in those named; without it, "
         "which is for comparison with other programs, tet4 overstates force by half and more",
-    )
-    factors: Literal["palpate", "pardiso"] = Field(
-        "palpate",
-        description="whose sparse factors: palpate's own, or Intel's PARDISO from the extra "
-        "palpate-jax[pardiso]; the answers agree to within the tolerance",
     )
     guided: bool = Field(
         False,
@@ -156,11 +150,6 @@ class JaxSolver(Solver):
                 )
             check_reference_state(job.materials[region], job.thetas[region])
         _check_names(self.settings.mean_dilatation, limb)
-        if self.settings.factors == "pardiso" and not is_installed():
-            raise StudyError(
-                "setting factors asks for PARDISO, which is not installed: "
-                'pip install "palpate-jax[pardiso]", or leave the setting out'
-            )
         if self.settings.fields != "none":
             _check_folder(self._fields_folder(job))
 
@@ -262,9 +251,7 @@ class JaxSolver(Solver):
         own = {region: self._own(material) for region, material in materials.items()}
         last = self._last
         if last is None or last.materials != own or not _same(last.limb, limb):
-            last = _Prepared(
-                limb, own, Model(limb, own, self.settings.mean_dilatation, self.settings.factors)
-            )
+            last = _Prepared(limb, own, Model(limb, own, self.settings.mean_dilatation))
             self._last = last
         return last
 

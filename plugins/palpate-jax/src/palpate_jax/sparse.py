@@ -14,9 +14,6 @@ import scipy.sparse as sp
 from palpate._core import SparseFactor
 from palpate.domain import FloatArray, IntArray
 from palpate_jax.krylov import Space
-from palpate_jax.pardiso import PardisoFactor
-
-By = Literal["palpate", "pardiso"]
 
 PATIENCE = 120
 """Krylov steps that an older factor may cost beyond those of a new one before it is renewed.
@@ -87,8 +84,6 @@ class LinearSolver:
     Parameters
     ----------
     pattern : Pattern
-    by : {"palpate", "pardiso"}
-        Whose factors.
 
     Attributes
     ----------
@@ -96,10 +91,10 @@ class LinearSolver:
         How often a matrix was factorised.
     """
 
-    def __init__(self, pattern: Pattern, by: By = "palpate") -> None:
+    def __init__(self, pattern: Pattern) -> None:
         self.n_factorisations = 0
-        self._pattern, self._by = pattern, by
-        self._factor = _factor(pattern, by, "single")
+        self._pattern = pattern
+        self._factor = _factor(pattern, "single")
         self._ready = False
         self._fresh_steps = 0
         self._extra_steps = 0
@@ -173,7 +168,7 @@ class LinearSolver:
             if self._factor.precision == "double":
                 raise
             # Thin and nearly incompressible: from here on, worth twice the memory.
-            self._factor = _factor(self._pattern, self._by, "double")
+            self._factor = _factor(self._pattern, "double")
             self._factor.factorise(values)
         self._ready = True
 
@@ -185,7 +180,5 @@ class LinearSolver:
         return solution if converged else None, n_steps
 
 
-def _factor(pattern: Pattern, by: By, precision: Literal["single", "double"]) -> SparseFactor | PardisoFactor:
-    if by == "pardiso":
-        return PardisoFactor(pattern.indptr, pattern.indices, kind="ldlt")
+def _factor(pattern: Pattern, precision: Literal["single", "double"]) -> SparseFactor:
     return SparseFactor(pattern.indptr, pattern.indices, kind="ldlt", layout="csr", precision=precision)
