@@ -150,3 +150,16 @@ def test_a_sound_material_passes(test):
     hold(test, SOUND)
     if test != "energy_is_symmetric_in_the_stretches":
         hold(test, IN_F)
+
+
+class Slow(Sound):
+    """With a time constant, which scales with no modulus and has a unit."""
+
+    parameters = (
+        *Sound.parameters,
+        Parameter(name="tau", unit="s", lower=0.1, upper=1.0, kind="shape", description="time constant"),
+    )
+
+
+def test_a_time_constant_is_a_parameter():
+    hold("parameters_say_what_they_are", Slow())
