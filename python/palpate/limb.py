@@ -17,8 +17,10 @@ from palpate.plugins import answering_for
 from palpate.study import Study
 
 
-def load_limbs(study: Study) -> dict[str, Limb]:
+def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
     """Limb of each spot, checked; empty when the solver needs none.
+
+    With ``missing_ok`` spots are left out whose mesh file is not there any more.
 
     Raises
     ------
@@ -36,6 +38,8 @@ def load_limbs(study: Study) -> dict[str, Limb]:
             check_frames(region, meshes, map(mesh_note, meshes.values()), one_frame=study.one_frame)
     for spot in study.spots:
         name = spot.spot.name
+        if missing_ok and not (spot.mesh and spot.mesh.is_file()):
+            continue
         if spot.mesh is None or study.limb_source is None:
             raise StudyError(
                 f"spot '{name}' has no mesh, which solver '{study.solver.name}' needs; name a mesh file"
@@ -51,7 +55,8 @@ def load_limbs(study: Study) -> dict[str, Limb]:
             limbs[name] = with_fields(limb, study.space.regions)
         except MeshError as error:
             raise MeshError(f"{spot.mesh}: {error}") from error
-    _check_every_region(study, limbs)
+    if len(limbs) == len(study.spots):
+        _check_every_region(study, limbs)
     return limbs
 
 

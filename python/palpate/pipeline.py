@@ -280,13 +280,19 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     return selected
 
 
-def report(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Report:
-    """Lay the results out as tables and figures under ``report/``; recomputes nothing."""
+def report(
+    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT, *, as_run: bool = False
+) -> Report:
+    """Lay the results out as tables and figures under ``report/``; recomputes nothing.
+
+    With ``as_run`` the study is the copy in the folder: neither its files nor its meshes need exist,
+    and the simulations are those of the folder's last sweep.
+    """
     run = RunDirectory(run_folder)
     run.require("design")
     with run.held(study, plugins.channels):
         study = run.trusting(study)
-        checked = _from_files(study, run)
+        checked = _from_run(study, run, progress) if as_run else _from_files(study, run)
         made = _report(study, run, checked, plugins, progress)
         _warn_of_missing(study, checked.design, run.scores(), progress)
         return made
@@ -310,6 +316,17 @@ def _from_files(study: Study, run: RunDirectory) -> Checked:
     return Checked(measured=measured, limbs=load_limbs(study), design=design)
 
 
+def _from_run(study: Study, run: RunDirectory, progress: Progress) -> Checked:
+    """Read what the earlier verbs left, and those of the study's meshes that are there."""
+    design, measured = run.design(), run.measured(study.spot_names)
+    run.records.check("design", design_from(study))
+    limbs = load_limbs(study, missing_ok=True)
+    for name in study.spot_names if study.solver.needs_limb else ():
+        if name not in limbs:
+            progress.note(f"warning: no limb is shown at spot '{name}': its mesh is missing")
+    return Checked(measured=measured, limbs=limbs, design=design, of_last_sweep=True)
+
+
 def _simulate(
     study: Study, run: RunDirectory, checked: Checked, progress: Progress, check_lock: Callable[[], None]
 ) -> tuple[Simulation, ...]:
@@ -319,7 +336,8 @@ def _simulate(
 
 
 def _stored(study: Study, run: RunDirectory, checked: Checked) -> tuple[Simulation, ...]:
-    return simulation.stored(study, checked.design, checked.limbs, checked.measured, run.folder)
+    limbs = None if checked.of_last_sweep else checked.limbs
+    return simulation.stored(study, checked.design, limbs, checked.measured, run.folder)
 
 
 def _score(

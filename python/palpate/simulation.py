@@ -165,19 +165,25 @@ def simulate(
 def stored(
     study: Study,
     design: Design,
-    limbs: Mapping[str, Limb],
+    limbs: Mapping[str, Limb] | None,
     measured: Mapping[str, Response],
     folder: Path,
     wanted: Collection[tuple[str, int]] | None = None,
 ) -> tuple[Simulation, ...]:
     """Results in ``folder`` that belong to this study, in the order of :func:`jobs`; computes nothing.
 
-    ``wanted`` narrows them to these pairs of spot and set_id.
+    ``wanted`` narrows them to these pairs of spot and set_id. Without ``limbs`` they are those of
+    the last sweep in the folder.
     """
     every = jobs(study, design, measured)
     to_do = [job for job in every if wanted is None or (job.spot, job.set_id) in wanted]
-    job_keys = keys(study, to_do, limbs)
     with Ledger(folder) as ledger:
+        if limbs is not None:
+            job_keys = keys(study, to_do, limbs)
+        else:
+            planned = ledger.planned()
+            to_do = [job for job in to_do if (job.spot, job.set_id) in planned]
+            job_keys = [planned[job.spot, job.set_id] for job in to_do]
         found = ledger.simulations(dict(zip(job_keys, to_do, strict=True)))
     return tuple(_of_job(found[key], job) for key, job in zip(job_keys, to_do, strict=True) if key in found)
 

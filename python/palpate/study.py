@@ -156,7 +156,13 @@ class Study:
         return next(spot for spot in self.spots if spot.spot.name == name)
 
 
-def read_study(path: Path | str, plugins: Plugins | None = None, *, need_measured: bool = True) -> Study:
+def read_study(
+    path: Path | str,
+    plugins: Plugins | None = None,
+    *,
+    need_measured: bool = True,
+    copy_of: Path | None = None,
+) -> Study:
     """Read and check a study file.
 
     Parameters
@@ -167,6 +173,9 @@ def read_study(path: Path | str, plugins: Plugins | None = None, *, need_measure
         Where the names in the file are looked up; the installed ones when left out.
     need_measured : bool
         Whether the files of measured curves must exist; False before an experiment.
+    copy_of : Path, optional
+        The study file that ``path`` is a run's copy of. Its folder is the one that paths are
+        relative to, no file that it names must exist, and ``plugins`` has its plugin files.
 
     Raises
     ------
@@ -174,10 +183,11 @@ def read_study(path: Path | str, plugins: Plugins | None = None, *, need_measure
         Listing everything that is wrong, each with line, key and what to do.
     """
     path = _study_file(path)
-    plugins = with_study_plugins(path, plugins)
+    if copy_of is None or plugins is None:
+        plugins = with_study_plugins(path, plugins)
     text, raw = _parse(path)
     problems = Problems(path, KeyLines(text), raw)
-    context = Context(path.resolve(), plugins, problems)
+    context = Context((copy_of or path).resolve(), plugins, problems, is_copy=copy_of is not None)
     return _build(context, read_tables(raw, problems), need_measured)
 
 

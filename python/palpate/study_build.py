@@ -23,11 +23,15 @@ FILTERS: Key = ("sampling", "filters")
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What every part is built with: the study file, what plugins provide, where mistakes go."""
+    """What every part is built with: the study file, what plugins provide, where mistakes go.
+
+    With ``is_copy`` the files that the study names need not exist.
+    """
 
     file: Path
     plugins: Plugins
     problems: Problems
+    is_copy: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

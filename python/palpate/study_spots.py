@@ -87,7 +87,7 @@ def _named(context: Context, names: list[str], channel: str, spot: Key) -> Itera
 
 def _file(context: Context, name: str, key: Key, needed: bool = True) -> Path:
     path = context.file.parent / name
-    if not path.is_file() and (needed or path.exists()):
+    if not context.is_copy and not path.is_file() and (needed or path.exists()):
         reason = "is a folder, not a file" if path.is_dir() else "no such file"
         context.problems.add(key, f"'{name}': {reason} (looked for {path}); paths are relative to study.toml")
     return path

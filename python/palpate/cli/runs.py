@@ -3,12 +3,15 @@
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from palpate.cli.session import Session
 from palpate.errors import StudyError
+
+if TYPE_CHECKING:
+    from palpate.study import Study
 
 FOLDER = Path("runs")
 """Where runs go that are given no other folder."""
@@ -79,6 +82,23 @@ def session_of_run(
     if others and not trust:
         _ask(session, run, others, command)
     return Session((*session.files, *others), session.without)
+
+
+def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, "Study"]:
+    """Read a run's own copy of its study, and a session with the plugins that it was run with.
+
+    Raises
+    ------
+    StudyError
+        The copy cannot be read, or its plugin files are missing or not trusted.
+    """
+    from palpate.run_directory import RunDirectory
+    from palpate.study import read_study
+
+    manifest = RunDirectory(run).manifest()
+    found = session_of_run(session, run, plugins_of(run, manifest), trust=trust, command="report")
+    original = run / str(manifest.get("study_file", "study.toml"))
+    return found, read_study(run / "study.toml", found.plugins, copy_of=original)
 
 
 def plugins_of(run: Path, manifest: Mapping[str, Any]) -> list[Path]:

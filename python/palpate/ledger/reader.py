@@ -122,6 +122,11 @@ class Ledger:
         query = "SELECT jobs.set_id FROM jobs LEFT JOIN simulations USING (key) GROUP BY jobs.set_id "
         return {set_id for (set_id,) in self._all(f"{query} HAVING count(state) = count(*)")}
 
+    def planned(self) -> dict[tuple[str, int], str]:
+        """Key of each job of the sweep begun last, by spot and set_id."""
+        rows = self._all("SELECT spot, set_id, key FROM jobs")
+        return {(spot, set_id): key for spot, set_id, key in rows}
+
     def frame_of_last_sweep(self) -> pl.DataFrame:
         """One row for each job of the sweep begun last that is finished."""
         texts = ("spot", "key", "state", "message", "curves", "finished_at")

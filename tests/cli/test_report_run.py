@@ -1,0 +1,99 @@
+"""``palpate report RUN``: from what the run directory holds, wherever the study and its files are."""
+
+import json
+import shutil
+
+import pytest
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+
+MESHED = """
+import numpy as np
+from palpate import Curve, Response, Simulation, Solver, Status, hookimpl
+class Meshed(Solver):
+    name, summary, needs_limb = "meshed", "Wants a mesh, and does nothing with it", True
+    def version(self): return "1"
+    def simulate(self, job, limb):
+        (theta,), x = job.thetas.values(), np.linspace(1.0, 2.0, 11)
+        curve = Curve(channel="pull", abscissa=x, ordinate=theta[0] * (x - 1.0))
+        return Simulation(job=job, status=Status.OK, response=Response(curves={"pull": curve}))
+@hookimpl
+def palpate_solvers(): return [Meshed]
+"""
+PROTOCOL = """
+[protocol]
+indenter = { shape = "sphere", radius = "1 mm" }
+depth = "2 mm"
+friction = 0.0
+
+[limb]
+source = "block"
+"""
+
+
+@pytest.fixture
+def with_limb(study, monkeypatch):
+    """Toy study whose solver wants a mesh at each of its two spots."""
+    monkeypatch.setattr("palpate.limb.check_limb", lambda *_: None)
+    monkeypatch.setattr("palpate.limb.check_depth", lambda *_: None)
+    path = study / "study.toml"
+    text = path.read_text().replace('"closed_form"', '"meshed"').replace("n_sets = 20", "n_sets = 4")
+    for name in ("s1", "s2"):
+        text = text.replace(f'name = "{name}"\n', f'name = "{name}"\nmesh = "{name}.mesh"\n')
+        (study / f"{name}.mesh").write_text("a block")
+    path.write_text(text + PROTOCOL)
+    (study.parent / "meshed.py").write_text(MESHED)
+    return study
+
+
+def tables(run):
+    return {path.name: path.read_bytes() for path in (run / "report" / "tables").iterdir()}
+
+
+def test_a_received_run_is_reported_without_its_study(call, with_limb, tmp_path):
+    ran = call("run", with_limb, "--out", "run", "--plugin", "meshed.py")
+    assert ran.code == 0, ran.err
+    before = tables(tmp_path / "run")
+    (with_limb / "s1.mesh").unlink()
+    (with_limb / "s2.txt").unlink()
+    refused = call("report", with_limb, "--out", "run", "--plugin", "meshed.py")
+    assert refused.code == 2
+    made = call("report", "run", "--plugin", "meshed.py")
+    assert made.code == 0, made.err
+    assert "no limb is shown at spot 's1': its mesh is missing" in made.err
+    assert "spot 's2'" not in made.err
+    assert tables(tmp_path / "run") == before
+    shutil.rmtree(with_limb)
+    shutil.move(tmp_path / "run", tmp_path / "received")
+    shutil.rmtree(tmp_path / "received" / "report")
+    made = call("report", "received", "--json", "--plugin", "meshed.py")
+    assert made.code == 0, made.err
+    assert made.json["files"]
+    assert tables(tmp_path / "received") == before
+
+
+def test_a_received_run_is_reported_with_plugins_that_are_trusted(call, study, tmp_path):
+    call("run", study, "--out", "run")
+    refused = call("report", "run", plugin=None)
+    assert refused.code == 2
+    assert "--trust-plugins" in refused.err
+    assert " report run" in refused.err
+    assert call("report", "run", "--trust-plugins", plugin=None).code == 0
+    (tmp_path / "run" / "study.toml").unlink()
+    assert "study.toml" in call("report", "run").err
+
+
+def test_the_report_of_a_run_is_of_its_own_tables(call, study, tmp_path):
+    """An edited study does not change what a finished run is reported as."""
+    call("run", study, "--out", "run")
+    before = tables(tmp_path / "run")
+    path = study / "study.toml"
+    path.write_text(path.read_text().replace("seed = 3", "seed = 4"))
+    assert call("report", "run").code == 0
+    assert tables(tmp_path / "run") == before
+    call("sample", study, "--out", "run")
+    stale = call("report", "run")
+    assert stale.code == 2
+    assert "made from other" in stale.err
+    assert json.loads((tmp_path / "run" / "manifest.json").read_text())["seed"] == 4
