@@ -228,7 +228,8 @@ def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simu
     StudyError
         The study has no such spot, or the design no such set.
     """
-    checked = _from_files(study, RunDirectory(run_folder))
+    run = RunDirectory(run_folder)
+    checked = _from_files(run.trusting(study), run)
     spots, n_sets = [each.spot.name for each in study.spots], checked.design.n_sets
     if spot not in spots or not 0 <= set_id < n_sets:
         raise StudyError(

@@ -21,6 +21,7 @@ import polars as pl
 
 from palpate.errors import StudyError
 from palpate.interfaces import Component
+from palpate.keys import identity
 from palpate.results import plain, write_atomically
 from palpate.study import Study
 
@@ -151,7 +152,7 @@ def design_from(study: Study) -> dict[str, str]:
     return {
         "ranges": fingerprint([asdict(parameter) for parameter in study.space.parameters]),
         "materials": fingerprint(
-            [(r.region, _described(r.material), r.convention, dict(r.fixed)) for r in regions]
+            [(r.region, _described(r.material, study), r.convention, dict(r.fixed)) for r in regions]
         ),
         "sampler": fingerprint(_described(study.sampler)),
         "filters": fingerprint([_described(keep) for keep in study.filters]),
@@ -187,8 +188,10 @@ def fingerprint(value: object) -> str:
     return hashlib.sha256(json.dumps(plain(value), sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _described(component: Component) -> tuple[str, object]:
-    return component.name, component.settings.model_dump(mode="json")
+def _described(component: Component, study: Study | None = None) -> tuple[str, object, str]:
+    """Name, settings and code; of a material whose earlier results the study accepts, the earlier code."""
+    earlier = study.trusted.get(f"material:{component.name}") if study else None
+    return component.name, component.settings.model_dump(mode="json"), earlier or identity(component)
 
 
 def _of_file(path: Path) -> str:

@@ -8,6 +8,7 @@ import pytest
 from palpate.ledger import Ledger
 
 from .conftest import PLUGIN
+from .test_resume import tables
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -70,6 +71,16 @@ def test_trusted_results_stay_in_every_later_stage_and_are_on_record(call, study
     assert "0 of 20 finished simulations are still valid" in changed_again.err
     assert call("run", study, *BOTH, plugin=plugin(3.0)).code == 0
     assert scores(run).equals(before)
+
+
+def test_a_stage_after_the_sweep_refuses_other_code(call, study, tmp_path, plugin):
+    call("run", study, plugin=plugin())
+    before = tables(tmp_path / "runs" / "toy")
+    for stage in ("simulate", "score", "select", "report"):
+        refused = call(stage, study, plugin=plugin(2.0))
+        assert refused.code == 2
+        assert "its design was made from other materials than the study has now" in refused.err
+    assert tables(tmp_path / "runs" / "toy") == before
 
 
 def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, plugin):
