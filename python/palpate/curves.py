@@ -61,6 +61,12 @@ class Channel:
     dissipative: bool = False
     length_power: Literal[2, 3] | None = None
 
+    @property
+    def units(self) -> tuple[str, str]:
+        """Units of abscissa and ordinate, which their names end in; empty for a name of one word."""
+        along, of = (name.rpartition("_")[::2] for name in (self.abscissa, self.ordinate))
+        return along[1] if along[0] else "", of[1] if of[0] else ""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import re
 import os
 import signal
 import subprocess
@@ -108,6 +109,11 @@ def test_check_as_json(call: Call) -> None:
     assert found["spots"] == {"s1": ["pull"], "s2": ["pull"]}
     assert found["searched"] == [{"name": "rubber.k", "lower": 1.0, "upper": 3.0, "unit": "MPa"}]
     assert (found["data"], found["n_sets"]) == ("simulated", 20)
+
+
+def test_tables_of_curves_have_units_and_peaks(call: Call, study: Path) -> None:
+    assert "pull 3 MPa" in call("check", study).out
+    assert re.search(r"s1 +pull +11 +1 +1 to 2 +0 to 3 MPa +–", call("experiment", study).out)
 
 
 @pytest.mark.usefixtures("one_figure")
@@ -281,7 +287,8 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
         assert outcome.code == 0, outcome.err
         results[stage] = outcome.json
     assert results["experiment"][0] == {
-        "spot": "s1", "channel": "pull", "n_points": 11, "n_presses": 1, "largest_std": None,
+        "spot": "s1", "channel": "pull", "n_points": 11, "n_presses": 1, "over": "1 to 2",
+        "least": 0.0, "largest": 3.0, "unit": "MPa", "largest_std": None,
     }  # fmt: skip
     assert results["sample"]["n_sets"] == 20
     assert results["simulate"] == {"ok": 40}

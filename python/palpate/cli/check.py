@@ -13,6 +13,7 @@ from palpate.errors import StudyError
 
 if TYPE_CHECKING:
     from palpate.cli.output import CheckOutput
+    from palpate.domain import Curve
     from palpate.run_result import Checked
     from palpate.study import Study
 
@@ -82,11 +83,11 @@ def _show(session: Session, study: "Study", checked: "Checked") -> None:
     )
     session.table(
         "Spots",
-        ["spot", "channels", "nodes"],
+        ["spot", "channels and peaks", "nodes"],
         [
             [
                 spot,
-                ", ".join(response),
+                ", ".join(_peak(session, curve) for curve in response.curves.values()),
                 str(checked.limbs[spot].mesh.n_nodes) if spot in checked.limbs else "–",
             ]
             for spot, response in checked.measured.items()
@@ -97,3 +98,8 @@ def _show(session: Session, study: "Study", checked: "Checked") -> None:
         f"{checked.design.n_drawn} sets drawn, {n_sets} kept by the filters; "
         f"{n_sets * len(checked.measured)} simulations with solver '{study.solver.name}'"
     )
+
+
+def _peak(session: Session, curve: "Curve") -> str:
+    channel = session.plugins.channels[curve.channel]
+    return f"{curve.channel} {abs(curve.ordinate).max():.4g} {channel.units[1]}"

@@ -131,12 +131,16 @@ class SynthesiseOutput(TypedDict):
 
 @closed
 class ExperimentRow(TypedDict):
-    """A measured curve."""
+    """A measured curve: ``over`` is the range of its abscissa, the numbers are in ``unit``."""
 
     spot: str
     channel: str
     n_points: int
     n_presses: int
+    over: str
+    least: float
+    largest: float
+    unit: str
     largest_std: Number
 
 
