@@ -193,7 +193,8 @@ class Response:
     curves : mapping of channel name to Curve
     record : mapping, optional
         What was done to get the curves, as numbers, text, lists and tables. The manifest
-        of a run keeps it for each file that a loader has read.
+        of a run keeps it for each file that a loader has read. A loader's ``warnings``, a list of
+        sentences, are printed.
     """
 
     curves: Mapping[str, Curve]

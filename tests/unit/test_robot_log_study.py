@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -12,10 +13,12 @@ import pytest
 
 from palpate.cli.app import main
 from palpate.domain import Response
-from palpate.experiment import load_measured
+from palpate.errors import CurveError
+from palpate.experiment import load_measured, measured_warnings
 from palpate.limb import load_limbs
 from palpate.plugins import Plugins
 from palpate.study import Study, read_study
+from palpate_experiments.processing.settings import Gravity
 
 DATA = Path(__file__).parents[1] / "data" / "robot_logs"
 SPOTS = ("p1", "p2", "p3", "p4")
@@ -72,6 +75,22 @@ def test_every_point_says_how_sure_it_is_and_every_step_what_it_did():
     steps = {step["step"]: step["found"] for step in record["steps"]}
     assert steps["gravity"]["weight_N"] == pytest.approx(0.88)
     assert list(measured()["p1"].record["files"]) == ["logs/simulated_p1.parquet"]
+
+
+def test_a_weight_that_is_left_in_is_a_warning():
+    one = replace(study(), spots=study().spots[3:])
+    off = type(one.loader)(one.loader.settings.model_copy(update={"gravity": Gravity()}))
+    (warning,) = measured_warnings(load_measured(replace(one, loader=off), plugins().channels))
+    assert "the force in free air is 1.6 N (13% of the peak) and the tool tilts by 11 degrees" in warning
+    assert warning.endswith("up to 0.29 N of it stay in the curves: give gravity.method")
+    assert measured_warnings(measured()) == ()
+
+
+def test_a_twist_of_the_other_sign_is_refused():
+    (spot,) = study().spots[:1]
+    turned = replace(study().protocol, path=study().protocol.path * [1.0, -1.0])
+    with pytest.raises(CurveError, match=r"goes to -22\.4\d* degrees first where the protocol goes to 22\.5"):
+        load_measured(replace(study(), spots=(spot,), protocol=turned), plugins().channels)
 
 
 def test_the_study_is_simulated_says_so_and_is_small():

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from pydantic import Field
 
 from palpate.domain import Response
@@ -13,6 +14,7 @@ from palpate_experiments.processing.settings import ProcessingSettings
 from palpate_experiments.reading import ChannelMap, Limits, TextFormat
 
 if TYPE_CHECKING:
+    from palpate_experiments.processing.processed import Processed
     from palpate_experiments.reading import Reading
 
 # SciPy, polars and matplotlib are imported where they are used: who lists the plugins needs none of them.
@@ -65,7 +67,20 @@ class RobotLogLoader(ExperimentLoader):
                 "log a twist, or leave the channel out"
             )
         wanted = curves if channel is None else {channel: curves[channel]}
-        return Response(curves=wanted, record={"reading": dict(reading.record), **processed.record})
+        record = {"reading": dict(reading.record), **processed.record}
+        if warnings := self._warnings(processed):
+            record["warnings"] = warnings
+        return Response(curves=wanted, record=record)
+
+    def _warnings(self, processed: "Processed") -> list[str]:
+        from palpate_experiments.processing.gravity import weight_left_in
+
+        gravity = self.settings.gravity
+        if gravity.method != "off" or processed.bias is None:
+            return []
+        peak = float(abs(processed.force.ordinate).max())
+        found = weight_left_in(processed.raw, processed.bias.force_N, np.array(gravity.direction), peak)
+        return [found] if found else []
 
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
         """Draw the log as it was read, tared, in its phases, its first contact and its curves.

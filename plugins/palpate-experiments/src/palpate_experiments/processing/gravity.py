@@ -21,6 +21,9 @@ HEAVIEST_N = 100.0
 FARTHEST_MM = 500.0
 """Farthest centre of a tool from its sensor."""
 
+LARGEST_SHARE = 0.01
+"""Share of the peak force that a weight may leave in the curves without a warning."""
+
 _LARGEST_STD = 0.1
 _ROWS = 5000
 
@@ -138,3 +141,30 @@ def _fit_centre(part: Recording, lever: FloatArray, weight: float) -> tuple[Floa
     noise = float(np.std(moment - rows @ centre))
     spread = np.linalg.pinv(rows.T @ rows)
     return centre, noise * float(np.sqrt(np.trace(spread)))
+
+
+def weight_left_in(
+    recording: Recording, bias_N: FloatArray, direction: FloatArray, peak_N: float
+) -> str | None:
+    """Say so where what is in the bias may be a weight, and the tool tilts enough for it to matter.
+
+    Parameters
+    ----------
+    recording : Recording
+    bias_N : (3,) array
+        Mean force in free air, with the weight in it.
+    direction : (3,) array
+        Of gravity, in the base frame.
+    peak_N : float
+        Largest force of the press.
+    """
+    offset = float(np.linalg.norm(bias_N))
+    down = unrotated(recording.quaternion, direction / np.linalg.norm(direction))
+    change = float(np.linalg.norm(down - down[0], axis=1).max())
+    if offset * change < LARGEST_SHARE * peak_N:
+        return None
+    return (
+        f"the force in free air is {offset:.2g} N ({offset / peak_N:.0%} of the peak) and the tool tilts by "
+        f"{np.degrees(2.0 * np.arcsin(min(change / 2.0, 1.0))):.0f} degrees; if it is the tool's weight, up "
+        f"to {offset * change:.2g} N of it stay in the curves: give gravity.method"
+    )
