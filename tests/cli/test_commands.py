@@ -369,7 +369,7 @@ def test_limb_of_a_surface_is_meshed_or_refused_by_the_reader(call: Call, tmp_pa
     (tmp_path / "x.stl").write_text("solid x\nendsolid x\n")
     outcome = call("limb", "x.stl", "--out", "m", plugin=None)
     assert (outcome.code, "No such option" in outcome.err) == (2, False)
-    assert outcome.err.startswith("palpate: x.stl: ")
+    assert "palpate: x.stl: " in outcome.err
 
 
 # ---------------------------------------------------------------- init, demo
