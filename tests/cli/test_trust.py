@@ -11,8 +11,15 @@ from .conftest import PLUGIN
 from .test_resume import tables
 
 pytestmark = pytest.mark.usefixtures("one_figure")
+quick = pytest.mark.usefixtures("without_report")
 
 BOTH = ("--trust", "material:spring", "--trust", "solver:closed_form")
+
+
+@pytest.fixture
+def without_report(monkeypatch):
+    """Leave the report out of every run, for what is not about it."""
+    monkeypatch.setattr("palpate.pipeline.write_report", lambda content, folder: ())
 
 
 @pytest.fixture
@@ -32,6 +39,7 @@ def scores(folder):
     return pl.read_parquet(folder / "scores.parquet")
 
 
+@quick
 def test_changed_code_is_named_and_its_results_are_made_again(call, study, tmp_path, plugin):
     run = tmp_path / "runs" / "toy"
     assert call("run", study, plugin=plugin()).code == 0
@@ -83,6 +91,7 @@ def test_a_stage_after_the_sweep_refuses_other_code(call, study, tmp_path, plugi
     assert tables(tmp_path / "runs" / "toy") == before
 
 
+@quick
 def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, plugin):
     call("run", study, plugin=plugin())
     assert call("run", study, "--fork", "copy", *BOTH, plugin=plugin(2.0)).code == 0
@@ -92,6 +101,7 @@ def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, 
         assert ledger.frame("simulations").height == 20
 
 
+@quick
 def test_stages_after_the_sweep_do_not_forget_whose_results_there_are(call, study, tmp_path, plugin):
     run = tmp_path / "runs" / "toy"
     call("run", study, plugin=plugin())
@@ -101,6 +111,7 @@ def test_stages_after_the_sweep_do_not_forget_whose_results_there_are(call, stud
         assert ledger.frame("simulations").height == 20
 
 
+@quick
 def test_results_under_a_trusted_key_are_shared_with_nobody(call, study, tmp_path, plugin):
     path = study / "study.toml"
     path.write_text(path.read_text().replace('name = "in_process"', 'name = "in_process"\ncache = "cache"'))
@@ -125,6 +136,7 @@ def test_what_cannot_be_trusted_is_refused(call, study, name, said):
     assert said in refused.err
 
 
+@quick
 def test_a_changed_measured_file_is_reported_though_it_costs_no_simulation(call, study):
     call("run", study)
     file = study / "s1.txt"

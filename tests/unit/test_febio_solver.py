@@ -245,7 +245,7 @@ def test_a_damaged_cache_costs_a_probe(tmp_path):
     assert remembered(Ogden(), "d" * 64, lambda: fit, tmp_path) == fit
 
 
-def test_a_material_whose_energy_changes_is_probed_again(tmp_path):
+def test_a_material_whose_energy_or_code_changes_is_probed_again(tmp_path, monkeypatch):
     class Stiffer(Ogden):
         factor = 1.0
 
@@ -256,6 +256,9 @@ def test_a_material_whose_energy_changes_is_probed_again(tmp_path):
     for Stiffer.factor in (1.0, 1.0, 1.1):
         remembered(Stiffer(), "d" * 64, lambda: probes.append(Stiffer.factor) or fit, tmp_path)
     assert probes == [1.0, 1.1]
+    monkeypatch.setattr(Stiffer, "fingerprint", lambda self: "other code, the same energy here")
+    remembered(Stiffer(), "d" * 64, lambda: probes.append("again") or fit, tmp_path)
+    assert probes == [1.0, 1.1, "again"]
 
 
 def test_what_fits_no_convention_is_refused_with_the_figures(fake):

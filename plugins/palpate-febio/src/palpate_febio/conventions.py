@@ -52,7 +52,7 @@ def remembered(material: Material, digest: str, probe: Callable[[], Fit], folder
 
 
 def _key(material: Material) -> str:
-    """A material with its settings, energy and spelling, and how its coefficients may be written."""
+    """A material with its code, settings, energy and spelling, and how its coefficients may be written."""
     kind = type(material)
     theta = probe_theta(material)
     energy = material.energy(STRETCHES, theta) if kind.isotropic else material.energy_from_F(GRADIENT, theta)
@@ -61,7 +61,7 @@ def _key(material: Material) -> str:
     return json.dumps(
         [
             FORMAT,
-            f"{kind.__module__}.{kind.__qualname__}",
+            f"{kind.__module__}.{kind.__qualname__} {material.fingerprint()}",
             material.settings.model_dump_json(),
             [f"{value:.9g}" for value in np.atleast_1d(energy)],
             conventions,

@@ -85,7 +85,7 @@ class FebioSolver(Solver):
     def __init__(self, settings: BaseModel | None = None) -> None:
         super().__init__(settings)
         self._binary: Binary | None = None
-        self._fits: dict[str, Fit] = {}
+        self._fits: dict[tuple[type[Material], str], Fit] = {}
 
     # ------------------------------------------------------------ the program
 
@@ -125,7 +125,7 @@ class FebioSolver(Solver):
         MaterialError
             It computes something that is not known, or has no such material.
         """
-        key = f"{type(material).__qualname__} {material.settings.model_dump_json()}"
+        key = (type(material), material.settings.model_dump_json())
         if key not in self._fits:
             binary = self.binary()
             command = [str(binary.path), *OPTIONS]
