@@ -23,7 +23,13 @@ def odd_settings(study: Study) -> Iterator[str]:
             yield from _depth(spot, protocol)
     for region in study.space.regions:
         for parameter in region.searched:
-            yield from _range(f"{region.region}.{parameter.name}", region, parameter)
+            name = f"{region.region}.{parameter.name}"
+            yield from _range(name, region, parameter)
+            if study.protocol is not None and _only_volume(region, parameter):
+                yield (
+                    f"{name}: is searched and resists change of volume only, which an indentation of nearly "
+                    "incompressible tissue hardly shows; fix it, or expect it undetermined"
+                )
 
 
 def _depth(spot: str, protocol: Indentation) -> Iterator[str]:
@@ -42,10 +48,14 @@ def _range(name: str, region: RegionMaterial, parameter: Parameter) -> Iterator[
             f"{name}: the range spans a factor of {high / low:.0f}, and a linear scale leaves its lower "
             'decades next to empty; set scale = "log", or narrow the range'
         )
-    if _only_volume(region, parameter):
+    usual = next(p for p in region.material.parameters if p.name == parameter.name)
+    if (
+        usual.lower * usual.upper > 0.0
+        and parameter.upper * usual.lower < 0.0 > parameter.lower * usual.lower
+    ):
         yield (
-            f"{name}: is searched and resists change of volume only, which an indentation of nearly "
-            "incompressible tissue hardly shows; fix it, or expect it undetermined"
+            f"{name}: the range has the other sign than the material's own, {usual.lower:.3g} to "
+            f"{usual.upper:.3g} {usual.unit}; check the sign"
         )
 
 

@@ -177,7 +177,8 @@ def test_a_clean_study_is_not_odd_and_slips_of_the_pen_are():
     (region,) = study().space.regions
     c1, c2, c3 = region.searched
     kappa = next(p for p in region.material.parameters if p.name == "kappa")
-    wide = replace(region, searched=(replace(c1, lower=0.005, upper=25.0), c2, c3, kappa), fixed={})
+    flipped = replace(c2, lower=-c2.upper, upper=-c2.lower)
+    wide = replace(region, searched=(replace(c1, lower=0.005, upper=25.0), flipped, c3, kappa), fixed={})
     slips = replace(
         study(),
         protocol=replace(study().protocol, indenter=Sphere(radius_mm=0.75)),
@@ -187,6 +188,7 @@ def test_a_clean_study_is_not_odd_and_slips_of_the_pen_are():
     assert [text.split(",")[0] for text in odd_settings(slips)] == [
         "spot 'p1': a sphere of radius 0.75 mm is pressed 10 mm deep",
         "soft_tissue.c1: the range spans a factor of 5000",
+        "soft_tissue.c2: the range has the other sign than the material's own",
         "soft_tissue.kappa: is searched and resists change of volume only",
     ]
     log = replace(
