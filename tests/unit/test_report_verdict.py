@@ -100,6 +100,16 @@ def test_measured_data_without_a_spread_are_named(content):
     assert about(repeated, "No spread") is None
 
 
+def test_what_is_odd_about_the_measured_curves_is_named(content):
+    made = content()
+    assert about(made, "odd about the measured curves") is None
+    warned = {s: replace(r, record={"warnings": [f"p.csv: {s}: odd"]}) for s, r in made.measured.items()}
+    assert (
+        about(replace(made, measured=warned), "odd about the measured curves")
+        == "p.csv: p1: odd; p.csv: p2: odd."
+    )
+
+
 def test_a_poor_fit_is_named_with_its_channel(content):
     made = content()
     assert about(made, "poor") is None

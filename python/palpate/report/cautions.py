@@ -8,6 +8,7 @@ import polars as pl
 from palpate.completeness import described
 from palpate.determination import UNCLEAR, share_of_range
 from palpate.domain import Parameter
+from palpate.experiment import measured_warnings
 from palpate.report.best_sets import Best, determined_together, determined_when_generalising, with_brief_names
 from palpate.report.content import Content
 from palpate.report.tables import cost_of_one_set, failures_by_reason, finding
@@ -102,6 +103,8 @@ def _about_missing(content: Content) -> Iterator[Caution]:
 
 
 def _about_data(content: Content) -> Iterator[Caution]:
+    if odd := measured_warnings(content.measured):
+        yield Caution(what="Something is odd about the measured curves", why=f"{_some(odd)}.")
     curves = [curve for response in content.measured.values() for curve in response.curves.values()]
     if not content.notice and all(curve.std is None for curve in curves):
         yield Caution(
