@@ -76,12 +76,12 @@ def _show(session: Session, seen: "RunStatus") -> None:
 
 def _line(seen: "RunStatus") -> str:
     line = f"{seen.folder}: {_counts(seen)}"
+    if seen.seconds_left is not None:  # before the runner: a narrow terminal cuts the end
+        line += f"; about {duration(seen.seconds_left)} left"
     if seen.runner is not None:
         line += f"; running: {seen.runner}"
     elif seen.n_finished < seen.n_simulations:
         line += "; not running"
-    if seen.seconds_left is not None:
-        line += f"; about {duration(seen.seconds_left)} left"
     return line
 
 
