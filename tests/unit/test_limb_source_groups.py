@@ -12,6 +12,8 @@ from palpate.limb import check_limb
 from palpate_forearm import MeshioSettings, MeshioSource, Phantom, write_phantom
 from palpate_forearm.phantom_files import write_stl
 
+pytestmark = pytest.mark.usefixtures("meshes_here")
+
 DATA = Path(__file__).parents[1] / "data" / "gmsh_two_layers"
 SPOT = Spot(name="p1")
 BOTTOM = {"normal": [0, 0, 2], "at": "-1.2 cm"}

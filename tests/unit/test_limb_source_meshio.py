@@ -12,6 +12,8 @@ from palpate.domain import Mesh, Spot
 from palpate.errors import MeshError
 from palpate_forearm import MeshioSettings, MeshioSource
 
+pytestmark = pytest.mark.usefixtures("meshes_here")
+
 SPOT = Spot(name="p1")
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [2, 0, 0]], dtype=float)
 EDGES = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]

@@ -1,9 +1,15 @@
 """A mesh file never has files of other folders read, nor entities expanded."""
 
+import base64
+import re
+import subprocess
+import sys
 import tempfile
+import zlib
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import h5py
 import meshio
@@ -12,11 +18,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate import sandbox
 from palpate.domain import Spot
 from palpate.errors import MeshError, PalpateError
 from palpate.limb import check_limb
-from palpate_forearm import MeshioSettings, MeshioSource, mesh_files
-from palpate_forearm.mesh_files import read_mesh_file
+from palpate_forearm import MeshioSettings, MeshioSource, mesh_files, mesh_source
+from palpate_forearm.mesh_files import read_here, read_mesh_file
 
 INP = "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n"
 XDMF = '<Xdmf Version="3.0"><Domain><Grid><DataItem Format="HDF">{}:/points</DataItem></Grid></Domain></Xdmf>'
@@ -41,7 +48,7 @@ def test_a_file_elsewhere_is_refused_by_name(tmp_path: Path, name: str, text: st
     (tmp_path / name).write_text(text)
     (tmp_path / "inner.txt").write_text("*Include,INPUT=../other.inp\n")
     with pytest.raises(MeshError, match="outside of its folder; move it beside"):
-        read_mesh_file(tmp_path / name)
+        read_here(tmp_path / name)
 
 
 def external(file: h5py.File, secret: Path) -> None:
@@ -69,7 +76,7 @@ def test_hdf5_that_stores_its_arrays_elsewhere_is_refused(tmp_path: Path, points
     with h5py.File(tmp_path / ("m.h5" if name == "m.xdmf" else name), "w") as file:
         points(file, secret)
     with pytest.raises(MeshError, match="points' is stored in another file, which is not opened"):
-        read_mesh_file(tmp_path / name)
+        read_here(tmp_path / name)
 
 
 def test_a_data_file_that_is_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
@@ -78,7 +85,7 @@ def test_a_data_file_that_is_a_link_out_of_the_folder_is_refused(tmp_path: Path)
     (folder / "m.h5").symlink_to(tmp_path / "other.h5")
     (folder / "m.xdmf").write_text(XDMF.format("m.h5"))
     with pytest.raises(MeshError, match="outside of its folder; move it beside"):
-        read_mesh_file(folder / "m.xdmf")
+        read_here(folder / "m.xdmf")
 
 
 @pytest.mark.parametrize("suffix", ["vtu", "xdmf"])
@@ -86,7 +93,7 @@ def test_entities_are_refused_before_they_grow(tmp_path: Path, suffix: str) -> N
     path = tmp_path / f"m.{suffix}"
     path.write_text('<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaa">]><VTKFile>&a;</VTKFile>')
     with pytest.raises(MeshError, match="XML entities"):
-        read_mesh_file(path)
+        read_here(path)
 
 
 def test_a_plain_file_is_read_as_before(tmp_path: Path) -> None:
@@ -122,7 +129,8 @@ def test_damage_to_a_mesh_file_never_escapes_as_anything_but_an_error(
         path = Path(folder) / f"m.{suffix}"
         path.write_bytes(bytes(content[: data.draw(st.integers(0, len(content)))]))
         try:
-            limb = MeshioSource(MeshioSettings()).load(path, Spot(name="p1"))
+            with mock.patch.object(mesh_source, "read_mesh_file", read_here):  # a process for each takes long
+                limb = MeshioSource(MeshioSettings()).load(path, Spot(name="p1"))
             check_limb(limb, ["soft_tissue"])
         except PalpateError:
             return
@@ -135,3 +143,51 @@ def test_a_file_too_large_to_be_a_segment_is_refused(tmp_path: Path, monkeypatch
     monkeypatch.setattr(mesh_files, "MOST_BYTES", 10)
     with pytest.raises(MeshError, match="keep the segment around the spot"):
         read_mesh_file(tmp_path / "m.inp")
+
+
+def bomb(path: Path, n_megabytes: int) -> Path:
+    """A VTU of one tetrahedron whose point data unpack to zeros without end."""
+    meshio.Mesh(np.eye(4)[:, :3], [("tetra", [[0, 1, 2, 3]])], point_data={"x": np.zeros(4)}).write(path)
+    blocks = [zlib.compress(bytes(1_000_000), 9)] * n_megabytes
+    sizes = np.array([len(blocks), 1_000_000, 1_000_000, *map(len, blocks)], dtype="<u4")
+    data = base64.b64encode(sizes.tobytes()) + base64.b64encode(b"".join(blocks))
+    text, n = re.subn(rb'(Name="x"[^>]*>)[^<]*', lambda found: found.group(1) + data, path.read_bytes())
+    assert n == 1
+    path.write_bytes(text)
+    return path
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are kept on Linux")
+def test_a_mesh_that_unpacks_to_more_than_its_memory_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mesh_files, "MOST_MEMORY_MB", 600.0)
+    with pytest.raises(MeshError, match=r"b\.vtu: (reading it needs more than 600 MB|its reader ended)"):
+        read_mesh_file(bomb(tmp_path / "b.vtu", 700))
+
+
+def test_a_reader_of_meshes_that_dies_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "m.inp").write_text(INP)
+    popen = subprocess.Popen
+    code = "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
+    monkeypatch.setattr(
+        sandbox.subprocess, "Popen", lambda command, **how: popen([sys.executable, "-c", code], **how)
+    )
+    with pytest.raises(MeshError, match=r"m\.inp: its reader ended without an answer \(signal 11\)"):
+        read_mesh_file(tmp_path / "m.inp")
+
+
+def test_what_is_read_in_a_process_of_its_own_is_what_meshio_reads(tmp_path: Path) -> None:
+    path = tmp_path / "m.vtu"
+    content = {"fibre": [np.eye(3)[:1]], "region": [np.array([7])]}
+    mesh = meshio.Mesh(np.eye(4)[:, :3], [("tetra", [[0, 1, 2, 3]])], cell_data=content)
+    mesh.write(path)
+    link = tmp_path / "elsewhere" / "link.vtu"
+    link.parent.mkdir()
+    link.symlink_to(path)
+    here = read_here(path)
+    for there in (read_mesh_file(path), read_mesh_file(link)):
+        np.testing.assert_array_equal(there.points, here.points)
+        assert [kind for kind, _ in there.blocks] == ["tetra"]
+        for name, blocks in here.cell_data.items():
+            np.testing.assert_array_equal(there.cell_data[name], blocks)

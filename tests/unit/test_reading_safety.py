@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate import sandbox
 from palpate.errors import CurveError
-from palpate_experiments.reading import Limits, Request, confined, read_log
+from palpate_experiments.reading import Limits, Request, read_log
 from palpate_experiments.reading.formats import read_here
 
 from . import log_writers as write
@@ -137,9 +138,9 @@ def test_the_metadata_of_a_bag_cannot_name_files_elsewhere(tmp_path: Path) -> No
 GUARDED = """
     import os, subprocess, socket, pickle, shutil, sys
     from pathlib import Path
-    from palpate_experiments.reading.confinement import NotAllowedError, allow_only
+    from palpate.sandbox import NotAllowedError, allow_only
     folder, scratch, other = map(Path, sys.argv[1:4])
-    allow_only(folder, scratch)
+    allow_only([folder], scratch)
     (scratch / "w").write_text("may be written")
     (scratch / "w").unlink()
     (folder / "log.csv").read_text()
@@ -260,9 +261,9 @@ def test_a_reader_that_hangs_or_dies_is_an_error(
 ) -> None:
     write.write_text(tmp_path / "log.csv", write.press(30))
     popen = subprocess.Popen
-    monkeypatch.setattr(confined, "_START_S", 0.0)
+    monkeypatch.setattr(sandbox, "_START_S", 0.0)
     monkeypatch.setattr(
-        confined.subprocess, "Popen", lambda command, **how: popen([sys.executable, "-c", code], **how)
+        sandbox.subprocess, "Popen", lambda command, **how: popen([sys.executable, "-c", code], **how)
     )
     begun = time.monotonic()
     with pytest.raises(CurveError, match=message):

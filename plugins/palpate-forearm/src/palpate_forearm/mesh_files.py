@@ -1,13 +1,15 @@
 """Mesh files through meshio, which this module alone touches.
 
 meshio is untyped, ends the interpreter on some bad files, writes its complaints
-to the terminal and accepts coordinates that are not numbers. Here all of that
-becomes a :class:`~palpate.errors.MeshError` or a plain value.
+to the terminal, unpacks whatever a file asks for and accepts coordinates that are
+not numbers. Here all of that becomes a :class:`~palpate.errors.MeshError` or a plain value.
 """
 
 import contextlib
 import io
+import json
 import re
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import MeshError
+from palpate.sandbox import child
 
 MOST_BYTES = 1_000_000_000
+MOST_MEMORY_MB = 4_000.0
+LONGEST_S = 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,12 +51,12 @@ class MeshFile:
 
 
 def read_mesh_file(path: Path) -> MeshFile:
-    """Read any format that meshio knows.
+    """Read any format that meshio knows, in a process with bounded memory and time.
 
     Raises
     ------
     MeshError
-        The file is missing, of an unknown format, or broken.
+        The file is missing, of an unknown format, broken, or needs too much memory or time.
     """
     if not path.is_file():
         raise MeshError(f"{path}: no such file; check the path of the mesh")
@@ -59,6 +64,47 @@ def read_mesh_file(path: Path) -> MeshFile:
         raise MeshError(
             f"{path}: larger than {MOST_BYTES / 1e9:g} GB; keep the segment around the spot alone"
         )
+    with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
+        asked = {"path": str(path), "scratch": scratch, "memory_mb": MOST_MEMORY_MB, "time_s": LONGEST_S}
+        with child("palpate_forearm.mesh_child", LONGEST_S, scratch) as process:
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.write(json.dumps(asked).encode())
+                process.stdin.close()
+            line = process.stdout.readline()
+            if not line.endswith(b"\n"):
+                why = (
+                    f"reading took longer than {LONGEST_S:g} s"
+                    if process.took_too_long()
+                    else f"its reader ended without an answer ({process.how_it_ended()})"
+                )
+                raise MeshError(f"{path}: {why}; the file is damaged or too large, write it again")
+        head = json.loads(line)
+        if "error" in head:
+            raise MeshError(head["error"])
+        return _received(head, Path(scratch) / "mesh.npz")
+
+
+def _received(head: Mapping[str, Any], path: Path) -> MeshFile:
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = [archive[f"arr_{k}"] for k in range(len(archive.files))]
+    return MeshFile(
+        points=arrays[head["points"]],
+        blocks=tuple((kind, arrays[k]) for kind, k in head["blocks"]),
+        point_data={name: arrays[k] for name, k in head["point_data"].items()},
+        cell_data={name: tuple(arrays[k] for k in blocks) for name, blocks in head["cell_data"].items()},
+        point_sets={name: arrays[k] for name, k in head["point_sets"].items()},
+        cell_sets={name: tuple(arrays[k] for k in blocks) for name, blocks in head["cell_sets"].items()},
+    )
+
+
+def read_here(path: Path) -> MeshFile:
+    """Read a file in this very process: for the process that is made for it.
+
+    Raises
+    ------
+    MeshError
+        As :func:`read_mesh_file`.
+    """
     _refuse_outside(path)
     import meshio  # here, so that whoever reads no mesh does not wait for it
 
@@ -66,6 +112,8 @@ def read_mesh_file(path: Path) -> MeshFile:
     try:
         with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
             mesh = meshio.read(path)
+    except MemoryError:
+        raise
     except (Exception, SystemExit) as error:  # its readers raise whatever a broken file trips over
         reason = " ".join((complaints.getvalue() or str(error)).split()) or type(error).__name__
         reason = reason[:200]

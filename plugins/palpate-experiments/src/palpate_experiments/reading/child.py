@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 
 from palpate.errors import CurveError
-from palpate_experiments.reading.confinement import NotAllowedError, allow_only, limit_resources
+from palpate.sandbox import NotAllowedError, allow_only, limit_resources
 from palpate_experiments.reading.formats import Request, read_here
 from palpate_experiments.reading.limits import Limits
 from palpate_experiments.reading.raw import Column, RawLog, Stream
@@ -36,7 +36,7 @@ def _answer(asked: dict[str, Any], out: IO[bytes]) -> None:
     limits = Limits.model_validate(asked["limits"])
     limit_resources(limits.memory_mb, limits.time_s, limits.file_mb)
     path = Path(asked["path"])
-    allow_only(path if path.is_dir() else path.resolve().parent, Path(asked["scratch"]))
+    allow_only([path if path.is_dir() else path.resolve().parent], Path(asked["scratch"]))
     request = Request(
         columns=_names(asked["columns"]),
         streams=_names(asked["streams"]),
