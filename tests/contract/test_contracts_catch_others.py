@@ -193,7 +193,7 @@ class Claiming(Forgetful):
         ("outcomes_are_those_of_their_jobs", Silent(), "why it failed is lost"),
         ("outcomes_are_those_of_their_jobs", Muddled(), "holds the answer of another job"),
         ("begins_nothing_when_told_to_stop", Unstoppable(), "goes on although"),
-        ("holds_limits_where_it_says_so", Claiming(), "set holds_limits = False"),
+        ("outcomes_are_those_of_their_jobs", Claiming(), "set holds_limits = False"),
     ],
 )
 def test_an_executors_fault_is_told(test, executor, said):

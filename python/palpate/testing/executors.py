@@ -121,20 +121,15 @@ class ExecutorContract(ComponentContract):
             expected = job.thetas["tissue"][0] * np.linspace(0.0, 0.5, 6)
             said = f"outcome {outcome.index} holds the answer of another job"
             np.testing.assert_allclose(stress, expected, rtol=1e-12, atol=1e-15, err_msg=said)
+            here = outcome.diagnostics.get("process") == os.getpid()
+            assert not (here and executor.holds_limits), (
+                "jobs run in palpate's own process, which no memory limit can end: set holds_limits = False"
+            )
 
     def assert_failed(self, outcome: Outcome) -> None:
         """Assert that a job whose simulation raised is told so."""
         assert outcome.status is Status.CRASHED, f"a simulation that raises is '{outcome.status.value}'"
         assert "a stretch of zero" in outcome.message, f"why it failed is lost: {outcome.message!r}"
-
-    def test_holds_limits_where_it_says_so(self, executor: Executor, jobs: list[Job]) -> None:
-        here = any(
-            outcome.diagnostics.get("process") == os.getpid()
-            for outcome in executor.outcomes(self.work(jobs))
-        )
-        assert not (here and executor.holds_limits), (
-            "jobs run in palpate's own process, which no memory limit can end: set holds_limits = False"
-        )
 
     def test_begins_nothing_when_told_to_stop(self, executor: Executor, jobs: list[Job]) -> None:
         found = [o.index for o in executor.outcomes(self.work(jobs, n_before_stop=1))]
