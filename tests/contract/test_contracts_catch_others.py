@@ -146,7 +146,7 @@ class TestProcesses(ExecutorContract):
 class Forgetful(Executor):
     """Says nothing about a job that failed."""
 
-    name, summary = "forgetful", "loses failures"
+    name, summary, holds_limits = "forgetful", "loses failures", False
 
     def outcomes(self, work):
         yield from (o for o in InProcess().outcomes(work) if o.status is Status.OK)
@@ -180,6 +180,8 @@ class Unstoppable(Forgetful):
 
 class Claiming(Forgetful):
     """Runs jobs here and says that a memory limit holds."""
+
+    holds_limits = True
 
     def outcomes(self, work):
         yield from InProcess().outcomes(work)
