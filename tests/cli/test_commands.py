@@ -1,7 +1,6 @@
 """The command line over the toy study: what it prints, where, and how it ends."""
 
 import contextlib
-import json
 import os
 import re
 import signal
@@ -14,8 +13,7 @@ from typing import Any
 import pytest
 
 from palpate import __version__
-from palpate.cli.app import COMMANDS, STAGES, main, split_option
-from palpate.cli.listing import name_of
+from palpate.cli.app import main
 from palpate.cli.session import Session
 from palpate.ledger import Ledger
 
@@ -30,18 +28,6 @@ def edit(study: Path, old: str, new: str) -> None:
 
 
 # ------------------------------------------------------------------- surface
-
-
-def test_help_lists_every_command_and_those_of_plugins(call: Call) -> None:
-    outcome = call("--help")
-    assert outcome.code == 0
-    for command in (*COMMANDS, *STAGES):
-        assert f"  {name_of(command)} " in outcome.out
-    assert "toy-hello" in outcome.out
-
-
-def test_a_command_of_a_plugin_runs(call: Call) -> None:
-    assert call("toy-hello").out == "hello from a plugin\n"
 
 
 def test_version(call: Call) -> None:
@@ -69,25 +55,6 @@ def test_a_file_name_that_is_too_long_is_a_mistake_of_the_user(call: Call, argum
     assert outcome.code == 2
     assert "Traceback" not in outcome.err
     assert len(outcome.err) < 1000, outcome.err[:2000]
-
-
-@pytest.mark.parametrize(
-    ("given", "rest", "files"),
-    [
-        (["--plugin", "a.py", "run", "s"], ["run", "s"], ["a.py"]),
-        (["run", "s", "--plugin=a.py", "--plugin", "b.py"], ["run", "s"], ["a.py", "b.py"]),
-        (["run", "--", "--plugin", "a.py"], ["run", "--", "--plugin", "a.py"], []),
-        (["run", "--plugin"], ["run", "--plugin"], []),
-    ],
-)
-def test_plugin_files_may_stand_anywhere(given: list[str], rest: list[str], files: list[str]) -> None:
-    assert split_option("--plugin", given) == (rest, files)
-
-
-def test_a_missing_plugin_file_is_a_mistake(call: Call) -> None:
-    outcome = call("plugins", plugin="nowhere.py")
-    assert outcome.code == 2
-    assert "nowhere.py: no such file" in outcome.err
 
 
 # --------------------------------------------------------------------- check
@@ -425,33 +392,6 @@ def test_demo_says_that_the_data_are_simulated(call: Call) -> None:
 # ------------------------------------------------------------------- plugins
 
 
-def test_plugins_as_json_holds_everything(call: Call) -> None:
-    found = call("plugins", "--json").json
-    (spring,) = [entry for entry in found["materials"] if entry["name"] == "spring"]
-    assert spring["plugin"] == "toy_plugin"
-    assert spring["conventions"] == ["textbook", "doubled"]
-    assert spring["parameters"][0] == {
-        "name": "k",
-        "unit": "MPa",
-        "lower": 0.5,
-        "upper": 4.0,
-        "physical_lower": 0.0,
-        "physical_upper": None,
-        "kind": "modulus",
-        "description": "stiffness",
-    }
-    (lines,) = [entry for entry in found["loaders"] if entry["name"] == "lines"]
-    assert lines["settings"] == [
-        {
-            "name": "skip",
-            "type": "integer",
-            "default": 0,
-            "required": False,
-            "description": "Rows to skip at the top.",
-        }
-    ]
-
-
 def test_settings_of_nested_tables_are_listed(call: Call) -> None:
     (entry,) = call("plugins", "loaders", "robot_log", "--json", plugin=None).json["loaders"]
     rows = {row["name"]: row for row in entry["settings"]}
@@ -470,72 +410,3 @@ def test_settings_of_nested_tables_are_listed(call: Call) -> None:
     assert rows["channels"]["default"]["torque"]["ordinate"] == {"name": "torque_Nmm"}
     assert rows["channels.<name>.ordinate.scale"]["default"] == 1.0
     assert not any("$" in row["type"] for row in rows.values())
-
-
-def test_plugins_by_kind_and_by_name(call: Call) -> None:
-    kind = call("plugins", "set-filters").out
-    assert "stiff" in kind
-    assert "spring" not in kind
-    one = call("plugins", "materials", "spring").out
-    assert "stiffening" in one
-    assert "conventions: textbook, doubled" in one
-    assert call("plugins", "channels", "pull", "--json").json["channels"][0]["abscissa"] == "stretch"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [(["material"], "did you mean 'materials'"), (["materials", "sprig"], "did you mean 'spring'")],
-)
-def test_plugins_that_do_not_exist(call: Call, arguments: list[str], message: str) -> None:
-    outcome = call("plugins", *arguments)
-    assert outcome.code == 2
-    assert message in outcome.err
-
-
-def test_a_broken_plugin_is_shown_with_its_reason_and_the_rest_works(call: Call, tmp_path: Path) -> None:
-    bad = tmp_path / "bad.py"
-    bad.write_text("import nowhere_at_all\n")
-    outcome = call("plugins", "--plugin", bad)
-    assert outcome.code == 0
-    assert "No module named 'nowhere_at_all'" in outcome.out
-    assert "plugin left out: bad" in outcome.err
-    assert "spring" in outcome.out
-    found = call("plugins", "--json", "--plugin", bad).json
-    assert [(b["name"], b["source"]) for b in found["broken"] if b["name"] == "bad"] == [("bad", str(bad))]
-
-
-def test_a_study_names_its_own_plugin_files(call: Call, study: Path) -> None:
-    file = study / "study.toml"
-    text = file.read_text()
-    (study / "springs.py").write_bytes(Path(PLUGIN).read_bytes())
-    missing = call("check", study, plugin=None)
-    assert missing.code == 2
-    assert "if a file of yours provides it, give it as --plugin FILE or as [study] plugins" in missing.err
-    file.write_text(text.replace('name = "toy"', 'name = "toy"\nplugins = ["springs.py"]', 1))
-    assert call("experiment", study, "--out", "run", plugin=None).code == 0
-    manifest = json.loads(Path("run/manifest.json").read_text())
-    assert manifest["plugin_files"] == ["../study/springs.py"]
-    assert "study/springs.py" in manifest["inputs"] or "springs.py" in manifest["inputs"]
-    file.write_text(text.replace('name = "toy"', 'name = "toy"\nplugins = ["sprigs.py"]', 1))
-    wrong = call("check", study, plugin=None)
-    assert wrong.code == 2
-    assert "[study] plugins" in wrong.err
-    assert "sprigs.py: no such file" in wrong.err
-
-
-def test_plugins_shows_commands_and_qualified_names(call: Call) -> None:
-    assert "limb scan" in call("plugins", "commands").out
-    assert "plugin: febio" in call("plugins", "commands", "certify").out
-    assert "did you mean 'certify'" in call("plugins", "commands", "certfy").err
-    assert "plugin: materials" in call("plugins", "materials", "palpate-materials:yeoh").out
-
-
-def test_an_installed_plugin_can_be_left_out(call: Call) -> None:
-    found = call("--no-plugin", "palpate-materials", "plugins", "--json").json
-    assert "yeoh" not in [m["name"] for m in found["materials"]]
-    commands = {each["name"]: each["plugin"] for each in found["commands"]}
-    assert commands["certify"] == "febio"
-    assert commands["limb scan"] == "limb"
-    wrong = call("plugins", "--no-plugin=materails")
-    assert wrong.code == 2
-    assert "no plugin 'materails' is installed; did you mean 'materials'" in wrong.err

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from palpate.domain import Limb
     from palpate.interfaces import Material, Solver
     from palpate.plugins import Plugins
+    from palpate_febio.certificate import Certificate
     from palpate_febio.solver import FebioSolver
 
 FAILED = 1
@@ -52,18 +53,9 @@ def certify(
 ) -> None:
     """Compare solvers with FEBio's recorded curves, and with FEBio where it is installed."""
     from palpate.results import write_atomically
-    from palpate_febio.certificate import Certificate
 
     session = Session.of(context)
-    judged, febio, contenders, missing = _contenders(session.plugins, solver or ())
-    rows = []
-    for row in _rows(session, material, mesh, contenders, febio):
-        session.note(f"{row.problem}, {row.material}, {row.quantity}, {row.solver}: {row.verdict}")
-        rows.append(row)
-    versions = {name: _version(make(True)) for name, make in contenders.items()}
-    certificate = Certificate(
-        rows=tuple(rows), solvers=versions, missing=tuple(missing), judged=frozenset(judged)
-    )
+    certificate = _compare(session, material, mesh, solver or ())
     if out is not None:
         file = out / "certificate.json" if out.is_dir() else out
         write_atomically(file, json.dumps(certificate.as_json(), indent=1).encode() + b"\n")
@@ -73,6 +65,20 @@ def certify(
         _show(session, certificate)
     if not certificate.passed:
         raise typer.Exit(FAILED)
+
+
+def _compare(
+    session: Session, material: str | None, mesh: Path | None, solvers: Sequence[str]
+) -> Certificate:
+    from palpate_febio.certificate import Certificate
+
+    judged, febio, contenders, missing = _contenders(session.plugins, solvers)
+    rows = []
+    for row in _rows(session, material, mesh, contenders, febio):
+        session.note(f"{row.problem}, {row.material}, {row.quantity}, {row.solver}: {row.verdict}")
+        rows.append(row)
+    versions = {name: _version(make(True)) for name, make in contenders.items()}
+    return Certificate(rows=tuple(rows), solvers=versions, missing=tuple(missing), judged=frozenset(judged))
 
 
 def _version(solver: Solver) -> str:
