@@ -150,3 +150,16 @@ def test_a_changed_measured_file_is_reported_though_it_costs_no_simulation(call,
             assert "20 of 20 finished simulations are still valid" in again.err
         else:
             assert "inputs." not in again.err
+
+
+@quick
+def test_nonsense_in_the_manifest_is_a_change_and_no_crash(call, study, tmp_path):
+    call("run", study)
+    path = tmp_path / "runs" / "toy" / "manifest.json"
+    manifest = json.loads(path.read_text())
+    for nonsense in (3, "x", [1], {"material:spring": 3}, {"material:spring": {"a": 3}}):
+        names = ("fingerprints", "trusted", "inputs", "plugin_files", "study_file")
+        path.write_text(json.dumps(manifest | dict.fromkeys(names, nonsense)))
+        again = call("run", study)
+        assert again.code == 0, again.err
+        assert "20 of 20 finished simulations are still valid" in again.err
