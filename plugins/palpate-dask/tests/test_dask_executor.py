@@ -127,7 +127,7 @@ def test_what_cannot_be_sent_is_refused_before_there_is_a_cluster(study, monkeyp
     class Local(type(study.space.regions[0].material)):
         pass
 
-    monkeypatch.setattr("palpate_dask.executor.connected", None)
+    monkeypatch.setattr("palpate_dask.flow.connected", None)
     region = replace(study.space.regions[0], material=Local())
     work = work_of(replace(study, space=ParameterSpace(regions=(region,))))
     with pytest.raises(PluginError, match="a material of the study cannot be sent"):

@@ -1,27 +1,11 @@
 """The executor: jobs to a Dask cluster, outcomes back as they come."""
 
-import contextlib
-import pickle
-import secrets
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import CancelledError
 
-from distributed import Client, Future, as_completed
-from distributed.scheduler import KilledWorker
-
-from palpate.domain import Status
-from palpate.errors import ExecutorError, PalpateError
 from palpate.executors import Outcome, Work, n_cores
 from palpate.executors.pool import packed_or_refused
-from palpate.executors.worker import packed
 from palpate.interfaces import Executor
-from palpate_dask.cluster import connected
 from palpate_dask.settings import DaskSettings
-from palpate_dask.station import Station, run_tasks, shared_by
-
-WAITING_PER_THREAD = 1
-"""Jobs that wait on the cluster for each that runs there, so that no worker is ever idle."""
 
 
 class DaskExecutor(Executor):
@@ -52,99 +36,6 @@ class DaskExecutor(Executor):
         packed_or_refused(work.solver, f"solver '{work.solver.name}'")
         packed_or_refused(work.jobs[0], "a material of the study")
         n_workers = min(work.n_workers or n_cores(), len(work.jobs))
-        with connected(self.settings, n_workers) as client, _stationed(client, work) as station:
-            yield from _Flow(client, station, work).outcomes()
+        from palpate_dask.flow import outcomes_on_cluster  # here: who lists plugins needs no Dask
 
-
-@contextlib.contextmanager
-def _stationed(client: Client, work: Work) -> Iterator[str]:
-    """Set up a station on every worker, those that come later included, and take all down at the end."""
-    name = f"palpate-{secrets.token_hex(6)}"
-    try:
-        client.register_plugin(Station(shared_by(work), name), name=name)
-    except PalpateError:
-        raise
-    except Exception as error:
-        raise ExecutorError(
-            f"a Dask worker cannot begin: {type(error).__name__}: {error}; "
-            "install palpate, palpate-dask and the study's plugins there, of the same versions as here"
-        ) from error
-    try:
-        yield name
-    finally:
-        # A scheduler that is gone has nothing to take down.
-        with contextlib.suppress(Exception):
-            if client.status == "running":
-                client.unregister_worker_plugin(name)
-
-
-class _Flow:
-    """Keeps as many jobs on the cluster as it can work on, and one more for each."""
-
-    def __init__(self, client: Client, station: str, work: Work) -> None:
-        self._client = client
-        self._station = station
-        self._work = work
-        self._waiting = deque(range(len(work.jobs)))
-        self._sent: dict[Future, int] = {}
-
-    def outcomes(self) -> Iterator[Outcome]:
-        answers = as_completed(loop=self._client.loop, raise_errors=False)
-        while True:
-            try:
-                for future in self._send():
-                    answers.add(future)
-                if not self._sent:
-                    return
-                future = next(answers)
-                found = self._answer(future, self._sent.pop(future))
-            except (OSError, CancelledError) as error:
-                raise _gone() from error
-            yield from found
-
-    def _send(self) -> list[Future]:
-        """Hand out what the cluster has room for; nothing more once the work is not to go on."""
-        sent: list[Future] = []
-        n_room = (1 + WAITING_PER_THREAD) * max(1, sum(self._client.nthreads().values()))
-        while self._waiting and len(self._sent) < n_room and self._work.going_on():
-            index = self._waiting.popleft()
-            tasks = packed([(index, self._work.jobs[index])])
-            future = self._client.submit(run_tasks, self._station, tasks, pure=False)
-            self._sent[future] = index
-            sent.append(future)
-            self._work.running(min(len(self._sent), n_room // (1 + WAITING_PER_THREAD)))
-        return sent
-
-    def _answer(self, future: Future, index: int) -> list[Outcome]:
-        if future.status == "finished":
-            found: list[Outcome] = pickle.loads(future.result())
-            return found
-        if future.status == "error":
-            error = future.exception()
-            if isinstance(error, KilledWorker):
-                return [_killed(index, error)]
-            raise error if isinstance(error, PalpateError) else _failed(error)
-        raise _gone()
-
-
-def _gone() -> ExecutorError:
-    return ExecutorError(
-        "the Dask scheduler is gone, or has forgotten a job; everything finished is kept: "
-        "start it again, then `palpate resume`"
-    )
-
-
-def _killed(index: int, error: KilledWorker) -> Outcome:
-    return Outcome(
-        index=index,
-        status=Status.CRASHED,
-        message=f"the machines that Dask put this job on were lost, the last one {error.last_worker}",
-        quarantined=True,
-    )
-
-
-def _failed(error: BaseException | None) -> ExecutorError:
-    return ExecutorError(
-        f"a Dask worker failed: {type(error).__name__}: {error}; everything finished is kept: "
-        "mend the cluster, then `palpate resume`"
-    )
+        yield from outcomes_on_cluster(self.settings, work, n_workers)
