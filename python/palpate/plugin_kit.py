@@ -11,7 +11,8 @@ from types import MappingProxyType
 
 import palpate
 from palpate.errors import PluginError
-from palpate.plugin_registry import GROUP, suggestion
+from palpate.interfaces import Component
+from palpate.plugin_registry import GROUP, KINDS, suggestion
 from palpate.plugins import Plugins
 
 _NAME = re.compile(r"[a-z]([a-z0-9_]*[a-z0-9])?")
@@ -171,6 +172,7 @@ def _files(kind: str, name: str) -> dict[str, str]:
     import jinja2
 
     kit, package = KITS[kind], f"palpate_{name}"
+    shown = name.replace("_", "-") if kind in ("command", "study") else name
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("palpate", "plugin_templates"),
         undefined=jinja2.StrictUndefined,
@@ -187,7 +189,8 @@ def _files(kind: str, name: str) -> dict[str, str]:
         "noun": kit.noun,
         "kind_shown": kit.catalogue.replace("_", "-") or "commands",
         "contract": kit.contract,
-        "use": kit.use.format(name.replace("_", "-") if kind in ("command", "study") else name),
+        "use": kit.use.format(shown),
+        "entry": _entry_point(kit, package, name, shown),
         "needs": kit.needs,
         "bounds": _bounds(),
     }
@@ -205,6 +208,14 @@ def _files(kind: str, name: str) -> dict[str, str]:
         for path, template in templates.items()
     }
     return {**made, f"src/{package}/py.typed": ""}
+
+
+def _entry_point(kit: Kit, package: str, name: str, shown: str) -> tuple[str, str, str]:
+    """Group, name and object: the one component, so that a list of commands does not import it."""
+    if not kit.catalogue:
+        return GROUP, name, package
+    made = _class(name) if issubclass(KINDS[kit.catalogue].base, Component) else name.upper()
+    return f'"{GROUP}.{kit.catalogue}"', shown, f"{package}:{made}"
 
 
 def _bounds() -> str:

@@ -84,7 +84,18 @@ def test_their_code_is_clean(made: dict[str, Path]) -> None:
 def test_an_installer_finds_the_entry_point(made: dict[str, Path], kind: str) -> None:
     project = tomllib.loads((made[kind] / "pyproject.toml").read_text())["project"]
     assert project["name"] == f"palpate-my-{kind}"
-    assert project["entry-points"]["palpate"] == {f"my_{kind}": f"palpate_my_{kind}"}
+    ((group, points),) = project["entry-points"].items()
+    ((name, value),) = points.items()
+    package, _, made_of = value.partition(":")
+    assert package == f"palpate_my_{kind}"
+    if kind == "command":
+        assert (group, name, made_of) == ("palpate", "my_command", "")
+        return
+    assert group == f"palpate.{KITS[kind].catalogue}"
+    assert name == ("my-study" if kind == "study" else f"my_{kind}")
+    assert made_of == (
+        f"MY_{kind.upper()}" if kind in ("scenario", "channel", "study") else f"My{kind.title()}"
+    )
     assert (made[kind] / "src" / f"palpate_my_{kind}" / "__init__.py").is_file()
 
 
