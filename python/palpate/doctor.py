@@ -18,6 +18,7 @@ import numpy as np
 from palpate import __version__, _core
 from palpate.errors import PalpateError
 from palpate.executors.machine import THREAD_VARIABLES, free_memory, n_cores
+from palpate.plugin_registry import GROUP, installed_points, owner_of
 from palpate.plugins import Plugins, answering_for
 
 LIBRARIES = ("numpy", "scipy", "polars", "jax", "jaxlib", "pydantic", "pluggy")
@@ -108,7 +109,7 @@ def _versions() -> Iterator[Finding]:
 
 
 def _plugins(plugins: Plugins) -> Iterator[Finding]:
-    points = {point.name: point for point in importlib.metadata.entry_points(group="palpate")}
+    points = {point.name if point.group == GROUP else owner_of(point): point for point in installed_points()}
     broken = {each.name for each in plugins.broken if not each.component}
     for name in sorted(set(points) - broken):
         package = points[name].dist
@@ -120,7 +121,7 @@ def _plugins(plugins: Plugins) -> Iterator[Finding]:
             what=each.name,
             found=f"left out: {each.reason}",
             level="wrong",
-            advice=f"mend it, or uninstall {each.source}",
+            advice=f"correct it, or do without {each.source}",
         )
 
 

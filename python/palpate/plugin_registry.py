@@ -159,7 +159,7 @@ class Registry:
                 for item in items:
                     self._add(kind, item, name, source)
         for kind, point in self._points:
-            owner, source = _owner(point), _source(point)
+            owner, source = owner_of(point), _source(point)
             try:
                 item = _single(kind, point)
             except PluginError as error:
@@ -249,13 +249,13 @@ def admitted(files: Sequence[Path], *, entry_points: bool, without: Sequence[str
     paths = dict.fromkeys(_existing(path) for path in files)
     registry = Registry()
     registry.admit(GROUP, "the core", lambda: builtins)
-    points = _entry_points() if entry_points else []
+    points = installed_points() if entry_points else []
     _check_known(without, points)
     for point in points:
-        if {point.name, _owner(point)} & set(without):
+        if {point.name, owner_of(point)} & set(without):
             continue
         if point.group == GROUP:
-            registry.admit(point.name, _source(point), point.load, qualifier=_owner(point))
+            registry.admit(point.name, _source(point), point.load, qualifier=owner_of(point))
         else:
             registry.admit_component(point.group.removeprefix(f"{GROUP}."), point)
     for path in paths:
@@ -306,28 +306,29 @@ def _existing(path: Path) -> Path:
     return path.resolve()
 
 
-def _entry_points() -> list[importlib.metadata.EntryPoint]:
+def installed_points() -> list[importlib.metadata.EntryPoint]:
     """Entry points of all groups of palpate: the distributions released with the core come first."""
     installed = importlib.metadata.entry_points()
     # A distribution that two folders of sys.path describe is still one plugin.
     found = {
-        (_owner(point) not in FIRST_PARTY, point.name, point.value, _owner(point), point.group): point
+        (owner_of(point) not in FIRST_PARTY, point.name, point.value, owner_of(point), point.group): point
         for group in (GROUP, *(f"{GROUP}.{kind}" for kind in KINDS))
         for point in installed.select(group=group)
     }
     return [found[key] for key in sorted(found)]
 
 
-def _owner(point: importlib.metadata.EntryPoint) -> str:
+def owner_of(point: importlib.metadata.EntryPoint) -> str:
+    """Name of the distribution of an entry point."""
     return point.dist.name if point.dist else point.value
 
 
 def _source(point: importlib.metadata.EntryPoint) -> str:
-    return f"distribution {_owner(point)}"
+    return f"distribution {owner_of(point)}"
 
 
 def _check_known(names: Sequence[str], points: Sequence[importlib.metadata.EntryPoint]) -> None:
-    known = sorted({name for point in points for name in (point.name, _owner(point))})
+    known = sorted({name for point in points for name in (point.name, owner_of(point))})
     for name in names:
         if name not in known:
             raise PluginError(

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -136,3 +137,15 @@ def test_the_command_ends_with_1_where_something_is_wrong(tmp_path, capsys, monk
     assert main(["--plugin", "misspelt.py", "doctor", "--json"]) == 1
     assert any(each["level"] == "wrong" for each in json.loads(capsys.readouterr().out))
     assert main(["doctor"]) == 0
+
+
+def test_a_plugin_of_single_components_is_listed_by_its_distribution(monkeypatch):
+    point = SimpleNamespace(
+        group="palpate.materials",
+        name="goh",
+        value="goh:GOH",
+        dist=SimpleNamespace(name="lab-goh", version="2"),
+    )
+    monkeypatch.setattr("palpate.doctor.installed_points", lambda: [point])
+    found = doctor._plugins(Plugins.load(entry_points=False))
+    assert [(each.what, each.found) for each in found] == [("lab-goh", "lab-goh 2")]
