@@ -143,7 +143,7 @@ def test_one_study_of_two_indenters_and_three_presses_runs_to_its_end(make_study
     assert "protocol" not in told["spots"]["p1"]
     # The mean of 0.95, 1 and 1.05 times the answer is the answer.
     found = result.selected.refinement.filter(scenario="I", spot="p1").row(0, named=True)
-    assert found["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-6)
+    assert found["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-4)
 
 
 def test_another_indenter_is_another_simulation(make_study):

@@ -75,7 +75,8 @@ def _as_json(study: "Study", checked: "Checked") -> "CheckOutput":
 
 
 def _show(session: Session, study: "Study", checked: "Checked") -> None:
-    session.say(f"{study.name}: no mistakes found; {data_notice(study)}")
+    odd = f", {len(checked.warnings)} warnings on stderr" if checked.warnings else ""
+    session.say(f"{study.name}: no mistakes found{odd}; {data_notice(study)}")
     session.table(
         "Searched parameters",
         ["name", "lower", "upper", "unit", "description"],
