@@ -16,6 +16,8 @@ from palpate.keys import limb_key
 from palpate.limb import load_limbs
 from palpate.simulation import check_jobs
 from palpate.specimens import block
+from palpate_febio.settings import FebioSettings
+from palpate_febio.solver import FebioSolver
 from palpate_jax.body import Body, blocks
 from palpate_jax.model import Model, spot_axes
 
@@ -219,3 +221,16 @@ def test_a_study_says_that_its_meshes_share_a_frame(make_study, tissue, tmp_path
         load_limbs(study)
     assert len(load_limbs(replace(study, one_frame=True))) == 2
     assert len(load_limbs(replace(study, spots=spots[:1]))) == 1
+
+
+def test_febio_refuses_directions_where_its_deck_is_turned_against_the_mesh(make_study):
+    limb = turned(block("hex8", **SMALL), Rotation.from_euler("x", 20.0, degrees=True).as_matrix())
+    job = Job(
+        spot="p1",
+        set_id=0,
+        materials={"soft_tissue": Fibred()},
+        thetas=THETA,
+        protocol=make_study().protocol,
+    )
+    with pytest.raises(MeshError, match="has directions, and FEBio's deck is in the frame of the spot"):
+        FebioSolver(FebioSettings()).check(job, limb)
