@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from palpate.domain import Normaliser, PointWeights
-from palpate.plain_values import MOST_SETS, MOST_SPOTS, MOST_WAYPOINTS
+from palpate.plain_values import MOST_FILES, MOST_NAMED, MOST_SETS, MOST_WAYPOINTS
 from palpate.units import Quantity
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
@@ -110,7 +110,7 @@ class SpotTable(Table):
 
     name: Name = Field(description="Name of the spot.")
     measured: Annotated[
-        dict[str, list[FileName]],
+        dict[str, Annotated[list[FileName], Field(max_length=MOST_FILES)]],
         BeforeValidator(_by_channel, json_schema_input_type=Files | dict[str, Files]),
     ] = Field(
         min_length=1,
@@ -292,7 +292,9 @@ class ScoringTable(Table):
 class SelectionTable(Table):
     """How the best set is chosen."""
 
-    scenarios: list[str] = Field(min_length=1, description="Names of scenarios, in the order to report.")
+    scenarios: list[str] = Field(
+        min_length=1, max_length=MOST_NAMED, description="Names of scenarios, in the order to report."
+    )
     generalise_by: str | None = Field(
         default=None, description="Scenario whose mean over the spots decides; the first one if left out."
     )
@@ -315,17 +317,21 @@ class StudyFile(Table):
     """A palpate study: from measured curves to identified parameters."""
 
     study: StudyTable
-    spot: list[SpotTable] = Field(min_length=1, max_length=MOST_SPOTS, description="The marked spots.")
+    spot: list[SpotTable] = Field(min_length=1, max_length=MOST_NAMED, description="The marked spots.")
     experiment: ExperimentTable
     limb: LimbTable | None = Field(default=None, description="Leave out for homogeneous tests.")
     protocol: ProtocolTable | None = Field(default=None, description="Leave out for homogeneous tests.")
-    region: dict[Name, RegionTable] = Field(min_length=1, description="Material of each region, by its name.")
+    region: dict[Name, RegionTable] = Field(
+        min_length=1, max_length=MOST_NAMED, description="Material of each region, by its name."
+    )
     sampling: SamplingTable
     solver: SolverTable
     executor: ExecutorTable | None = Field(default=None, description="Leave out to use this machine.")
     scoring: ScoringTable = ScoringTable()
     selection: SelectionTable
-    scenario: list[ScenarioTable] = Field(default=[], description="Scenarios of this study's own.")
+    scenario: list[ScenarioTable] = Field(
+        default=[], max_length=MOST_NAMED, description="Scenarios of this study's own."
+    )
     truth: dict[str, Any] = Field(
         default={}, description="Known answer by region.parameter, for simulated data only."
     )

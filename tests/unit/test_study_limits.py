@@ -44,6 +44,18 @@ BOMBS = {
     "an integer of 50 digits": ("= 20", "= " + "9" * 50, "sampling.n_sets: a whole number beyond"),
     "many sets": ("= 20", "= 10000000", "less than or equal to 100000"),
     "many spots": ("[experiment]", "".join(map(SPOT.format, range(5000))) + "[experiment]", "at most 100"),
+    "many scenarios": (
+        "[truth]",
+        "".join(f'[[scenario]]\nname = "n{i}"\nweights = {{ pull = {i} }}\n' for i in range(2000))
+        + "[truth]",
+        "scenario: [{'name': 'n0', ",
+    ),
+    "many regions": (
+        "[truth]",
+        "".join(f'[region.r{i}]\nmaterial = "spring"\n' for i in range(2000)) + "[truth]",
+        "give at most 100",
+    ),
+    "many files": ('"s2.txt"', str([f"s{i}.txt" for i in range(20_000)]), "give at most 1000"),
     "many simulations": (
         "[experiment]",
         "".join(map(SPOT.format, range(90))) + "[experiment]",
