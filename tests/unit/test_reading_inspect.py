@@ -218,3 +218,34 @@ def test_curves_that_are_processed_already_are_for_the_loader_csv(
     assert (table["loader"], table.get("settings", {})) == ("csv", settings)
     curves = CsvLoader(CsvSettings.model_validate(settings)).load(path)
     assert list(curves) == list(settings.get("channels", ("force", "torque")))
+
+
+@pytest.mark.parametrize(
+    ("header", "settings"),
+    [
+        ("stretch,stress_MPa", {}),
+        (
+            "strain,stress_kPa",
+            {
+                "channels": {
+                    "uniaxial": {
+                        "abscissa": {"name": "strain", "offset": 1.0},
+                        "ordinate": {"name": "stress_kPa", "scale": 0.001},
+                    }
+                }
+            },
+        ),
+    ],
+)
+def test_a_homogeneous_test_is_for_the_loader_csv(
+    tmp_path: Path, header: str, settings: dict[str, Any]
+) -> None:
+    path = tmp_path / "pull.csv"
+    path.write_text(header + "\n" + "".join(f"{1 + k / 10},{k}\n" for k in range(30)))
+    found = inspect_log(path)
+    assert 'measured = { uniaxial = "pull.csv" }' in found.study_text
+    table = tomllib.loads(found.study_text)["experiment"]
+    assert (table["loader"], table.get("settings", {})) == ("csv", settings)
+    assert list(CsvLoader(CsvSettings.model_validate(settings)).load(path, "uniaxial")) == ["uniaxial"]
+    path.write_text("stretch,stress\n" + "".join(f"{1 + k / 10},{k}\n" for k in range(30)))
+    assert 'loader = "csv"' not in inspect_log(path).study_text

@@ -75,7 +75,7 @@ def _as_json(study: "Study", checked: "Checked") -> "CheckOutput":
 
 
 def _show(session: Session, study: "Study", checked: "Checked") -> None:
-    odd = f", {len(checked.warnings)} warnings on stderr" if checked.warnings else ""
+    odd = f", warnings on stderr: {len(checked.warnings)}" if checked.warnings else ""
     session.say(f"{study.name}: no mistakes found{odd}; {data_notice(study)}")
     session.table(
         "Searched parameters",

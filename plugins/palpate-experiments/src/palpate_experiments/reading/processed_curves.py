@@ -1,10 +1,13 @@
 """Curves that are processed already: recognised by their columns, and proposed for the loader ``csv``."""
 
 import json
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from palpate_experiments.csv_loader import FOREARM
+from palpate import units
+from palpate_experiments.csv_loader import FOREARM, HOMOGENEOUS
 from palpate_experiments.reading.grouping import words_of
 from palpate_experiments.reading.header_units import Kind, factor_to_base, kind_of, unit_in
 from palpate_experiments.reading.raw import Column, RawLog
@@ -47,7 +50,7 @@ def study_text(log: RawLog) -> str:
     curves = {channel: pair for channel, pair in found.items() if pair is not None}
     # A log has a force of three components over a pose; a processed force is over a depth.
     if "force" not in curves:
-        return ""
+        return _homogeneous(columns, Path(log.source).name)
     lines = ["[experiment]", 'loader = "csv"']
     # What lies between cells the loader finds by itself.
     layout = {key: log.layout[key] for key in _LAYOUT if log.layout.get(key, _LAYOUT[key]) != _LAYOUT[key]}
@@ -60,6 +63,35 @@ def study_text(log: RawLog) -> str:
         for channel, pair in curves.items():
             lines += ["", f"[experiment.settings.channels.{channel}]", *_keys(pair)]
     return "\n".join(lines) + "\n"
+
+
+def _homogeneous(columns: Sequence[Column], file: str) -> str:
+    """Tables for the stress of a homogeneous test over its stretch, strain or shear; else empty."""
+    words = [set(words_of(column.name)) for column in columns]
+    if len(columns) != 2 or not words[0] & {"stretch", "strain", "shear"} or "stress" not in words[1]:
+        return ""
+    factor = _to_MPa(columns[1])
+    if factor is None:
+        return ""
+    mode = "simple_shear" if "shear" in words[0] else "uniaxial"
+    lines = [f"# [[spot]] measured = {{ {mode} = {json.dumps(file)} }}: the key is the mode of the test"]
+    lines += ["[experiment]", 'loader = "csv"']
+    own, (along, of) = HOMOGENEOUS[mode], (column.name for column in columns)
+    if (along, of) != (own.abscissa.name, own.ordinate.name):
+        offset = ", offset = 1.0" if "strain" in words[0] else ""
+        lines += ["", f"[experiment.settings.channels.{mode}]"]
+        lines += [f"abscissa = {{ name = {json.dumps(along)}{offset} }}"]
+        lines += [f"ordinate = {{ name = {json.dumps(of)}, scale = {factor!r} }}"]
+    return "\n".join(lines) + "\n"
+
+
+def _to_MPa(column: Column) -> float | None:  # noqa: N802 -- the unit
+    """Factor of a stress in the unit that its name shows; None where it shows none."""
+    unit = column.unit or re.split(r"[_\s\[(]", column.name)[-1].rstrip(")] ")
+    try:
+        return float(f"{units.convert(f'1 {unit}', 'MPa'):.12g}")
+    except ValueError:
+        return None
 
 
 _Pair = tuple[tuple[str, float], tuple[str, float]]
