@@ -6,11 +6,12 @@ import importlib.metadata
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, fields
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from palpate.domain import Channel, HomogeneousTests, Indentation, Protocol
+from palpate.domain import Channel, HomogeneousTests, Indentation, Normaliser, PointWeights, Protocol
 from palpate.fingerprints import distributions
 from palpate.interfaces import Component
 from palpate.limb import mesh_note
@@ -144,3 +145,44 @@ def infinite(parameter: dict[str, Any]) -> dict[str, Any]:
     """Make a parameter of what :func:`finite` made: the inverse."""
     missing = {"physical_lower": -np.inf, "physical_upper": np.inf}
     return parameter | {k: v for k, v in missing.items() if parameter[k] is None}
+
+
+_TYPES: Mapping[str, type | tuple[type, ...]] = MappingProxyType(
+    {
+        "study": str,
+        "study_file": str,
+        "plugin_files": list,
+        "spots": dict,
+        "scenarios": dict,
+        "inputs": dict,
+        "fingerprints": dict,
+        "trusted": dict,
+        "n_total": int,
+        "minimum_coverage": (int, float),
+        "rank_partial": bool,
+    }
+)
+"""What is read of the manifest again."""
+
+
+def checked_manifest(content: object) -> dict[str, Any]:
+    """Return a manifest, and refuse one that is not as palpate writes it.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not isinstance(content, dict):
+        raise ValueError("not an object")
+    for key, kind in _TYPES.items():
+        if not isinstance(content.get(key), kind):
+            raise ValueError(f"'{key}' is missing or of another type")
+    texts = (*content["plugin_files"], *content["fingerprints"].values())
+    if not all(isinstance(text, str) for text in texts):
+        raise ValueError("a plugin file or a fingerprint is not text")
+    for weights in content["scenarios"].values():
+        if not isinstance(weights, dict) or not all(isinstance(w, int | float) for w in weights.values()):
+            raise ValueError("the weights of a scenario are not numbers")
+    Normaliser(str(content.get("normaliser")))
+    PointWeights(str(content.get("point_weights")))
+    return content

@@ -36,6 +36,11 @@ def reason(error: OSError) -> str:
     return f"{what} ({error.strerror}); {remedy}"
 
 
+def is_of_disk(error: OSError) -> bool:
+    """Whether the disk or the permissions, and not a mistake in the program, are behind an error."""
+    return error.errno in _REASONS
+
+
 @contextlib.contextmanager
 def writing_in(folder: Path) -> Iterator[None]:
     """Turn a full disk, or a folder without write permission, into an error with path and remedy.
@@ -47,7 +52,7 @@ def writing_in(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno not in _REASONS:
+        if not is_of_disk(error):
             raise
         raise LedgerError(f"{error.filename or folder}: {reason(error)}; {KEPT}") from error
 

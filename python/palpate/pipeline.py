@@ -320,7 +320,6 @@ def _from_files(study: Study, run: RunDirectory) -> Checked:
 def _from_run(study: Study, run: RunDirectory, progress: Progress) -> Checked:
     """Read what the earlier verbs left, and those of the study's meshes that are there."""
     design, measured = run.design(), run.measured(study.spot_names)
-    run.records.check("design", design_from(study))
     limbs = load_limbs(study, missing_ok=True)
     for name in study.spot_names if study.solver.needs_limb else ():
         if name not in limbs:

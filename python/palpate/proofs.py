@@ -5,6 +5,7 @@ steps do not matter, may cost as much as the simulation did, so only the sets th
 are put to it.
 """
 
+import contextlib
 import hashlib
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import polars as pl
 
 from palpate.domain import Design, Limb, Response, Simulation
-from palpate.errors import PalpateError, StoppedError
+from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.interfaces import Solver
 from palpate.keys import job_key
 from palpate.plugins import answering_for
@@ -54,7 +55,9 @@ def prove(
         return pl.DataFrame()
     chosen = set(_chosen(run))
     found = stored(study, design, limbs, measured, run.folder, chosen)
-    known = {row["key"]: row for row in run.proofs().iter_rows(named=True) if row["key"]}
+    known: dict[str, dict[str, Any]] = {}
+    with contextlib.suppress(StudyError):  # damaged: all are verified again
+        known = {row["key"]: row for row in run.proofs().iter_rows(named=True) if row["key"]}
     rows: list[dict[str, Any]] = []
     progress.begin("prove", len(found))
     for simulation in found:

@@ -32,7 +32,7 @@ import polars as pl
 from palpate.domain import Channel, Design, Parameter, Response
 from palpate.errors import StudyError
 from palpate.locking import locked
-from palpate.manifest import finite, infinite, manifest
+from palpate.manifest import checked_manifest, finite, infinite, manifest
 from palpate.ownership import check_claimable, claim, refuse_other, tidy, writing_in
 from palpate.refinement import Refined
 from palpate.results import (
@@ -142,8 +142,7 @@ class RunDirectory:
         """
         check_claimable(self.folder)
         if not adopt and self.is_begun:
-            with contextlib.suppress(KeyError, TypeError):
-                refuse_other(self.folder, self.folder / self.manifest()["study_file"], study.file)
+            refuse_other(self.folder, self.folder / self.manifest()["study_file"], study.file)
 
     @property
     def is_begun(self) -> bool:
@@ -156,15 +155,12 @@ class RunDirectory:
         if not path.exists():
             raise StudyError(f"{path}: not there yet; run `palpate run` first")
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-            if not isinstance(content, dict):
-                raise TypeError("not an object")
+            return checked_manifest(json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError, RecursionError) as error:
             raise StudyError(
                 f"{path}: damaged ({error}); restore a copy, or delete it: "
                 f"`palpate run STUDY --out {self.folder}` writes it again and keeps what is simulated"
             ) from error
-        return content
 
     # ------------------------------------------------------------------ the stages
 
@@ -312,7 +308,7 @@ class RunDirectory:
         for path in sorted(self.folder.glob("certificate*.json")):
             try:
                 found[path.name] = json.loads(path.read_text(encoding="utf-8"))
-            except ValueError as error:
+            except (ValueError, OSError, RecursionError) as error:
                 found[path.name] = {"missing": [f"{path.name} cannot be read: {error}"]}
         return found
 

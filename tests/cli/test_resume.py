@@ -330,7 +330,9 @@ def test_two_studies_of_one_name_do_not_share_the_default_folder(call, study, tm
 def test_a_damaged_manifest_is_an_error_and_deleting_it_is_a_remedy(call, study, tmp_path):
     call("sample", study)
     manifest = tmp_path / "runs" / "toy" / "manifest.json"
-    for content in ("", "{", "[1]", "\xff", "[" * 100_000):
+    whole = manifest.read_text()
+    flipped = [whole.replace(f'"{key}"', '"other"', 1) for key in ("scenarios", "spots", "mean_abs")]
+    for content in ("", "{", "[1]", "\xff", "[" * 100_000, "{}", *flipped):
         manifest.write_text(content, encoding="latin-1")
         for command in (("run", study), ("status", "runs/toy"), ("resume", "runs/toy"), ("report", study)):
             refused = call(*command)

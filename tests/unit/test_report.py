@@ -12,6 +12,7 @@ from matplotlib import rc_context, rcParams
 from matplotlib.image import imread
 
 from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario
+from palpate.ownership import keep_only
 from palpate.refinement import Refined
 from palpate.report import Content, figures, finding, make_tables, write_report
 from palpate.report.figures import generalised, nmse_distribution, responses
@@ -131,8 +132,11 @@ def test_an_earlier_report_leaves_nothing_behind(content, tmp_path, outlined):
     ):
         (folder / old).parent.mkdir(parents=True, exist_ok=True)
         (folder / old).touch()
+    keep_only(folder, [path for path in folder.rglob("*") if path.is_file()])
+    (folder / "tables" / "mine.csv").touch()
     files = write_report(made, folder)
-    assert {p for p in folder.rglob("*") if p.is_file()} == set(files)
+    found = {p for p in folder.rglob("*") if p.is_file()}
+    assert found == {*files, folder / "files.json", folder / "tables" / "mine.csv"}
 
 
 def test_figures_are_drawn_alike_twice(content, tmp_path):

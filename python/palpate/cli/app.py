@@ -138,16 +138,23 @@ def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:
     except PalpateError as error:
         return _fail(error, 2)
     except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
-            raise
-        return _fail(
-            PalpateError(f"{str(error.filename)[:60]}…: a file name that is too long; shorten it"), 2
-        )
+        return _fail(_of_file(error), 2)
     except SystemExit as stop:
         if stop.code is None or isinstance(stop.code, int):
             return stop.code or 0
         return _fail(PalpateError(str(stop.code)), 2)
     return 0
+
+
+def _of_file(error: OSError) -> PalpateError:
+    """What the user can do about a file that cannot be used; anything else is a bug and stays one."""
+    from palpate.ownership import is_of_disk, reason
+
+    if error.errno == errno.ENAMETOOLONG:
+        return PalpateError(f"{str(error.filename)[:60]}…: a file name that is too long; shorten it")
+    if not is_of_disk(error):
+        raise error
+    return PalpateError(f"{error.filename or 'a file'}: {reason(error)}")
 
 
 def _check_open_files() -> None:
