@@ -80,7 +80,7 @@ def check_curve(curve: Curve, channel: Channel) -> list[str]:
         _check_sign(curve, channel, peak)
     if channel.dissipative:
         _check_work(curve, channel)
-    found = list(_points(curve))
+    found = [*_points(curve), *_outlier(curve)]
     if channel.zero_at_start:
         found += _bias(curve, channel, peak)
     return [f"{named} {each}" for each in found]
@@ -120,6 +120,21 @@ def _points(curve: Curve) -> Iterator[str]:
                 f"has {x.size} points from {x[0]:.4g} to {x[-1]:.4g} and none between {x[worst]:.4g} and "
                 f"{x[worst + 1]:.4g}; give more rows, their shape decides the parameters"
             )
+
+
+def _outlier(curve: Curve) -> Iterator[str]:
+    """A row that lies farther off the line between its neighbours than all other rows are large."""
+    x, y = curve.abscissa, curve.ordinate
+    inside = [row for start, stop in curve.branches for row in range(start + 1, stop - 1)]
+    rows = np.array(inside, dtype=np.int64)
+    if rows.size < LEAST_POINTS:
+        return
+    share = (x[rows] - x[rows - 1]) / np.where(x[rows + 1] == x[rows - 1], 1.0, x[rows + 1] - x[rows - 1])
+    off = np.abs(y[rows] - y[rows - 1] - share * (y[rows + 1] - y[rows - 1]))
+    row = int(rows[off.argmax()])
+    if off.max() > np.abs(np.delete(y, row)).max():
+        near = f"{y[row - 1]:.4g} and {y[row + 1]:.4g}"
+        yield f"is {y[row]:.4g} in row {row} and {near} next to it; check this row"
 
 
 def check_gaps(curve: Curve) -> None:

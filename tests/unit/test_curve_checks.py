@@ -64,6 +64,14 @@ def plus(column, value, rows=slice(None)):
     return change
 
 
+def times_at(column, row, factor):
+    def change(table):
+        table[row, column] *= factor
+        return table
+
+    return change
+
+
 def swapped(table):
     return table[:, [DEPTH, ANGLE, TORQUE, FORCE]]
 
@@ -163,6 +171,11 @@ def test_few_points_are_a_warning_whatever_they_are_of():
         "channel 'profile' has 4 points from 0 to 3 and none between 0 and 1; "
         "give more rows, their shape decides the parameters"
     ]
+
+
+def test_a_row_far_off_its_neighbours_is_a_warning(read):
+    warning = read(times_at(FORCE, 8, 20.0))[0]
+    assert re.search(r"'force' is \d+\.?\d* in row 8 and .* next to it; check this row", warning)
 
 
 def test_the_moduli_are_those_of_the_ranges():
