@@ -66,14 +66,17 @@ def virtual(file: h5py.File, secret: Path) -> None:
 
 
 @pytest.mark.parametrize("points", [external, raw, virtual])
-@pytest.mark.parametrize("name", ["m.xdmf", "m.h5m"])
-def test_hdf5_that_stores_its_arrays_elsewhere_is_refused(tmp_path: Path, points: Any, name: str) -> None:
+@pytest.mark.parametrize(("name", "user_block"), [("m.xdmf", 0), ("m.h5m", 0), ("m.h5m", 1024)])
+def test_hdf5_that_stores_its_arrays_elsewhere_is_refused(
+    tmp_path: Path, points: Any, name: str, user_block: int
+) -> None:
     secret = tmp_path / "elsewhere" / "secret.h5"
     secret.parent.mkdir()
     with h5py.File(secret, "w") as file:
         file["points"] = np.ones((4, 3))
     (tmp_path / "m.xdmf").write_text(XDMF.format("m.h5"))
-    with h5py.File(tmp_path / ("m.h5" if name == "m.xdmf" else name), "w") as file:
+    path = tmp_path / ("m.h5" if name == "m.xdmf" else name)
+    with h5py.File(path, "w", userblock_size=user_block) as file:
         points(file, secret)
     with pytest.raises(MeshError, match="points' is stored in another file, which is not opened"):
         read_here(tmp_path / name)

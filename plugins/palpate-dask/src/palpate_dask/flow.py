@@ -118,5 +118,5 @@ def _killed(index: int, error: KilledWorker) -> Outcome:
 def _failed(error: BaseException | None) -> ExecutorError:
     return ExecutorError(
         f"a Dask worker failed: {type(error).__name__}: {error}; everything finished is kept: "
-        "mend the cluster, then `palpate resume`"
+        "fix the cluster, then `palpate resume`"
     )

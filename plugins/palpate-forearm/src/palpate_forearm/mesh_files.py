@@ -176,11 +176,11 @@ _HDF = b"\x89HDF\r\n\x1a\n"
 
 def _refuse_hdf_links(path: Path) -> None:
     """Refuse an HDF5 file whose arrays are in other files, which its library would open wherever they are."""
-    with contextlib.suppress(OSError), path.open("rb") as stream:
-        if stream.read(len(_HDF)) != _HDF:
-            return
     if not path.is_file():
         return
+    with contextlib.suppress(OSError):
+        if not _is_hdf(path):
+            return
     try:
         import h5py
     except ImportError:
@@ -196,6 +196,18 @@ def _refuse_hdf_links(path: Path) -> None:
         raise MeshError(
             f"{path}: '{elsewhere}' is stored in another file, which is not opened; save the numbers"
         )
+
+
+def _is_hdf(path: Path) -> bool:
+    """Whether the library would open it: its mark is at 0, 512 or a doubling of that, after a user's block."""
+    place, size = 0, path.stat().st_size
+    with path.open("rb") as stream:
+        while place < size:
+            stream.seek(place)
+            if stream.read(len(_HDF)) == _HDF:
+                return True
+            place = max(2 * place, 512)
+    return False
 
 
 def _hdf_elsewhere(h5py: Any, file: Any) -> str:  # noqa: ANN401 - h5py has no types
