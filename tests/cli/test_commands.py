@@ -309,8 +309,8 @@ def test_one_job_alone_shows_its_traceback(call: Call, study: Path) -> None:
         kept = ledger.frame("simulations").filter(state="crashed")
     assert "in simulate" in kept["diagnostics"][0]  # the traceback of the sweep's own worker
     for wrong in (["--only", "s9/1"], ["--only", "s1/99"], ["--only", "s1"], ["--traceback"]):
-        told = call("simulate", study, "--out", "o", *wrong)
-        assert (told.code, told.err.count("\n")) == (2, 1), wrong
+        refused = call("simulate", study, "--out", "o", *wrong)
+        assert (refused.code, refused.err.count("\n")) == (2, 1), wrong
 
 
 def test_stages_for_people_end_with_the_command_to_run_next(call: Call, study: Path) -> None:

@@ -54,8 +54,8 @@ def test_every_plugin_of_the_folder_is_told() -> None:
 
 
 def test_every_kind_of_new_plugin_is_told() -> None:
-    told = README[README.index("palpate new-plugin") :].split("\n    cd ")[0]
-    assert set(KITS) <= set(re.findall(r"\w+", told))
+    listed = README[README.index("palpate new-plugin") :].split("\n    cd ")[0]
+    assert set(KITS) <= set(re.findall(r"\w+", listed))
 
 
 def test_what_is_linked_exists() -> None:

@@ -150,10 +150,10 @@ def test_failed_sets_and_few_sets_are_not_guessed_from(determined, make_study):
 
 
 def test_an_interval_stays_in_its_range_and_holds_its_optimum(determined):
-    told = determined().drop_nulls("lower")
-    assert (told["lower"] <= told["optimum"]).all()
-    assert (told["optimum"] <= told["upper"]).all()
-    assert told["share"].is_between(0.0, 1.0).all()
+    rows = determined().drop_nulls("lower")
+    assert (rows["lower"] <= rows["optimum"]).all()
+    assert (rows["optimum"] <= rows["upper"]).all()
+    assert rows["share"].is_between(0.0, 1.0).all()
 
 
 def test_a_logarithmic_range_has_its_ends_as_numbers(determined, make_study, space):

@@ -213,8 +213,8 @@ def hollow(kind):
 @pytest.mark.parametrize("kind", ["hex8", "tet10"])
 def test_a_hole_in_the_tissue_is_warned_of(kind):
     check_limb(hollow(kind), ["soft_tissue"])
-    (told,) = holes(hollow(kind).mesh)
-    assert "a hole in the tissue, or a bone whose nodes are not in 'fixed'" in told
+    (warning,) = holes(hollow(kind).mesh)
+    assert "a hole in the tissue, or a bone whose nodes are not in 'fixed'" in warning
     assert holes(block(kind, n_across=4, n_down=4).mesh) == []
 
 

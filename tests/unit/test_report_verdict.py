@@ -31,18 +31,18 @@ def about(content, words):
 
 def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
     made = content()
-    told = verdict(made)
-    assert told.parameters == ("stiffness [MPa]", "grip [MPa]")
-    assert [(b.spot, b.scenario, b.fitted_to) for b in told.bests[:2]] == [
+    found = verdict(made)
+    assert found.parameters == ("stiffness [MPa]", "grip [MPa]")
+    assert [(b.spot, b.scenario, b.fitted_to) for b in found.bests[:2]] == [
         ("p1", "I", "force + torque"), ("p1", "II", "torque"),
     ]  # fmt: skip
     row = made.selection.row(0, named=True)
-    best = told.bests[0]
+    best = found.bests[0]
     assert best.found == f"set {row['set_id']}"
     assert [v.value for v in best.values] == [row["soft_tissue.stiffness"], row["soft_tissue.grip"]]
     assert best.values[0].lower < 0.4 < best.values[0].upper
-    assert told.bests[1].values[0].determined == "not"
-    assert told.lead.startswith(
+    assert found.bests[1].values[0].determined == "not"
+    assert found.lead.startswith(
         f"One set for all 2 spots: set {made.generalisation['set_id'][0]}, stiffness = "
     )
 
@@ -65,8 +65,8 @@ def test_one_spot_has_its_own_set_in_the_lead_and_nothing_to_generalise(content)
         scores=made.scores.filter(one),
         determination=made.determination.filter(one),
     )
-    told = verdict(alone)
-    assert told.lead.startswith("At p1, fitted to force + torque (scenario I): stiffness = ")
+    found = verdict(alone)
+    assert found.lead.startswith("At p1, fitted to force + torque (scenario I): stiffness = ")
     assert about(alone, "set for all spots") is None
     assert "cost_of_one_set" not in make_tables(alone)
 
@@ -77,12 +77,12 @@ def test_how_well_each_parameter_is_determined_is_a_sentence(content):
         determined=pl.when(pl.col("spot") == "p2").then(pl.lit("not")).otherwise(pl.lit("well")),
         correlation=pl.lit(-0.97),
     )
-    told = verdict(replace(made, determination=worse)).determined
+    found = verdict(replace(made, determination=worse)).determined
     together = made.determination.filter(spot="all spots").row(0, named=True)
-    assert told[0].startswith(f"stiffness: fitted optimum {together['optimum']:.4g} MPa, ")
-    assert "well determined by all spots together; spot by spot: " in told[0]
-    assert "well determined at 1 of 2 spots, not determined at 1 of 2 spots" in told[0]
-    assert "it trades with grip (correlation -0.97, spot p1)" in told[0]
+    assert found[0].startswith(f"stiffness: fitted optimum {together['optimum']:.4g} MPa, ")
+    assert "well determined by all spots together; spot by spot: " in found[0]
+    assert "well determined at 1 of 2 spots, not determined at 1 of 2 spots" in found[0]
+    assert "it trades with grip (correlation -0.97, spot p1)" in found[0]
     unknown = verdict(replace(made, determination=made.determination[:0])).determined
     assert unknown[0] == "stiffness: nothing is known of how well it is determined."
 
@@ -125,10 +125,10 @@ def test_a_best_value_at_the_end_of_its_range_is_named(content):
         selection = made.selection.with_columns(
             pl.lit(value).alias("soft_tissue.stiffness"), pl.lit(20.0).alias("soft_tissue.grip")
         )
-        told = made.determination.with_columns(
+        found = made.determination.with_columns(
             determined=pl.lit(determined), lower=pl.lit(lower, pl.Float64), upper=pl.lit(0.9)
         )
-        return about(replace(made, selection=selection, determination=told), "end of their range")
+        return about(replace(made, selection=selection, determination=found), "end of their range")
 
     for end in (stiffness.min(), stiffness.max(), 0.1001, 0.1 + 0.9 / 40):
         assert "stiffness at p1, scenario I" in with_best(end)
@@ -164,13 +164,13 @@ def test_a_set_that_does_not_fit_is_said_first_and_in_place_of_parameters(conten
         selection=made.selection.with_columns(r2_torque=r2),
         generalisation=made.generalisation.with_columns(r2_torque=r2),
     )
-    told = verdict(wrong)
-    assert told.lead.startswith(
+    found = verdict(wrong)
+    assert found.lead.startswith(
         "No parameters can be read from this run: the best set does not fit torque at p2"
     )
-    assert told.sentences == (told.lead,)
-    assert "stiffness" not in told.lead
-    assert told.warnings[0].startswith("2 of the best sets do not fit. p2, scenario I: torque R² -5.68e+05;")
+    assert found.sentences == (found.lead,)
+    assert "stiffness" not in found.lead
+    assert found.warnings[0].startswith("2 of the best sets do not fit. p2, scenario I: torque R² -5.68e+05;")
     one = pl.col("spot") == "p2"
     alone = replace(
         wrong,

@@ -1,4 +1,4 @@
-"""One mistake at a time: each is told with its line, its key and what to do."""
+"""One mistake at a time: each is reported with its line, its key and what to do."""
 
 from pathlib import Path
 
@@ -344,9 +344,9 @@ def test_a_mistake_is_told_with_line_key_and_remedy(
 ) -> None:
     assert old in TEXT
     text = TEXT.replace(old, new, 1)
-    told = messages(tmp_path, plugins, text)
+    found = messages(tmp_path, plugins, text)
     where = f"{line_of(text, place)}: {key}: "
-    assert any(line.startswith(where) and remedy in line for line in told), told
+    assert any(line.startswith(where) and remedy in line for line in found), found
 
 
 ALONE = set(CASES) - {
@@ -402,19 +402,19 @@ def test_a_mistake_in_limb_or_protocol(
 ) -> None:
     assert old in LIMB_STUDY
     text = LIMB_STUDY.replace(old, new, 1)
-    (told,) = messages(tmp_path, plugins, text)
-    assert told.startswith(f"{line_of(text, new)}: {key}: ")
-    assert remedy in told
+    (found,) = messages(tmp_path, plugins, text)
+    assert found.startswith(f"{line_of(text, new)}: {key}: ")
+    assert remedy in found
 
 
 def test_a_scenario_needs_channels_that_are_measured(tmp_path: Path, plugins: Plugins) -> None:
     text = TEXT.replace('["pull only"]', '["pull only", "both"]')
     text += '\n[[scenario]]\nname = "both"\nweights = { pull = 1.0, push = 1.0 }\n'
-    told = messages(tmp_path, plugins, text)
+    found = messages(tmp_path, plugins, text)
     where = f"{line_of(text, 'both')}: selection.scenarios[1]: scenario 'both' weighs channel 'push', "
-    assert [line.startswith(where) for line in told] == [True, True]
-    assert "spot 's1' does not measure" in told[0]
-    assert "spot 's2' does not measure" in told[1]
+    assert [line.startswith(where) for line in found] == [True, True]
+    assert "spot 's1' does not measure" in found[0]
+    assert "spot 's2' does not measure" in found[1]
 
 
 def test_a_scenario_needs_channels_that_the_solver_computes(
@@ -430,8 +430,8 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(tmp_path: Path, 
     text = TEXT
     for case in ("data", "file missing", "loader", "unit unknown", "n_sets 1", "solver", "generalise_by"):
         text = text.replace(*CASES[case][:2], 1)
-    told = messages(tmp_path, plugins, text)
-    keys = [line.split(": ")[1] for line in told]
+    found = messages(tmp_path, plugins, text)
+    keys = [line.split(": ")[1] for line in found]
     assert keys == [
         "study.data",
         "spot 's2', measured.pull",
@@ -444,9 +444,9 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(tmp_path: Path, 
 
 
 def test_missing_tables_are_named(tmp_path: Path, plugins: Plugins) -> None:
-    told = messages(tmp_path, plugins, "")
+    found = messages(tmp_path, plugins, "")
     for table in ("study", "spot", "experiment", "region", "sampling", "solver", "selection"):
-        assert f"1: missing table [{table}]; add it" in told
+        assert f"1: missing table [{table}]; add it" in found
 
 
 @pytest.mark.parametrize(
@@ -473,8 +473,8 @@ def test_a_broken_plugin_is_named_where_its_entry_is_missed(tmp_path: Path) -> N
     bad = tmp_path / "bad.py"
     bad.write_text("import nowhere_at_all\n")
     plugins = Plugins.load([TOY / "toy_plugin.py", bad], entry_points=False)
-    (told,) = messages(tmp_path, plugins, TEXT.replace('"spring"', '"yeoh"'))
-    assert "No module named 'nowhere_at_all'" in told
+    (found,) = messages(tmp_path, plugins, TEXT.replace('"spring"', '"yeoh"'))
+    assert "No module named 'nowhere_at_all'" in found
 
 
 @pytest.mark.parametrize(
@@ -492,8 +492,8 @@ def test_a_broken_plugin_is_named_where_its_entry_is_missed(tmp_path: Path) -> N
 def test_the_common_mistakes_are_one_plain_line(
     tmp_path: Path, plugins: Plugins, old: str, new: str, message: str
 ) -> None:
-    (told,) = messages(tmp_path, plugins, TEXT.replace(old, new, 1))
-    assert told.endswith(message)
+    (found,) = messages(tmp_path, plugins, TEXT.replace(old, new, 1))
+    assert found.endswith(message)
 
 
 def test_settings_of_another_loader_are_one_line_that_names_it(tmp_path: Path) -> None:
@@ -507,5 +507,5 @@ moment = { columns = ["mx", "my", "mz"] }
 """
     plugins = Plugins.load([TOY / "toy_plugin.py"])
     text = TEXT.replace('"lines"', '"csv"').replace("[region.rubber]", f"{columns}[region.rubber]", 1)
-    (told,) = messages(tmp_path, plugins, text)
-    assert "these are settings of 'robot_log', not of 'csv'; name 'robot_log', or change them" in told
+    (found,) = messages(tmp_path, plugins, text)
+    assert "these are settings of 'robot_log', not of 'csv'; name 'robot_log', or change them" in found

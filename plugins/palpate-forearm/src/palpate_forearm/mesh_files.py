@@ -199,7 +199,7 @@ def _refuse_hdf_links(path: Path) -> None:
 
 
 def _is_hdf(path: Path) -> bool:
-    """Whether the library would open it: its mark is at 0, 512 or a doubling of that, after a user's block."""
+    """Whether the library would open it: its mark is at 0, or at 512, 1024, … after a user block."""
     place, size = 0, path.stat().st_size
     with path.open("rb") as stream:
         while place < size:
