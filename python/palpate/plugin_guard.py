@@ -55,7 +55,7 @@ def guarded() -> Iterator[None]:
     """
     interrupts: list[int] = []
     try:
-        with contextlib.redirect_stdout(sys.stderr), _noting(interrupts):
+        with contextlib.redirect_stdout(sys.stderr), noting_interrupts(interrupts):
             yield
     except PluginError:
         raise
@@ -68,8 +68,8 @@ def guarded() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _noting(interrupts: list[int]) -> Iterator[None]:
-    """Note each Ctrl-C before it is handled as usual."""
+def noting_interrupts(interrupts: list[int]) -> Iterator[None]:
+    """Note each Ctrl-C before it is handled as usual: what it raises in a callback may be swallowed."""
     usual = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(usual):
         yield

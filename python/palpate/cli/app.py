@@ -5,15 +5,12 @@ Exit codes: 0 done, 1 no set could be selected, in all or in one of the scenario
 traceback.
 """
 
-import contextlib
 import errno
 import os
-import signal
 import sys
-import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType, MappingProxyType
+from types import MappingProxyType
 from typing import Annotated
 
 import typer
@@ -43,6 +40,7 @@ from palpate.cli.simulate import simulate
 from palpate.cli.status import status
 from palpate.cli.synthesise import synthesise
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError
+from palpate.plugin_guard import noting_interrupts
 
 PANELS = MappingProxyType(
     {
@@ -118,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given, without = split_option("--no-plugin", given)
     app = build_app()
     session = Session([Path(file) for file in files], without)
-    with _noting_interrupts(session):
+    with noting_interrupts(session.interrupts):
         return _run(app, session, given)
 
 
@@ -170,25 +168,6 @@ def _check_open_files() -> None:
     finally:
         for descriptor in opened:
             os.close(descriptor)
-
-
-@contextlib.contextmanager
-def _noting_interrupts(session: Session) -> Iterator[None]:
-    """Note each Ctrl-C of this call: the exception may be swallowed where it is raised in a callback."""
-    usual = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or usual is not signal.default_int_handler:
-        yield
-        return
-
-    def note(number: int, frame: FrameType | None) -> None:
-        session.interrupted = True
-        signal.default_int_handler(number, frame)
-
-    signal.signal(signal.SIGINT, note)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, usual)
 
 
 def _reserve_stdout() -> None:

@@ -90,7 +90,7 @@ class StageProgress:
 
     def begin(self, stage: str, total: int) -> None:
         """Show a new stage of ``total`` steps."""
-        if self._session.interrupted:
+        if self._session.interrupts:
             raise KeyboardInterrupt
         self._stage, self._total, self._done, self._n_running = stage, total, 0, 0
         # Of a sweep the pace counts from its first simulation: what is done before was done by another run.
@@ -161,7 +161,7 @@ class StageProgress:
     def _stop(self, number: int, frame: FrameType | None) -> None:
         """Finish what runs when asked once, stop at once when asked again."""
         if self._stopping or self._stage != "simulate":
-            self._session.interrupted = True
+            self._session.interrupts.append(number)
             raise KeyboardInterrupt
         self._stopping = True
         self._console.print(

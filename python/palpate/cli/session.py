@@ -45,8 +45,8 @@ class Session:
     def __init__(self, files: Sequence[Path] = (), without: Sequence[str] = ()) -> None:
         self.files = tuple(files)
         self.without = tuple(without)
-        self.interrupted = False
-        """Whether Ctrl-C was pressed: an exception in a callback of a library may be swallowed."""
+        self.interrupts: list[int] = []
+        """Signals that asked to stop: an exception in a callback of a library may be swallowed."""
 
     @classmethod
     def of(cls, context: typer.Context) -> "Session":
