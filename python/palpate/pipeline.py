@@ -111,6 +111,7 @@ def run_study(
     run, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
     run.refuse_other(study, adopt=adopt)
     progress.begin("check", 1)
+    made_from = measured_from(study)  # before the files are read: a later change is then noticed
     checked = check(study, plugins, before)
     progress.step()
     for text in checked.warnings:
@@ -122,7 +123,7 @@ def run_study(
             with Ledger(forked_from) as ledger:
                 ledger.copy_to(run_folder)
         run.begin(study, plugins.channels, simulating=True)
-        run.write_measured(checked.measured, measured_from(study))
+        run.write_measured(checked.measured, made_from)
         run.write_design(checked.design, design_from(study))
         if n_kept := checked.design.n_kept:
             progress.note(f"the design begins with {n_kept} sets of an earlier one with wider ranges")
@@ -394,7 +395,7 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
     run.records.check("selection", selection_from(study, run.records))
     swept = at_measured(found, measured, design.n_sets)
     generalisation = run.generalisation()
-    told = determine(study, design, measured, swept, scores, chosen, generalisation, refined)
+    determined = determine(study, design, measured, swept, scores, chosen, generalisation, refined)
     return Content(
         study=study,
         channels=plugins.channels,
@@ -407,8 +408,8 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
         rays=run.rays(),
         responses={(s.job.spot, s.job.set_id): s.response for s in found if s.response is not None},
         swept=swept,
-        determination=told.table,
-        disagreements=told.disagreements,
+        determination=determined.table,
+        disagreements=determined.disagreements,
         convergence=by_spot(found),
         contact=contact_along(found),
         limbs=limbs,

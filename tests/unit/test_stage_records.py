@@ -133,6 +133,15 @@ def test_a_measured_file_that_changes_makes_its_curves_stale(done, plugins):
     pipeline.report(study, run, plugins)
 
 
+def test_a_measured_file_that_changes_while_the_user_is_asked_is_noticed(make_study, plugins, tmp_path):
+    study, run = make_study(n_sets=4), tmp_path / "run"
+    (path,) = study.spots[0].measured[None]
+    changed = path.read_text() + "\n"
+    pipeline.run_study(study, run, plugins, confirm=lambda _: path.write_text(changed))
+    with pytest.raises(StudyError, match="made from other files of spot 'p1'"):
+        pipeline.report(study, run, plugins)
+
+
 def test_an_extended_design_is_one_of_the_same_draws(make_study, plugins, tmp_path):
     study, run = make_study(n_sets=4), tmp_path / "run"
     pipeline.run_study(replace(study, n_total=8), run, plugins)
