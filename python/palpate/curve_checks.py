@@ -12,6 +12,7 @@ import numpy as np
 from palpate.domain import (
     Channel,
     Curve,
+    FloatArray,
     Indentation,
     ParameterSpace,
     RegionMaterial,
@@ -111,11 +112,8 @@ def _check_work(curve: Curve, channel: Channel) -> None:
 
 
 def _points(curve: Curve) -> Iterator[str]:
-    for start, stop in curve.branches:
-        x = curve.abscissa[start:stop]
-        steps = np.abs(np.diff(x))
-        worst = int(steps.argmax())
-        if x.size < LEAST_POINTS or steps[worst] > LARGEST_GAP * np.ptp(x):
+    for x, worst, share in _widest_gaps(curve):
+        if x.size < LEAST_POINTS or share > LARGEST_GAP:
             yield (
                 f"has {x.size} points from {x[0]:.4g} to {x[-1]:.4g} and none between {x[worst]:.4g} and "
                 f"{x[worst + 1]:.4g}; give more rows, their shape decides the parameters"
@@ -144,16 +142,22 @@ def check_gaps(curve: Curve) -> None:
     ------
     CurveError
     """
-    for start, stop in curve.branches:
-        x = curve.abscissa[start:stop]
-        steps = np.abs(np.diff(x))
-        worst = int(steps.argmax())
-        if steps[worst] > (0.5 + 1e-9) * np.ptp(x):
+    for x, worst, share in _widest_gaps(curve):
+        if share > 0.5 + 1e-9:
             raise CurveError(
                 f"channel '{curve.channel}' has no point between {x[worst]:.4g} and {x[worst + 1]:.4g}, "
                 f"more than half of its way from {x[0]:.4g} to {x[-1]:.4g} ({x.size} points); "
                 "measure what is between"
             )
+
+
+def _widest_gaps(curve: Curve) -> Iterator[tuple[FloatArray, int, float]]:
+    """Abscissae of each branch, the point before its widest gap, and the share that the gap is of it."""
+    for start, stop in curve.branches:
+        x = curve.abscissa[start:stop]
+        steps = np.abs(np.diff(x))
+        worst = int(steps.argmax())
+        yield x, worst, float(steps[worst] / np.ptp(x))
 
 
 def _bias(curve: Curve, channel: Channel, peak: float) -> Iterator[str]:
@@ -252,14 +256,14 @@ def _lever(force: str, moment: str, lever: float, protocol: Indentation) -> Iter
     usual = lever_mm(protocol)
     if not usual > 0.0 or ODD_LEVERS[0] * usual <= lever <= ODD_LEVERS[1] * usual:
         return
-    told = (
+    text = (
         f"'{moment}' over '{force}' is a lever of {lever:.3g} mm, where {_what(protocol)} gives about "
         f"{usual:.2g} mm; check the units (1 N·m is 1,000 N·mm, 1 N·cm is 10), and that no two columns "
         "are swapped"
     )
     if not LEVERS[0] * usual <= lever <= LEVERS[1] * usual:
-        raise CurveError(told)
-    yield told
+        raise CurveError(text)
+    yield text
 
 
 def _what(protocol: Indentation) -> str:

@@ -150,7 +150,7 @@ class _Winner:
         return pl.concat([pl.DataFrame([head]), *end, pl.DataFrame([values])], how="horizontal")
 
     def _scored(self, simulation: Simulation) -> pl.DataFrame:
-        return objectives(_scores(self.study, [simulation], self.measured), [self.scenario])
+        return objectives(score_as_studied(self.study, [simulation], self.measured), [self.scenario])
 
     def _message(self, promised: pl.DataFrame, kept: pl.DataFrame, simulation: Simulation) -> str:
         if kept.is_empty():
@@ -193,13 +193,7 @@ def scaled_sets(parameters: Sequence[Parameter], values: FloatArray, scale: Floa
 
 
 def _fopts(study: Study, simulations: Iterable[Simulation], measured: Mapping[str, Response]) -> pl.DataFrame:
-    return objectives(_scores(study, simulations, measured), study.scenarios).select(*_KEYS, "fopt")
-
-
-def _scores(
-    study: Study, simulations: Iterable[Simulation], measured: Mapping[str, Response]
-) -> pl.DataFrame:
-    return score_as_studied(study, simulations, measured)
+    return objectives(score_as_studied(study, simulations, measured), study.scenarios).select(*_KEYS, "fopt")
 
 
 def _scaled(study: Study, simulations: Iterable[Simulation], scale: float) -> Iterator[Simulation]:

@@ -1,16 +1,11 @@
 """The design of a study, alone or in a folder where it was run before."""
 
-import polars as pl
-
 from palpate.domain import Design, FloatArray
 from palpate.errors import PalpateError
 from palpate.ledger import Ledger
 from palpate.run_directory import RunDirectory
 from palpate.sampling import draw_design, kept_sets
 from palpate.study import Study
-
-_UNUSABLE = (PalpateError, OSError, ValueError, KeyError, TypeError, pl.exceptions.PolarsError)
-"""What reading a damaged file raises."""
 
 
 def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
@@ -41,7 +36,7 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
 def _kept(study: Study, earlier: RunDirectory) -> FloatArray | None:
     try:
         design = earlier.design()
-    except _UNUSABLE:  # none yet, or damaged: all sets are drawn as in a new folder
+    except PalpateError:  # none yet, or damaged: all sets are drawn as in a new folder
         return None
     with Ledger(earlier.folder) as ledger:
         return kept_sets(study.space, study.seed, design, ledger.finished_sets())
