@@ -111,7 +111,7 @@ class Determination:
         trades with most; limit, the Fopt up to which a set is about as good (the fitted least
         plus itself, or plus what the measured spread or the error of the fit makes, whichever is
         more); n_as_good, sets of the sweep within it; q2, the share of variation that the fit
-        predicts at sets left out of it. What cannot be told is null, and its word is "unclear".
+        predicts at sets left out of it. What is unknown is null, and its word is "unclear".
     disagreements : DataFrame
         One row per spot, pair of scenarios without a common channel that no set fits about as
         well as each alone, and parameter: spot, first and second (channels), parameter, unit,
@@ -340,11 +340,11 @@ def _disagreement(a: _Case, b: _Case) -> Iterator[dict[str, Any]]:
     first, second = (fit.beyond() for fit in fits)
     if max(together([(w, first), (1.0 - w, second)]) for w in np.linspace(0.05, 0.95, 19)) <= 1.0:
         return
-    told = [{row["parameter"]: row for row in case.rows()} for case in (a, b)]
+    by_name = [{row["parameter"]: row for row in case.rows()} for case in (a, b)]
     seen = [
         (i, parameter)
         for i, parameter in enumerate(a.design.parameters)
-        if all(rows[parameter.name]["determined"] != "not" for rows in told)
+        if all(rows[parameter.name]["determined"] != "not" for rows in by_name)
     ]
     if seen and max(abs(fits[0].optimum[i] - fits[1].optimum[i]) for i, _ in seen) <= APART:
         return
@@ -352,7 +352,7 @@ def _disagreement(a: _Case, b: _Case) -> Iterator[dict[str, Any]]:
     if not seen:
         yield head
     for _, parameter in seen:
-        optima = (rows[parameter.name]["optimum"] for rows in told)
+        optima = (rows[parameter.name]["optimum"] for rows in by_name)
         values = dict(zip(("first_optimum", "second_optimum"), optima, strict=True))
         yield {**head, "parameter": parameter.name, "unit": parameter.unit, **values}
 

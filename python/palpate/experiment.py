@@ -98,8 +98,8 @@ def mean(presses: Presses) -> Response:
         if len(repeats) > 1:
             averages[channel] = described(curves[channel], repeats)
     files = {file: response.record for file, response in presses.responses.items() if response.record}
-    told = {"files": files, "averages": averages, "warnings": list(presses.warnings)}
-    return Response(curves=curves, record={key: what for key, what in told.items() if what})
+    record = {"files": files, "averages": averages, "warnings": list(presses.warnings)}
+    return Response(curves=curves, record={key: what for key, what in record.items() if what})
 
 
 def measured_warnings(measured: Mapping[str, Response]) -> tuple[str, ...]:
@@ -176,8 +176,8 @@ def _load_file(study: Study, spot: StudySpot, path: Path, only: str | None) -> R
 
 def _told(path: Path, study: Study, taken: Collection[str]) -> str:
     """Path from the study's folder; the whole path of a file elsewhere whose name is taken."""
-    told = relative(path, study.folder)
-    return told if told not in taken else str(path)
+    name = relative(path, study.folder)
+    return name if name not in taken else str(path)
 
 
 def _check_response(

@@ -16,9 +16,7 @@ from palpate.fingerprints import distributions
 from palpate.interfaces import Component
 from palpate.limb import mesh_note
 from palpate.plugins import answering_for
-from palpate.results import (
-    plain,
-)
+from palpate.results import plain
 from palpate.study import Study, StudySpot, relative
 from palpate.trust import fingerprints
 
@@ -105,14 +103,14 @@ def _spot(study: Study, spot: StudySpot) -> dict[str, Any]:
         channel or "": [relative(path, study.folder) for path in paths]
         for channel, paths in spot.measured.items()
     }
-    told: dict[str, Any] = {"measured": files}
+    found: dict[str, Any] = {"measured": files}
     if spot.protocol is not None:
-        told["protocol"] = _protocol(spot.protocol)
+        found["protocol"] = _protocol(spot.protocol)
     if spot.loader is not None:
-        told["loader"] = _component(spot.loader)
+        found["loader"] = _component(spot.loader)
     if spot.mesh is not None and (note := mesh_note(spot.mesh)) is not None:
-        told["mesh"] = note
-    return told
+        found["mesh"] = note
+    return found
 
 
 def _protocol(protocol: Protocol | None) -> dict[str, Any]:

@@ -35,13 +35,7 @@ from palpate.locking import locked
 from palpate.manifest import checked_manifest, finite, infinite, manifest
 from palpate.ownership import check_claimable, claim, refuse_other, tidy, writing_in
 from palpate.refinement import Refined
-from palpate.results import (
-    frame_of,
-    plain,
-    response_of,
-    write_atomically,
-    write_frame,
-)
+from palpate.results import frame_of, plain, response_of, write_atomically, write_frame
 from palpate.stage_records import COMMANDS, StageRecords
 from palpate.study import Study
 from palpate.trust import IN_KEYS, fingerprints, recorded, trusting
@@ -78,9 +72,9 @@ class RunDirectory:
         StudyError
             The folder cannot be made.
         """
-        told = manifest(study, channels) | {"measured": self._records(study)} | self._origin(study)
-        told |= self._trusted(study, simulating=simulating)
-        text = _json(told)
+        content = manifest(study, channels) | {"measured": self._records(study)} | self._origin(study)
+        content |= self._trusted(study, simulating=simulating)
+        text = _json(content)
         as_run = self.folder / "study.toml"
         if study.file.is_file() and study.file.resolve() != as_run.resolve():
             write_atomically(as_run, study.file.read_bytes())
@@ -182,9 +176,9 @@ class RunDirectory:
             write_atomically(self._record(spot), _json(plain(response.record)))
         files = [path for spot in measured for path in (self._measured(spot), self._record(spot))]
         self.records.write("measured", files, made_from)
-        told = self.manifest()
-        told["measured"] = {spot: plain(response.record) for spot, response in measured.items()}
-        write_atomically(self.folder / "manifest.json", _json(told))
+        content = self.manifest()
+        content["measured"] = {spot: plain(response.record) for spot, response in measured.items()}
+        write_atomically(self.folder / "manifest.json", _json(content))
 
     def measured(self, spots: tuple[str, ...]) -> dict[str, Response]:
         """Measured responses of these spots."""

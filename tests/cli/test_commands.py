@@ -136,7 +136,7 @@ def test_a_bad_curve_ends_with_2_and_writes_nothing(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ('loader = "lines"', 'loader = "clumsy"', "s1.txt: 'clumsy'"),
         ("seed = 3", 'seed = 3\nsampler = "clumsy"', "drawing the design: 'clumsy'"),
@@ -149,12 +149,12 @@ def test_a_bad_curve_ends_with_2_and_writes_nothing(
     ],
 )
 def test_a_component_that_raises_is_named_and_ends_with_2(
-    call: Call, study: Path, old: str, new: str, told: str
+    call: Call, study: Path, old: str, new: str, message: str
 ) -> None:
     edit(study, old, new)
     outcome = call("run", study)
     assert outcome.code == 2
-    assert told in outcome.err
+    assert message in outcome.err
     assert "Error: " in outcome.err or "SystemExit: 0" in outcome.err
     assert not Path("runs").exists()
 

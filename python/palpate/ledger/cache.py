@@ -44,18 +44,18 @@ class ResultCache:
         if simulation.status not in _SHARED or self.load(key, simulation.job) is not None:
             return
         curves = b"" if simulation.response is None else pack({key: simulation.response})
-        told = {
+        about = {
             "status": simulation.status.value,
             "message": simulation.message,
             "seconds": simulation.seconds,
             "diagnostics": plain(simulation.diagnostics),
         }
-        content = json.dumps(told, allow_nan=False).encode() + b"\n" + curves
+        content = json.dumps(about, allow_nan=False).encode() + b"\n" + curves
         try:
             write_atomically(path, _checksum(key, content) + b"\n" + content)
         except OSError as error:
             raise LedgerError(
-                f"{path}: cannot be written ({error.strerror}); mend it, or take executor.cache out"
+                f"{path}: cannot be written ({error.strerror}); fix it, or take executor.cache out"
                 " of the study"
             ) from error
 
@@ -69,14 +69,14 @@ class ResultCache:
             response = unpack(curves, [key])[key] if curves else None
             if isinstance(response, CurveError):
                 return None
-            told = json.loads(head)
+            about = json.loads(head)
             found = Simulation(
                 job=job,
-                status=Status(told["status"]),
+                status=Status(about["status"]),
                 response=response,
-                message=str(told["message"]),
-                seconds=float(told["seconds"]),
-                diagnostics=dict(told["diagnostics"]),
+                message=str(about["message"]),
+                seconds=float(about["seconds"]),
+                diagnostics=dict(about["diagnostics"]),
             )
             return found if believable(found) is found else None
         except (OSError, ValueError, KeyError, TypeError, RecursionError, pl.exceptions.PolarsError):

@@ -1,4 +1,4 @@
-"""What a ledger is on the disk: its tables, its version, and what is told where it cannot be used."""
+"""What a ledger is on the disk: its tables, its version, and what is reported where it cannot be used."""
 
 import contextlib
 import hashlib
@@ -64,7 +64,7 @@ def check_version(connection: sqlite3.Connection, path: Path) -> None:
 
 
 @contextlib.contextmanager
-def told(path: Path) -> Iterator[None]:
+def disk_errors(path: Path) -> Iterator[None]:
     """Turn what SQLite and the file system raise into a LedgerError with what to do.
 
     Raises

@@ -26,9 +26,9 @@ from palpate.ledger.format import (
     curve_file,
     damaged,
     digest,
+    disk_errors,
     is_blank,
     last_curve_file,
-    told,
 )
 from palpate.results import temporary_name, write_whole
 
@@ -75,7 +75,7 @@ class Ledger:
         n_files = last_curve_file(folder)
         self._connection = self._open()
         try:
-            with told(self.path):
+            with disk_errors(self.path):
                 self.is_torn = check_complete(self._connection, self.path, n_files)
         except BaseException:
             self._connection.close()
@@ -90,7 +90,7 @@ class Ledger:
     def _open(self) -> sqlite3.Connection:
         if not self.path.exists():
             return _empty()
-        with told(self.path):
+        with disk_errors(self.path):
             connection = _read_only(self.path)
             if is_blank(connection):
                 connection.close()
@@ -150,7 +150,7 @@ class Ledger:
         """
         if (folder / LEDGER).exists():
             raise LedgerError(f"{folder / LEDGER}: already there; name a folder without a run")
-        with told(folder):
+        with disk_errors(folder):
             (folder / CURVES).mkdir(parents=True, exist_ok=True)
             part = folder / temporary_name(LEDGER)
             with contextlib.closing(sqlite3.connect(part)) as copy:
@@ -180,7 +180,7 @@ class Ledger:
 
     def frame(self, table: str) -> pl.DataFrame:
         """One of the tables as a data frame."""
-        with told(self.path):
+        with disk_errors(self.path):
             return pl.read_database(f"SELECT * FROM {table}", self._connection, infer_schema_length=None)
 
     def simulations(self, jobs: Mapping[str, Job]) -> dict[str, Simulation]:
@@ -252,7 +252,7 @@ class Ledger:
         return unpack(content, keys)
 
     def _all(self, query: str, values: Sequence[object] = (), *, named: bool = False) -> list[Any]:
-        with told(self.path):
+        with disk_errors(self.path):
             cursor = self._connection.cursor()
             if named:
                 cursor.row_factory = sqlite3.Row

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from palpate.domain import Job, Simulation
 from palpate.ledger.curve_files import pack
-from palpate.ledger.format import CURVES, LEDGER, TABLES, digest, is_blank, told
+from palpate.ledger.format import CURVES, LEDGER, TABLES, digest, disk_errors, is_blank
 from palpate.ledger.reader import Ledger
 from palpate.results import plain, remove_temporary, write_whole
 
@@ -75,7 +75,7 @@ class Writer:
         self._check = check
         self._waiting: queue.Queue[Finished | None] = queue.Queue(2 * LARGEST_GROUP)
         self._failure: BaseException | None = None
-        with told(self.path):
+        with disk_errors(self.path):
             self._curves.mkdir(parents=True, exist_ok=True)
             # Read first: a writer drops for good what it cannot read of SQLite's log.
             with Ledger(folder) as before:
@@ -123,7 +123,7 @@ class Writer:
     def plan(self, keys: Sequence[str], jobs: Sequence[Job]) -> None:
         """Note the jobs of the sweep that begins, with the key of each."""
         rows = [(job.spot, job.set_id, key) for key, job in zip(keys, jobs, strict=True)]
-        with told(self.path):
+        with disk_errors(self.path):
             if self._connection.execute("SELECT * FROM jobs").fetchall() == sorted(rows):
                 return
             with self._connection as transaction:
@@ -164,7 +164,7 @@ class Writer:
     def _write(self, group: Sequence[Finished]) -> None:
         """Curves first: a row on the disk promises that its curves are there."""
         last_of_key = {finished.key: finished for finished in group}
-        with told(self.path):
+        with disk_errors(self.path):
             curves = self._write_curves(list(last_of_key.values()))
             with self._connection as transaction:
                 transaction.execute("BEGIN IMMEDIATE")

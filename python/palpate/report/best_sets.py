@@ -17,7 +17,7 @@ from palpate.report.tables import weighted_channels
 class Value:
     """One parameter of a best set, with the fitted optimum and the interval around that.
 
-    These are None where they cannot be told; the set need not lie in the interval.
+    These are None where they are unknown; the set need not lie in the interval.
     """
 
     value: float
@@ -54,7 +54,7 @@ class Best:
 def best_sets(content: Content) -> Iterator[Best]:
     """Best set by spot and scenario: the refined one, where there is one."""
     refined = {(r["spot"], r["scenario"]): r for r in content.refined.table.iter_rows(named=True)}
-    told = {
+    fits = {
         (r["spot"], r["scenario"], r["parameter"]): r for r in content.determination.iter_rows(named=True)
     }
     fitted = {s.name: weighted_channels(s) for s in content.study.scenarios}
@@ -68,7 +68,7 @@ def best_sets(content: Content) -> Iterator[Best]:
             fitted_to=fitted[key[1]],
             found="refined" if best is end else _set(row),
             fopt=best["fopt"],
-            values=tuple(_value(best[p.name], told.get((*key, p.name))) for p in content.design.parameters),
+            values=tuple(_value(best[p.name], fits.get((*key, p.name))) for p in content.design.parameters),
             r2={name: best.get(f"r2_{name}") for name in content.measured_channels},
         )
 
@@ -77,10 +77,10 @@ def _set(row: Mapping[str, Any]) -> str:
     return f"set {row['set_id']}{', unfinished' if row.get('partial') else ''}"
 
 
-def _value(value: float, told: Mapping[str, Any] | None) -> Value:
-    if told is None:
+def _value(value: float, fit: Mapping[str, Any] | None) -> Value:
+    if fit is None:
         return Value(value=value, optimum=None, lower=None, upper=None, determined=UNCLEAR)
-    known = {name: told[name] for name in ("optimum", "lower", "upper", "determined")}
+    known = {name: fit[name] for name in ("optimum", "lower", "upper", "determined")}
     return Value(value=value, **known)
 
 

@@ -124,17 +124,17 @@ def _heading(column: str) -> str:
     for begin, said in (("nmse_", "NMSE "), ("r2_", "R² "), ("fopt_", "Fopt ")):
         if column.startswith(begin):
             return said + column.removeprefix(begin)
-    told = {"nmse": "NMSE", "r2": "R²", "fopt": "Fopt", "difference_percent": "difference [%]"}
+    labels = {"nmse": "NMSE", "r2": "R²", "fopt": "Fopt", "difference_percent": "difference [%]"}
     seconds = column.endswith("_s") and "." not in column
     plain = column if "." in column else column.removesuffix("_s").replace("_", " ")
-    return told.get(column, f"{plain} [s]" if seconds else plain)
+    return labels.get(column, f"{plain} [s]" if seconds else plain)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
     """One row of the picture of intervals; ``start``, ``width`` and ``at`` are percent of the range."""
 
-    told: Mapping[str, Any]
+    fit: Mapping[str, Any]
     name: str
     moves_with: str
     start: float
@@ -151,7 +151,7 @@ def _intervals(content: Content) -> Iterator[Interval]:
         start, stop = (_percent(parameter, row[end]) if known else 0.0 for end in ("lower", "upper"))
         truth = content.study.truth.get(row["parameter"])
         yield Interval(
-            told=row,
+            fit=row,
             name=name,
             moves_with=brief[row["moves_with"]][1] if row["moves_with"] else "",
             start=start,
@@ -193,13 +193,13 @@ def _leaves(value: object, path: str) -> Iterator[tuple[str, str]]:
 
 def _certificate(name: str, content: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
     """Rows of a certificate that have a form, and what could not be compared."""
-    told = content if isinstance(content, Mapping) else {}
-    rows = [row for row in told.get("rows") or [] if isinstance(row, Mapping)]
+    known = content if isinstance(content, Mapping) else {}
+    rows = [row for row in known.get("rows") or [] if isinstance(row, Mapping)]
     columns = tuple(dict.fromkeys(str(key) for row in rows for key in row))
     return {
-        "passed": told.get("passed") is True,
-        "solvers": ", ".join(f"{solver} {version}" for solver, version in _items(told.get("solvers"))),
-        "missing": [shown(item) for item in told.get("missing") or []],
+        "passed": known.get("passed") is True,
+        "solvers": ", ".join(f"{solver} {version}" for solver, version in _items(known.get("solvers"))),
+        "missing": [shown(item) for item in known.get("missing") or []],
         "table": Table(
             name=name,
             title=f"Solvers compared: {name}",

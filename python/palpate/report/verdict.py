@@ -118,11 +118,11 @@ def _lead(content: Content, bests: Sequence[Best], brief: Sequence[Parameter]) -
 
 
 def _listed(brief: Sequence[Parameter], values: Sequence[float]) -> str:
-    told = (
+    parts = (
         f"{p.name} = {value:.4g} {p.unit if p.unit != '1' else ''}"
         for p, value in zip(brief, values, strict=True)
     )
-    return ", ".join(text.rstrip() for text in told)
+    return ", ".join(text.rstrip() for text in parts)
 
 
 def _determined(content: Content, parameter: Parameter, name: str) -> str:
@@ -133,7 +133,7 @@ def _determined(content: Content, parameter: Parameter, name: str) -> str:
     if not words:
         return f"{name}: nothing is known of how well it is determined."
     counts = {word: words.count(word) for word in _ORDER if word in words}
-    told = _said(next(iter(counts))) if len(counts) == 1 else ", ".join(
+    spots = _said(next(iter(counts))) if len(counts) == 1 else ", ".join(
         f"{_said(word)} at {n} of {len(words)} spots" for word, n in counts.items()
     )  # fmt: skip
     strongest = rows.drop_nulls("correlation").sort(
@@ -144,7 +144,7 @@ def _determined(content: Content, parameter: Parameter, name: str) -> str:
         other = {p.name: b.name for p, b in with_brief_names(content)}[strongest["moves_with"][0]]
         sign = strongest["correlation"][0]
         trade = f"; it trades with {other} (correlation {sign:.2f}, spot {strongest['spot'][0]})"
-    return f"{name}: {known}{told}{trade}."
+    return f"{name}: {known}{spots}{trade}."
 
 
 def _together(content: Content, parameter: Parameter) -> str:
