@@ -521,50 +521,38 @@ class Deformation:
 
 @final
 class SparseFactor:
-    """A direct solver of A x = b for a pattern that stays the same.
+    """Factors L B Lᵀ of symmetric, possibly indefinite matrices of one pattern, to precondition with.
 
-    The pattern is ordered (nested dissection; COLAMD for ``lu``) and analysed once; values are
-    factorised as often as needed, on one thread, without the GIL. A solution is checked against
-    its residual before it is returned.
+    The pattern is ordered (nested dissection) and analysed once; values are factorised as often as
+    needed, on one thread, without the GIL, with Bunch-Kaufman pivoting.
 
     Parameters
     ----------
     indptr, indices
-        Compressed pattern (n + 1,) and (n_data,), int32 or int64, as scipy keeps it; indices need
-        not be sorted but must not repeat.
-    kind
-        ``lu``: any matrix, partial pivoting; ``ldlt``: symmetric, possibly indefinite,
-        Bunch-Kaufman pivoting; ``llt``: symmetric positive definite. The symmetric kinds take the
-        lower triangle alone or a symmetric pattern with symmetric values (to 1e-9 of the largest);
-        for a preconditioner of an unsymmetric matrix pass its symmetric part.
-    layout
-        ``csc``: ``indptr`` counts columns; ``csr``: rows.
+        Compressed rows (n + 1,) and (n_data,) of the whole matrix, int32; indices rise within a row.
     precision
-        Of the factor. ``single`` halves memory and time and makes a preconditioner: the matrix
-        is first scaled to a diagonal near 1. `solve` still ends at the accuracy of ``double``, by
-        refinement, for condition numbers up to about 1e5.
+        Of the factor. ``single`` halves memory and time: the matrix is first scaled to a diagonal
+        near 1. It serves condition numbers up to about 1e5, ``double`` up to 1e11.
 
     Raises
     ------
     ValueError
-        The arrays do not describe a square matrix, an entry is listed twice, or a symmetric kind
-        got a pattern with an entry on one side only.
+        The arrays do not describe a square matrix, the indices of a row do not rise, or an entry
+        has no counterpart.
 
     Examples
     --------
-    >>> factor = SparseFactor(matrix.indptr, matrix.indices, kind="lu", layout="csr")
+    >>> factor = SparseFactor(matrix.indptr, matrix.indices, precision="single")
     >>> factor.factorise(matrix.data)
-    >>> x = factor.solve(b)
+    >>> x, n_steps, converged = factor.krylov(matrix.data, b, 1e-9, 60)
     """
 
     def __new__(
         cls,
-        indptr: NDArray[np.int32] | NDArray[np.int64],
-        indices: NDArray[np.int32] | NDArray[np.int64],
+        indptr: NDArray[np.int32],
+        indices: NDArray[np.int32],
         *,
-        kind: Literal["lu", "ldlt", "llt"] = "lu",
-        layout: Literal["csc", "csr"] = "csc",
-        precision: Literal["double", "single"] = "double",
+        precision: Literal["double", "single"],
     ) -> SparseFactor: ...
     def factorise(self, data: _Floats) -> None:
         """Factorise new values.
@@ -577,32 +565,10 @@ class SparseFactor:
         Raises
         ------
         ValueError
-            Wrong length, NaN or infinite, or not symmetric for a symmetric kind.
+            Wrong length, NaN or infinite, or not symmetric to 1e-9 of the largest value.
         numpy.linalg.LinAlgError
-            Singular to working precision (`probe_error` above 1e-5, or 1e-2 in single precision),
-            or not positive definite for ``llt``. No factor is left then.
-        """
-
-    def solve(self, rhs: _Floats) -> _Floats:
-        """Solve with the last factor.
-
-        Parameters
-        ----------
-        rhs
-            Right-hand side (n,) or several (n, k).
-
-        Returns
-        -------
-        NDArray[np.float64]
-            Solution of the shape of ``rhs``.
-
-        Raises
-        ------
-        ValueError
-            No factor, wrong length, NaN or infinite.
-        numpy.linalg.LinAlgError
-            A backward error above 1e-9 remains after one step of refinement (ten in single
-            precision).
+            Singular to working precision: a known solution comes back with a relative error above
+            1e-5, or 1e-2 in single precision. No factor is left then.
         """
 
     def precondition(self, rhs: _Floats) -> _Floats:
@@ -616,8 +582,8 @@ class SparseFactor:
         Returns
         -------
         NDArray[np.float64]
-            Approximate solution (n,), as good as the factor: of about the relative error
-            `probe_error`. What is not finite in ``rhs`` comes back as such.
+            Approximate solution (n,), as good as the factor. What is not finite in ``rhs`` comes
+            back as such.
 
         Raises
         ------
@@ -632,7 +598,7 @@ class SparseFactor:
 
         Right preconditioning, so that the residual watched is the true one, and restarts with a
         residual in double precision. Cycles run in the precision of the factor. The matrix may be
-        unsymmetric whatever the kind.
+        unsymmetric.
 
         Parameters
         ----------
@@ -661,24 +627,5 @@ class SparseFactor:
         """
 
     @property
-    def n(self) -> int:
-        """Number of unknowns."""
-
-    @property
-    def n_data(self) -> int:
-        """Number of values that `factorise` takes."""
-
-    @property
-    def kind(self) -> Literal["lu", "ldlt", "llt"]:
-        """The factorisation."""
-
-    @property
     def precision(self) -> Literal["double", "single"]:
         """Numbers that the factor is kept in."""
-
-    @property
-    def probe_error(self) -> float | None:
-        """Relative error of a known solution: about condition number · 1e-16 (6e-8 in single precision).
-
-        None without a factor.
-        """

@@ -88,8 +88,7 @@ class Measured:
     def _faer(self) -> None:
         from palpate._core import SparseFactor
 
-        indptr, indices = self.matrix.indptr, self.matrix.indices
-        factor = SparseFactor(indptr, indices, kind="ldlt", layout="csr", precision=self.precision)
+        factor = SparseFactor(self.matrix.indptr, self.matrix.indices, precision=self.precision)
         self.factorise: Callable[[], object] = lambda: factor.factorise(self.matrix.data)
         self.apply: Callable[[np.ndarray], np.ndarray] = factor.precondition
 

@@ -1,4 +1,4 @@
-//! Errors of the solver: mistakes in the input, and matrices that cannot be solved with.
+//! Errors of the solver: mistakes in the input, and matrices that cannot be factorised.
 
 /// Any failure of the solver.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -6,7 +6,7 @@ pub enum Error {
     /// The arguments do not describe a system.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The matrix cannot be factorised or solved with.
+    /// The matrix cannot be factorised.
     #[error(transparent)]
     Numerical(#[from] NumericalError),
 }
@@ -14,15 +14,11 @@ pub enum Error {
 /// Why the arguments do not describe a system.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InputError {
-    /// The name of a kind or layout is not known.
-    #[error("{what} {name:?} is unknown: choose {choices}")]
-    Unknown {
-        /// The argument.
-        what: &'static str,
+    /// The name of a precision is not known.
+    #[error("precision {name:?} is unknown: choose double or single")]
+    UnknownPrecision {
         /// The name given.
         name: String,
-        /// The names that are known.
-        choices: &'static str,
     },
     /// The pointers do not delimit the indices.
     #[error(
@@ -33,7 +29,7 @@ pub enum InputError {
         /// Position of the first offender.
         index: usize,
         /// The value itself.
-        value: i64,
+        value: i32,
         /// Number of indices.
         n_indices: usize,
     },
@@ -49,22 +45,24 @@ pub enum InputError {
         /// Position of the first offender.
         index: usize,
         /// The value itself.
-        value: i64,
+        value: i32,
         /// Rows of the matrix.
         n: usize,
     },
-    /// An entry is listed twice.
-    #[error("entry ({row}, {column}) is listed twice: sum duplicates first")]
-    Duplicate {
-        /// Row of the entry.
-        row: usize,
-        /// Its column.
-        column: usize,
-    },
-    /// A symmetric kind was given a pattern with an entry on one side only.
+    /// The indices of a row do not rise.
     #[error(
-        "entry ({row}, {column}) has no counterpart ({column}, {row}): give the lower triangle \
-         alone, or a symmetric pattern, or choose kind \"lu\""
+        "indices[{index}], in row {row}, does not exceed the one before it: sort indices, sum \
+         duplicates"
+    )]
+    Unsorted {
+        /// The row.
+        row: usize,
+        /// Position of the first offender.
+        index: usize,
+    },
+    /// The pattern has an entry on one side only.
+    #[error(
+        "entry ({row}, {column}) has no counterpart ({column}, {row}): give a symmetric pattern"
     )]
     OneSided {
         /// Row of the entry.
@@ -72,10 +70,10 @@ pub enum InputError {
         /// Its column.
         column: usize,
     },
-    /// A symmetric kind was given values that are not symmetric.
+    /// The values to factorise are not symmetric.
     #[error(
-        "entry ({row}, {column}) is {value} but its counterpart is {counterpart}: choose kind \
-         \"lu\", or give the symmetric part"
+        "entry ({row}, {column}) is {value} but its counterpart is {counterpart}: give the symmetric \
+         part"
     )]
     Unsymmetric {
         /// Row of the entry in the lower triangle.
@@ -110,7 +108,7 @@ pub enum InputError {
     /// A solution was asked for before a factorisation succeeded.
     #[error("there is no factor to solve with: call factorise first, and mind its error")]
     NotFactorised,
-    /// The pattern or its factor exceeds memory or 32-bit indices.
+    /// The factor exceeds memory.
     #[error("the factor of {n} unknowns with {n_entries} entries exceeds memory: coarsen the mesh")]
     TooLarge {
         /// Rows of the matrix.
@@ -120,7 +118,7 @@ pub enum InputError {
     },
 }
 
-/// Why the matrix cannot be factorised or solved with.
+/// Why the matrix cannot be factorised.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NumericalError {
     /// The matrix is singular to working precision.
@@ -141,16 +139,5 @@ pub enum NumericalError {
     SingularInSingle {
         /// Relative error of a known solution; NaN if there was none at all.
         probe_error: f64,
-    },
-    /// `llt` met a pivot that is not positive.
-    #[error("the matrix is not positive definite: choose kind \"ldlt\" or \"lu\"")]
-    NotPositiveDefinite,
-    /// The solution does not satisfy the system, even after refinement.
-    #[error(
-        "the solution leaves a relative residual of {backward_error:e}: the matrix is too ill-conditioned"
-    )]
-    Inaccurate {
-        /// ‖b − A x‖ / (‖A‖ ‖x‖ + ‖b‖) in the maximum norm.
-        backward_error: f64,
     },
 }

@@ -5,7 +5,6 @@
 
 use pulp::Arch;
 
-use crate::error::Error;
 use crate::rows::Rows;
 use crate::sweep::{Number, products};
 
@@ -45,18 +44,18 @@ pub(crate) fn iterate(
     tolerance: f64,
     most_steps: usize,
     least: f64,
-    mut cycle: impl FnMut(&[f64], f64, usize) -> Result<(Vec<f64>, usize), Error>,
-) -> Result<Iterated, Error> {
+    mut cycle: impl FnMut(&[f64], f64, usize) -> (Vec<f64>, usize),
+) -> Iterated {
     let size = norm(rhs);
     let mut best = Iterated { solution: vec![0.0; rhs.len()], n_steps: 0, residual: 1.0 };
     if size == 0.0 {
         best.residual = 0.0;
-        return Ok(best);
+        return best;
     }
     let mut residual = rhs.to_vec();
     while best.residual > tolerance && best.n_steps < most_steps {
         let target = (SAFETY * tolerance / best.residual).max(least);
-        let (change, n_steps) = cycle(&residual, target, most_steps - best.n_steps)?;
+        let (change, n_steps) = cycle(&residual, target, most_steps - best.n_steps);
         best.n_steps += n_steps;
         let solution: Vec<f64> = best.solution.iter().zip(change).map(|(x, d)| x + d).collect();
         rows.multiply(values, &solution, &mut residual);
@@ -73,17 +72,17 @@ pub(crate) fn iterate(
             break;
         }
     }
-    Ok(best)
+    best
 }
 
-impl<T: Number, P: FnMut(&[T], &mut [T]) -> Result<(), Error>> Cycle<'_, T, P> {
+impl<T: Number, P: FnMut(&[T], &mut [T])> Cycle<'_, T, P> {
     /// A correction x with ‖r − A x‖ ≤ target ‖r‖ as far as `most_steps` lead, and the steps taken.
     pub(crate) fn run(
         &mut self,
         residual: &[f64],
         target: f64,
         most_steps: usize,
-    ) -> Result<(Vec<f64>, usize), Error> {
+    ) -> (Vec<f64>, usize) {
         let n = residual.len();
         let size = norm(residual);
         let mut basis: Vec<Vec<T>> = vec![residual.iter().map(|r| T::rounded(r / size)).collect()];
@@ -92,7 +91,7 @@ impl<T: Number, P: FnMut(&[T], &mut [T]) -> Result<(), Error>> Cycle<'_, T, P> {
         let mut preconditioned: Vec<Vec<T>> = Vec::new();
         while preconditioned.len() < most_steps.min(CYCLE) && squares.left() > target {
             let mut z = vec![T::default(); n];
-            (self.precondition)(&basis[preconditioned.len()], &mut z)?;
+            (self.precondition)(&basis[preconditioned.len()], &mut z);
             let mut next = vec![T::default(); n];
             self.rows.multiply(self.values, &z, &mut next);
             preconditioned.push(z);
@@ -107,7 +106,7 @@ impl<T: Number, P: FnMut(&[T], &mut [T]) -> Result<(), Error>> Cycle<'_, T, P> {
             add(T::rounded(weight), z, &mut combined);
         }
         let solution = combined.into_iter().map(|x| x.widened() * size).collect();
-        Ok((solution, preconditioned.len()))
+        (solution, preconditioned.len())
     }
 }
 

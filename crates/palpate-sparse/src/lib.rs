@@ -1,19 +1,19 @@
-//! Direct solution of sparse systems A x = b whose pattern stays the same.
+//! Factors of sparse symmetric matrices whose pattern stays the same, to precondition with.
 //!
 //! A finite element tangent is assembled into one pattern many times. [`SparseFactor`] orders and
-//! analyses the pattern once, factorises values as often as asked, and solves with the last factor.
-//! The factorisations are faer's; what is added here is the pattern's validation, any layout of
-//! it, and the refusal to return a solution that does not solve the system.
+//! analyses the pattern once, factorises values as often as asked, and solves nearby systems by
+//! GMRES with the last factor. The factorisation is faer's; what is added here is the pattern's
+//! validation, the order of elimination, and the refusal to keep a factor of a singular matrix.
 //!
 //! | module | what |
 //! |---|---|
-//! | [`pattern`] | where the entries are; values gathered into it; A x |
+//! | `pattern` | where the entries are; values gathered into it; A x |
 //! | `graph`, `separator`, `ordering` | nested dissection of the graph of nodes |
-//! | `factor` | faer's LU, L B Lᵀ and L Lᵀ behind one enum, in any precision |
+//! | `factor` | faer's L B Lᵀ, in any precision |
 //! | `precision` | a factor in double precision, or in single precision of a scaled matrix |
-//! | `sweep` | the triangular solutions of a symmetric factor |
+//! | `sweep` | the triangular solutions |
 //! | `rows`, `krylov` | products with the whole matrix; GMRES with an older factor |
-//! | [`solver`] | [`SparseFactor`]: analyse, factorise, probe, solve, refine |
+//! | [`solver`] | [`SparseFactor`]: analyse, factorise, probe, precondition |
 //! | [`error`] | what can be wrong with the input, and with the matrix |
 
 pub mod error;
@@ -21,7 +21,7 @@ mod factor;
 mod graph;
 mod krylov;
 mod ordering;
-pub mod pattern;
+mod pattern;
 mod precision;
 mod rows;
 mod separator;
@@ -30,6 +30,5 @@ mod sweep;
 
 pub use error::{Error, InputError, NumericalError};
 pub use krylov::Iterated;
-pub use pattern::Layout;
 pub use precision::Precision;
-pub use solver::{Kind, SparseFactor};
+pub use solver::SparseFactor;

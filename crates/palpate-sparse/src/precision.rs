@@ -7,7 +7,6 @@ use crate::factor::Factor;
 use crate::krylov::{Cycle, Iterated, iterate};
 use crate::pattern::Pattern;
 use crate::rows::Rows;
-use crate::solver::Kind;
 use crate::sweep::Number;
 
 /// Numbers that a factor is kept in.
@@ -34,20 +33,11 @@ impl Precision {
         }
     }
 
-    /// Refinements of a solution at most; each is worth two digits or more in single precision.
-    pub(crate) fn most_refinements(self) -> usize {
-        match self {
-            Self::Double => 1,
-            Self::Single => 10,
-        }
-    }
-
     /// Largest relative error with which a known solution may come back from a fresh factor.
     ///
     /// It is about the condition number times the rounding unit, so these admit condition numbers
     /// up to about 10¹¹ and 10⁵; a body that is not held comes back with errors of order 1.
-    #[must_use]
-    pub fn largest_probe_error(self) -> f64 {
+    pub(crate) fn largest_probe_error(self) -> f64 {
         match self {
             Self::Double => 1e-5,
             Self::Single => 1e-2,
@@ -59,10 +49,10 @@ impl FromStr for Precision {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self, Error> {
-        [Self::Double, Self::Single].into_iter().find(|p| p.name() == name).ok_or_else(|| {
-            let (name, choices) = (name.to_owned(), "double or single");
-            InputError::Unknown { what: "precision", name, choices }.into()
-        })
+        [Self::Double, Self::Single]
+            .into_iter()
+            .find(|p| p.name() == name)
+            .ok_or_else(|| InputError::UnknownPrecision { name: name.to_owned() }.into())
     }
 }
 
@@ -73,15 +63,11 @@ pub(crate) enum Numbers {
 }
 
 impl Numbers {
-    pub(crate) fn analyse(
-        pattern: &Pattern,
-        kind: Kind,
-        precision: Precision,
-    ) -> Result<Self, Error> {
+    pub(crate) fn analyse(pattern: &Pattern, precision: Precision) -> Result<Self, InputError> {
         Ok(match precision {
-            Precision::Double => Self::Double(Factor::analyse(pattern, kind)?),
+            Precision::Double => Self::Double(Factor::analyse(pattern)?),
             Precision::Single => {
-                let factor = Factor::analyse(pattern, kind)?;
+                let factor = Factor::analyse(pattern)?;
                 Self::Single { factor, scales: vec![1.0; pattern.n()] }
             }
         })
@@ -102,7 +88,11 @@ impl Numbers {
         }
     }
 
-    pub(crate) fn factorise(&mut self, pattern: &Pattern, values: &[f64]) -> Result<(), Error> {
+    pub(crate) fn factorise(
+        &mut self,
+        pattern: &Pattern,
+        values: &[f64],
+    ) -> Result<(), InputError> {
         match self {
             Self::Double(factor) => factor.factorise(pattern, values),
             Self::Single { factor, scales } => {
@@ -112,37 +102,24 @@ impl Numbers {
         }
     }
 
-    /// Replaces every column of `rhs` (n, k), row after row, by its solution.
-    pub(crate) fn solve(&self, pattern: &Pattern, rhs: &mut [f64]) -> Result<(), Error> {
-        let k = rhs.len() / pattern.n();
-        for column in 0..k {
-            let one: Vec<f64> = rhs.iter().skip(column).step_by(k).copied().collect();
-            self.apply(pattern, &one, |i, x| rhs[i * k + column] = x)?;
-        }
-        Ok(())
-    }
-
-    /// Solves for one right-hand side; `write(unknown, value)` takes the solution.
-    pub(crate) fn apply(
-        &self,
-        pattern: &Pattern,
-        rhs: &[f64],
-        mut write: impl FnMut(usize, f64),
-    ) -> Result<(), Error> {
+    /// The solution for one right-hand side.
+    pub(crate) fn apply(&self, rhs: &[f64]) -> Vec<f64> {
+        let mut solution = vec![0.0; rhs.len()];
         match self {
             Self::Double(factor) => {
                 let mut work = vec![0.0; factor.n_work()];
-                factor.apply(pattern, &mut work, |i| rhs[i], write)
+                factor.apply(&mut work, |i| rhs[i], |i, x| solution[i] = x);
             }
             Self::Single { factor, scales } => {
                 let mut work = vec![0.0; factor.n_work()];
                 let size = power_of_two(rhs.iter().fold(0.0, |most: f64, v| most.max(v.abs())));
                 let read = |i: usize| f32::rounded(rhs[i] * scales[i] / size);
-                factor.apply(pattern, &mut work, read, |i, x| {
-                    write(i, f64::from(x) * scales[i] * size);
-                })
+                factor.apply(&mut work, read, |i, x| {
+                    solution[i] = f64::from(x) * scales[i] * size;
+                });
             }
         }
+        solution
     }
 }
 
@@ -153,21 +130,19 @@ impl Numbers {
     /// Solves with another matrix, of these `data`, by GMRES with this factor as preconditioner.
     pub(crate) fn iterate(
         &self,
-        (pattern, rows): (&Pattern, &Rows),
+        rows: &Rows,
         data: &[f64],
         rhs: &[f64],
         tolerance: f64,
         most_steps: usize,
-    ) -> Result<Iterated, Error> {
-        let exact = rows.gather(data);
+    ) -> Iterated {
         match self {
             Self::Double(factor) => {
                 let mut work = vec![0.0; factor.n_work()];
-                let precondition = |v: &[f64], z: &mut [f64]| {
-                    factor.apply(pattern, &mut work, |i| v[i], |i, x| z[i] = x)
-                };
-                let mut cycle = Cycle { rows, values: &exact, precondition };
-                iterate(rows, &exact, rhs, tolerance, most_steps, 0.0, |r, target, steps| {
+                let precondition =
+                    |v: &[f64], z: &mut [f64]| factor.apply(&mut work, |i| v[i], |i, x| z[i] = x);
+                let mut cycle = Cycle { rows, values: data, precondition };
+                iterate(rows, data, rhs, tolerance, most_steps, 0.0, |r, target, steps| {
                     cycle.run(r, target, steps)
                 })
             }
@@ -175,21 +150,20 @@ impl Numbers {
                 // In single precision, numbers far from 1 could overflow.
                 let size = power_of_two(data.iter().fold(0.0, |most: f64, v| most.max(v.abs())));
                 let shrink = 1.0 / size;
-                let values: Vec<f32> = exact.iter().map(|v| f32::rounded(v * shrink)).collect();
+                let values: Vec<f32> = data.iter().map(|v| f32::rounded(v * shrink)).collect();
                 let mut work = vec![0.0; factor.n_work()];
                 let (before, after): (Vec<f32>, Vec<f32>) =
                     scales.iter().map(|s| (f32::rounded(s * size), f32::rounded(*s))).unzip();
                 let precondition = |v: &[f32], z: &mut [f32]| {
-                    let read = |i: usize| v[i] * before[i];
-                    factor.apply(pattern, &mut work, read, |i, x| z[i] = x * after[i])
+                    factor.apply(&mut work, |i| v[i] * before[i], |i, x| z[i] = x * after[i]);
                 };
                 let mut cycle = Cycle { rows, values: &values, precondition };
-                iterate(rows, &exact, rhs, tolerance, most_steps, LEAST, |r, target, steps| {
-                    let (mut x, n_steps) = cycle.run(r, target, steps)?;
+                iterate(rows, data, rhs, tolerance, most_steps, LEAST, |r, target, steps| {
+                    let (mut x, n_steps) = cycle.run(r, target, steps);
                     for x in &mut x {
                         *x /= size;
                     }
-                    Ok((x, n_steps))
+                    (x, n_steps)
                 })
             }
         }

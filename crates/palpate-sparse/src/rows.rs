@@ -1,39 +1,32 @@
-//! The whole matrix by rows, for products with it.
+//! The whole matrix by compressed rows, for products with it.
 #![expect(
     clippy::inline_always,
     reason = "only what is inlined into a dispatch is compiled for the processor at hand"
 )]
 
-use std::borrow::Cow;
+use std::ops::Range;
 
 use pulp::Arch;
 
-use crate::graph::narrow;
+use crate::error::InputError;
 use crate::sweep::Number;
 
 /// Rows that share their columns are multiplied together.
 const PANEL: usize = 3;
 
-/// Every entry of a square matrix by rows, whatever the caller's layout.
-#[derive(Debug)]
+/// Every entry of a square matrix, in the order of the caller's data.
 pub(crate) struct Rows {
     starts: Vec<usize>,
     columns: Vec<u32>,
-    /// Place of every value in the caller's data; `None` where they are in this order already.
-    places: Option<Vec<u32>>,
     /// Rows from here on that have the same columns: 3, or 1.
     panels: Vec<(usize, usize)>,
 }
 
 impl Rows {
-    /// Takes entries (row, column, place) in any order.
-    pub(crate) fn new(n: usize, entries: impl Iterator<Item = (usize, usize, usize)>) -> Self {
-        let mut sorted: Vec<(usize, usize, usize)> = entries.collect();
-        sorted.sort_unstable();
-        let starts: Vec<usize> = (0..=n).map(|row| sorted.partition_point(|e| e.0 < row)).collect();
-        let columns: Vec<u32> = sorted.iter().map(|e| narrow(e.1)).collect();
-        let in_order = sorted.iter().enumerate().all(|(k, e)| k == e.2);
-        let places = (!in_order).then(|| sorted.iter().map(|e| narrow(e.2)).collect());
+    pub(crate) fn new(indptr: &[i32], indices: &[i32]) -> Result<Self, InputError> {
+        let starts = pointers(indptr, indices.len())?;
+        let n = starts.len() - 1;
+        let columns = columns(&starts, indices)?;
         let of = |row: usize| &columns[starts[row]..starts[row + 1]];
         let mut panels = Vec::new();
         let mut row = 0;
@@ -43,22 +36,38 @@ impl Rows {
             panels.push((row, height));
             row += height;
         }
-        Self { starts, columns, places, panels }
+        Ok(Self { starts, columns, panels })
     }
 
-    /// Values in the order of the rows.
-    pub(crate) fn gather<'a>(&self, data: &'a [f64]) -> Cow<'a, [f64]> {
-        match &self.places {
-            None => Cow::Borrowed(data),
-            Some(places) => places.iter().map(|&place| data[place as usize]).collect(),
-        }
+    pub(crate) fn n(&self) -> usize {
+        self.starts.len() - 1
     }
 
-    /// A x, with values from [`Self::gather`].
+    pub(crate) fn n_data(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Places of a row.
+    pub(crate) fn range(&self, row: usize) -> Range<usize> {
+        self.starts[row]..self.starts[row + 1]
+    }
+
+    /// Column of an entry.
+    pub(crate) fn column(&self, place: usize) -> usize {
+        self.columns[place] as usize
+    }
+
+    /// Place of an entry, if there is one.
+    pub(crate) fn place(&self, row: usize, column: usize) -> Option<usize> {
+        let found = self.columns[self.range(row)].binary_search_by_key(&column, |&c| c as usize);
+        found.ok().map(|k| self.starts[row] + k)
+    }
+
+    /// A x.
     pub(crate) fn multiply<T: Number>(&self, values: &[T], x: &[T], out: &mut [T]) {
         Arch::new().dispatch(|| {
             for &(row, height) in &self.panels {
-                let range = self.starts[row]..self.starts[row + 1];
+                let range = self.range(row);
                 let (columns, values) = (&self.columns[range.clone()], &values[range.start..]);
                 let out = &mut out[row..row + height];
                 if height == PANEL {
@@ -93,4 +102,40 @@ fn one<T: Number>(columns: &[u32], values: &[T], x: &[T]) -> T {
         sum += *a * x[column as usize];
     }
     sum
+}
+
+/// The pointers, checked to delimit `n_indices` indices.
+fn pointers(indptr: &[i32], n_indices: usize) -> Result<Vec<usize>, InputError> {
+    if indptr.len() < 2 {
+        return Err(InputError::NoRows { length: indptr.len() });
+    }
+    let mut starts = Vec::with_capacity(indptr.len());
+    let mut least = 0;
+    for (index, &value) in indptr.iter().enumerate() {
+        let most = if index == 0 { 0 } else { n_indices };
+        least = if index + 1 == indptr.len() { n_indices } else { least };
+        let start = usize::try_from(value)
+            .ok()
+            .filter(|start| (least..=most).contains(start))
+            .ok_or(InputError::Pointer { index, value, n_indices })?;
+        starts.push(start);
+        least = start;
+    }
+    Ok(starts)
+}
+
+/// The columns, checked to lie in the matrix and to rise within a row.
+fn columns(starts: &[usize], indices: &[i32]) -> Result<Vec<u32>, InputError> {
+    let n = starts.len() - 1;
+    let column = |(index, &value): (usize, &i32)| {
+        let inside = u32::try_from(value).ok().filter(|&column| (column as usize) < n);
+        inside.ok_or(InputError::Index { index, value, n })
+    };
+    let columns: Vec<u32> = indices.iter().enumerate().map(column).collect::<Result<_, _>>()?;
+    for (row, range) in starts.windows(2).map(|pair| pair[0]..pair[1]).enumerate() {
+        if let Some(k) = columns[range.clone()].windows(2).position(|pair| pair[0] >= pair[1]) {
+            return Err(InputError::Unsorted { row, index: range.start + k + 1 });
+        }
+    }
+    Ok(columns)
 }

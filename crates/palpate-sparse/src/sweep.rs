@@ -75,7 +75,8 @@ const LANES: usize = 16;
 
 /// The way through a supernodal factor P A Pᵀ = L B Lᵀ.
 ///
-/// L is kept by faer: of every supernode a dense block of columns, its own rows first.
+/// L, with a diagonal of ones, is kept by faer: of every supernode a dense block of columns, its own
+/// rows first.
 #[derive(Debug)]
 pub(crate) struct Sweep<T> {
     supernodes: Vec<Supernode>,
@@ -83,8 +84,6 @@ pub(crate) struct Sweep<T> {
     rows: Vec<u32>,
     /// Unknown at every place.
     order: Vec<u32>,
-    /// Reciprocal of the diagonal of L.
-    pivots: Vec<T>,
     /// Diagonal of B⁻¹, and what it has beside the diagonal, by the first of two rows.
     diagonal: Vec<T>,
     beside: Vec<T>,
@@ -118,36 +117,20 @@ impl<T: Number> Sweep<T> {
         }
         let height = |s: &Supernode| s.columns.len() + s.rows.len();
         let tallest = supernodes.iter().map(height).max().unwrap_or(0);
-        let ones = vec![T::ONE; n];
-        let (pivots, diagonal, beside) = (ones.clone(), ones, vec![T::default(); n]);
-        Self { supernodes, rows, order: Vec::new(), pivots, diagonal, beside, tallest }
+        let (diagonal, beside) = (vec![T::ONE; n], vec![T::default(); n]);
+        Self { supernodes, rows, order: Vec::new(), diagonal, beside, tallest }
     }
 
     /// Numbers in a workspace of [`Self::apply`].
     pub(crate) fn n_work(&self) -> usize {
-        self.pivots.len() + self.tallest
-    }
-
-    /// Takes the order of elimination as it is: L has a diagonal, and there is no B.
-    ///
-    /// What faer leaves above the diagonal is cleared.
-    pub(crate) fn without_pivoting(&mut self, order: &[u32], values: &mut [T]) {
-        self.order = order.to_vec();
-        for node in &self.supernodes {
-            let height = node.columns.len() + node.rows.len();
-            let block = &mut values[node.values.clone()];
-            for (j, column) in node.columns.clone().enumerate() {
-                block[j * height..j * height + j].fill(T::default());
-                self.pivots[column] = T::ONE / block[j * height + j];
-            }
-        }
+        self.diagonal.len() + self.tallest
     }
 
     /// Takes pivots inside supernodes, which move rows, and the block diagonal B.
     ///
     /// `pattern` has the rows of L as the analysis knew them; `moved` and `places` say which row
     /// is now at a place, and where a row now is.
-    pub(crate) fn with_pivoting(
+    pub(crate) fn take_pivots(
         &mut self,
         order: &[u32],
         symbolic: &SymbolicSupernodalCholesky<u32>,
@@ -193,7 +176,7 @@ impl<T: Number> Sweep<T> {
         read: impl Fn(usize) -> T,
         mut write: impl FnMut(usize, T),
     ) {
-        let (x, work) = work.split_at_mut(self.pivots.len());
+        let (x, work) = work.split_at_mut(self.diagonal.len());
         for (x, &unknown) in x.iter_mut().zip(&self.order) {
             *x = read(unknown as usize);
         }
@@ -225,7 +208,7 @@ impl<T: Number> WithSimd for Passes<'_, T> {
             work[..n].copy_from_slice(&x[node.columns.clone()]);
             work[n..].fill(T::default());
             let block = Block { values: &values[node.values.clone()], height: work.len() };
-            block.down(&sweep.pivots[node.columns.clone()], work);
+            block.down(n, work);
             for (&row, change) in rows.iter().zip(&work[n..]) {
                 x[row as usize] += *change;
             }
@@ -244,7 +227,7 @@ impl<T: Number> WithSimd for Passes<'_, T> {
                 *below = x[row as usize];
             }
             let block = Block { values: &values[node.values.clone()], height: work.len() };
-            block.up(&sweep.pivots[node.columns.clone()], work);
+            block.up(n, work);
             x[node.columns.clone()].copy_from_slice(&work[..n]);
         }
     }
@@ -267,7 +250,7 @@ fn block_diagonal<T: Number>(diagonal: &[T], beside: &[T], x: &mut [T]) {
     }
 }
 
-/// Columns of a supernode: its own rows first, zero above the diagonal, then those below.
+/// Columns of a supernode: its own rows first, zero above a diagonal of ones, then those below.
 #[derive(Clone, Copy)]
 struct Block<'a, T> {
     values: &'a [T],
@@ -277,25 +260,23 @@ struct Block<'a, T> {
 impl<'a, T: Number> Block<'a, T> {
     /// Solves L₁₁ y = x, where x are the own rows of `work`, and takes L₂₁ y from the others.
     #[inline(always)]
-    fn down(self, pivots: &[T], work: &mut [T]) {
-        let n = pivots.len();
+    fn down(self, n: usize, work: &mut [T]) {
         let mut j = 0;
         while j + WIDTH <= n {
-            self.eliminate::<WIDTH>(j, pivots, work);
+            self.eliminate::<WIDTH>(j, work);
             j += WIDTH;
         }
-        (j..n).for_each(|j| self.eliminate::<1>(j, pivots, work));
+        (j..n).for_each(|j| self.eliminate::<1>(j, work));
     }
 
     /// Solves L₁₁ᵀ y = x − L₂₁ᵀ z, where x are the own rows of `work` and z the others.
     #[inline(always)]
-    fn up(self, pivots: &[T], work: &mut [T]) {
-        let n = pivots.len();
+    fn up(self, n: usize, work: &mut [T]) {
         let mut j = n / WIDTH * WIDTH;
-        (j..n).rev().for_each(|j| self.substitute::<1>(j, pivots, work));
+        (j..n).rev().for_each(|j| self.substitute::<1>(j, work));
         while j > 0 {
             j -= WIDTH;
-            self.substitute::<WIDTH>(j, pivots, work);
+            self.substitute::<WIDTH>(j, work);
         }
     }
 
@@ -318,7 +299,7 @@ impl<'a, T: Number> Block<'a, T> {
     }
 
     #[inline(always)]
-    fn eliminate<const N: usize>(self, j: usize, pivots: &[T], work: &mut [T]) {
+    fn eliminate<const N: usize>(self, j: usize, work: &mut [T]) {
         let columns = self.columns::<N>(j);
         let mut own = [T::default(); N];
         for c in 0..N {
@@ -326,7 +307,7 @@ impl<'a, T: Number> Block<'a, T> {
             for b in 0..c {
                 value -= columns[b][j + c] * own[b];
             }
-            own[c] = value * pivots[j + c];
+            own[c] = value;
         }
         let first = self.aligned(j + N);
         subtract(columns, own, &mut work[first..], first);
@@ -334,7 +315,7 @@ impl<'a, T: Number> Block<'a, T> {
     }
 
     #[inline(always)]
-    fn substitute<const N: usize>(self, j: usize, pivots: &[T], work: &mut [T]) {
+    fn substitute<const N: usize>(self, j: usize, work: &mut [T]) {
         let columns = self.columns::<N>(j);
         let mut own = [T::default(); N];
         own.copy_from_slice(&work[j..j + N]);
@@ -347,7 +328,7 @@ impl<'a, T: Number> Block<'a, T> {
             for b in c + 1..N {
                 value -= columns[c][j + b] * own[b];
             }
-            own[c] = value * pivots[j + c];
+            own[c] = value;
         }
         work[j..j + N].copy_from_slice(&own);
     }

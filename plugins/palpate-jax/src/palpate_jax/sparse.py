@@ -181,4 +181,4 @@ class LinearSolver:
 
 
 def _factor(pattern: Pattern, precision: Literal["single", "double"]) -> SparseFactor:
-    return SparseFactor(pattern.indptr, pattern.indices, kind="ldlt", layout="csr", precision=precision)
+    return SparseFactor(pattern.indptr, pattern.indices, precision=precision)
