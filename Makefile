@@ -32,10 +32,12 @@ test: lint $(VENV)/installed ## every check: lint, types, Rust and Python tests
 chaos: $(VENV)/installed ## kill runs 200 times at random and at every write, and count what was lost
 	OMP_NUM_THREADS=1 $(BIN)/python tests/chaos/kills.py --random 200 --workers 20
 
-lint: $(VENV)/installed ## ruff, mypy --strict, clippy pedantic, rustfmt
+lint: $(VENV)/installed ## ruff, mypy --strict, dead code, clippy pedantic, rustfmt
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/vulture python plugins
+	$(BIN)/python tests/unused_exports.py
 	cargo fmt --check
 	cargo clippy --workspace --all-targets --release -- -D warnings
 

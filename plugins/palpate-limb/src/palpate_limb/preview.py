@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 SKIN, SPHERE = (0.87, 0.71, 0.60), (0.35, 0.45, 0.60)
 BONE = (0.93, 0.91, 0.84)
 REGIONS = ("#c98276", "#e8c39e", "#d9a5a0", "#b7c4a1", "#9fb6c8")
-PIXELS_PER_MM = 6.0
 
 
 def draw(made: ScannedLimb, path: Path, indenter_radius_mm: float) -> None:
