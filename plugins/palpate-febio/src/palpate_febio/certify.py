@@ -115,7 +115,8 @@ def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any,
     judged = list(asked) or own
     if unasked := [name for name in others if name not in judged]:
         missing.append(f"not judged: {', '.join(unasked)}; name each with --solver")
-    wanted = own if set(judged) & set(others) else [name for name in own if name in judged]
+    is_other = any(not _is_own(plugins.solvers[name]) for name in judged)
+    wanted = own if is_other else [name for name in own if name in judged]
     makers = {
         name: _maker(plugins.solvers[name])
         for name in (*wanted, *(name for name in judged if name not in wanted))
