@@ -4,7 +4,7 @@ import importlib.metadata
 import importlib.util
 import keyword
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -85,7 +85,7 @@ KITS: Mapping[str, Kit] = MappingProxyType(
 """Kinds of plugin that can be made, by the word on the command line."""
 
 
-def new_plugin(kind: str, name: str, into: Path, plugins: Plugins) -> Path:
+def new_plugin(kind: str, name: str, into: Path, plugins: Plugins, commands: Collection[str] = ()) -> Path:
     """Write a plugin of one working component, its tests and its README.
 
     Parameters
@@ -98,6 +98,8 @@ def new_plugin(kind: str, name: str, into: Path, plugins: Plugins) -> Path:
         Where the directory ``palpate-<name>`` is made.
     plugins : Plugins
         Whose names are taken.
+    commands : collection of str
+        Names of commands, which are taken too.
 
     Returns
     -------
@@ -112,7 +114,7 @@ def new_plugin(kind: str, name: str, into: Path, plugins: Plugins) -> Path:
     if kind not in KITS:
         known = ", ".join(KITS)
         raise PluginError(f"no plugin of kind '{kind}' can be made{suggestion(kind, KITS)} (known: {known})")
-    _check_free(kind, name, plugins)
+    _check_free(kind, name, plugins, commands)
     folder = into / _distribution(name)
     if folder.exists():
         raise PluginError(f"{folder}: exists; choose another name, or another folder with --into")
@@ -130,15 +132,20 @@ def _distribution(name: str) -> str:
     return f"palpate-{name.replace('_', '-')}"
 
 
-def _check_free(kind: str, name: str, plugins: Plugins) -> None:
+def _shown(kind: str, name: str) -> str:
+    """Name that a user writes: those of commands and studies have hyphens."""
+    return name.replace("_", "-") if kind in ("command", "study") else name
+
+
+def _check_free(kind: str, name: str, plugins: Plugins, commands: Collection[str]) -> None:
     """Refuse a name that Python cannot use, or that palpate or an installed plugin has."""
     if not _is_allowed(name):
         raise PluginError(
             f"plugin name '{name}': give a Python identifier in lower case that is no keyword, such as "
             f"{_repaired(name)}"
         )
-    catalogue = plugins.catalogue(KITS[kind].catalogue) if KITS[kind].catalogue else {}
-    if name in catalogue:
+    catalogue = KITS[kind].catalogue
+    if _shown(kind, name) in (plugins.catalogue(catalogue) if catalogue else commands):
         raise PluginError(f"{KITS[kind].noun} '{name}' is already provided; choose another name")
     for point in importlib.metadata.entry_points(group=GROUP):
         if point.name == name:
@@ -172,7 +179,7 @@ def _files(kind: str, name: str) -> dict[str, str]:
     import jinja2
 
     kit, package = KITS[kind], f"palpate_{name}"
-    shown = name.replace("_", "-") if kind in ("command", "study") else name
+    shown = _shown(kind, name)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("palpate", "plugin_templates"),
         undefined=jinja2.StrictUndefined,
@@ -181,6 +188,7 @@ def _files(kind: str, name: str) -> dict[str, str]:
     )
     words = {
         "name": name,
+        "shown": shown,
         "title": name.replace("_", " ").capitalize(),
         "cls": _class(name),
         "constant": name.upper(),

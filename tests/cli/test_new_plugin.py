@@ -56,6 +56,11 @@ def test_their_own_settings_find_their_code(made: dict[str, Path]) -> None:
     assert "1 passed" in done.stdout
 
 
+def test_a_readme_names_what_a_user_writes(made: dict[str, Path]) -> None:
+    assert "palpate plugins studies my-study\n" in (made["study"] / "README.md").read_text()
+    assert "palpate my-command STUDY" in (made["command"] / "README.md").read_text()
+
+
 def test_their_code_is_typed(made: dict[str, Path]) -> None:
     root = Path(__file__).parents[2]
     packages = [str(path / "src") for path in made.values()]
@@ -126,6 +131,9 @@ def test_the_command_tells_what_it_wrote_and_what_to_do_next(call: Call, tmp_pat
         ("loader", "curve", "hide palpate's own Curve; choose another name, such as my_curve"),
         ("material", "../x", "such as x"),
         ("material", "yeoh", "material 'yeoh' is already provided; choose another"),
+        ("study", "forearm_demo", "study 'forearm_demo' is already provided; choose another"),
+        ("command", "run", "command 'run' is already provided; choose another"),
+        ("command", "febio_deck", "command 'febio_deck' is already provided; choose another"),
         ("limb", "materials", "plugin name 'materials' is taken by distribution palpate-materials"),
         ("limb", "palpate", "choose another name"),
     ],

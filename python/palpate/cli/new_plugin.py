@@ -1,5 +1,6 @@
 """``palpate new-plugin``: a directory to start a plugin from."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated
 
@@ -31,7 +32,7 @@ def new_plugin(
     from palpate import plugin_kit
 
     session = Session.of(context)
-    folder = plugin_kit.new_plugin(kind, name, into, session.plugins)
+    folder = plugin_kit.new_plugin(kind, name, into, session.plugins, _commands(session))
     files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     if as_json:
         session.json({"kind": kind, "name": name, "folder": str(folder), "files": files})
@@ -40,3 +41,13 @@ def new_plugin(
     for file in files:
         session.say(f"  {file}")
     session.note(f"next: cd {folder} && pytest")
+
+
+def _commands(session: Session) -> Collection[str]:
+    from typer.main import get_group
+
+    from palpate.cli.app import build_app
+
+    app = build_app()
+    session.plugins.commands(app)
+    return get_group(app).commands
