@@ -3,7 +3,7 @@
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -268,7 +268,7 @@ def _parse(path: Path) -> tuple[str, dict[str, Any]]:
 
 
 def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
-    header, sampling, solving, selection = tables.study, tables.sampling, tables.solver, tables.selection
+    header, sampling, selection = tables.study, tables.sampling, tables.selection
     parts = build_components(context, tables)
     spots = build_spots(context, tables, need_measured)
     protocol = build_protocol(context, tables.protocol) if tables.protocol else None
@@ -276,12 +276,11 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     measured = {spot.spot.name: spot.measured.keys() for spot in spots}
     scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
     truth = build_truth(context, tables, space)
-    running = tables.executor or ExecutorTable()
-    _check_together(context, tables, parts, space, running)
+    _check_together(context, tables, parts, space)
     if parts.solver and selection:
         check_solver_channels(context, parts.solver, selection, scenarios)
     context.problems.raise_if_any()
-    return Study(
+    study = Study(
         name=settled(header).name,
         description=settled(header).description,
         file=context.file,
@@ -306,21 +305,27 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         refine=settled(selection).refine,
         rays=settled(selection).rays,
         truth=truth,
-        n_workers=settled(solving).n_workers,
-        time_limit_s=settled(solving).time_limit,
+        n_workers=settled(tables.solver).n_workers,
+        time_limit_s=settled(tables.solver).time_limit,
         plugin_files=context.plugins.files,
-        executor=parts.executor,
-        memory_limit_MB=running.memory_limit or 0.0,
-        n_attempts=running.attempts,
         unscaled=frozenset(n for n, channel in context.plugins.channels.items() if channel.degree == 0),
         one_frame=tables.limb is not None and tables.limb.one_frame,
-        cache=context.file.parent / running.cache if running.cache else None,
+    )
+    return _with_executor(study, parts.executor, tables.executor or ExecutorTable())
+
+
+def _with_executor(study: Study, executor: Executor | None, table: ExecutorTable) -> Study:
+    """Add where the simulations run, and within which limits."""
+    return replace(
+        study,
+        executor=executor,
+        memory_limit_MB=table.memory_limit or 0.0,
+        n_attempts=table.attempts,
+        cache=study.folder / table.cache if table.cache else None,
     )
 
 
-def _check_together(
-    context: Context, tables: Tables, parts: Components, space: ParameterSpace, running: ExecutorTable
-) -> None:
+def _check_together(context: Context, tables: Tables, parts: Components, space: ParameterSpace) -> None:
     """Note what each table allows by itself and another forbids."""
     n_simulations = len(tables.spot) * (tables.sampling.n_sets if tables.sampling else 0)
     if n_simulations > MOST_SIMULATIONS:
@@ -333,4 +338,4 @@ def _check_together(
     if parts.solver:
         check_solver_needs(context, parts.solver, tables)
     if parts.executor:
-        check_limits(context, parts.executor, running)
+        check_limits(context, parts.executor, tables.executor or ExecutorTable())

@@ -494,18 +494,3 @@ def test_the_common_mistakes_are_one_plain_line(
 ) -> None:
     (found,) = messages(tmp_path, plugins, TEXT.replace(old, new, 1))
     assert found.endswith(message)
-
-
-def test_settings_of_another_loader_are_one_line_that_names_it(tmp_path: Path) -> None:
-    columns = """
-[experiment.settings.channels]
-time = "t"
-position = { columns = ["x", "y", "z"] }
-orientation = { columns = ["qx", "qy", "qz", "qw"] }
-force = { columns = ["fx", "fy", "fz"] }
-moment = { columns = ["mx", "my", "mz"] }
-"""
-    plugins = Plugins.load([TOY / "toy_plugin.py"])
-    text = TEXT.replace('"lines"', '"csv"').replace("[region.rubber]", f"{columns}[region.rubber]", 1)
-    (found,) = messages(tmp_path, plugins, text)
-    assert "these are settings of 'robot_log', not of 'csv'; name 'robot_log', or change them" in found

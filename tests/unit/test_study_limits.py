@@ -138,3 +138,19 @@ def test_a_byte_order_mark_is_skipped(tmp_path: Path, plugins: Plugins) -> None:
     (tmp_path / "study.toml").write_text(text.replace("= 20", "= 1"), encoding="utf-8", newline="")
     with pytest.raises(StudyError, match=r"study\.toml:\d+: sampling\.n_sets: 1: must be greater"):
         read_study(tmp_path, plugins)
+
+
+def test_settings_of_another_loader_are_one_line_that_names_it(tmp_path: Path) -> None:
+    columns = """
+[experiment.settings.channels]
+time = "t"
+position = { columns = ["x", "y", "z"] }
+orientation = { columns = ["qx", "qy", "qz", "qw"] }
+force = { columns = ["fx", "fy", "fz"] }
+moment = { columns = ["mx", "my", "mz"] }
+"""
+    plugins = Plugins.load([TOY / "toy_plugin.py"])
+    text = TEXT.replace('"lines"', '"csv"').replace("[region.rubber]", f"{columns}[region.rubber]", 1)
+    found = refused(tmp_path, plugins, text)
+    assert found.endswith("these are settings of 'robot_log', not of 'csv'; name 'robot_log', or change them")
+    assert "\n" not in found

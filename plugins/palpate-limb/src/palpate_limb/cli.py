@@ -11,7 +11,7 @@ from palpate.cli.session import Session
 from palpate_limb import cli_options as options
 
 if TYPE_CHECKING:
-    from palpate_limb.from_scan import ScanPlan
+    from palpate_limb.from_scan import BonePlaces, ScanPlan
     from palpate_limb.volume import MeshPlan
 
 DEFAULT_SIZE = 0.28
@@ -44,7 +44,7 @@ def scan(
     as_json: AsJson = False,
 ) -> None:
     """Mesh the limb around every ink mark of a coloured scan."""
-    from palpate_limb.from_scan import BonePlaces, ScanPlan, limbs_of, read_scan
+    from palpate_limb.from_scan import BonePlaces, ScanPlan
 
     session = Session.of(context)
     radius_mm = options.length_mm("--radius", radius)
@@ -61,20 +61,27 @@ def scan(
         n_smoothing=smoothing,
     )
     places = BonePlaces(motion=motion, landmarks=landmarks, reference=reference)
+    notes = _meshed(session, file, bones or [], plan, places, out)
+    _show(session, notes, plan, out, as_json=as_json)
+
+
+def _meshed(
+    session: Session, file: Path, bones: list[Path], plan: "ScanPlan", places: "BonePlaces", out: Path
+) -> list[dict[str, Any]]:
+    """Write the limb of every spot; returns their notes."""
+    from palpate_limb.from_scan import limbs_of, read_scan
+
     notes = []
     with StageProgress(session, keeps=False) as progress:
         progress.begin("read the scan", 1)
-        read = read_scan(file, bones or [], plan, places)
+        read = read_scan(file, bones, plan, places)
         progress.step()
         progress.begin("mesh the spots", len(read.spots))
         out.mkdir(parents=True, exist_ok=True)
         for made in limbs_of(read, plan):
             notes.append(_written(read, made, plan, out))
             progress.step(made.found.spot.name)
-    if as_json:
-        session.json(notes)
-    else:
-        _tell(session, notes, plan, out)
+    return notes
 
 
 def _mesh_plan(
@@ -106,9 +113,14 @@ def _written(read: Any, made: Any, plan: "ScanPlan", out: Path) -> dict[str, Any
     return content
 
 
-def _tell(session: Session, notes: list[dict[str, Any]], plan: "ScanPlan", out: Path) -> None:
+def _show(
+    session: Session, notes: list[dict[str, Any]], plan: "ScanPlan", out: Path, *, as_json: bool
+) -> None:
     from palpate_limb.limb_files import study_tables
 
+    if as_json:
+        session.json(notes)
+        return
     columns = ["spot", "nodes", "edge mm", "shape", "volume", "± mm", "± deg", "force", "torque"]
     rows = [
         [
