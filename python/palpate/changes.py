@@ -87,9 +87,7 @@ def changed(
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Change]:
     """Differences of two manifests, key by key, in the order of the later one."""
     # What they say shows key by key, and what they compute as a component.
-    plugin_files = before.get("plugin_files")
-    files = [before.get("study_file"), *(plugin_files if isinstance(plugin_files, list) else [])]
-    shown = {Path(str(file)).name for file in files}
+    shown = {Path(file).name for file in (before["study_file"], *before["plugin_files"])}
     old, new = _flat(_plain(before, shown)), _flat(_plain(after, shown))
     return [
         Change(key=key, before=old.get(key), after=new.get(key))
@@ -101,8 +99,7 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Cha
 def _plain(manifest: Mapping[str, Any], shown: Collection[str]) -> dict[str, Any]:
     kept = {key: value for key, value in manifest.items() if key not in _ABOUT_NOTHING}
     plain: dict[str, Any] = json.loads(json.dumps(kept))
-    if isinstance(inputs := plain.get("inputs"), dict):
-        plain["inputs"] = {k: str(v)[:_DIGITS] for k, v in inputs.items() if Path(k).name not in shown}
+    plain["inputs"] = {k: v[:_DIGITS] for k, v in plain["inputs"].items() if Path(k).name not in shown}
     return plain
 
 

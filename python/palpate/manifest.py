@@ -175,12 +175,13 @@ def checked_manifest(content: object) -> dict[str, Any]:
     for key, kind in _TYPES.items():
         if not isinstance(content.get(key), kind):
             raise ValueError(f"'{key}' is missing or of another type")
-    texts = (*content["plugin_files"], *content["fingerprints"].values())
+    texts = (*content["plugin_files"], *content["fingerprints"].values(), *content["inputs"].values())
     if not all(isinstance(text, str) for text in texts):
-        raise ValueError("a plugin file or a fingerprint is not text")
-    for weights in content["scenarios"].values():
-        if not isinstance(weights, dict) or not all(isinstance(w, int | float) for w in weights.values()):
-            raise ValueError("the weights of a scenario are not numbers")
+        raise ValueError("a plugin file, a fingerprint or a hash is not text")
+    for key, kinds in (("scenarios", (int, float)), ("trusted", (list,))):
+        for table in content[key].values():
+            if not isinstance(table, dict) or not all(isinstance(each, kinds) for each in table.values()):
+                raise ValueError(f"'{key}' holds something of another type")
     Normaliser(str(content.get("normaliser")))
     PointWeights(str(content.get("point_weights")))
     return content

@@ -91,7 +91,7 @@ class Watcher:
     def _score(
         self, run: RunDirectory, manifest: Mapping[str, Any], ledger: Ledger, rows: pl.DataFrame
     ) -> None:
-        states = [Status.OK.value, *([Status.DIVERGED.value] if manifest.get("rank_partial") else [])]
+        states = [Status.OK.value, *([Status.DIVERGED.value] if manifest["rank_partial"] else [])]
         new = rows.filter(pl.col("state").is_in(states), ~pl.col("key").is_in(list(self._scored)))
         if new.is_empty():
             return
@@ -125,7 +125,7 @@ def _scored(
         normaliser=Normaliser(manifest["normaliser"]),
         minimum_coverage=manifest["minimum_coverage"],
         weights=PointWeights(manifest["point_weights"]),
-        rank_partial=manifest.get("rank_partial", False),
+        rank_partial=manifest["rank_partial"],
     )
 
 

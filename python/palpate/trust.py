@@ -54,7 +54,7 @@ def trusting(study: Study, manifest: Mapping[str, Any], names: Collection[str] =
         The study has no such component, or the run directory no results of it.
     """
     now = {name: text for name, text in fingerprints(study).items() if name.startswith(IN_KEYS)}
-    earlier, accepted = _table(manifest.get("fingerprints")), _accepted(manifest)
+    earlier, accepted = manifest.get("fingerprints", {}), manifest.get("trusted", {})
     for name in names:
         if name not in now:
             raise StudyError(
@@ -74,23 +74,12 @@ def trusting(study: Study, manifest: Mapping[str, Any], names: Collection[str] =
 
 def recorded(study: Study, manifest: Mapping[str, Any]) -> dict[str, dict[str, list[str]]]:
     """What the next manifest says under ``trusted``: by component, origin of results → accepted code."""
-    now, record = fingerprints(study), _accepted(manifest)
+    now = fingerprints(study)
+    record = {name: dict(origins) for name, origins in manifest.get("trusted", {}).items()}
     for name, origin in study.trusted.items():
         of_name = record.setdefault(name, {})
         of_name[origin] = list(dict.fromkeys([*of_name.get(origin, []), now[name]]))
     return record
-
-
-def _accepted(manifest: Mapping[str, Any]) -> dict[str, dict[str, list[str]]]:
-    """What the manifest says under ``trusted``, without what palpate never wrote."""
-    return {
-        name: {origin: others for origin, others in _table(origins).items() if isinstance(others, list)}
-        for name, origins in _table(manifest.get("trusted")).items()
-    }
-
-
-def _table(value: object) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {}
 
 
 def _origin(accepted: Mapping[str, Collection[str]], fingerprint: str) -> str:

@@ -5,7 +5,9 @@ import json
 import polars as pl
 import pytest
 
+from palpate.errors import StudyError
 from palpate.ledger import Ledger
+from palpate.run_directory import RunDirectory
 
 from .conftest import PLUGIN
 from .test_resume import tables
@@ -153,13 +155,15 @@ def test_a_changed_measured_file_is_reported_though_it_costs_no_simulation(call,
 
 
 @quick
-def test_nonsense_in_the_manifest_is_a_change_and_no_crash(call, study, tmp_path):
+def test_nonsense_in_the_manifest_is_refused(call, study, tmp_path):
     call("run", study)
-    path = tmp_path / "runs" / "toy" / "manifest.json"
-    manifest = json.loads(path.read_text())
-    for nonsense in (3, "x", [1], {"material:spring": 3}, {"material:spring": {"a": 3}}):
-        names = ("fingerprints", "trusted", "inputs", "plugin_files", "study_file")
-        path.write_text(json.dumps(manifest | dict.fromkeys(names, nonsense)))
-        again = call("run", study)
-        assert again.code == 0, again.err
-        assert "20 of 20 finished simulations are still valid" in again.err
+    run = tmp_path / "runs" / "toy"
+    manifest = RunDirectory(run).manifest()
+    for key in ("fingerprints", "trusted", "inputs", "plugin_files", "study_file"):
+        for nonsense in (3, [1], {"material:spring": 3}):
+            (run / "manifest.json").write_text(json.dumps(manifest | {key: nonsense}))
+            with pytest.raises(StudyError, match="damaged"):
+                RunDirectory(run).manifest()
+    again = call("run", study)
+    assert (again.code, again.err.count("\n")) == (2, 1)
+    assert "manifest.json: damaged (" in again.err

@@ -56,15 +56,14 @@ def resume(
 
 def _extended(study: "Study", manifest: dict[str, Any], n_sets: int | None) -> "Study":
     """The study with as many sets as the run has, or more."""
-    n_before = manifest.get("n_total")
-    n_before = n_before if isinstance(n_before, int) else 0
+    n_before = manifest["n_total"]
     if not n_before and n_sets is not None and n_sets <= study.n_sets:
         return study
     return replace(study, n_total=max(n_sets or 0, n_before))
 
 
 def _study_file(run: Path, manifest: dict[str, Any]) -> Path:
-    file = run / str(manifest.get("study_file", "missing"))
+    file = run / manifest["study_file"]
     if not file.is_file():
         raise StudyError(
             f"{file}: the study file of this run is not there any more; name it: "

@@ -47,8 +47,8 @@ def _is_of(run: Path, study: Path) -> bool:
     from palpate.run_directory import RunDirectory
 
     try:
-        return (run / str(RunDirectory(run).manifest()["study_file"])).samefile(study)
-    except (StudyError, KeyError, OSError):
+        return (run / RunDirectory(run).manifest()["study_file"]).samefile(study)
+    except (StudyError, OSError):
         return False
 
 
@@ -97,13 +97,13 @@ def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, 
 
     manifest = RunDirectory(run).manifest()
     found = session_of_run(session, run, plugins_of(run, manifest), trust=trust, command="report")
-    original = run / str(manifest.get("study_file", "study.toml"))
+    original = run / manifest["study_file"]
     return found, read_study(run / "study.toml", found.plugins, copy_of=original)
 
 
 def plugins_of(run: Path, manifest: Mapping[str, Any]) -> list[Path]:
     """Plugin files that the manifest of a run names."""
-    return [run / str(file) for file in manifest.get("plugin_files") or ()]
+    return [run / file for file in manifest["plugin_files"]]
 
 
 def _ask(session: Session, run: Path, files: list[Path], command: str) -> None:
