@@ -232,6 +232,7 @@ def check_sizes(
         name: float(np.abs(curve.ordinate).max())
         for name, curve in response.curves.items()
         if (channels[name].abscissa, channels[name].length_power) in (("depth_mm", 2), ("rotation_deg", 3))
+        and curve.ordinate.any()  # scoring refuses what has no size
     }
     if moduli := young_range(space):
         for name, peak in peaks.items():

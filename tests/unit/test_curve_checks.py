@@ -48,6 +48,11 @@ def read(tmp_path):
     return call
 
 
+def test_a_force_of_zero_is_left_to_scoring(read, monkeypatch):
+    monkeypatch.setattr("palpate.curve_checks.young_range", lambda space: None)
+    read(times(FORCE, 0.0))
+
+
 def times(column, factor):
     def change(table):
         table[:, column] *= factor
