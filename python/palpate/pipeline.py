@@ -124,6 +124,7 @@ def run_study(
                 ledger.copy_to(run_folder)
         run.begin(study, plugins.channels, simulating=True)
         run.write_measured(checked.measured, made_from)
+        run.records.check("measured", measured_from(study))
         run.write_design(checked.design, design_from(study))
         if n_kept := checked.design.n_kept:
             progress.note(f"the design begins with {n_kept} sets of an earlier one with wider ranges")
@@ -295,9 +296,7 @@ def report(
     with run.held(study, plugins.channels):
         study = run.trusting(study)
         checked = _from_run(study, run, progress) if as_run else _from_files(study, run)
-        made = _report(study, run, checked, plugins, progress)
-        _warn_of_missing(study, checked.design, run.scores(), progress)
-        return made
+        return _report(study, run, checked, plugins, progress)
 
 
 def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progress: Progress) -> None:

@@ -4,6 +4,7 @@ Whatever is within them is handled in moments, fits a file name or a double, and
 can be printed and written again.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 
 from palpate.study_lines import Key, dotted
@@ -20,6 +21,10 @@ MOST_NAMED = 100
 MOST_FILES = 1_000
 MOST_WAYPOINTS = 1_000
 MOST_SIMULATIONS = 1_000_000
+
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+"""A character that breaks file names, terminals or UTF-8."""
 
 
 def check_plain(value: object) -> None:
@@ -56,21 +61,13 @@ def _problem(key: Key, value: object) -> str:
     if len(name) > LONGEST_KEY:
         return f"the key '{name[:40]}…' has more than {LONGEST_KEY} characters; shorten it"
     for text in (name, value):
-        if isinstance(text, str) and (strange := _strange(text)):
-            return f"{dotted(key)!r}: {strange} in {text[:40]!r}; remove it"
+        if isinstance(text, str) and (found := _CONTROL.search(text)):
+            code = f"U+{ord(found[0]):04X}"
+            return f"{dotted(key)!r}: the control character {code} in {text[:40]!r}; remove it"
     if isinstance(value, str) and len(value) > LONGEST_TEXT:
         return f"{dotted(key)}: a text of more than {LONGEST_TEXT} characters; shorten it"
     if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
         return f"{dotted(key)}: a whole number beyond ±{LARGEST_INTEGER}; write a smaller one"
-    return ""
-
-
-def _strange(text: str) -> str:
-    """A character that breaks file names, terminals or UTF-8; empty where there is none."""
-    for character in text:
-        code = ord(character)
-        if (code < 32 and character not in "\t\n\r") or 127 <= code < 160 or 0xD800 <= code < 0xE000:
-            return f"the control character U+{code:04X}"
     return ""
 
 

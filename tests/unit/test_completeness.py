@@ -46,7 +46,7 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
     pipeline.score(study, folder, plugins, notes)
     selected = pipeline.select(study, folder, plugins, notes)
     report = pipeline.report(study, folder, plugins, notes)
-    assert len(notes.notes) == 3
+    assert len(notes.notes) == 2
     for note in notes.notes:
         assert note.startswith(f"warning: incomplete sweep, {n_done} of 24 simulations (")
         assert missing in note

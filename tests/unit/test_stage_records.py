@@ -137,9 +137,8 @@ def test_a_measured_file_that_changes_while_the_user_is_asked_is_noticed(make_st
     study, run = make_study(n_sets=4), tmp_path / "run"
     (path,) = study.spots[0].measured[None]
     changed = path.read_text() + "\n"
-    pipeline.run_study(study, run, plugins, confirm=lambda _: path.write_text(changed))
     with pytest.raises(StudyError, match="made from other files of spot 'p1'"):
-        pipeline.report(study, run, plugins)
+        pipeline.run_study(study, run, plugins, confirm=lambda _: path.write_text(changed))
 
 
 def test_an_extended_design_is_one_of_the_same_draws(make_study, plugins, tmp_path):
