@@ -22,7 +22,6 @@ import pluggy
 from palpate import hookspecs
 from palpate.errors import PluginError
 from palpate.fingerprints import CONTENT_HASH, content_hash
-from palpate.plugin_guard import answering_for as answering_for
 from palpate.plugin_guard import guarded
 
 if TYPE_CHECKING:

@@ -25,6 +25,7 @@ from palpate.interfaces import (
     SetFilter,
     Solver,
 )
+from palpate.plugin_guard import answering_for
 from palpate.plugin_registry import (
     HOOKS,
     KINDS,
@@ -33,7 +34,6 @@ from palpate.plugin_registry import (
     Registry,
     add_commands,
     admitted,
-    answering_for,
     load_file,
     suggestion,
 )

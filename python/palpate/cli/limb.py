@@ -1,7 +1,8 @@
 """``palpate limb``: the meshes of a study, read and checked, or made from a scan."""
 
+from collections.abc import Mapping
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
@@ -9,9 +10,6 @@ from palpate.cli.inspect import StageGroup, stage_group
 from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.session import Session
 from palpate.errors import StudyError
-
-if TYPE_CHECKING:
-    from palpate.domain import Limb
 
 
 def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> None:
@@ -26,7 +24,7 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
             f"{study}: neither a study (study.toml) nor a scan ({scans}) that can be meshed; {remedy}"
         )
     limbs = pipeline.check(session.study(study), session.plugins).limbs
-    rows: list[dict[str, object]] = [
+    rows: list[dict[str, Any]] = [
         {
             "spot": spot,
             "n_nodes": limb.mesh.n_nodes,
@@ -40,22 +38,16 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
         session.json(rows)
     elif rows:
         cells = [
-            [
-                spot,
-                str(limb.mesh.n_nodes),
-                str(limb.mesh.n_cells),
-                ", ".join(sorted(limb.mesh.used_regions)),
-                _sizes(limb),
-            ]
-            for spot, limb in limbs.items()
+            [row["spot"], str(row["n_nodes"]), str(row["n_cells"]), ", ".join(row["regions"]), _sizes(row)]
+            for row in rows
         ]
         session.table("Limbs", ["spot", "nodes", "cells", "regions", "node sets"], cells)
     else:
-        session.say("No limb: the study's solver makes homogeneous tests.")
+        session.say("No limb: the study's solver takes no mesh.")
 
 
-def _sizes(limb: "Limb") -> str:
-    return ", ".join(f"{name} {nodes.size}" for name, nodes in limb.mesh.node_sets.items())
+def _sizes(row: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {size}" for name, size in row["node_sets"].items())
 
 
 SCAN = "scan"

@@ -63,7 +63,7 @@ def _extended(study: "Study", manifest: dict[str, Any], n_sets: int | None) -> "
 
 
 def _study_file(run: Path, manifest: dict[str, Any]) -> Path:
-    file = run / manifest["study_file"]
+    file = run.joinpath(manifest["study_file"])
     if not file.is_file():
         raise StudyError(
             f"{file}: the study file of this run is not there any more; name it: "

@@ -47,7 +47,7 @@ def _is_of(run: Path, study: Path) -> bool:
     from palpate.run_directory import RunDirectory
 
     try:
-        return (run / RunDirectory(run).manifest()["study_file"]).samefile(study)
+        return run.joinpath(RunDirectory(run).manifest()["study_file"]).samefile(study)
     except (StudyError, OSError):
         return False
 
@@ -97,7 +97,7 @@ def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, 
 
     manifest = RunDirectory(run).manifest()
     found = session_of_run(session, run, plugins_of(run, manifest), trust=trust, command="report")
-    original = run / manifest["study_file"]
+    original = run.joinpath(manifest["study_file"])
     return found, read_study(run / "study.toml", found.plugins, copy_of=original)
 
 

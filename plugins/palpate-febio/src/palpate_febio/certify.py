@@ -12,7 +12,8 @@ import typer
 from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 from palpate.errors import PalpateError, PluginError, StudyError
-from palpate.plugin_registry import FIRST_PARTY, answering_for
+from palpate.plugin_registry import FIRST_PARTY
+from palpate.plugins import answering_for
 
 if TYPE_CHECKING:
     from palpate.domain import Limb
