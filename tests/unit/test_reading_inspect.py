@@ -220,6 +220,12 @@ def test_curves_that_are_processed_already_are_for_the_loader_csv(
     assert list(curves) == list(settings.get("channels", ("force", "torque")))
 
 
+def test_a_log_with_a_column_of_depth_stays_a_log(tmp_path: Path) -> None:
+    table = write.press(30)
+    write.write_text(tmp_path / "log.csv", table | {"depth_mm": np.linspace(0.0, 5.0, 30)})
+    assert 'loader = "robot_log"' in inspect_log(tmp_path / "log.csv").study_text
+
+
 @pytest.mark.parametrize(
     ("header", "settings"),
     [

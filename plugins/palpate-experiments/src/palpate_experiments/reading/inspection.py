@@ -40,9 +40,10 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
         The file cannot be read at all. What is merely wrong in it is among the findings.
     """
     log = read_log(path, request or Request())
-    if processed := processed_curves.study_text(log):
-        return _of_curves(path, log, processed)
     proposal = propose(log)
+    # A force of three components is a sensor's, whatever the log has of depth beside it.
+    if "force" not in proposal.guesses and (processed := processed_curves.study_text(log)):
+        return _of_curves(path, log, processed)
     clocks = {stream.name: _clock(stream, proposal) for stream in log.streams}
     problem, reads = _try(log, proposal)
     findings = [

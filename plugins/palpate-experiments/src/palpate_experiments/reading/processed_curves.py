@@ -48,7 +48,6 @@ def study_text(log: RawLog) -> str:
     columns = [column for stream in log.streams for column in stream.columns.values()]
     found = {channel: _pair(columns, roles) for channel, roles in _ROLES.items()}
     curves = {channel: pair for channel, pair in found.items() if pair is not None}
-    # A log has a force of three components over a pose; a processed force is over a depth.
     if "force" not in curves:
         return _homogeneous(columns, Path(log.source).name)
     lines = ["[experiment]", 'loader = "csv"']
