@@ -171,23 +171,21 @@ def allow_only(folders: Sequence[Path], scratch: Path) -> None:
     scratch : Path
         Only what is inside may be written, or removed.
     """
-    sys.addaudithook(_guard(_readable_places(folders), os.path.realpath(scratch)))
+    libraries = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")]
+    sys.addaudithook(_guard(_readable_places(folders), libraries, os.path.realpath(scratch)))
 
 
 def _readable_places(folders: Sequence[Path]) -> tuple[str, ...]:
     """Return the file's folders, and where Python and its packages are imported from."""
-    places = {
-        *(str(folder.resolve()) for folder in folders),
-        sys.prefix,
-        sys.base_prefix,
-        *sysconfig.get_paths().values(),
-    }
+    places = {*map(str, folders), sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()}
     places |= {path for path in sys.path if path}
     real = {os.path.realpath(place) for place in places}
     return (*sorted(real), "/proc/self", "/sys/fs/cgroup", "/dev/null")
 
 
-def _guard(places: tuple[str, ...], scratch: str) -> Callable[[str, tuple[Any, ...]], None]:
+def _guard(
+    places: Sequence[str], libraries: Sequence[str], scratch: str
+) -> Callable[[str, tuple[Any, ...]], None]:
     write = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
     def guard(event: str, arguments: tuple[Any, ...]) -> None:
@@ -203,12 +201,21 @@ def _guard(places: tuple[str, ...], scratch: str) -> Callable[[str, tuple[Any, .
                 return
             if isinstance(flags, int) and flags & write:
                 raise NotAllowedError(f"reading a file writes no file, such as {os.fsdecode(path)}")
-            if not _is_in(path, places):
+            if not (_is_in(path, places) or _is_installed(path, libraries)):
                 raise NotAllowedError(f"{os.fsdecode(path)} lies outside of the file's folder")
 
     return guard
 
 
-def _is_in(path: str | bytes, places: tuple[str, ...]) -> bool:
-    real = os.path.realpath(os.fsdecode(path))
-    return any(real == place or real.startswith(place + os.sep) for place in places)
+def _is_installed(path: str | bytes, libraries: Sequence[str]) -> bool:
+    """Whether a file is among the packages by its name: some installers put links to a cache there."""
+    name = os.fsdecode(path)
+    return ".." not in Path(name).parts and _is_below(os.path.abspath(name), libraries)
+
+
+def _is_in(path: str | bytes, places: Sequence[str]) -> bool:
+    return _is_below(os.path.realpath(os.fsdecode(path)), places)
+
+
+def _is_below(path: str, places: Sequence[str]) -> bool:
+    return any(path == place or path.startswith(place + os.sep) for place in places)

@@ -1,6 +1,7 @@
 """A mesh file never has files of other folders read, nor entities expanded."""
 
 import base64
+import os
 import re
 import subprocess
 import sys
@@ -194,3 +195,17 @@ def test_what_is_read_in_a_process_of_its_own_is_what_meshio_reads(tmp_path: Pat
         assert [kind for kind, _ in there.blocks] == ["tetra"]
         for name, blocks in here.cell_data.items():
             np.testing.assert_array_equal(there.cell_data[name], blocks)
+
+
+def test_a_package_that_is_a_link_to_a_cache_is_imported(tmp_path: Path) -> None:
+    libraries, data, cache = (tmp_path / name for name in ("libraries", "data", "cache"))
+    for folder in (libraries, data, cache):
+        folder.mkdir()
+    (cache / "it.py").touch()
+    for folder in (libraries, data):
+        (folder / "it.py").symlink_to(cache / "it.py")
+    guard = sandbox._guard([str(libraries), str(data)], [str(libraries)], str(tmp_path / "scratch"))
+    guard("open", (str(libraries / "it.py"), "r", os.O_RDONLY))
+    for outside in (data / "it.py", libraries / ".." / "data" / "it.py", cache / "it.py"):
+        with pytest.raises(sandbox.NotAllowedError):
+            guard("open", (str(outside), "r", os.O_RDONLY))
