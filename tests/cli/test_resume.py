@@ -136,25 +136,25 @@ def test_failures_are_grouped_by_reason_whatever_its_numbers():
 
 def test_more_sets_keep_those_that_are_done(call, study, tmp_path):
     call("run", study)
-    more = call("resume", "runs/toy", "--n", "30", "--json", "--trust-plugins", plugin=None)
+    more = call("resume", "runs/toy", "--sets", "30", "--json", "--trust-plugins", plugin=None)
     assert more.code == 0, more.err
     assert more.json["n_sets"] == 30
     with Ledger(tmp_path / "runs" / "toy") as ledger:
         rows = ledger.frame("simulations")
     assert rows.height == 30
     assert rows["n_attempts"].max() == 1
-    even_more = call("run", study, "--n", "50", "--json", "--out", "other").json
+    even_more = call("run", study, "--sets", "50", "--json", "--out", "other").json
     assert even_more["n_sets"] == 50
     design = pl.read_parquet(tmp_path / "runs" / "toy" / "design.parquet")
     assert design.equals(pl.read_parquet(tmp_path / "other" / "design.parquet").head(30))
     again = call("resume", "runs/toy", "--json", "--trust-plugins", plugin=None).json
     assert again["n_sets"] == 30
-    refused = call("resume", "runs/toy", "--n", "10", "--study", study)
+    refused = call("resume", "runs/toy", "--sets", "10", "--study", study)
     assert refused.code == 0  # a run is never made smaller
 
 
 def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
-    look = call("run", study, "--n", "8", "--json")
+    look = call("run", study, "--sets", "8", "--json")
     assert look.code == 0, look.err
     assert look.json["n_sets"] == 8
     assert call("resume", "runs/toy", "--json", "--trust-plugins", plugin=None).json["n_sets"] == 8
@@ -167,7 +167,8 @@ def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
     assert call("run", study, "--out", "at-once").code == 0
     assert tables(tmp_path / "runs" / "toy") == tables(tmp_path / "at-once")
     assert (
-        call("resume", "runs/toy", "--n", "8", "--json", "--trust-plugins", plugin=None).json["n_sets"] == 20
+        call("resume", "runs/toy", "--sets", "8", "--json", "--trust-plugins", plugin=None).json["n_sets"]
+        == 20
     )
 
 
@@ -260,7 +261,7 @@ def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, tmp_p
     narrow = tables(run)
     assert call("resume", run, "--trust-plugins", plugin=None).code == 0
     assert tables(run) == narrow
-    assert call("resume", run, "--n", "30", "--json").json["n_sets"] == 30
+    assert call("resume", run, "--sets", "30", "--json").json["n_sets"] == 30
     assert pl.read_parquet(run / "design.parquet").head(20).equals(design)
     path.write_text(usual)
     assert call("run", study, "--go-on").code == 0

@@ -117,7 +117,7 @@ def test_stages_after_the_sweep_do_not_forget_whose_results_there_are(call, stud
 def test_results_under_a_trusted_key_are_shared_with_nobody(call, study, tmp_path, plugin):
     path = study / "study.toml"
     path.write_text(path.read_text().replace('name = "in_process"', 'name = "in_process"\ncache = "cache"'))
-    call("run", study, "--n", "10", plugin=plugin())
+    call("run", study, "--sets", "10", plugin=plugin())
     shared = sorted((study / "cache").rglob("*.simulation"))
     assert len(shared) == 10
     assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0

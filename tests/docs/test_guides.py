@@ -86,7 +86,7 @@ def test_the_first_study_goes_through_from_log_to_report(tmp_path, monkeypatch, 
     calls = [line for line in commands_of(guide) if "init" not in line]
     assert len(calls) == 6
     for line in calls:
-        assert call(line.replace("--n 80", "--n 3")) == 0, (line, capsys.readouterr().err)
+        assert call(line.replace("--sets 80", "--sets 3")) == 0, (line, capsys.readouterr().err)
     out = capsys.readouterr().out
     proposed = tomllib.loads(study)["experiment"]["settings"]["channels"]
     for column in (*proposed["position"]["columns"], *proposed["force"]["columns"], proposed["time"]):

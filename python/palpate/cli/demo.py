@@ -1,11 +1,12 @@
 """``palpate demo``: the whole method on a study that palpate carries."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from palpate.cli.options import AsJson, OutFolder
+from palpate.cli.options import AsJson, NumberOfSets, OutFolder
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import data_notice, show_run
 from palpate.cli.session import Session, run_folder
@@ -17,13 +18,15 @@ def demo(
     context: typer.Context,
     study: Annotated[str, typer.Option("--study", help="Name of a ready study; see palpate init.")] = DEMO,
     out: OutFolder = None,
+    n_sets: NumberOfSets = None,
     as_json: AsJson = False,
 ) -> None:
     """Identify the material of a ready study, end to end."""
     from palpate import pipeline
 
     session = Session.of(context)
-    checked = session.study(Path(session.plugins.studies[study].directory) / "study.toml")
+    template = Path(session.plugins.studies[study].directory) / "study.toml"
+    checked = replace(session.study(template), n_total=n_sets or 0)
     folder = run_folder(checked, out)
     session.note(f"{study}: {checked.description}\nNote: {data_notice(checked)}.")
     with StageProgress(session, folder) as progress:

@@ -14,12 +14,12 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "check": ("palpate check arm", "palpate check --schema > study.schema.json"),
         "run": (
             "palpate run arm",
-            "palpate run arm --out /scratch/arm --n 500",
+            "palpate run arm --out /scratch/arm --sets 500",
             "palpate run arm --json > arm.json",
         ),
-        "resume": ("palpate resume runs/arm", "palpate resume runs/arm --n 500 --fork runs/arm-500"),
+        "resume": ("palpate resume runs/arm", "palpate resume runs/arm --sets 500 --fork runs/arm-500"),
         "status": ("palpate status runs/arm", "palpate status runs/arm --watch"),
-        "demo": ("palpate demo", "palpate demo --study treloar"),
+        "demo": ("palpate demo", "palpate demo --sets 4", "palpate demo --study treloar"),
         "plugins": ("palpate plugins", "palpate plugins materials yeoh"),
         "new-plugin": (
             "palpate new-plugin material my_tissue",

@@ -16,7 +16,7 @@ OutFolder: TypeAlias = Annotated[
 NumberOfSets: TypeAlias = Annotated[
     int | None,
     typer.Option(
-        "--n",
+        "--sets",
         min=2,
         max=MOST_SETS,
         help="First sets of the design for a cheap first look, or more sets after those it has.",
