@@ -8,7 +8,7 @@ RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.
 PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test chaos lint format hooks bench bench-core bench-logs bench-ledger bench-solver bench-sparse clean
+.PHONY: help demo test dist chaos lint format hooks bench bench-core bench-logs bench-ledger bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -24,10 +24,17 @@ $(VENV)/installed: $(RUST) $(PYPROJECTS)
 demo: $(VENV)/installed ## identify the material of a simulated forearm, end to end
 	$(BIN)/palpate demo
 
-test: lint $(VENV)/installed ## every check: lint, types, Rust and Python tests
+test: lint dist $(VENV)/installed ## every check: lint, types, Rust and Python tests
 	cargo nextest run --workspace --release || { command -v cargo-nextest >/dev/null && exit 1 || cargo test --workspace --release; }
 	cargo test --workspace --release --doc
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile
+
+# The wheel is not built from the source distribution: cargo would take its files, dated 2006, for unchanged.
+dist: $(VENV)/installed ## wheels and source distributions of every package, in dist/
+	rm -rf dist
+	$(BIN)/maturin sdist --out dist
+	$(BIN)/maturin build --release --locked --out dist
+	set -e; for folder in $(dir $(wildcard plugins/*/pyproject.toml)); do $(BIN)/python -m build --no-isolation --outdir dist $$folder >/dev/null; done
 
 chaos: $(VENV)/installed ## kill runs 200 times at random and at every write, and count what was lost
 	OMP_NUM_THREADS=1 $(BIN)/python tests/chaos/kills.py --random 200 --workers 20
@@ -74,4 +81,4 @@ bench-sparse: $(VENV)/installed ## factors of real tangents beside CHOLMOD's and
 	$(BIN)/python tests/benchmarks/bench_sparse.py
 
 clean: ## remove what the build made
-	rm -rf $(VENV) target runs
+	rm -rf $(VENV) target runs dist
