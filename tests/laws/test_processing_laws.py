@@ -6,13 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from palpate.spot_frame import spot_axes
 from palpate_experiments.processing.alignment import shifted
 from palpate_experiments.processing.chain import process
 from palpate_experiments.processing.drift import Drift, find_drift, without_drift
 from palpate_experiments.processing.gravity import ToolLoad, fit_tool, without_weight
 from palpate_experiments.processing.rotation import turn_and_tilt
 from palpate_experiments.processing.smoothing import smoothed
-from palpate_experiments.processing.spot_frame import spot_axes, wrench_at_spot
+from palpate_experiments.processing.spot_frame import wrench_at_spot
 from palpate_experiments.processing.tare import find_bias, tared
 from palpate_experiments.processing.thinning import thinned
 from palpate_experiments.recording import Recording
@@ -187,7 +188,7 @@ def test_a_moment_is_moved_by_lever_and_force_and_keeps_its_part_along_the_force
     turn = Rotation.from_quat(np.array(bare.quaternion))
     force, moment = turn.apply(np.array(bare.force_N)), turn.apply(np.array(bare.moment_Nmm))
     sensor = bare.position_mm - turn.apply(tip)
-    axes = spot_axes(normal)
+    axes = spot_axes(normal).T
     assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
     assert axes[2] == pytest.approx(normal)

@@ -16,10 +16,11 @@ from palpate.keys import limb_key
 from palpate.limb import load_limbs
 from palpate.simulation import check_jobs
 from palpate.specimens import block
+from palpate.spot_frame import spot_axes
 from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver
 from palpate_jax.body import Body, blocks
-from palpate_jax.model import Model, spot_axes
+from palpate_jax.model import Model
 
 Q = Rotation.from_euler("xyz", [40.0, -70.0, 25.0], degrees=True).as_matrix()
 THETA = {"soft_tissue": np.array([0.02, 0.05])}
@@ -67,7 +68,7 @@ def turned(limb, rotation):
 
 def forces_in_mesh_frame(limb, material, displacements):
     """Nodal forces of the model, which computes in the frame of the spot."""
-    axes = spot_axes(limb)
+    axes = spot_axes(limb.spot.normal)
     body = Model(limb, {"soft_tissue": material}, True).body
     return body.force(displacements @ axes, THETA)[0] @ axes.T
 

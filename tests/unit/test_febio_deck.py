@@ -12,10 +12,11 @@ import pytest
 from palpate.domain import Indentation, Job, Limb, Mesh, Sphere, Spot
 from palpate.errors import MaterialError, MeshError
 from palpate.specimens import block
+from palpate.spot_frame import in_spot_frame
 from palpate_febio.deck import rigid_id
 from palpate_febio.deck_reader import read_deck
 from palpate_febio.settings import FebioSettings
-from palpate_febio.skin import in_spot_frame, skin_faces
+from palpate_febio.skin import skin_faces
 from palpate_febio.solver import FebioSolver
 from palpate_febio.steps import halved, steps_of, up_to_first_turn, with_hold
 from palpate_materials import Demiray, NeoHookean, Ogden, Yeoh
@@ -148,18 +149,6 @@ def test_faces_look_outwards():
         if name == "tri6":
             middles = mesh.points_mm[faces[:, 3:]]
             np.testing.assert_allclose(middles, (corners + np.roll(corners, -1, axis=1)) / 2, atol=1e-12)
-
-
-def test_the_spots_frame_is_a_rotation():
-    for normal in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.3, -0.5, 0.2]):
-        limb = mixed_limb(Spot(name="p", position_mm=[1.0, 2.0, 3.0], normal=normal))
-        before, after = limb.mesh.points_mm, in_spot_frame(limb).points_mm
-        tips = np.array([limb.spot.position_mm, limb.spot.position_mm + limb.spot.normal])
-        turned = in_spot_frame(replace(limb, mesh=replace(limb.mesh, points_mm=tips, cells={}))).points_mm
-        np.testing.assert_allclose(turned, [[0, 0, 0], [0, 0, 1]], atol=1e-15)
-        a, b = (p[1:4] - p[0] for p in (before, after))
-        np.testing.assert_allclose(a @ a.T, b @ b.T, atol=1e-12)
-        assert np.linalg.det(a) * np.linalg.det(b) >= 0.0
 
 
 def test_materials_that_febio_lacks_are_refused():

@@ -1,12 +1,11 @@
-"""The mesh in the frame of its spot, and the faces of it that may be touched."""
+"""The faces of a mesh that the indenter may touch."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, Limb, Mesh
+from palpate.domain import IntArray, Mesh
 from palpate.errors import MeshError
 
 FACES: Mapping[str, tuple[str, int, tuple[tuple[int, ...], ...]]] = MappingProxyType(
@@ -25,22 +24,6 @@ FACES: Mapping[str, tuple[str, int, tuple[tuple[int, ...], ...]]] = MappingProxy
     }
 )
 """FEBio's name of a kind's faces, their corners, and their nodes, counter-clockwise from outside."""
-
-
-def in_spot_frame(limb: Limb) -> Mesh:
-    """The mesh moved so that the spot is the origin and its outward normal +z."""
-    points = limb.mesh.points_mm - limb.spot.position_mm
-    return replace(limb.mesh, points_mm=points @ _axes(limb.spot.normal))
-
-
-def _axes(normal: FloatArray) -> FloatArray:
-    """Axes of the spot's frame as columns (3, 3); the third is the outward normal."""
-    if normal[2] == 1.0:
-        return np.eye(3)
-    x = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    x = x - normal * (normal @ x)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(normal, x), normal], axis=1)
 
 
 def skin_faces(mesh: Mesh) -> dict[str, IntArray]:

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from palpate.domain import Indentation, Job, Limb, Simulation, Status
 from palpate.errors import MeshError, PalpateError, StudyError
 from palpate.interfaces import Material, Solver
+from palpate.spot_frame import in_spot_frame, indentation_response
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
 from palpate_febio.conventions import remembered
@@ -26,11 +27,11 @@ from palpate_febio.gates import check_torque
 from palpate_febio.probe import Fit, run_probe
 from palpate_febio.runner import Ended, Limits, run_program
 from palpate_febio.settings import PAPER_CONTACT, FebioSettings, Rung
-from palpate_febio.skin import in_spot_frame, skin_faces
+from palpate_febio.skin import skin_faces
 from palpate_febio.spelling import expected_convention, written
 from palpate_febio.steps import Steps, halved, steps_of, up_to_first_turn
 from palpate_febio.template import fill_template
-from palpate_febio.verdict import Verdict, as_rows, judge, response_of
+from palpate_febio.verdict import Verdict, as_rows, judge
 
 OPTIONS = ("-noconfig", "-nosplash", "-no_title")
 """Of febio4. Never -silent: it hides what is wrong with a deck."""
@@ -234,10 +235,11 @@ class FebioSolver(Solver):
         rows = last.verdict.rows
         if last.rung.endswith("half_steps"):
             rows = rows[::2]
+        response = indentation_response(*rows.T)
         simulation = Simulation(
             job=job,
             status=last.verdict.status,
-            response=response_of(rows) if last.verdict.status in USABLE else None,
+            response=response if response.curves and last.verdict.status in USABLE else None,
             message=last.verdict.message,
             seconds=time.perf_counter() - started,
             diagnostics={

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Curve, FloatArray, Response, Status, moving_span
+from palpate.domain import FloatArray, Status
+from palpate.spot_frame import SpotWrench
 from palpate_febio.deck import RECORD_DATA
 from palpate_febio.log import LogSummary, read_log
 from palpate_febio.record import Record, RecordError, read_record
@@ -155,21 +156,9 @@ def _matched(record: Record, steps: Steps, radius_mm: float) -> FloatArray:
             f"{np.rad2deg(values[k, 1]):.6g} "
             f"degrees, and was sent to {depth[k]:.6g} mm, {steps.rotation_deg[k]:.6g} degrees"
         )
-    # FEBio prints what moves the indenter: downwards is negative, and a moment about +z is the tool's own.
-    return np.column_stack([depth, steps.rotation_deg[:n], -values[:, 4] + 0.0, values[:, 7]])
-
-
-def response_of(rows: FloatArray) -> Response | None:
-    """The curves over the parts of the path that move; None where nothing moved yet."""
-    curves = {}
-    for channel, abscissa, ordinate in (
-        ("force", rows[:, 0], rows[:, 2]),
-        ("torque", rows[:, 1], rows[:, 3]),
-    ):
-        if len(rows) > 1 and np.ptp(abscissa) > 0.0:
-            span = moving_span(abscissa)
-            curves[channel] = Curve(channel=channel, abscissa=abscissa[span], ordinate=ordinate[span])
-    return Response(curves=curves) if curves else None
+    # FEBio prints the force and moment that move the indenter, the opposite of the tissue's.
+    wrench = SpotWrench(force_N=-values[:, 2:5], moment_Nmm=-values[:, 5:8])
+    return np.column_stack([depth, steps.rotation_deg[:n], wrench.pressing + 0.0, wrench.twisting])
 
 
 def as_rows(rows: FloatArray) -> Mapping[str, Any]:

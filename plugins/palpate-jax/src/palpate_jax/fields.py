@@ -25,11 +25,11 @@ import numpy as np
 from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.interfaces import Material
 from palpate.mechanics import stress
+from palpate.spot_frame import in_spot_frame, spot_axes
 from palpate_jax.body import Block, blocks, points_of_cells
 from palpate_jax.contact import Contact, Points
 from palpate_jax.elements import ELEMENTS
 from palpate_jax.march import Station
-from palpate_jax.model import in_spot_frame, spot_axes
 from palpate_jax.skin import Skin
 
 VTK_KINDS = (("tet4", "tetra"), ("tet10", "tetra10"), ("hex8", "hexahedron"))
@@ -50,7 +50,7 @@ class FieldWriter:
     def __init__(
         self, limb: Limb, materials: Mapping[str, Material], mean_dilatation: bool | Collection[str]
     ) -> None:
-        self._mesh, self._axes = in_spot_frame(limb), spot_axes(limb)
+        self._mesh, self._axes = in_spot_frame(limb), spot_axes(limb.spot.normal)
         self._original = limb.mesh
         self._materials = materials
         self._blocks = blocks(self._mesh, mean_dilatation)

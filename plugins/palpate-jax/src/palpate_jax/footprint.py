@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate.domain import Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError
-from palpate_jax.model import in_spot_frame
+from palpate.spot_frame import in_spot_frame
 from palpate_jax.skin import skins
 
 

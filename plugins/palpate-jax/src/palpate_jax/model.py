@@ -9,23 +9,10 @@ import scipy.sparse as sp
 from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
 from palpate.interfaces import Material
+from palpate.spot_frame import in_spot_frame, spot_axes
 from palpate_jax.body import Body
 from palpate_jax.contact import Answer, Contact, Load, Motion, Pose
 from palpate_jax.sparse import LinearSolver, Pattern
-
-
-def spot_axes(limb: Limb) -> FloatArray:
-    """Axes of the spot's frame as columns (3, 3); the third is the outward normal."""
-    z = limb.spot.normal
-    helper = np.eye(3)[np.argmin(np.abs(z))] if abs(z[0]) > 0.9 else np.array([1.0, 0.0, 0.0])
-    x = helper - z * (z @ helper)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def in_spot_frame(limb: Limb) -> Mesh:
-    """The mesh moved so that the spot is the origin and its outward normal +z."""
-    return replace(limb.mesh, points_mm=(limb.mesh.points_mm - limb.spot.position_mm) @ spot_axes(limb))
 
 
 def _touched_region(mesh: Mesh, body: Body) -> str:
@@ -72,7 +59,7 @@ class Model:
         mean_dilatation: bool | Collection[str],
     ) -> None:
         mesh = in_spot_frame(limb)
-        self.body = Body(mesh, materials, mean_dilatation, spot_axes(limb))
+        self.body = Body(mesh, materials, mean_dilatation, spot_axes(limb.spot.normal))
         self.contact = Contact(mesh)
         self.points = mesh.points_mm
         self.touched_region = _touched_region(mesh, self.body)

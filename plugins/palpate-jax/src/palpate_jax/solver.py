@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from palpate.domain import (
-    Curve,
     FloatArray,
     Indentation,
     Job,
@@ -19,17 +18,17 @@ from palpate.domain import (
     Response,
     Simulation,
     Status,
-    moving_span,
 )
 from palpate.errors import MaterialError, MeshError, StudyError
 from palpate.interfaces import Material, Settings, Solver
 from palpate.mechanics import check_reference_state, initial_moduli
+from palpate.spot_frame import in_spot_frame, indentation_response
 from palpate_jax import __version__
 from palpate_jax.contact import Law
 from palpate_jax.diagnosis import explained
 from palpate_jax.footprint import check_footprint
 from palpate_jax.march import March, Station, Stop, stations
-from palpate_jax.model import Model, in_spot_frame
+from palpate_jax.model import Model
 from palpate_jax.neighbours import Guide, Neighbours
 from palpate_jax.sensitivity import Sensitivity, by_parameter
 from palpate_jax.shapes import shape_of
@@ -364,15 +363,7 @@ def _response(reached: list[Station]) -> Response:
         [(0.0, 0.0, 0.0, 0.0)]
         + [(s.depth_mm, s.rotation_deg, s.answer.force_N[2], s.answer.moment_Nmm[2]) for s in reached]
     )
-    curves = {}
-    for channel, abscissa, ordinate in (
-        ("force", rows[:, 0], rows[:, 2]),
-        ("torque", rows[:, 1], rows[:, 3]),
-    ):
-        if np.ptp(abscissa) > 0.0:
-            span = moving_span(abscissa)
-            curves[channel] = Curve(channel=channel, abscissa=abscissa[span], ordinate=ordinate[span])
-    return Response(curves=curves)
+    return indentation_response(*rows.T)
 
 
 def _diagnostics(reached: list[Station], march: March) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """The piece of limb around a spot, in the spot's frame.
 
-In the spot's frame the spot is the origin, z its outward normal and x the limb's axis as
-far as it is at right angles to z.
+The x axis of the frame (:mod:`palpate.spot_frame`) is the limb's axis, as far as it is tangential.
 """
 
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ import numpy as np
 
 from palpate.domain import FloatArray, Spot
 from palpate.errors import MeshError
+from palpate.spot_frame import spot_axes
 from palpate_limb.surfaces import Surface, solid, surface_of
 
 LEAST_GAP_MM = 0.3
@@ -84,7 +84,7 @@ def cut(
     MeshError
         The limb ends within the segment, a bone touches the skin, leaves it or lies at the spot.
     """
-    motion = spot_frame(spot, axis)
+    motion = to_spot_frame(spot, axis)
     skin, placed = scan.moved(motion), tuple(bone.moved(motion) for bone in bones)
     along = motion[:3, :3] @ axis
     reach = skin.points_mm @ along
@@ -149,7 +149,7 @@ def _in_one(spot: str, body: Any) -> Surface:  # noqa: ANN401 - manifold3d has n
     )
 
 
-def spot_frame(spot: Spot, axis: FloatArray) -> FloatArray:
+def to_spot_frame(spot: Spot, axis: FloatArray) -> FloatArray:
     """Motion (4, 4) to the spot's frame.
 
     Raises
@@ -157,16 +157,13 @@ def spot_frame(spot: Spot, axis: FloatArray) -> FloatArray:
     MeshError
         The normal points along the limb.
     """
-    z = np.asarray(spot.normal)
-    x = axis - (axis @ z) * z
-    if np.linalg.norm(x) < 0.3:
+    if np.linalg.norm(axis - (axis @ spot.normal) * spot.normal) < 0.3:
         raise MeshError(
             f"spot '{spot.name}': its normal points along the limb ({np.round(axis, 3).tolist()}); is it a "
             "mark on an end, or the axis wrong?"
         )
-    x = x / np.linalg.norm(x)
     motion = np.eye(4)
-    motion[:3, :3] = np.stack([x, np.cross(z, x), z])
+    motion[:3, :3] = spot_axes(spot.normal, axis).T
     motion[:3, 3] = -motion[:3, :3] @ spot.position_mm
     return motion
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.domain import Curve, FloatArray, IntArray
+from palpate.spot_frame import SpotWrench
 from palpate_experiments.processing import checks, record
 from palpate_experiments.processing.curves import branch, joined, with_shift_std
 from palpate_experiments.processing.drift import Drift, find_drift, without_drift
@@ -32,7 +33,7 @@ from palpate_experiments.processing.rotation import mean_orientation, unrotated
 from palpate_experiments.processing.settings import ProcessingSettings, Window
 from palpate_experiments.processing.smoothing import Smoothed, smoothed
 from palpate_experiments.processing.spikes import without_spikes
-from palpate_experiments.processing.spot_frame import SpotWrench, unturned, wrench_at_spot
+from palpate_experiments.processing.spot_frame import unturned, wrench_at_spot
 from palpate_experiments.processing.tare import Bias, find_bias, tared
 from palpate_experiments.processing.thinning import thinned
 from palpate_experiments.recording import Recording

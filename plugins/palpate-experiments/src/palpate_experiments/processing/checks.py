@@ -3,13 +3,13 @@
 import numpy as np
 
 from palpate.domain import FloatArray
+from palpate.spot_frame import SpotWrench
 from palpate_experiments.processing.contact import Contact
 from palpate_experiments.processing.motion import Motion
 from palpate_experiments.processing.noise import noise_std
 from palpate_experiments.processing.normal import Normal
 from palpate_experiments.processing.phases import Strokes
 from palpate_experiments.processing.rotation import angle_between_deg, rotated, unrotated
-from palpate_experiments.processing.spot_frame import SpotWrench
 from palpate_experiments.processing.strokes import Stroke
 from palpate_experiments.recording import Recording
 

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 from palpate.domain import Curve, FloatArray, IntArray, Response
+from palpate.spot_frame import SpotWrench
 from palpate_experiments.processing.alignment import Lag
 from palpate_experiments.processing.drift import Drift
 from palpate_experiments.processing.gravity import ToolLoad
@@ -14,7 +15,6 @@ from palpate_experiments.processing.normal import Normal
 from palpate_experiments.processing.onset import Onset
 from palpate_experiments.processing.phases import Phase
 from palpate_experiments.processing.relaxation import Relaxation
-from palpate_experiments.processing.spot_frame import SpotWrench
 from palpate_experiments.processing.tare import Bias
 from palpate_experiments.recording import Recording
 

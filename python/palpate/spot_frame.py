@@ -1,0 +1,82 @@
+"""The frame of a spot, and where the signs of force, rotation and torque are decided.
+
+The spot is the origin and z its outward normal. All three signs hang on z alone:
+
+* force is that of the tissue on the indenter along z: positive in compression;
+* rotation is about z by the right-hand rule: positive is counter-clockwise, seen from outside;
+* torque is the moment of the indenter on the tissue about z: positive with a positive rotation.
+
+The axes x and y are arbitrary: no force along z and no moment about it depends on them.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.domain import Curve, FloatArray, Limb, Mesh, Response, moving_span
+
+
+def spot_axes(normal: FloatArray, along: FloatArray | None = None) -> FloatArray:
+    """Axes of the spot's frame as columns (3, 3): right-handed, the third is the normal.
+
+    Parameters
+    ----------
+    normal : (3,) array
+        Of length 1, outward.
+    along : (3,) array, optional
+        The direction of x, as far as it is tangential; by default the x axis of the mesh, or its
+        axis that is nearest to tangential where the normal is close to x.
+    """
+    if along is None:
+        along = np.eye(3)[np.argmin(np.abs(normal)) if abs(normal[0]) > 0.9 else 0]
+    x = along - normal * (normal @ along)
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(normal, x), normal], axis=1)
+
+
+def in_spot_frame(limb: Limb) -> Mesh:
+    """The mesh in the frame of its spot; vectors in its ``cell_fields`` keep the limb's frame."""
+    points = (limb.mesh.points_mm - limb.spot.position_mm) @ spot_axes(limb.spot.normal)
+    return replace(limb.mesh, points_mm=points)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpotWrench:
+    """What the tissue does to the indenter, in the frame of the spot: arrays (n, 3).
+
+    Parameters
+    ----------
+    force_N : (n, 3) array
+    moment_Nmm : (n, 3) array
+        About a point of the z axis.
+    """
+
+    force_N: FloatArray
+    moment_Nmm: FloatArray
+
+    @property
+    def pressing(self) -> FloatArray:
+        """Force [N] (n,), positive in compression."""
+        force: FloatArray = self.force_N[:, 2]
+        return force
+
+    @property
+    def twisting(self) -> FloatArray:
+        """Torque [N·mm] (n,) of the indenter on the tissue about the outward normal."""
+        torque: FloatArray = -self.moment_Nmm[:, 2]
+        return torque
+
+
+def indentation_response(
+    depth_mm: FloatArray, rotation_deg: FloatArray, force_N: FloatArray, torque_Nmm: FloatArray
+) -> Response:
+    """Curves of force over depth and torque over rotation (n,), over the parts of the path that move."""
+    curves = {}
+    for channel, abscissa, ordinate in (
+        ("force", depth_mm, force_N),
+        ("torque", rotation_deg, torque_Nmm),
+    ):
+        if len(abscissa) > 1 and np.ptp(abscissa) > 0.0:
+            span = moving_span(abscissa)
+            curves[channel] = Curve(channel=channel, abscissa=abscissa[span], ordinate=ordinate[span])
+    return Response(curves=curves)
