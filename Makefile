@@ -53,8 +53,8 @@ format: $(VENV)/installed ## rewrite the sources in the project's format
 	$(BIN)/ruff format .
 	cargo fmt
 
-hooks: $(VENV)/installed ## write the reference of hooks into plugins/README.md anew
-	$(BIN)/python -m palpate.hook_reference plugins/README.md
+hooks: $(VENV)/installed ## write the reference of hooks into plugins/README.md
+	$(BIN)/python docs/site/hook_reference.py plugins/README.md
 
 bench: $(VENV)/installed ## timings, each beside a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py

@@ -4,10 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
+from hook_reference import BEGIN, END, main, reference, written
 
 from palpate import testing
 from palpate.errors import PluginError
-from palpate.hook_reference import BEGIN, END, main, reference, written
 from palpate.plugin_kit import KITS
 from palpate.plugins import HOOKS, Plugins
 

@@ -1,6 +1,6 @@
 """The reference of hooks in ``plugins/README.md``, from the hooks and interfaces themselves.
 
-``python -m palpate.hook_reference plugins/README.md`` writes it anew between its two marks.
+``python docs/site/hook_reference.py plugins/README.md`` writes it between its two marks.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from palpate.interfaces import Component
 from palpate.plugin_kit import KITS
 from palpate.plugin_registry import KINDS
 
-BEGIN = "<!-- hooks: written by python -m palpate.hook_reference -->"
+BEGIN = "<!-- hooks: written by make hooks -->"
 END = "<!-- end of hooks -->"
 
 CONTRACTS: Mapping[str, str] = MappingProxyType(
