@@ -8,7 +8,7 @@ RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.
 PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test dist chaos lint format hooks bench bench-core bench-logs bench-ledger bench-solver bench-sparse clean
+.PHONY: help demo test dist docs chaos lint format hooks bench bench-core bench-logs bench-ledger bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -35,6 +35,10 @@ dist: $(VENV)/installed ## wheels and source distributions of every package, in 
 	$(BIN)/maturin sdist --out dist
 	$(BIN)/maturin build --release --locked --out dist
 	set -e; for folder in $(dir $(wildcard plugins/*/pyproject.toml)); do $(BIN)/python -m build --no-isolation --outdir dist $$folder >/dev/null; done
+
+docs: $(VENV)/installed ## the site in target/docs, with a gallery of studies that are run here
+	$(BIN)/python docs/site/gallery.py
+	$(BIN)/mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
 
 chaos: $(VENV)/installed ## kill runs 200 times at random and at every write, and count what was lost
 	OMP_NUM_THREADS=1 $(BIN)/python tests/chaos/kills.py --random 200 --workers 20

@@ -1,9 +1,7 @@
 """Contract tests that a plugin's own suite inherits.
 
 Subclass the contract of what you provide, override its fixtures, and pytest
-runs the laws that palpate relies on:
-
-.. code-block:: python
+runs the laws that palpate relies on::
 
     from palpate.testing import MaterialContract
 

@@ -1,0 +1,111 @@
+"""Pages of the site, as hooks of MkDocs: the repository's Markdown in its places, and what is made from code.
+
+Links between pages are those of the repository; a link to another file copies that file into the site.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gallery
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+from pygments.formatters.html import HtmlFormatter
+
+import palpate
+import palpate.testing
+from palpate.glossary import Glossary, Term
+
+ROOT = Path(__file__).parents[2]
+LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)([^)#\s]+)")
+GUIDE = re.compile(r"^\| \[[^\]]+\]\((docs/[^)]+\.md)\)", flags=re.MULTILINE)
+
+
+def texts() -> tuple[str, ...]:
+    """Paths of the repository's Markdown that the site shows."""
+    folders = ("plugins", "plugins/*", "examples/*")
+    patterns = ("README.md", "C*.md", "docs/*.md", *(f"{folder}/README.md" for folder in folders))
+    return tuple(path.relative_to(ROOT).as_posix() for each in patterns for path in sorted(ROOT.glob(each)))
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """List the pages: guides in the README's order, plugins, reference."""
+    guides = GUIDE.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+    plugins = [path for path in texts() if path.startswith(("plugins/", "examples/"))]
+    reference: list[Any] = [{"Python": "reference/palpate.md"}, {"Contract tests": "reference/testing.md"}]
+    config.nav = [
+        {"palpate": "README.md"},
+        {"Guides": guides},
+        {"Gallery": "gallery.md"},
+        {"Plugins": plugins},
+        {"Reference": [*reference, {"Glossary": "reference/glossary.md"}]},
+        {"Project": ["CHANGELOG.md", "CONTRIBUTING.md"]},
+    ]
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the repository's Markdown, the files that it links to, and the generated pages."""
+    for path in texts():
+        files.append(_copied(path, config))
+    for path in sorted({target for page in texts() for target in _linked_files(page)}):
+        files.append(_copied(path, config))
+    made = {
+        "reference/palpate.md": api(palpate),
+        "reference/testing.md": api(palpate.testing),
+        "reference/glossary.md": glossary(Glossary.load()),
+        "gallery.md": gallery.page(),
+        "pygments.css": HtmlFormatter().get_style_defs(".highlight"),
+    }
+    for path, content in made.items():
+        files.append(File.generated(config, path, content=content))
+    for name, file in gallery.figures():
+        files.append(File.generated(config, name, abs_src_path=str(file)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Point links to folders at their README."""
+    folder = (ROOT / page.file.src_uri).parent
+
+    def read_me(match: re.Match[str]) -> str:
+        target = match[1]
+        return f"{target.rstrip('/')}/README.md" if (folder / target).is_dir() else target
+
+    return LINK.sub(read_me, markdown)
+
+
+def api(module: Any) -> str:  # noqa: ANN401 - a module with names in __all__
+    """Describe the public names of a module, from their docstrings."""
+    lines = [f"# {module.__name__}", "", f"::: {module.__name__}", "    options:", "      members: false"]
+    lines += ["      show_root_heading: false", ""]
+    for name in module.__all__:
+        if not name.startswith("_"):
+            lines += [f"::: {module.__name__}.{name}", ""]
+    return "\n".join(lines)
+
+
+def glossary(terms: Glossary) -> str:
+    """Write the terms that ``palpate explain`` knows."""
+    return "# Glossary\n\n`palpate explain TERM` prints these.\n\n" + "\n".join(map(_term, terms.values()))
+
+
+def _term(term: Term) -> str:
+    also = f"\n\nAlso: {', '.join(term.aliases)}." if term.aliases else ""
+    see = f"\n\nSee {', '.join(f'`{each}`' for each in term.see)}." if term.see else ""
+    return f"## {term.name}\n\n{term.text}{also}{see}\n"
+
+
+def _linked_files(page: str) -> Iterator[str]:
+    """Files other than Markdown that a page links to."""
+    folder = (ROOT / page).parent
+    for target in LINK.findall((ROOT / page).read_text(encoding="utf-8")):
+        path = (folder / target).resolve()
+        if path.is_file() and path.suffix != ".md":
+            yield path.relative_to(ROOT).as_posix()
+
+
+def _copied(path: str, config: MkDocsConfig) -> File:
+    return File(path, str(ROOT), config.site_dir, use_directory_urls=False)

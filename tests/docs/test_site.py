@@ -1,0 +1,67 @@
+"""The site is built without a warning and without the network."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import palpate
+from palpate.glossary import Glossary
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    figures = folder / "gallery" / "treloar" / "report" / "figures"
+    tables = folder / "gallery" / "treloar" / "report" / "tables"
+    figures.mkdir(parents=True)
+    tables.mkdir()
+    (figures / "response_specimen.png").write_bytes(b"\x89PNG")
+    for table in ("table1_coefficients.md", "table2_nmse.md"):
+        (tables / table).write_text("Coefficients\n\n| value |\n| --- |\n| 0.18 |\n")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
+    command += ["--config-file", str(ROOT / "docs/site/mkdocs.yml"), "--site-dir", str(folder / "site")]
+    environment = {"PALPATE_GALLERY": str(folder / "gallery"), "NO_COLOR": "1"}
+    with pytest.MonkeyPatch.context() as patch:
+        for key, value in environment.items():
+            patch.setenv(key, value)
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    return folder / "site"
+
+
+def test_every_guide_and_plugin_has_a_page(site: Path) -> None:
+    for path in [*(ROOT / "docs").glob("*.md"), ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]:
+        assert (site / path.relative_to(ROOT)).with_suffix(".html").is_file()
+    for path in ROOT.glob("plugins/*/pyproject.toml"):
+        assert (site / path.relative_to(ROOT)).with_name("index.html").is_file()
+
+
+def test_nothing_is_fetched_from_the_network(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert not re.findall(r"<(?:script|link|img|iframe)\b[^>]*(?:src|href)=\"(?:https?:)?//", text), page
+    for style in site.rglob("*.css"):
+        text = style.read_text(encoding="utf-8")
+        assert not re.findall(r"(?:url\(|@import )['\"]?(?:https?:)?//", text), style
+
+
+def test_the_reference_has_every_public_name_and_every_term(site: Path) -> None:
+    reference = (site / "reference" / "palpate.html").read_text(encoding="utf-8")
+    named = set(re.findall(r'id="palpate\.(\w+)"', reference))
+    assert set(palpate.__all__) - named == {"__version__"}
+    assert not re.findall(r":(?:class|func|meth|mod|data|attr):", reference)
+    terms = (site / "reference" / "glossary.html").read_text(encoding="utf-8")
+    assert all(f">{term}<a" in terms for term in Glossary.load())
+
+
+def test_the_gallery_shows_figures_and_tables_of_runs(site: Path) -> None:
+    gallery = (site / "gallery.html").read_text(encoding="utf-8")
+    assert 'src="gallery/treloar/response_specimen.png"' in gallery
+    assert (site / "gallery" / "treloar" / "response_specimen.png").is_file()
+    assert "<td>0.18</td>" in gallery
+    assert "Not run yet" in gallery
