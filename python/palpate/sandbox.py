@@ -1,221 +1,312 @@
-"""A process of its own for reading a file that somebody else made.
+"""Programs and functions in processes with limits: they cannot hang this process, nor outlive it.
 
-Limits of the operating system bound its memory, time and written files; an audit hook
-refuses to start programs, to reach the network, to unpickle, and to open files
-outside the folder of the file. The hook sees what Python does, not what a C library
-does by itself: there the readers refuse every reference to another file.
+:func:`run_program` runs a program in a folder; :func:`run_function` calls a Python function in a process
+of its own, such as a reader of files that may be damaged.
 """
 
+import contextlib
+import math
 import os
+import pickle
+import signal
 import subprocess
 import sys
-import sysconfig
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import ParamSpec, TypeVar, cast
 
-from palpate.executors.machine import thread_limits
+from palpate.errors import PalpateError, PluginError
 
-_REFUSED = (
-    "subprocess.Popen",
-    "os.system",
-    "os.exec",
-    "os.fork",
-    "os.forkpty",
-    "os.posix_spawn",
-    "os.spawn",
-    "os.startfile",
-    "os.rename",
-    "os.link",
-    "os.symlink",
-    "os.truncate",
-    "pickle.find_class",
-    "marshal.load",
-    "socket.__new__",
-    "socket.connect",
-    "socket.bind",
-    "urllib.Request",
-    "webbrowser.open",
-)
-_REMOVAL = ("os.remove", "os.rmdir", "shutil.rmtree")
+P = ParamSpec("P")
+T = TypeVar("T")
+
+TAIL_CHARACTERS = 32_000
+POLL_S = 0.05
+GRACE_S = 5.0
+"""Between asking a program to end and killing it."""
+
+LARGEST_OUTPUT_BYTES = 1_000_000_000
+
+GUARD = ("/bin/sh", "-c", 'read -r _; kill -9 -"$0"; [ -z "$1" ] || /bin/rm -rf -- "$1"')
+"""Waits for the end of its input, which this process holds open, then kills a group and removes a folder."""
 
 
-_START_S = 60.0
-_PIPE_BYTES = 1 << 20
-
-
-class NotAllowedError(PermissionError):
-    """The file led its reader to something that reading needs not."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Child:
-    """A reading process.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """When a process is stopped.
 
     Parameters
     ----------
-    stdin, stdout : binary streams
-        What it is asked, and what it answers.
+    time_s : float
+    stall_s : float
+        Longest time in which it writes nothing.
+    memory_mb : float
+        Largest address space [MB]; kept on Linux alone.
+    grace_s : float
+        Between asking it to end and killing it.
+    output_bytes : int
+        Most that it may print and write into its folder.
     """
 
-    stdin: IO[bytes]
-    stdout: IO[bytes]
-    _process: "subprocess.Popen[bytes]"
-    _messages: IO[bytes]
-    _late: threading.Event
+    time_s: float
+    stall_s: float = math.inf
+    memory_mb: float = math.inf
+    grace_s: float = GRACE_S
+    output_bytes: int = LARGEST_OUTPUT_BYTES
 
-    def took_too_long(self) -> bool:
-        """Whether it was stopped for the time it took."""
-        return self._late.is_set() or self._code() == -24  # SIGXCPU
 
-    def how_it_ended(self) -> str:
-        """Its last words, or the signal or code that it ended with."""
-        code = self._code()
-        self._messages.seek(0)
-        lines = self._messages.read(65536).decode("utf-8", "replace").strip().splitlines()
-        return f"signal {-code}" if code < 0 else (lines[-1] if lines else f"exit code {code}")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ended:
+    """How a process ended.
 
-    def _code(self) -> int:
-        try:
-            return self._process.wait(timeout=10.0)
-        except subprocess.TimeoutExpired:
-            return 0
+    ``exit_code`` is negative where a signal ended it; ``stopped`` says which limit
+    it exceeded, and is empty where it ended by itself. ``tail`` is the last of what
+    it printed.
+    """
+
+    exit_code: int
+    stopped: str
+    tail: str
+    seconds: float
+
+    def __str__(self) -> str:
+        """Limit, signal, or last line and exit code."""
+        if self.stopped or self.exit_code < 0:
+            return self.stopped or f"ended by signal {-self.exit_code}"
+        last = (self.tail.strip().splitlines() or ["nothing printed"])[-1][:300]
+        return f"exit code {self.exit_code}: {last}"
+
+
+class _Tail:
+    """Drains a pipe, so that its writer never waits, and keeps the end of it."""
+
+    def __init__(self, stream: int) -> None:
+        self.stream = os.dup(stream)  # its own: a grandchild that escaped may hold the pipe for ever
+        self.kept = b""
+        self.n_bytes = 0
+        self.thread = threading.Thread(target=self.drain, daemon=True)
+        self.thread.start()
+
+    def drain(self) -> None:
+        with open(self.stream, "rb", buffering=0) as stream:
+            while chunk := stream.read(65536):
+                self.n_bytes += len(chunk)
+                self.kept = (self.kept + chunk)[-TAIL_CHARACTERS:]
+
+    def text(self) -> str:
+        self.thread.join(1.0)
+        return self.kept.decode("utf-8", "replace")
+
+
+def run_program(
+    command: Sequence[str],
+    folder: Path,
+    limits: Limits,
+    environment: Mapping[str, str] | None = None,
+    *,
+    is_scratch: bool = False,
+    working_directory: Path | None = None,
+) -> Ended:
+    """Run a program in a folder, in a process group of its own and without input.
+
+    Should this process be killed meanwhile, the program is killed too.
+
+    Parameters
+    ----------
+    command : sequence of str
+    folder : Path
+        Growth of the files there counts as progress.
+    limits : Limits
+    environment : mapping, optional
+        Added to this process's own.
+    is_scratch : bool
+        The folder is removed if this process is killed.
+    working_directory : Path, optional
+        The folder when left out.
+
+    Raises
+    ------
+    PluginError
+        The program cannot be started.
+    """
+    started = time.monotonic()
+    with (
+        _started(command, working_directory or folder, environment, limits) as process,
+        _guarded(process.pid, folder if is_scratch else None),
+    ):
+        assert process.stdout is not None
+        tail = _Tail(process.stdout.fileno())
+        stopped = _watched(process, folder, limits, tail)
+        if stopped:
+            end_group(process, limits.grace_s)
+        code = process.wait()
+    return Ended(exit_code=code, stopped=stopped, tail=tail.text(), seconds=time.monotonic() - started)
+
+
+def run_function(limits: Limits, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """Call a function in a process of its own; its ``tempfile.gettempdir()`` is removed afterwards.
+
+    Parameters
+    ----------
+    limits : Limits
+    function : callable
+        At the top level of a module. It, its arguments and what it returns are pickled.
+
+    Raises
+    ------
+    PalpateError, ImportError, MemoryError
+        As the function raises them.
+    ChildProcessError
+        The process ended otherwise, or exceeded a limit other than memory; says how.
+    """
+    with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
+        folder = Path(scratch)
+        (folder / _REQUEST).write_bytes(pickle.dumps((function, args, kwargs)))
+        environment = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)), "TMPDIR": scratch}
+        if math.isfinite(limits.memory_mb):
+            from palpate.executors.machine import thread_limits  # here: it takes long to import
+
+            environment |= thread_limits(1)  # each thread reserves memory
+            del environment["POLARS_MAX_THREADS"]
+        command = [sys.executable, "-P", "-c", f"from {__name__} import _answer; _answer()", scratch]
+        ended = run_program(
+            command, folder, limits, environment, is_scratch=True, working_directory=Path.cwd()
+        )
+        if ended.stopped or ended.exit_code:
+            raise ChildProcessError(str(ended))
+        with (folder / _ANSWER).open("rb") as stream:
+            is_error, answer = pickle.load(stream)
+    if is_error:
+        raise answer
+    return cast("T", answer)
+
+
+_REQUEST, _ANSWER = "request.pickle", "answer.pickle"
+
+
+def _answer() -> None:
+    """Call the function that the request in a folder names."""
+    folder = Path(sys.argv[1])
+    try:
+        function, args, kwargs = pickle.loads((folder / _REQUEST).read_bytes())
+        answer = (False, function(*args, **kwargs))
+    except (PalpateError, ImportError, MemoryError) as error:
+        answer = (True, error)
+    with (folder / _ANSWER).open("wb") as stream:
+        pickle.dump(answer, stream, protocol=pickle.HIGHEST_PROTOCOL)
 
 
 @contextmanager
-def child(module: str, time_s: float, scratch: str) -> Iterator[Child]:
-    """A Python process that runs ``main`` of a module, ended with the block or when its time is up.
-
-    Parameters
-    ----------
-    module : str
-        Its ``main`` calls :func:`limit_resources` and :func:`allow_only` before it opens the file.
-    time_s : float
-    scratch : str
-        Folder for temporary files.
-    """
-    late = threading.Event()
-    with tempfile.TemporaryFile() as messages:
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-c", f"from {module} import main; main()"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=messages,
-            pipesize=_PIPE_BYTES,
-            env={**os.environ, **_environment(), "TMPDIR": scratch},
-        )
-        assert process.stdin is not None
-        assert process.stdout is not None
-
-        def stop() -> None:
-            late.set()
-            process.kill()
-
-        timer = threading.Timer(time_s + _START_S, stop)
-        timer.start()
-        try:
-            yield Child(process.stdin, process.stdout, process, messages, late)
-        finally:
-            timer.cancel()
-            process.kill()
-            process.wait()
-            for stream in (process.stdin, process.stdout):
-                if not stream.closed:
-                    stream.close()
-
-
-def _environment() -> dict[str, str]:
-    search_path = os.pathsep.join(path or os.getcwd() for path in sys.path)
-    one_thread = {key: value for key, value in thread_limits(1).items() if key != "POLARS_MAX_THREADS"}
-    # HDF5 would load filters as shared libraries from wherever the environment says.
-    return {
-        **one_thread,
-        "PYTHONPATH": search_path,
-        "HDF5_PLUGIN_PRELOAD": "::",
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
-
-
-def limit_resources(memory_mb: float, time_s: float, written_mb: float) -> None:
-    """Hold this process to so much memory, time of the processor and size of a written file. Unix only."""
+def _started(
+    command: Sequence[str], folder: Path, environment: Mapping[str, str] | None, limits: Limits
+) -> Iterator[subprocess.Popen[bytes]]:
     try:
+        process = subprocess.Popen(
+            list(command),
+            cwd=folder,
+            env={**os.environ, **(environment or {})},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise PluginError(
+            f"{command[0]}: cannot be started ({error.strerror}); check the setting executable"
+        ) from None
+    try:
+        _limit_memory(process.pid, limits.memory_mb)
+        yield process
+    finally:
+        # Processes that it started and that still hold the pipe would keep running, and be waited for.
+        end_group(process, limits.grace_s if process.poll() is None else 0.0)
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def _limit_memory(pid: int, memory_mb: float) -> None:
+    if sys.platform == "linux" and math.isfinite(memory_mb):
         import resource
-    except ImportError:
+
+        n_bytes = int(memory_mb * 1e6)
+        with contextlib.suppress(OSError):  # it may have ended, or have a lower limit already
+            resource.prlimit(pid, resource.RLIMIT_AS, (n_bytes, n_bytes))
+
+
+@contextmanager
+def _guarded(group: int, scratch: Path | None) -> Iterator[None]:
+    """Have a shell, in a group of its own, kill a process group if this process is killed."""
+    if os.name != "posix":
+        yield
         return
-    n_bytes = int(memory_mb * 1e6)
-    for kind, most in (
-        (resource.RLIMIT_AS, n_bytes),
-        (resource.RLIMIT_CPU, int(time_s * (os.cpu_count() or 1)) + 1),
-        (resource.RLIMIT_FSIZE, int(written_mb * 1e6)),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        _, hard = resource.getrlimit(kind)
-        value = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    guard = subprocess.Popen(
+        [*GUARD, str(group), "" if scratch is None else str(scratch)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        yield
+    finally:
+        guard.kill()  # first, so that the end of its input means nothing any more
+        guard.wait()
+        assert guard.stdin is not None
+        guard.stdin.close()
+
+
+def end_group(process: "subprocess.Popen[bytes]", grace_s: float) -> None:
+    """Ask a process group to end, and kill it where it does not."""
+    if os.name != "posix":
+        process.kill()
+        process.wait()
+        return
+    for sign in (signal.SIGTERM, signal.SIGKILL):
         try:
-            resource.setrlimit(kind, (value, value))
-        except (ValueError, OSError):
-            continue  # some systems know a limit by name and do not let it be set
+            os.killpg(process.pid, sign)
+        except (ProcessLookupError, PermissionError):
+            break
+        try:
+            process.wait(grace_s)
+        except subprocess.TimeoutExpired:
+            continue
+    process.wait()
 
 
-def allow_only(folders: Sequence[Path], scratch: Path) -> None:
-    """From here on refuse what reading a file in ``folders`` needs not. It cannot be undone.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-        Only what is inside may be read, besides what Python itself is made of.
-    scratch : Path
-        Only what is inside may be written, or removed.
-    """
-    libraries = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")]
-    sys.addaudithook(_guard(_readable_places(folders), libraries, os.path.realpath(scratch)))
-
-
-def _readable_places(folders: Sequence[Path]) -> tuple[str, ...]:
-    """Return the file's folders, and where Python and its packages are imported from."""
-    places = {*map(str, folders), sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()}
-    places |= {path for path in sys.path if path}
-    real = {os.path.realpath(place) for place in places}
-    return (*sorted(real), "/proc/self", "/sys/fs/cgroup", "/dev/null")
+def _watched(process: "subprocess.Popen[bytes]", folder: Path, limits: Limits, tail: _Tail) -> str:
+    """Wait for the end; says why it has to be stopped, or nothing when it ended by itself."""
+    started = grown = time.monotonic()
+    size = -1
+    while not _is_over(process):
+        now = time.monotonic()
+        current = tail.n_bytes + _size(folder)
+        if current != size:
+            size, grown = current, now
+        if now - started > limits.time_s:
+            return f"stopped after {limits.time_s:g} s, its time limit"
+        if now - grown > limits.stall_s:
+            return f"stopped: nothing written for {limits.stall_s:g} s"
+        if size > limits.output_bytes:
+            return f"stopped: more than {limits.output_bytes:,} bytes written"
+    return ""
 
 
-def _guard(
-    places: Sequence[str], libraries: Sequence[str], scratch: str
-) -> Callable[[str, tuple[Any, ...]], None]:
-    write = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
-
-    def guard(event: str, arguments: tuple[Any, ...]) -> None:
-        if event in _REFUSED:
-            raise NotAllowedError(f"reading a file needs no {event}")
-        if event in _REMOVAL:
-            # Relative to an open folder: that one was checked when it was opened.
-            if arguments[-1] in (None, -1) and not _is_in(arguments[0], (scratch,)):
-                raise NotAllowedError(f"reading a file removes no file, such as {arguments[0]}")
-        elif event == "open":
-            path, _, flags = arguments
-            if isinstance(path, int) or path is None or _is_in(path, (scratch,)):
-                return
-            if isinstance(flags, int) and flags & write:
-                raise NotAllowedError(f"reading a file writes no file, such as {os.fsdecode(path)}")
-            if not (_is_in(path, places) or _is_installed(path, libraries)):
-                raise NotAllowedError(f"{os.fsdecode(path)} lies outside of the file's folder")
-
-    return guard
+def _is_over(process: "subprocess.Popen[bytes]") -> bool:
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(POLL_S)
+    return process.returncode is not None
 
 
-def _is_installed(path: str | bytes, libraries: Sequence[str]) -> bool:
-    """Whether a file is among the packages by its name: some installers put links to a cache there."""
-    name = os.fsdecode(path)
-    return ".." not in Path(name).parts and _is_below(os.path.abspath(name), libraries)
-
-
-def _is_in(path: str | bytes, places: Sequence[str]) -> bool:
-    return _is_below(os.path.realpath(os.fsdecode(path)), places)
-
-
-def _is_below(path: str, places: Sequence[str]) -> bool:
-    return any(path == place or path.startswith(place + os.sep) for place in places)
+def _size(folder: Path) -> int:
+    total = 0
+    for file in os.scandir(folder):
+        try:
+            total += file.stat().st_size
+        except OSError:
+            continue
+    return total

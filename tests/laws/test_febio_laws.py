@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.domain import Curve, Indentation, Response, Sphere, Status
+from palpate.sandbox import Ended
 from palpate_febio.friction_memory import SCENARIOS, best_multiple
 from palpate_febio.log import GOOD_BANNER
-from palpate_febio.runner import Ended
 from palpate_febio.steps import halved, steps_of, up_to_first_turn
 from palpate_febio.verdict import judge
 

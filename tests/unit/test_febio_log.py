@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.domain import Status
+from palpate.sandbox import Ended
 from palpate_febio.log import BAD_BANNER, GOOD_BANNER, last_reason, read_log
 from palpate_febio.record import RecordError, read_record
-from palpate_febio.runner import Ended
 from palpate_febio.steps import Steps
 from palpate_febio.verdict import judge, response_of
 

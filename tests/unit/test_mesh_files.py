@@ -1,9 +1,7 @@
 """A mesh file never has files of other folders read, nor entities expanded."""
 
 import base64
-import os
 import re
-import subprocess
 import sys
 import tempfile
 import zlib
@@ -19,7 +17,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate import sandbox
 from palpate.domain import Spot
 from palpate.errors import MeshError, PalpateError
 from palpate.limb import check_limb
@@ -166,19 +163,8 @@ def test_a_mesh_that_unpacks_to_more_than_its_memory_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mesh_files, "MOST_MEMORY_MB", 600.0)
-    with pytest.raises(MeshError, match=r"b\.vtu: (reading it needs more than 600 MB|its reader ended)"):
+    with pytest.raises(MeshError, match=r"b\.vtu: reading failed \((too little memory|exit code)"):
         read_mesh_file(bomb(tmp_path / "b.vtu", 700))
-
-
-def test_a_reader_of_meshes_that_dies_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "m.inp").write_text(INP)
-    popen = subprocess.Popen
-    code = "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
-    monkeypatch.setattr(
-        sandbox.subprocess, "Popen", lambda command, **how: popen([sys.executable, "-c", code], **how)
-    )
-    with pytest.raises(MeshError, match=r"m\.inp: its reader ended without an answer \(signal 11\)"):
-        read_mesh_file(tmp_path / "m.inp")
 
 
 def test_what_is_read_in_a_process_of_its_own_is_what_meshio_reads(tmp_path: Path) -> None:
@@ -195,17 +181,3 @@ def test_what_is_read_in_a_process_of_its_own_is_what_meshio_reads(tmp_path: Pat
         assert [kind for kind, _ in there.blocks] == ["tetra"]
         for name, blocks in here.cell_data.items():
             np.testing.assert_array_equal(there.cell_data[name], blocks)
-
-
-def test_a_package_that_is_a_link_to_a_cache_is_imported(tmp_path: Path) -> None:
-    libraries, data, cache = (tmp_path / name for name in ("libraries", "data", "cache"))
-    for folder in (libraries, data, cache):
-        folder.mkdir()
-    (cache / "it.py").touch()
-    for folder in (libraries, data):
-        (folder / "it.py").symlink_to(cache / "it.py")
-    guard = sandbox._guard([str(libraries), str(data)], [str(libraries)], str(tmp_path / "scratch"))
-    guard("open", (str(libraries / "it.py"), "r", os.O_RDONLY))
-    for outside in (data / "it.py", libraries / ".." / "data" / "it.py", cache / "it.py"):
-        with pytest.raises(sandbox.NotAllowedError):
-            guard("open", (str(outside), "r", os.O_RDONLY))

@@ -219,26 +219,6 @@ def test_transforms_are_told_apart_by_their_frames(tmp_path: Path) -> None:
     np.testing.assert_allclose(camera["stamp"].values, 5.0 + 1e-3 * np.arange(30), atol=1e-9)
 
 
-def test_messages_of_either_byte_order_are_read() -> None:
-    from palpate_experiments.reading.ros_messages import LAYOUTS, byte_order, take_apart
-
-    layout = LAYOUTS["geometry_msgs/msg/WrenchStamped"]
-    for flag, order in ((1, "<"), (0, ">")):
-        frame = b"abcd\0"
-        raw = bytes([0, flag, 0, 0]) + np.array([7, 9, len(frame)], f"{order}u4").tobytes() + frame
-        raw += bytes(-(len(raw) - 4) % 8) + np.arange(6, dtype=f"{order}f8").tobytes()
-        assert byte_order(raw, is_ros2=True) == order
-        (message,) = take_apart(raw, layout, order, is_ros2=True)
-        assert message.stamp_ns == 7_000_000_009
-        assert message.frames == ("abcd",)
-        np.testing.assert_array_equal(np.frombuffer(message.doubles, f"{order}f8"), np.arange(6.0))
-        for cut in range(4, len(raw), 3):
-            with pytest.raises(ValueError, match="it ends after"):
-                list(take_apart(raw[:cut], layout, order, is_ros2=True))
-        with pytest.raises(ValueError, match="16 bytes more than its type"):
-            list(take_apart(raw + bytes(16), layout, order, is_ros2=True))
-
-
 # ---------------------------------------------------------------------- damage
 
 
@@ -251,7 +231,7 @@ def test_a_file_that_is_cut_off_is_an_error(tmp_path: Path, kind: str, share: fl
     path = tmp_path / name
     writer(path, write.press())
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    with pytest.raises(CurveError, match=r"damaged|cut off|no variable|needs \d+ bytes"):
+    with pytest.raises(CurveError, match="damaged"):
         read_here(path, Request())
 
 
@@ -263,9 +243,8 @@ def test_a_ros_2_bag_that_is_cut_off_is_an_error(
     write.write_bag2(tmp_path / "log", write.press(), storage=storage)
     (path,) = (tmp_path / "log").glob(f"*.{ending}")
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    why = "it has no end mark" if ending == "mcap" else r"\d+ bytes where \d+ belong"
     for given in (tmp_path / "log", path):
-        with pytest.raises(CurveError, match=f"cut off, {why}"):
+        with pytest.raises(CurveError, match="damaged or cut off"):
             read_here(given, Request())
 
 
@@ -286,7 +265,7 @@ BINARY = {
     "gzip": (b"\x1f\x8b\x08", "compressed by gzip; unpack it first"),
     "pickle": (b"\x80\x05\x95", "is a pickle, which could run code"),
     "spreadsheet": (b"\xd0\xcf\x11\xe0", "save the table as CSV"),
-    "zip of something": (b"PK\x03\x04" + bytes(40), "damaged or cut off"),
+    "zip of something": (b"PK\x03\x04" + bytes(40), "damaged, cut off"),
 }
 
 

@@ -11,7 +11,7 @@ from palpate.errors import CurveError
 from palpate.inspection import Inspection
 from palpate.interfaces import ExperimentLoader
 from palpate_experiments.processing.settings import ProcessingSettings
-from palpate_experiments.reading import ChannelMap, Limits, TextFormat
+from palpate_experiments.reading import ChannelMap, ReadingLimits, TextFormat
 
 if TYPE_CHECKING:
     from palpate_experiments.processing.processed import Processed
@@ -27,7 +27,9 @@ class RobotLogSettings(ProcessingSettings):
     text: TextFormat = Field(
         default_factory=TextFormat, description="Layout of delimited text; guessed where left out."
     )
-    limits: Limits = Field(default_factory=Limits, description="Largest file, memory and time of reading.")
+    limits: ReadingLimits = Field(
+        default_factory=ReadingLimits, description="Largest file, memory and time of reading."
+    )
 
 
 class RobotLogLoader(ExperimentLoader):

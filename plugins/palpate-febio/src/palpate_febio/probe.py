@@ -18,10 +18,10 @@ import numpy as np
 from palpate.domain import FloatArray
 from palpate.errors import MaterialError
 from palpate.interfaces import Material
+from palpate.sandbox import Limits, run_program
 from palpate_febio.deck import DECK_NAME, LOG_NAME, to_bytes
 from palpate_febio.log import read_log
 from palpate_febio.record import RecordError, read_record
-from palpate_febio.runner import Limits, run_program
 from palpate_febio.spelling import DENSITY_T_PER_MM3, Written, written
 
 TOLERANCE = 1e-6

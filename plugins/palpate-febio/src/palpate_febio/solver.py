@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from palpate.domain import Indentation, Job, Limb, Simulation, Status
 from palpate.errors import MeshError, PalpateError, StudyError
 from palpate.interfaces import Material, Solver
+from palpate.sandbox import Ended, Limits, run_program
 from palpate.spot_frame import in_spot_frame, indentation_response
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
@@ -25,7 +26,6 @@ from palpate_febio.conventions import remembered
 from palpate_febio.deck import DECK_NAME, LOG_NAME, RECORD_NAME, Problem, write_deck
 from palpate_febio.gates import check_torque
 from palpate_febio.probe import Fit, run_probe
-from palpate_febio.runner import Ended, Limits, run_program
 from palpate_febio.settings import PAPER_CONTACT, FebioSettings, Rung
 from palpate_febio.skin import skin_faces
 from palpate_febio.spelling import expected_convention, written

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import FloatArray, Status
+from palpate.sandbox import Ended
 from palpate.spot_frame import SpotWrench
 from palpate_febio.deck import RECORD_DATA
 from palpate_febio.log import LogSummary, read_log
 from palpate_febio.record import Record, RecordError, read_record
-from palpate_febio.runner import Ended
 from palpate_febio.steps import Steps
 
 POSITION_TOLERANCE_MM = 1e-4

@@ -7,9 +7,7 @@ not numbers. Here all of that becomes a :class:`~palpate.errors.MeshError` or a 
 
 import contextlib
 import io
-import json
 import re
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import MeshError
-from palpate.sandbox import child
+from palpate.sandbox import Limits, run_function
 
 MOST_BYTES = 1_000_000_000
 MOST_MEMORY_MB = 4_000.0
@@ -64,37 +62,14 @@ def read_mesh_file(path: Path) -> MeshFile:
         raise MeshError(
             f"{path}: larger than {MOST_BYTES / 1e9:g} GB; keep the segment around the spot alone"
         )
-    with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
-        asked = {"path": str(path), "scratch": scratch, "memory_mb": MOST_MEMORY_MB, "time_s": LONGEST_S}
-        with child("palpate_forearm.mesh_child", LONGEST_S, scratch) as process:
-            with contextlib.suppress(BrokenPipeError):
-                process.stdin.write(json.dumps(asked).encode())
-                process.stdin.close()
-            line = process.stdout.readline()
-            if not line.endswith(b"\n"):
-                why = (
-                    f"reading took longer than {LONGEST_S:g} s"
-                    if process.took_too_long()
-                    else f"its reader ended without an answer ({process.how_it_ended()})"
-                )
-                raise MeshError(f"{path}: {why}; the file is damaged or too large, write it again")
-        head = json.loads(line)
-        if "error" in head:
-            raise MeshError(head["error"])
-        return _received(head, Path(scratch) / "mesh.npz")
-
-
-def _received(head: Mapping[str, Any], path: Path) -> MeshFile:
-    with np.load(path, allow_pickle=False) as archive:
-        arrays = [archive[f"arr_{k}"] for k in range(len(archive.files))]
-    return MeshFile(
-        points=arrays[head["points"]],
-        blocks=tuple((kind, arrays[k]) for kind, k in head["blocks"]),
-        point_data={name: arrays[k] for name, k in head["point_data"].items()},
-        cell_data={name: tuple(arrays[k] for k in blocks) for name, blocks in head["cell_data"].items()},
-        point_sets={name: arrays[k] for name, k in head["point_sets"].items()},
-        cell_sets={name: tuple(arrays[k] for k in blocks) for name, blocks in head["cell_sets"].items()},
-    )
+    try:
+        return run_function(Limits(time_s=LONGEST_S, memory_mb=MOST_MEMORY_MB), read_here, path)
+    except (ChildProcessError, MemoryError) as error:
+        how = "too little memory" if isinstance(error, MemoryError) else error
+        raise MeshError(
+            f"{path}: reading failed ({how}); the file is damaged or too large, write it again or use a "
+            "smaller mesh"
+        ) from None
 
 
 def read_here(path: Path) -> MeshFile:

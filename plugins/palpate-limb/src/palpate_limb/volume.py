@@ -12,7 +12,7 @@ from palpate.errors import MeshError
 from palpate.specimens.blocks import with_midpoints
 from palpate_limb.curving import curved
 from palpate_limb.layers import below_skin
-from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, adapt_in_child, mesh_in_child
+from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, run_mesher, run_mmg
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface, solid, surface_of
 
@@ -132,7 +132,7 @@ def _filled(
         sizes_mm=background[2],
         tolerance_mm=plan.tolerance_mm,
     )
-    points, tets = mesh_in_child(plan.mesher, task, plan.time_limit_s)
+    points, tets = run_mesher(plan.mesher, task, plan.time_limit_s)
     if task.nested:
         tets = tets[segment.tissue.contains(points[tets].mean(axis=1))]
     return _largest(points, _positive(points, tets))
@@ -145,7 +145,7 @@ def _adapted(
     boundary = classify(points, tets, segment)
     names = list(boundary.faces)
     size = plan.size
-    made = adapt_in_child(
+    made = run_mmg(
         AdaptTask(
             points_mm=points,
             tets=tets,

@@ -12,22 +12,20 @@ from palpate.deferral import deferred
 if TYPE_CHECKING:
     from palpate_experiments.reading.assembly import Reading, read_recording
     from palpate_experiments.reading.channel_map import ChannelMap
-    from palpate_experiments.reading.confined import read_log
-    from palpate_experiments.reading.formats import Request
-    from palpate_experiments.reading.limits import Limits
+    from palpate_experiments.reading.formats import ReadingLimits, Request, read_log
     from palpate_experiments.reading.text_layout import TextFormat
 
-__all__ = ["ChannelMap", "Limits", "Reading", "Request", "TextFormat", "read_log", "read_recording"]
+__all__ = ["ChannelMap", "Reading", "ReadingLimits", "Request", "TextFormat", "read_log", "read_recording"]
 
 __getattr__ = deferred(
     __name__,
     {
         "ChannelMap": "channel_map",
-        "Limits": "limits",
+        "ReadingLimits": "formats",
         "Reading": "assembly",
         "Request": "formats",
         "TextFormat": "text_layout",
-        "read_log": "confined",
+        "read_log": "formats",
         "read_recording": "assembly",
     },
 )

@@ -11,10 +11,8 @@ from palpate.errors import CurveError
 from palpate_experiments.reading import checks, orientation
 from palpate_experiments.reading.channel_map import NO_COLUMN, ChannelMap, Source, bare
 from palpate_experiments.reading.common_time import are_together, interpolated, overlap, turned_between
-from palpate_experiments.reading.confined import read_log
-from palpate_experiments.reading.formats import Request
+from palpate_experiments.reading.formats import ReadingLimits, Request, read_log
 from palpate_experiments.reading.header_units import Kind
-from palpate_experiments.reading.limits import Limits
 from palpate_experiments.reading.raw import RawLog
 from palpate_experiments.reading.series import Series, pick
 from palpate_experiments.reading.text_layout import TextFormat
@@ -38,7 +36,7 @@ class Reading:
 
 
 def read_recording(
-    path: Path, channels: ChannelMap, text: TextFormat | None = None, limits: Limits | None = None
+    path: Path, channels: ChannelMap, text: TextFormat | None = None, limits: ReadingLimits | None = None
 ) -> Reading:
     """Read a robot's log, in a process of its own, and check what needs no physics.
 
@@ -49,7 +47,7 @@ def read_recording(
     channels : ChannelMap
     text : TextFormat, optional
         How delimited text is laid out; guessed where left out.
-    limits : Limits, optional
+    limits : ReadingLimits, optional
 
     Raises
     ------
@@ -60,7 +58,7 @@ def read_recording(
         columns=columns_of(channels),
         streams=streams_of(channels),
         text=text or TextFormat(),
-        limits=limits or Limits(),
+        limits=limits or ReadingLimits(),
     )
     return assemble(read_log(path, request), channels)
 

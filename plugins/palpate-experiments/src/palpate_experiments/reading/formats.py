@@ -1,29 +1,47 @@
-"""Which reader a file needs, by its first bytes: an ending can lie."""
+"""Which reader a file needs, by its first bytes, and the process with limits that it works in."""
 
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
 
 from palpate.errors import CurveError
-from palpate_experiments.reading.limits import Limits
+from palpate.interfaces import Settings
+from palpate.sandbox import Limits, run_function
+from palpate.units import Quantity
 from palpate_experiments.reading.raw import RawLog
 from palpate_experiments.reading.text_layout import TextFormat
 
+_MOST_OUTPUT_BYTES = 10_000_000_000
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _UNREADABLE = (
     (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
     (b"BZh", "is compressed by bzip2; unpack it first"),
     (b"\x28\xb5\x2f\xfd", "is compressed by zstd; unpack it first"),
     (b"\xfd7zXZ", "is compressed by xz; unpack it first"),
-    (b"\x80\x02", "is a pickle, which could run code and is never read; save plain numbers"),
-    (b"\x80\x03", "is a pickle, which could run code and is never read; save plain numbers"),
-    (b"\x80\x04", "is a pickle, which could run code and is never read; save plain numbers"),
-    (b"\x80\x05", "is a pickle, which could run code and is never read; save plain numbers"),
+    (b"\x80", "is a pickle, which could run code and is never read; save plain numbers"),
     (b"\xd0\xcf\x11\xe0", "is a spreadsheet or document; save the table as CSV"),
     (b"TDSm", "is a LabVIEW TDMS file; export it as CSV"),
     (b"TDSh", "is a LabVIEW TDMS file; export it as CSV"),
 )
+
+
+Megabytes = Annotated[float, Quantity("MB")]
+
+
+class ReadingLimits(Settings):
+    """Limits on reading one file. A log of an hour at 1 kHz needs a tenth of them."""
+
+    file_size: Megabytes = Field(default=2000.0, gt=0.0, description="Largest file, or bag folder.")
+    memory: Megabytes = Field(
+        default=6000.0, ge=300.0, description="Most memory of the process that reads; kept on Linux alone."
+    )
+    time_limit: Annotated[float, Quantity("s")] = Field(
+        default=120.0, gt=0.0, description="Longest time that reading may take."
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,16 +55,16 @@ class Request:
     streams : tuple of str, optional
         Topics of a bag; all when left out.
     text : TextFormat
-    limits : Limits
+    limits : ReadingLimits
     """
 
     columns: tuple[str, ...] | None = None
     streams: tuple[str, ...] | None = None
     text: TextFormat = field(default_factory=TextFormat)
-    limits: Limits = field(default_factory=Limits)
+    limits: ReadingLimits = field(default_factory=ReadingLimits)
 
 
-def check_size(path: Path, limits: Limits) -> None:
+def check_size(path: Path, limits: ReadingLimits) -> None:
     """Refuse what is not there, is no regular file, or is too large to be opened.
 
     Raises
@@ -58,17 +76,17 @@ def check_size(path: Path, limits: Limits) -> None:
             _check_folder(path)
             n_bytes = sum(file.lstat().st_size for file in path.iterdir())
         elif path.exists() and not path.is_file():
-            raise CurveError(f"{path}: no regular file; give a log, or the folder of a ROS 2 bag")
+            raise CurveError(f"{path}: not a regular file; give a log, or the folder of a ROS 2 bag")
         else:
             n_bytes = path.stat().st_size
             if not os.access(path, os.R_OK):
                 raise CurveError(f"{path}: cannot be read (Permission denied); check its permissions")
     except OSError as error:
         raise CurveError(f"{path}: cannot be read ({error.strerror}); check the path") from None
-    if n_bytes > limits.file_mb * 1e6:
+    if n_bytes > limits.file_size * 1e6:
         raise CurveError(
-            f"{path}: {n_bytes / 1e6:.0f} MB where at most {limits.file_mb:g} MB are read; cut the log, "
-            "or raise file_mb under limits in the loader's settings"
+            f"{path}: {n_bytes / 1e6:.0f} MB where at most {limits.file_size:g} MB are read; cut the log, "
+            "or raise file_size under limits in the loader's settings"
         )
 
 
@@ -77,8 +95,30 @@ def _check_folder(path: Path) -> None:
         raise CurveError(f"{path}: a folder without metadata.yaml, so no ROS 2 bag; give the file of the log")
 
 
+def read_log(path: Path, request: Request) -> RawLog:
+    """Read a file in a process with limits: a damaged one can neither hang nor end this process.
+
+    Parameters
+    ----------
+    path : Path
+    request : Request
+
+    Raises
+    ------
+    CurveError
+    """
+    check_size(path, request.limits)
+    limits = Limits(
+        time_s=request.limits.time_limit, memory_mb=request.limits.memory, output_bytes=_MOST_OUTPUT_BYTES
+    )
+    try:
+        return run_function(limits, read_here, path, request)
+    except (ChildProcessError, MemoryError) as error:
+        raise _reading_failed(path, error) from None
+
+
 def read_here(path: Path, request: Request) -> RawLog:
-    """Read a file in this very process. For files that one trusts, and inside the confined one.
+    """Read a file in this very process.
 
     Raises
     ------
@@ -87,12 +127,16 @@ def read_here(path: Path, request: Request) -> RawLog:
     check_size(path, request.limits)
     try:
         return _read(path, request)
-    except MemoryError:
-        raise CurveError(
-            f"{path}: reading needs more memory than {request.limits.memory_mb:g} MB; the file is damaged "
-            "or too "
-            "large: export fewer columns, or raise memory_mb under limits in the loader's settings"
-        ) from None
+    except MemoryError as error:
+        raise _reading_failed(path, error) from None
+
+
+def _reading_failed(path: Path, error: Exception) -> CurveError:
+    how = "too little memory" if isinstance(error, MemoryError) else str(error)
+    return CurveError(
+        f"{path}: reading failed ({how}); the file is damaged or too large: save it again, export fewer "
+        "columns, or raise memory and time_limit under limits in the loader's settings"
+    )
 
 
 def _read(path: Path, request: Request) -> RawLog:
@@ -102,18 +146,14 @@ def _read(path: Path, request: Request) -> RawLog:
     for magic, why in _UNREADABLE:
         if head.startswith(magic):
             raise CurveError(f"{path}: the file {why}")
-    if head.startswith(b"\x93NUMPY"):
-        from palpate_experiments.reading.numpy_archive import read_npy
+    if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
+        from palpate_experiments.reading.numpy_files import read_numpy
 
-        return read_npy(path, request.limits)
-    if head.startswith(b"PK\x03\x04"):
-        from palpate_experiments.reading.numpy_archive import read_npz
-
-        return read_npz(path, request.limits)
+        return read_numpy(path)
     if head.startswith(b"PAR1"):
         from palpate_experiments.reading.parquet import read_parquet
 
-        return read_parquet(path, request.limits, request.columns)
+        return read_parquet(path, request.columns)
     if head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")):
         return _read_bag(path, request)
     return _read_matlab_or_text(path, head, request)
@@ -127,21 +167,21 @@ def _head(path: Path) -> bytes:
 def _read_bag(path: Path, request: Request) -> RawLog:
     from palpate_experiments.reading.ros import read_bag
 
-    return read_bag(path, request.limits, request.streams)
+    return read_bag(path, request.streams)
 
 
 def _read_matlab_or_text(path: Path, head: bytes, request: Request) -> RawLog:
     if head.startswith(_HDF5_MAGIC) or head[512:520] == _HDF5_MAGIC:
         from palpate_experiments.reading.hdf5 import read_hdf5
 
-        return read_hdf5(path, request.limits)
+        return read_hdf5(path)
     if len(head) >= 128 and head[126:128] in (b"IM", b"MI") and head.startswith(b"MATLAB"):
         from palpate_experiments.reading.matlab5 import read_matlab5
 
-        return read_matlab5(path, request.limits)
+        return read_matlab5(path)
     if _is_binary_of(path, head):
         raise CurveError(
-            f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it anew"
+            f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"
         )
     from palpate_experiments.reading.text import read_text
 

@@ -12,8 +12,7 @@ from palpate.inspection import InspectedTable, Inspection
 from palpate_experiments.reading import processed_curves
 from palpate_experiments.reading.assembly import assemble
 from palpate_experiments.reading.channel_map import ChannelMap
-from palpate_experiments.reading.confined import read_log
-from palpate_experiments.reading.formats import Request
+from palpate_experiments.reading.formats import Request, read_log
 from palpate_experiments.reading.header_units import kind_of, unit_in
 from palpate_experiments.reading.proposal import QUANTITIES, Proposal, propose
 from palpate_experiments.reading.proposal_toml import channel_map, study_text

@@ -1,4 +1,4 @@
-"""Parquet: size from the footer first, then the columns of numbers."""
+"""Parquet, by polars: the columns of numbers."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,14 +8,15 @@ import numpy as np
 
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
-from palpate_experiments.reading.limits import Limits
 from palpate_experiments.reading.raw import Column, RawLog, Stream, close_to, listed
 
 if TYPE_CHECKING:
     import polars as pl
 
+_LONGEST_LIST = 16
 
-def read_parquet(path: Path, limits: Limits, wanted: Sequence[str] | None = None) -> RawLog:
+
+def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
     """Read the columns of numbers and of time stamps; a list of fixed length counts as several.
 
     Time stamps and durations become seconds, stamps since the first row.
@@ -23,25 +24,24 @@ def read_parquet(path: Path, limits: Limits, wanted: Sequence[str] | None = None
     Raises
     ------
     CurveError
-        The file is damaged, too large, or lacks a column.
+        The file is damaged, or lacks a column.
     """
     import polars as pl
 
     try:
         schema = pl.read_parquet_schema(path)
-        # The path is taken as it stands, not as a pattern of several files.
-        n_rows = int(pl.scan_parquet(path, glob=False).select(pl.len()).collect().item())
         names = _wanted(path, schema, wanted)
-        width = sum(_width(schema[name]) for name in names)
-        limits.check_values(str(path), n_rows * max(width, 1), f"{n_rows} rows of {len(names)} columns")
-        frame = pl.scan_parquet(path, glob=False).select(names).collect()
+        # The path is taken as it is, not as a pattern of several files.
+        frame = pl.read_parquet(path, columns=names, glob=False)
         columns = [column for name in names for column in _columns(path, frame[name])]
-    except pl.exceptions.PolarsError as error:
-        raise _damaged(path, error) from None
-    except pl.exceptions.PanicException as error:
-        raise _damaged(path, error) from None
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        first_line = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise CurveError(
+            f"{path}: the Parquet file is damaged or cut off ({first_line}); export it again"
+        ) from None
+    n_rows = frame.height
     if n_rows < 2 or not columns:
-        raise CurveError(f"{path}: {n_rows} rows and {len(columns)} columns of numbers; export the log anew")
+        raise CurveError(f"{path}: {n_rows} rows and {len(columns)} columns of numbers; export the log again")
     return RawLog(
         source=str(path),
         format="Parquet",
@@ -57,18 +57,13 @@ def read_parquet(path: Path, limits: Limits, wanted: Sequence[str] | None = None
     )
 
 
-def _damaged(path: Path, error: BaseException) -> CurveError:
-    first_line = str(error).strip().splitlines()[:1] or [type(error).__name__]
-    return CurveError(f"{path}: the Parquet file is damaged or cut off ({first_line[0]}); export it anew")
-
-
 def _base_name(name: str) -> str:
     return name.split("[", 1)[0]
 
 
 def _wanted(path: Path, schema: Mapping[str, "pl.DataType"], wanted: Sequence[str] | None) -> list[str]:
     if wanted is None:
-        return [name for name, dtype in schema.items() if _width(dtype)]
+        return [name for name, dtype in schema.items() if _is_numeric(dtype)]
     names = []
     for name in wanted:
         held = name if name in schema else _base_name(name)
@@ -77,7 +72,7 @@ def _wanted(path: Path, schema: Mapping[str, "pl.DataType"], wanted: Sequence[st
                 f"{path}: no column '{name}'{close_to(name, schema)} (columns there: {listed(schema)}); "
                 "correct the channel map, or see 'palpate experiment inspect'"
             )
-        if not _width(schema[held]):
+        if not _is_numeric(schema[held]):
             raise CurveError(f"{path}: column '{held}' holds {schema[held]} and no numbers; choose another")
         names.append(held)
     return list(dict.fromkeys(names))
@@ -90,18 +85,13 @@ def _notes(
     return (f"columns passed over: {listed(others)}",) if others and wanted is None else ()
 
 
-def _width(dtype: "pl.DataType") -> int:
-    """Columns of numbers that a column of this type makes."""
+def _is_numeric(dtype: "pl.DataType") -> bool:
+    """Whether a column of this type gives numbers; a list of numbers gives several."""
     import polars as pl
 
-    if isinstance(dtype, pl.Array):
-        inner = dtype.inner
-        is_flat = isinstance(inner, pl.DataType) and inner.is_numeric() and len(dtype.shape) == 1
-        return dtype.size if is_flat else 0
-    if isinstance(dtype, pl.List):
-        inner = dtype.inner
-        return 16 if isinstance(inner, pl.DataType) and inner.is_numeric() else 0
-    return int(dtype.is_numeric() or isinstance(dtype, pl.Datetime | pl.Duration | pl.Boolean))
+    if isinstance(dtype, pl.Array | pl.List):
+        return isinstance(dtype.inner, pl.DataType) and dtype.inner.is_numeric()
+    return dtype.is_numeric() or isinstance(dtype, pl.Datetime | pl.Duration | pl.Boolean)
 
 
 def _columns(path: Path, series: "pl.Series") -> list[Column]:
@@ -135,17 +125,14 @@ def _spread(path: Path, series: "pl.Series") -> list[Column]:
     """Columns ``name[0]``, ``name[1]`` … of lists that all have one length."""
     import polars as pl
 
-    if isinstance(series.dtype, pl.Array):
-        width = series.dtype.size
-        lists = series.arr.to_list()
-    else:
-        lengths = series.list.len().unique().to_list()
-        if len(lengths) != 1 or lengths[0] is None or not 0 < int(lengths[0]) <= 16:
-            raise CurveError(
-                f"{path}: the lists of column '{series.name}' have {len(lengths)} lengths; "
-                "give each number its own column"
-            )
-        width, lists = int(lengths[0]), series
+    lists = series.arr.to_list() if isinstance(series.dtype, pl.Array) else series
+    lengths = lists.list.len().unique().to_list()
+    if len(lengths) != 1 or lengths[0] is None or not 0 < int(lengths[0]) <= _LONGEST_LIST:
+        raise CurveError(
+            f"{path}: the lists of column '{series.name}' have {len(lengths)} lengths; "
+            "give each number its own column"
+        )
+    width = int(lengths[0])
     return [
         Column(name=f"{series.name}[{index}]", values=_floats(lists.list.get(index)))
         for index in range(width)

@@ -5,14 +5,18 @@ Frey 2014) takes its mesh and splits, collapses, swaps and moves until edges hav
 asked for; how far a straight face may leave the smooth surface bounds its edges too.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.domain import FloatArray, IntArray
-from palpate_limb.meshing.in_child import Arrays, ChildWork, work_in_child
+from palpate_limb.meshing.mesher import run_tool
 from palpate_limb.meshing.size_field import SizeField
+
+Arrays = Mapping[str, NDArray[Any]]
 
 N_PASSES = 2
 """Sizes are asked for at nodes, so the second pass knows them better than the first."""
@@ -51,22 +55,8 @@ class AdaptTask:
     deviation_mm: float
 
 
-class Mmg(ChildWork):
-    """Mmg 5, as mmgpy ships it."""
-
-    def work(self, given: Arrays) -> Arrays:
-        """Adapt the task that the arrays describe."""
-        fine, coarse, radius, growth = map(float, given["size_field"])
-        field = SizeField(fine_mm=fine, coarse_mm=coarse, radius_mm=radius, growth=growth)
-        now: Arrays = {name: given[name] for name in ("points_mm", "tets", "regions", "faces", "surfaces")}
-        for _ in range(N_PASSES):
-            sizes = _sizes(now, field, given["largest_mm"])
-            now = _remeshed(now, sizes, float(given["deviation_mm"]), growth)
-        return now
-
-
-def adapt_in_child(task: AdaptTask, time_limit_s: float) -> Arrays:
-    """Adapt a mesh in a process of its own.
+def run_mmg(task: AdaptTask, time_limit_s: float) -> Arrays:
+    """Adapt a mesh by Mmg 5, as mmgpy ships it, in a process of its own.
 
     Returns
     -------
@@ -75,14 +65,26 @@ def adapt_in_child(task: AdaptTask, time_limit_s: float) -> Arrays:
 
     Raises
     ------
+    PluginError
+        mmgpy is not installed.
     MeshError
         It failed or took too long.
     """
-    given = {name: getattr(task, name) for name in AdaptTask.__slots__}
-    return work_in_child("adapting the mesh by Mmg", f"{__name__}:Mmg", given, time_limit_s)
+    return run_tool("adapting the mesh by Mmg", time_limit_s, _adapted, task)
 
 
-def _sizes(now: Arrays, field: SizeField, largest_mm: Any) -> FloatArray:  # noqa: ANN401 - an array of any kind
+def _adapted(task: AdaptTask) -> Arrays:
+    fine, coarse, radius, growth = map(float, task.size_field)
+    field = SizeField(fine_mm=fine, coarse_mm=coarse, radius_mm=radius, growth=growth)
+    now: Arrays = {
+        name: getattr(task, name) for name in ("points_mm", "tets", "regions", "faces", "surfaces")
+    }
+    for _ in range(N_PASSES):
+        now = _remeshed(now, _sizes(now, field, task.largest_mm), task.deviation_mm, growth)
+    return now
+
+
+def _sizes(now: Arrays, field: SizeField, largest_mm: FloatArray) -> FloatArray:
     """Edge length wanted at each point."""
     sizes = field.at(now["points_mm"])
     for region, largest in enumerate(largest_mm):

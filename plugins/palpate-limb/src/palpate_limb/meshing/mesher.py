@@ -1,16 +1,25 @@
-"""What a mesher is: it fills surfaces with tetrahedra, in a process of its own."""
+"""What a mesher is: it fills surfaces with tetrahedra, in a process of its own.
 
-from abc import abstractmethod
-from collections.abc import Mapping
+A mesher may loop for ever or end its process on surfaces that it cannot take.
+"""
+
+import importlib
+import os
+import tempfile
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar
+from typing import ClassVar, ParamSpec, TypeVar
 
 import numpy as np
 
 from palpate.domain import FloatArray, IntArray
 from palpate.errors import MeshError, PluginError
-from palpate_limb.meshing.in_child import Arrays, ChildWork, work_in_child
+from palpate.sandbox import Limits, run_function
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 MESHERS: Mapping[str, str] = MappingProxyType(
     {
@@ -49,7 +58,7 @@ class MeshingTask:
     tolerance_mm: float
 
 
-class Mesher(ChildWork):
+class Mesher(ABC):
     """Fills surfaces with tetrahedra."""
 
     name: ClassVar[str]
@@ -60,22 +69,8 @@ class Mesher(ChildWork):
     def fill(self, task: MeshingTask) -> tuple[FloatArray, IntArray]:
         """Points (n, 3) and tetrahedra (m, 4), of positive volume."""
 
-    def work(self, given: Arrays) -> Arrays:
-        """Fill the task that the arrays describe."""
-        task = MeshingTask(
-            points_mm=given["points_mm"],
-            faces=given["faces"],
-            nested=bool(given["nested"]),
-            size_points_mm=given["size_points_mm"],
-            size_cells=given["size_cells"],
-            sizes_mm=given["sizes_mm"],
-            tolerance_mm=float(given["tolerance_mm"]),
-        )
-        points, tets = self.fill(task)
-        return {"points_mm": points, "tets": np.asarray(tets, dtype=np.int64)}
 
-
-def mesh_in_child(mesher: str, task: MeshingTask, time_limit_s: float) -> tuple[FloatArray, IntArray]:
+def run_mesher(mesher: str, task: MeshingTask, time_limit_s: float) -> tuple[FloatArray, IntArray]:
     """Let a mesher work in a process of its own.
 
     Parameters
@@ -97,8 +92,46 @@ def mesh_in_child(mesher: str, task: MeshingTask, time_limit_s: float) -> tuple[
         raise PluginError(
             f"no mesher '{mesher}' (there: {', '.join(MESHERS)}); choose one, or name module:class"
         )
-    given = {name: getattr(task, name) for name in MeshingTask.__slots__}
-    made = work_in_child(f"mesher '{mesher}'", target, given, time_limit_s)
-    if not len(made["tets"]):
+    points, tets = run_tool(f"mesher '{mesher}'", time_limit_s, _filled, target, task)
+    if not len(tets):
         raise MeshError(f"mesher '{mesher}' filled nothing; check that the surfaces are closed and outward")
-    return made["points_mm"], made["tets"]
+    return points, np.asarray(tets, dtype=np.int64)
+
+
+def _filled(target: str, task: MeshingTask) -> tuple[FloatArray, IntArray]:
+    module, _, name = target.partition(":")
+    mesher = getattr(importlib.import_module(module), name)()
+    if not isinstance(mesher, Mesher):
+        raise PluginError(f"{target} is no Mesher; derive it from palpate_limb.meshing.Mesher")
+    os.chdir(tempfile.gettempdir())  # fTetWild leaves files where it runs
+    return mesher.fill(task)
+
+
+def run_tool(
+    what: str, time_limit_s: float, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
+) -> T:
+    """Call a function in a process of its own.
+
+    Parameters
+    ----------
+    what : str
+        As messages call it.
+    time_limit_s : float
+    function : callable
+
+    Raises
+    ------
+    PluginError
+        What it needs is not installed.
+    MeshError
+        It failed, or took too long.
+    """
+    try:
+        return run_function(Limits(time_s=time_limit_s), function, *args, **kwargs)
+    except ImportError as error:
+        raise PluginError(f"{what}: {error}; install it, e.g. pip install 'palpate-limb[all]'") from None
+    except (ChildProcessError, MemoryError) as error:
+        raise MeshError(
+            f"{what} failed ({error}); check the surfaces, coarsen the mesh, raise the time limit, or use "
+            "another mesher"
+        ) from None

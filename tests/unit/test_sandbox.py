@@ -1,16 +1,20 @@
 """A program that hangs, floods, crashes or leaves children is ended, and nothing of it stays."""
 
+import importlib
 import os
+import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from palpate.errors import PluginError
-from palpate_febio.binary import examine, find_binary
-from palpate_febio.runner import Limits, run_program
+from palpate.domain import Curve
+from palpate.errors import CurveError, PluginError
+from palpate.sandbox import Limits, run_function, run_program
 
 from . import febio_fake
 
@@ -86,14 +90,14 @@ def test_children_end_with_it(tmp_path):
 
 
 def test_an_exception_here_ends_it_there(tmp_path, monkeypatch):
-    from palpate_febio import runner
+    from palpate import sandbox
 
     def interrupted(*_):
         while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
             time.sleep(0.01)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(runner, "_watched", interrupted)
+    monkeypatch.setattr(sandbox, "_watched", interrupted)
     code = "import os, time; open('pid', 'w').write(str(os.getpid())); time.sleep(600)"
     with pytest.raises(KeyboardInterrupt):
         python(tmp_path, code)
@@ -103,7 +107,7 @@ def test_an_exception_here_ends_it_there(tmp_path, monkeypatch):
 GUARDED = """
 import sys, time
 from pathlib import Path
-from palpate_febio.runner import Limits, run_program
+from palpate.sandbox import Limits, run_program
 code = "import os, time; open('pid', 'w').write(str(os.getpid())); time.sleep(600)"
 run_program(
     [sys.executable, "-c", code], Path(sys.argv[1]), Limits(time_s=600.0, stall_s=600.0), is_scratch=True
@@ -128,71 +132,52 @@ def test_a_runner_that_is_killed_leaves_neither_program_nor_folder(tmp_path):
     assert not folder.exists()
 
 
-def test_a_program_that_cannot_start_is_named(tmp_path):
-    with pytest.raises(PluginError, match="no_such_program"):
-        run_program(["no_such_program"], tmp_path, LIMITS)
+# ------------------------------------------------------------------- functions
 
 
-# --------------------------------------------------------------------- binary
-
-
-def test_found_by_setting_then_on_the_path(tmp_path, monkeypatch):
-    on_path, named = febio_fake.install(tmp_path / "bin"), febio_fake.install(tmp_path / "other", "mine")
-    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    assert find_binary() == on_path
-    assert find_binary(str(named)) == named
-
-
-def test_found_in_the_usual_places(tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", "/nowhere")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    there = febio_fake.install(tmp_path / "FEBioStudio2" / "bin")
-    assert find_binary() == there
-
-
-def test_missing_says_how_to_get_it(tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", "/nowhere")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    with pytest.raises(PluginError, match=r"febio\.org"):
-        find_binary()
-    with pytest.raises(PluginError, match="setting executable"):
-        find_binary("no_such_febio")
-
-
-def test_version_and_remark(tmp_path, monkeypatch):
-    program = febio_fake.install(tmp_path)
-    monkeypatch.setenv("FAKE_FEBIO", "")
-    binary = examine(program)
-    assert binary.version == "4.11.0.65622b536"
-    assert binary.remark == ""
-    monkeypatch.setenv("FAKE_FEBIO", "version=4.20.1")
-    assert "was not measured" in examine(program).remark
+def test_a_function_returns_its_value_and_raises_its_errors():
+    assert run_function(LIMITS, divmod, 7, 2) == (3, 1)
+    array = run_function(LIMITS, np.arange, 5.0)
+    np.testing.assert_array_equal(array, np.arange(5.0))
+    with pytest.raises(CurveError, match="abscissa never moves"):
+        run_function(LIMITS, Curve, channel="force", abscissa=np.zeros(2), ordinate=np.zeros(2))
+    with pytest.raises(ImportError, match="no_such_module"):
+        run_function(LIMITS, importlib.import_module, "no_such_module")
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("function", "argument", "message"),
     [
-        ("version=3.9.0", "FEBio 3.9.0.*4.0 deck"),
-        ("version=5.0", "FEBio 5.0"),
-        ("say_nothing", "does not say"),
+        (time.sleep, 60, "stopped after 1.5 s, its time limit"),
+        (signal.raise_signal, signal.SIGSEGV, "ended by signal 11"),
+        (sys.exit, "broken", "exit code 1: broken"),
+        (int, "x", "exit code 1: ValueError: invalid literal"),
     ],
 )
-def test_other_programs_are_refused(tmp_path, monkeypatch, words, message):
-    monkeypatch.setenv("FAKE_FEBIO", words)
-    program = Path("/bin/true") if words == "say_nothing" else febio_fake.install(tmp_path)
-    with pytest.raises(PluginError, match=message):
-        examine(program)
+def test_a_function_that_hangs_or_ends_its_process_is_an_error(function, argument, message):
+    limits = Limits(time_s=1.5 if function is time.sleep else 60.0, grace_s=0.5)
+    with pytest.raises(ChildProcessError, match=message):
+        run_function(limits, function, argument)
 
 
-def test_the_digest_covers_the_libraries(tmp_path, monkeypatch):
-    monkeypatch.setenv("FAKE_FEBIO", "")
-    program = febio_fake.install(tmp_path / "bin")
-    before = examine(program).digest
-    assert examine(program).digest == before
-    (tmp_path / "lib").mkdir()
-    library = tmp_path / "lib" / "libfebiomech.so"
-    library.write_bytes(b"one")
-    with_library = examine(program).digest
-    library.write_bytes(b"two")
-    assert len({before, with_library, examine(program).digest}) == 3
-    assert os.access(program, os.X_OK)
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are kept on Linux")
+def test_a_function_that_needs_more_memory_than_its_limit_is_an_error():
+    with pytest.raises(MemoryError):
+        run_function(Limits(time_s=60.0, memory_mb=1000.0), bytearray, 2_000_000_000)
+
+
+def test_temporary_files_of_a_function_are_removed():
+    folder = run_function(LIMITS, tempfile.mkdtemp)
+    assert not Path(folder).exists()
+
+
+def test_a_module_in_the_working_directory_is_not_imported(tmp_path, monkeypatch):
+    (tmp_path / "numpy.py").write_text("raise SystemExit('imported')")
+    monkeypatch.chdir(tmp_path)
+    assert run_function(LIMITS, np.zeros, 3).size == 3
+    assert run_function(LIMITS, os.getcwd) == str(tmp_path)
+
+
+def test_a_program_that_cannot_start_is_named(tmp_path):
+    with pytest.raises(PluginError, match="no_such_program"):
+        run_program(["no_such_program"], tmp_path, LIMITS)
