@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-CELL_NODES: Mapping[str, int] = MappingProxyType({"tet4": 4, "tet10": 10, "hex8": 8})
-"""Element kinds of a :class:`Mesh` and their number of nodes."""
-
 
 def _frozen_ints(values: ArrayLike) -> IntArray:
     array = np.array(values, dtype=np.int64, copy=True)
@@ -85,7 +82,7 @@ class Mesh:
     ----------
     points_mm : (n_nodes, 3) array
     cells : mapping of kind to (n_cells, n_nodes_of_kind) integer array
-        Kinds are the keys of ``CELL_NODES``.
+        Kinds are the keys of :data:`palpate.topology.CELLS`, which numbers their nodes.
     cell_regions : mapping of kind to (n_cells,) integer array
         Index into ``regions``.
     regions : tuple of str

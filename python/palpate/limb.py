@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from palpate.cell_fields import check_frames, with_fields
-from palpate.domain import CELL_NODES, BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh
+from palpate.domain import BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError, StudyError
 from palpate.mesh_joints import check_joints, holes
 from palpate.plain_values import MOST_BYTES, check_plain
 from palpate.plugins import answering_for
+from palpate.shape_functions import HEX_CORNERS, linear_simplex, multilinear, quadratic_simplex
 from palpate.study import Study
+from palpate.topology import CELLS, Cell
 
 
 def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
@@ -169,12 +171,12 @@ def _array_problems(mesh: Mesh) -> Iterator[str]:
     if bad.size:
         yield f"mesh: node {bad[0]} lies at {points[bad[0]].tolist()}; every coordinate must be finite"
     if mesh.n_cells == 0:
-        yield f"mesh: no volume elements; give cells of {', '.join(CELL_NODES)}"
+        yield f"mesh: no volume elements; give cells of {', '.join(CELLS)}"
     for kind, cells in mesh.cells.items():
-        if kind not in CELL_NODES:
-            yield f"mesh: elements of kind '{kind}'; use {', '.join(CELL_NODES)}"
-        if cells.ndim != 2 or cells.shape[1] != CELL_NODES[kind]:
-            yield f"mesh: {kind} cells of shape {cells.shape}; give (n_cells, {CELL_NODES[kind]})"
+        if kind not in CELLS:
+            yield f"mesh: elements of kind '{kind}'; use {', '.join(CELLS)}"
+        if cells.ndim != 2 or cells.shape[1] != CELLS[kind].n_nodes:
+            yield f"mesh: {kind} cells of shape {cells.shape}; give (n_cells, {CELLS[kind].n_nodes})"
         yield from _index_problems(f"{kind} cells", cells, mesh.n_nodes)
         if kind not in mesh.cell_regions or mesh.cell_regions[kind].shape != (len(cells),):
             yield f"mesh: {kind} has {len(cells)} cells and not one region for each; give them all one"
@@ -235,77 +237,26 @@ def _check_elements(mesh: Mesh) -> None:
 
 def _least_jacobian(kind: str, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least Jacobian determinant over the sampled points, and the cube of the extent: (n_cells,)."""
-    gradients = np.stack([_GRADIENTS[kind](point) for point in _SAMPLED[kind]])
-    jacobians = np.einsum("qai,caj->cqij", gradients, corners)
+    jacobians = np.einsum("qai,caj->cqij", _SLOPES[kind], corners)
     least: FloatArray = np.linalg.det(jacobians).min(axis=1)
     extent: FloatArray = np.ptp(corners, axis=1).max(axis=1)
     return least, extent**3
 
 
-def _tet4_gradients(_: FloatArray) -> FloatArray:
-    return np.array([[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-
-
-_TET10_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
-
-
-def _tet10_gradients(point: FloatArray) -> FloatArray:
-    barycentric = np.array([1.0 - point.sum(), *point])
-    linear = _tet4_gradients(point)
-    corners = (4.0 * barycentric[:, None] - 1.0) * linear
-    edges = [4.0 * (barycentric[a] * linear[b] + barycentric[b] * linear[a]) for a, b in _TET10_EDGES]
-    return np.vstack([corners, edges])
-
-
-_HEX8_CORNERS = np.array(
-    [
-        [-1.0, -1.0, -1.0],
-        [1.0, -1.0, -1.0],
-        [1.0, 1.0, -1.0],
-        [-1.0, 1.0, -1.0],
-        [-1.0, -1.0, 1.0],
-        [1.0, -1.0, 1.0],
-        [1.0, 1.0, 1.0],
-        [-1.0, 1.0, 1.0],
-    ]
-)
-_HEX8_CORNERS.setflags(write=False)
-
-
-def _hex8_gradients(point: FloatArray) -> FloatArray:
-    factors = 1.0 + _HEX8_CORNERS * point
-    others = [factors[:, [1, 2]], factors[:, [0, 2]], factors[:, [0, 1]]]
-    columns = [_HEX8_CORNERS[:, i] * others[i].prod(axis=1) / 8.0 for i in range(3)]
-    return np.stack(columns, axis=1)
-
-
-_HEX8_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
-_EDGES: Mapping[str, tuple[tuple[tuple[int, int], ...], int]] = MappingProxyType(
+_GAUSS = 0.1381966011250105 + 0.4472135954999579 * np.eye(4)
+_SLOPES: Mapping[str, FloatArray] = MappingProxyType(
     {
-        "tet4": (_TET10_EDGES, 0),
-        "tet10": (_TET10_EDGES, 4),
-        "hex8": (_HEX8_EDGES, 0),
+        "tet4": linear_simplex(np.eye(4)[:1])[1],
+        "tet10": quadratic_simplex(np.vstack([np.eye(4), _GAUSS]), CELLS["tet10"].edges)[1],
+        "hex8": multilinear(np.vstack([HEX_CORNERS, HEX_CORNERS / np.sqrt(3.0)]), HEX_CORNERS)[1],
     }
 )
-"""End nodes of the edges of a kind, and where its middle nodes begin (0: it has none)."""
-
-_TET_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-_TET_GAUSS = 0.1381966011250105 + 0.4472135954999579 * _TET_CORNERS
-
-_GRADIENTS = MappingProxyType({"tet4": _tet4_gradients, "tet10": _tet10_gradients, "hex8": _hex8_gradients})
-_SAMPLED: Mapping[str, FloatArray] = MappingProxyType(
-    {
-        "tet4": _TET_CORNERS[:1],
-        "tet10": np.vstack([_TET_CORNERS, _TET_GAUSS]),
-        "hex8": np.vstack([_HEX8_CORNERS, _HEX8_CORNERS / np.sqrt(3.0)]),
-    }
-)
-"""Reference points at which elements are checked: corners and quadrature points."""
+"""Slopes of the shape functions where elements are checked: at corners and quadrature points."""
 
 
 def _check_edges(mesh: Mesh) -> None:
     """Refuse elements that share an edge and not its middle: they would come apart there."""
-    found = [_edges(mesh.cells[kind], *_EDGES[kind]) for kind in sorted(mesh.cells)]
+    found = [_edges(mesh.cells[kind], CELLS[kind]) for kind in sorted(mesh.cells)]
     rows = np.concatenate(found)
     order = np.lexsort((rows[:, 1], rows[:, 0]))
     rows = rows[order]
@@ -322,10 +273,10 @@ def _check_edges(mesh: Mesh) -> None:
         )
 
 
-def _edges(cells: IntArray, ends: tuple[tuple[int, int], ...], first_middle: int) -> IntArray:
+def _edges(cells: IntArray, cell: Cell) -> IntArray:
     """Edges (n_edges, 3) of cells: end nodes in order and the middle node, −1 without one."""
-    pairs = np.sort(cells[:, np.array(ends)], axis=2)
-    middles = cells[:, first_middle:] if first_middle else np.full(pairs.shape[:2], -1)
+    pairs = np.sort(cells[:, np.array(cell.edges)], axis=2)
+    middles = cells[:, cell.n_corners :] if cell.has_midside_nodes else np.full(pairs.shape[:2], -1)
     return np.concatenate([pairs, middles[:, :, None]], axis=2).reshape(-1, 3)
 
 

@@ -14,17 +14,9 @@ import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
+from palpate.topology import CELLS
 
 Role = Literal["contact", "fixed", "free", "interface", "sphere"]
-
-_FACES: Mapping[str, tuple[tuple[int, ...], ...]] = MappingProxyType(
-    {
-        "tet4": ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)),
-        "tet10": ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)),
-        "hex8": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
-    }
-)
-"""Corners of the faces of a kind, outward by the right-hand rule."""
 
 _LOOKS: Mapping[Role, tuple[str, float]] = MappingProxyType(
     {
@@ -157,9 +149,9 @@ def _all_faces(mesh: Mesh) -> tuple[IntArray, IntArray]:
     """Faces (n, 4) of every element, −1 last in a triangle, and their elements' regions (n,)."""
     faces, owners = [], []
     for kind, cells in mesh.cells.items():
-        if kind not in _FACES:
-            raise MeshError(f"mesh: elements of kind '{kind}' cannot be drawn; use {', '.join(_FACES)}")
-        for corners in _FACES[kind]:
+        if kind not in CELLS:
+            raise MeshError(f"mesh: elements of kind '{kind}' cannot be drawn; use {', '.join(CELLS)}")
+        for corners in CELLS[kind].corner_faces:
             block = np.full((len(cells), 4), -1, dtype=np.int64)
             block[:, : len(corners)] = cells[:, list(corners)]
             faces.append(block)

@@ -1,7 +1,6 @@
 """Whether the elements of a mesh hang together: nothing listed twice, no crack, no loose part, no hole."""
 
-from collections.abc import Iterable, Mapping
-from types import MappingProxyType
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -10,16 +9,7 @@ from scipy.spatial import cKDTree
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
-
-_TET_FACES = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
-FACES: Mapping[str, tuple[tuple[int, ...], ...]] = MappingProxyType(
-    {
-        "tet4": _TET_FACES,
-        "tet10": _TET_FACES,
-        "hex8": ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
-    }
-)
-"""Corner nodes of the faces of an element."""
+from palpate.topology import CELLS
 
 SAME_PLACE = 1e-6
 """Distance of two nodes, over the length of the limb, below which they are at one place."""
@@ -116,7 +106,7 @@ def _boundary(mesh: Mesh) -> list[IntArray]:
     """Corner nodes of the faces that one element alone has, triangles apart from quadrilaterals."""
     faces: dict[int, list[IntArray]] = {}
     for kind, cells in mesh.cells.items():
-        for face in FACES[kind]:
+        for face in CELLS[kind].corner_faces:
             faces.setdefault(len(face), []).append(np.sort(cells[:, list(face)], axis=1))
     found = [np.unique(np.concatenate(each), axis=0, return_counts=True) for each in faces.values()]
     return [unique[counts == 1] for unique, counts in found]

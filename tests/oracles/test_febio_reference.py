@@ -14,6 +14,7 @@ import polars as pl
 import pytest
 
 from palpate.domain import Indentation, Job, Limb, Mesh, Sphere, Spot, Status
+from palpate.topology import CELLS
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden
@@ -22,7 +23,7 @@ from palpate_materials.yeoh import Yeoh
 DATA = Path(__file__).parents[1] / "data" / "febio_reference"
 MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
 OUR_NAMES = {"k": "kappa", "v": "nu"}
-KINDS = {"hexahedron": "hex8", "tetra10": "tet10", "tetra": "tet4"}
+KINDS = {cell.meshio: kind for kind, cell in CELLS.items()}
 BONDED_RADIUS_MM = 5.0
 
 

@@ -11,12 +11,10 @@ import pytest
 
 from palpate.domain import Indentation, Job, Limb, Mesh, Sphere, Spot
 from palpate.errors import MaterialError, MeshError
-from palpate.specimens import block
 from palpate.spot_frame import in_spot_frame
 from palpate_febio.deck import rigid_id
 from palpate_febio.deck_reader import read_deck
 from palpate_febio.settings import FebioSettings
-from palpate_febio.skin import skin_faces
 from palpate_febio.solver import FebioSolver
 from palpate_febio.steps import halved, steps_of, up_to_first_turn, with_hold
 from palpate_materials import Demiray, NeoHookean, Ogden, Yeoh
@@ -132,23 +130,6 @@ def test_what_is_read_back_is_what_was_written(tmp_path):
     yeoh = deck.materials["2_soft_tissue"].values
     assert yeoh == {"density": 1e-9, "c1": 0.0129, "c2": -2e-3, "c3": 2.76e-4, "k": 0.6}
     assert deck.materials["1_skin"].values == {"density": 1e-9, "c1": 0.16, "m1": 6.0, "k": 2.0}
-
-
-def test_faces_look_outwards():
-    for kind in ("hex8", "tet4", "tet10"):
-        limb = block(kind, n_across=2, n_down=1)
-        everywhere = {**limb.mesh.node_sets, "contact": np.arange(limb.mesh.n_nodes)}
-        mesh = replace(limb.mesh, node_sets=everywhere)
-        ((name, faces),) = skin_faces(mesh).items()
-        corners = mesh.points_mm[faces[:, : 4 if name == "quad4" else 3]]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, -1] - corners[:, 0])
-        # Closed and outward: the divergence theorem gives the volume of the block.
-        share = 1.0 if name == "quad4" else 0.5
-        volume = share * np.einsum("ni,ni->n", corners.mean(axis=1), normals).sum() / 3.0
-        assert volume == pytest.approx(36.0 * 36.0 * 18.0)
-        if name == "tri6":
-            middles = mesh.points_mm[faces[:, 3:]]
-            np.testing.assert_allclose(middles, (corners + np.roll(corners, -1, axis=1)) / 2, atol=1e-12)
 
 
 def test_materials_that_febio_lacks_are_refused():

@@ -5,12 +5,9 @@ import pytest
 
 from palpate.errors import MeshError
 from palpate.specimens import block, cylinder, half_space, layer, spacing
+from palpate.topology import CELLS
 
-CORNERS = {"hex8": 8, "tet10": 4}
-FACES = {
-    "hex8": ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
-    "tet10": ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3)),
-}
+KINDS = ("hex8", "tet10")
 SIX = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
 
 SPECIMENS = {
@@ -22,14 +19,14 @@ SPECIMENS = {
 }
 
 
-@pytest.fixture(params=[(name, kind) for name in SPECIMENS for kind in CORNERS], ids="-".join)
+@pytest.fixture(params=[(name, kind) for name in SPECIMENS for kind in KINDS], ids="-".join)
 def meshed(request):
     name, kind = request.param
     return kind, SPECIMENS[name](kind).mesh
 
 
 def tetrahedra(mesh, kind):
-    corners = mesh.cells[kind][:, : CORNERS[kind]]
+    corners = mesh.cells[kind][:, : CELLS[kind].n_corners]
     return corners[:, SIX].reshape(-1, 4) if kind == "hex8" else corners
 
 
@@ -40,7 +37,7 @@ def volumes(mesh, kind):
 
 def surface(mesh, kind):
     """Corner nodes of the faces that belong to one cell only, and the largest number of sharers."""
-    faces = np.concatenate([mesh.cells[kind][:, list(f)] for f in FACES[kind]])
+    faces = np.concatenate([mesh.cells[kind][:, list(f)] for f in CELLS[kind].corner_faces])
     found, counts = np.unique(np.sort(faces, axis=1), axis=0, return_counts=True)
     return found[counts == 1], counts.max()
 
@@ -72,7 +69,7 @@ def test_contact_is_the_upper_face(meshed):
     np.testing.assert_array_equal(mesh.node_sets["contact"], np.flatnonzero(mesh.points_mm[:, 2] == 0.0))
 
 
-@pytest.mark.parametrize("kind", CORNERS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_half_space_fills_its_hemisphere_and_is_held_there(kind):
     mesh = half_space(kind, 0.5, n_radius=6, n_core=6, extent=50.0, growth=1.5).mesh
     held = mesh.points_mm[mesh.node_sets["fixed"]]
@@ -81,7 +78,7 @@ def test_a_half_space_fills_its_hemisphere_and_is_held_there(kind):
     assert volumes(mesh, kind).sum() == pytest.approx(2.0 / 3.0 * np.pi * 25.0**3, rel=0.05)
 
 
-@pytest.mark.parametrize("kind", CORNERS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_layer_has_its_thickness_and_a_ring_at_the_contact(kind):
     mesh = layer(kind, 2.0, 1.0, n_radius=4, n_core=4, extent=5.0).mesh
     x, y, z = mesh.points_mm.T

@@ -7,16 +7,16 @@ from typing import Literal
 import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
+from palpate.shape_functions import HEX_CORNERS
+from palpate.topology import CELLS
 
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
 """One region throughout."""
 
-_HEX = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+_HEX = ((HEX_CORNERS + 1.0) / 2.0).astype(np.int64)
 
 _SIX_TETS = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
 """Tetrahedra of a hexahedron around its diagonal 0–6; neighbouring cells match."""
-
-_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 
 
 def block(
@@ -84,7 +84,7 @@ def _hexes(nx: int, ny: int, nz: int) -> IntArray:
 
 def with_midpoints(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     """Points (n + m, 3), quadratic tetrahedra (k, 10) and the ends (m, 2) of the edges that gained a node."""
-    edges = np.sort(np.stack([tets[:, list(edge)] for edge in _EDGES], axis=1), axis=2)
+    edges = np.sort(tets[:, np.array(CELLS["tet10"].edges)], axis=2)
     ends, inverse = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
     middle = points[ends].mean(axis=1)
     return np.vstack([points, middle]), np.hstack([tets, len(points) + inverse.reshape(-1, 6)]), ends

@@ -12,15 +12,15 @@ import numpy as np
 from palpate.domain import BoolArray, FloatArray, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError
 from palpate.specimens.blocks import with_midpoints
+from palpate.topology import CELLS
 
 Kind = Literal["hex8", "tet10"]
 
 _ROUND_AFTER = 2.0
 """From here on rings are circles, in half-widths of the core."""
 
-
-_INWARD_FACES = ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0))
-"""Faces of a hexahedron, counter-clockwise seen from inside."""
+_INWARD_FACES = np.array(CELLS["hex8"].corner_faces)[:, [0, 3, 2, 1]]
+_INWARD_FACES.setflags(write=False)
 
 
 def spacing(
@@ -196,7 +196,7 @@ def _tets(hexes: IntArray) -> IntArray:
 
     A face is cut from its own lowest node, so neighbours match however their nodes are ordered.
     """
-    faces = hexes[:, np.array(_INWARD_FACES)]
+    faces = hexes[:, _INWARD_FACES]
     apex = hexes.min(axis=1)[:, None]
     far = faces[~(faces == apex[..., None]).any(axis=2)]
     far = np.take_along_axis(far, (far.argmin(axis=1)[:, None] + np.arange(4)) % 4, axis=1)
@@ -208,7 +208,7 @@ def _in_hemispheres(
     points: FloatArray, hexes: IntArray, held: BoolArray, scales: FloatArray
 ) -> tuple[FloatArray, IntArray, BoolArray]:
     """Wrap the held faces of a body into shells at multiples of its size, ever rounder outwards."""
-    faces = hexes[:, np.array(_INWARD_FACES)].reshape(-1, 4)
+    faces = hexes[:, _INWARD_FACES].reshape(-1, 4)
     skin, local = np.unique(faces[held[faces].all(axis=1)], return_inverse=True)
     faces, start = local.reshape(-1, 4), points[skin]
     sphere = np.abs(start).max() * start / np.linalg.norm(start, axis=1)[:, None]

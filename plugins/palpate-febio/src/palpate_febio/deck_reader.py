@@ -8,8 +8,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.domain import CELL_NODES, FloatArray, IntArray
+from palpate.domain import FloatArray, IntArray
 from palpate.errors import MeshError
+from palpate.topology import CELLS
 from palpate_febio.safe_xml import read_xml
 
 RIGID = "rigid body"
@@ -142,14 +143,14 @@ class _Reader:
                 raise self.refused(f"elements '{name}' have no material (given: {material}); give them one")
             if materials[material].febio_type == RIGID:
                 continue
-            if kind not in CELL_NODES:
+            if kind not in CELLS:
                 raise self.refused(
-                    f"elements '{name}' of type {kind}; palpate simulates {', '.join(CELL_NODES)}, so mesh "
+                    f"elements '{name}' of type {kind}; palpate simulates {', '.join(CELLS)}, so mesh "
                     "the limb with those"
                 )
             cells = [self.nodes(e, self.integers(e, e.text)) for e in block.findall("elem")]
-            if not cells or any(len(c) != CELL_NODES[kind] for c in cells):
-                raise self.refused(f"elements '{name}': {kind} wants {CELL_NODES[kind]} nodes in each")
+            if not cells or any(len(c) != CELLS[kind].n_nodes for c in cells):
+                raise self.refused(f"elements '{name}': {kind} wants {CELLS[kind].n_nodes} nodes in each")
             yield Part(name, kind, np.array(cells), material)
 
     def set_numbers(self, element: ET.Element) -> list[int]:

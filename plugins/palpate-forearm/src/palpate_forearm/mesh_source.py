@@ -12,13 +12,14 @@ from pydantic import Field, field_validator
 from palpate.domain import IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError
 from palpate.interfaces import LimbSource, Settings
+from palpate.topology import CELLS
 from palpate.units import convert
 from palpate_forearm.mesh_files import MeshFile, read_mesh_file
 from palpate_forearm.node_choices import Choice, check_whole, chosen
 
 LONGEST_MM = 3000.0
 
-KINDS: Mapping[str, str] = MappingProxyType({"tetra": "tet4", "tetra10": "tet10", "hexahedron": "hex8"})
+KINDS: Mapping[str, str] = MappingProxyType({cell.meshio: kind for kind, cell in CELLS.items()})
 """Volume elements: meshio's cell type to the kind of :class:`palpate.domain.Mesh`."""
 
 IGNORED = frozenset(
@@ -76,9 +77,8 @@ class MeshioSource(LimbSource):
     """Limbs from any mesh file that meshio reads: VTU, VTK, Gmsh, Abaqus, XDMF and more.
 
     Elements ``tetra``, ``tetra10`` and ``hexahedron`` become ``tet4``, ``tet10``
-    and ``hex8`` with their nodes in the file's order as meshio gives it, which is VTK's: a
-    ``tet10`` has its four corners, then the middles of the edges 01, 12, 02, 03,
-    13, 23. Edges may be curved. Points, lines and faces are passed over; any
+    and ``hex8`` with their nodes in the file's order as meshio gives it, that of
+    :mod:`palpate.topology`. Edges may be curved. Points, lines and faces are passed over; any
     other element is refused. Cell data of one number or one vector for each element, such as the
     direction of fibres, go to the materials that name them.
     """

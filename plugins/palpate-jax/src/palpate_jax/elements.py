@@ -1,7 +1,4 @@
-"""Element kinds: shape functions, quadrature and faces on the reference element.
-
-Node orders are VTK's: corners first, then for tet10 the edges 01 12 02 03 13 23.
-"""
+"""Quadrature of the element kinds and of their faces, and the shape functions there."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,53 +7,13 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.domain import FloatArray
+from palpate.shape_functions import HEX_CORNERS, barycentric, linear_simplex, multilinear, quadratic_simplex
+from palpate.topology import CELLS
 
-_TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 _TRI_EDGES = ((0, 1), (1, 2), (2, 0))
 
 
-def _barycentric(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Barycentric coordinates (q, d + 1) of simplex points and their constant gradient (d + 1, d)."""
-    dimension = points.shape[1]
-    values = np.column_stack([1.0 - points.sum(axis=1), points])
-    return values, np.vstack([-np.ones(dimension), np.eye(dimension)])
-
-
-def _linear_simplex(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    values, slopes = _barycentric(points)
-    return values, np.broadcast_to(slopes, (len(points), *slopes.shape))
-
-
-def _quadratic_simplex(
-    points: FloatArray, edges: tuple[tuple[int, int], ...]
-) -> tuple[FloatArray, FloatArray]:
-    """N = l(2l − 1) at corners and 4 l_a l_b on edges."""
-    bary, slopes = _barycentric(points)
-    corner = bary * (2.0 * bary - 1.0)
-    corner_slope = (4.0 * bary - 1.0)[:, :, None] * slopes
-    edge = np.stack([4.0 * bary[:, a] * bary[:, b] for a, b in edges], axis=1)
-    edge_slope = np.stack(
-        [4.0 * (bary[:, a, None] * slopes[b] + bary[:, b, None] * slopes[a]) for a, b in edges], axis=1
-    )
-    return np.hstack([corner, edge]), np.concatenate([corner_slope, edge_slope], axis=1)
-
-
-def _multilinear(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """N = Π (1 + ξ_c ξ) / 2 on [−1, 1]^d."""
-    factors = 0.5 * (1.0 + corners[None] * points[:, None])  # (q, n, d)
-    values = factors.prod(axis=2)
-    dimension = points.shape[1]
-    slopes = np.stack(
-        [0.5 * corners[:, k] * np.delete(factors, k, axis=2).prod(axis=2) for k in range(dimension)], axis=2
-    )
-    return values, slopes
-
-
-_HEX_CORNERS = np.array(
-    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]],
-    dtype=np.float64,
-)
-_QUAD_CORNERS = _HEX_CORNERS[:4, :2]
+_QUAD_CORNERS = HEX_CORNERS[:4, :2]
 
 
 def _gauss_box(n: int, dimension: int) -> tuple[FloatArray, FloatArray]:
@@ -106,17 +63,10 @@ class Face:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Element:
-    """An element kind.
-
-    ``slopes`` (q, n, 3) and ``weights`` (q,) are at the quadrature points of the
-    reference element; ``faces`` lists the nodes of each face, corners first, and
-    ``n_face_corners`` says how many of them are corners.
-    """
+    """An element kind: slopes (q, n, 3) and weights (q,) at its quadrature points, and its faces."""
 
     slopes: FloatArray
     weights: FloatArray
-    faces: tuple[tuple[int, ...], ...]
-    n_face_corners: int
     face: Face
 
 
@@ -130,40 +80,34 @@ def _face(
 def _tet10(rule: tuple[FloatArray, FloatArray]) -> Element:
     points, weights = rule
     return Element(
-        slopes=_quadratic_simplex(points, _TET_EDGES)[1],
+        slopes=quadratic_simplex(barycentric(points), CELLS["tet10"].edges)[1],
         weights=weights,
-        faces=((0, 2, 1, 6, 5, 4), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 3, 2, 7, 9, 6)),
-        n_face_corners=3,
-        face=_face(lambda p: _quadratic_simplex(p, _TRI_EDGES), _triangle_points()),
+        face=_face(lambda p: quadratic_simplex(barycentric(p), _TRI_EDGES), _triangle_points()),
     )
 
 
 def _tet4() -> Element:
     points, weights = np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0)
     return Element(
-        slopes=_linear_simplex(points)[1],
+        slopes=linear_simplex(barycentric(points))[1],
         weights=weights,
-        faces=((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
-        n_face_corners=3,
-        face=_face(_linear_simplex, _triangle_points()),
+        face=_face(lambda p: linear_simplex(barycentric(p)), _triangle_points()),
     )
 
 
 def _hex8() -> Element:
     points, weights = _gauss_box(2, 3)
     return Element(
-        slopes=_multilinear(points, _HEX_CORNERS)[1],
+        slopes=multilinear(points, HEX_CORNERS)[1],
         weights=weights,
-        faces=((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
-        n_face_corners=4,
-        face=_face(lambda p: _multilinear(p, _QUAD_CORNERS), _gauss_box(2, 2)),
+        face=_face(lambda p: multilinear(p, _QUAD_CORNERS), _gauss_box(2, 2)),
     )
 
 
 ELEMENTS: Mapping[str, Element] = MappingProxyType(
     {"tet4": _tet4(), "tet10": _tet10(_tet_points()), "hex8": _hex8()}
 )
-"""Element kinds of a mesh, by the names of :data:`palpate.domain.CELL_NODES`."""
+"""Element kinds of a mesh, by the names of :data:`palpate.topology.CELLS`."""
 
 PLAIN_ELEMENTS: Mapping[str, Element] = MappingProxyType({**ELEMENTS, "tet10": _tet10(_tet_points_plain())})
 """The same without mean dilatation, where tet10 needs more points."""

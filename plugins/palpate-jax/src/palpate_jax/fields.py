@@ -26,14 +26,12 @@ from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.interfaces import Material
 from palpate.mechanics import stress
 from palpate.spot_frame import in_spot_frame, spot_axes
+from palpate.topology import CELLS
 from palpate_jax.body import Block, blocks, points_of_cells
 from palpate_jax.contact import Contact, Points
 from palpate_jax.elements import ELEMENTS
 from palpate_jax.march import Station
 from palpate_jax.skin import Skin
-
-VTK_KINDS = (("tet4", "tetra"), ("tet10", "tetra10"), ("hex8", "hexahedron"))
-"""Element kinds, and what meshio calls them."""
 
 
 class FieldWriter:
@@ -97,7 +95,7 @@ class FieldWriter:
         import meshio  # here, so that whoever writes no fields does not wait for it
 
         mesh = self._original
-        kinds = [(kind, name) for kind, name in VTK_KINDS if len(mesh.cells.get(kind, ()))]
+        kinds = [(kind, cell.meshio) for kind, cell in CELLS.items() if len(mesh.cells.get(kind, ()))]
         by_kind = self._of_cells(thetas, state.displacements)
         pressure, shear = nodal_tractions(self._contact, self._mesh.points_mm, state)
         names = ("cauchy_stress_MPa", "principal_stretches", "J", "region")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.domain import BoolArray, FloatArray, IntArray
+from palpate.topology import CELLS
 
 ROUNDS = 3
 """Pairings; each doubles the patches, to 8 tetrahedra after three."""
@@ -76,7 +77,7 @@ def tetrahedron_patches(points_mm: FloatArray, tets: IntArray) -> IntArray:
 
 
 def _dual(points_mm: FloatArray, tets: IntArray) -> _Dual:
-    faces = np.sort(tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]], axis=2).reshape(-1, 3)
+    faces = np.sort(tets[:, np.array(CELLS["tet4"].corner_faces)], axis=2).reshape(-1, 3)
     a, b, c = (points_mm[faces[:, k]] for k in range(3))
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     order = np.lexsort(faces.T)

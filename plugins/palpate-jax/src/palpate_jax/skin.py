@@ -6,6 +6,7 @@ import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Mesh
 from palpate.errors import MeshError
+from palpate.topology import outer_faces
 from palpate_jax.elements import ELEMENTS
 
 
@@ -49,10 +50,7 @@ def skins(mesh: Mesh) -> tuple[Skin, ...]:
     found = []
     for kind, cells in mesh.cells.items():
         element = ELEMENTS[kind]
-        faces = np.concatenate([cells[:, list(face)] for face in element.faces])
-        corners = np.sort(faces[:, : element.n_face_corners], axis=1)
-        _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
-        faces = faces[first[counts == 1]]
+        faces = outer_faces(kind, cells)
         faces = faces[touchable[faces].all(axis=1)]
         if len(faces):
             slopes = np.einsum("qak,fai->fqki", element.face.slopes, mesh.points_mm[faces])

@@ -11,13 +11,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from palpate.domain import BoolArray, FloatArray, IntArray
+from palpate.topology import CELLS
 from palpate_limb.quality import scaled_jacobians
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface
 
 LEAST_SCALED_JACOBIAN = 0.05
-EDGES = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)])
-EDGES.setflags(write=False)
 
 
 def curved(
@@ -76,7 +75,7 @@ def _targets(
 def _recentred(points: FloatArray, cells: IntArray) -> FloatArray:
     """Nodes of edges back in the middle of their edge."""
     points = points.copy()
-    points[cells[:, 4:]] = 0.5 * (points[cells[:, EDGES[:, 0]]] + points[cells[:, EDGES[:, 1]]])
+    points[cells[:, 4:]] = points[cells[:, np.array(CELLS["tet10"].edges)]].mean(axis=2)
     return points
 
 

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import Limb
+from palpate.topology import CELLS
 from palpate_limb.from_scan import ReadScan, ScannedLimb
 from palpate_limb.mesh_error import mesh_error
-
-VTU_TYPES = {"tet4": "tetra", "tet10": "tetra10", "hex8": "hexahedron"}
 
 
 def write_limb(path: Path, limb: Limb) -> None:
@@ -24,7 +23,7 @@ def write_limb(path: Path, limb: Limb) -> None:
         point_data[name][nodes] = 1
     meshio.Mesh(
         mesh.points_mm,
-        [(VTU_TYPES[kind], cells) for kind, cells in mesh.cells.items()],
+        [(CELLS[kind].meshio, cells) for kind, cells in mesh.cells.items()],
         point_data=point_data,
         cell_data={"region": [mesh.cell_regions[kind].astype(np.int32) for kind in mesh.cells]},
     ).write(path)

@@ -12,6 +12,8 @@ import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Limb
 from palpate.errors import MeshError
+from palpate.shape_functions import quadratic_simplex
+from palpate.topology import CELLS
 from palpate_limb.segment import Segment
 
 LEAST_SCALED_JACOBIAN = 0.02
@@ -19,7 +21,6 @@ LARGEST_VOLUME_ERROR = 0.01
 LONGEST_EDGE = 1.35
 """Mean edge under the indenter over the one asked for, at most."""
 _CORNERS = ((0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 0, 2, 1))
-_PAIRS = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +121,7 @@ def scaled_jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
         return np.asarray(scaled)
     # The determinant of a curved element against that of its straight one: 1 where nothing is bent.
     straight = np.linalg.det(np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2))
-    ratio = np.stack([_determinant(points[cells], at) for at in _SAMPLES], axis=1) / straight[:, None]
+    ratio = np.stack([_determinant(points[cells], slopes) for slopes in _SLOPES], axis=1) / straight[:, None]
     return np.asarray(np.where(straight > 0.0, scaled * np.minimum(ratio.min(axis=1), 1.0), -np.abs(scaled)))
 
 
@@ -133,21 +134,15 @@ def _at_corner(corners: FloatArray, order: tuple[int, int, int, int]) -> FloatAr
     return value
 
 
-_LINEAR = np.array([[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-_LINEAR.setflags(write=False)
-_SAMPLES = (
-    *(tuple(float(i == k) for i in range(4)) for k in range(4)),
-    *(tuple(0.5854101966249685 if i == k else 0.1381966011250105 for i in range(4)) for k in range(4)),
-)
-"""Corners and Gauss points, in barycentric coordinates."""
+_GAUSS = np.where(np.eye(4, dtype=bool), 0.5854101966249685, 0.1381966011250105)
+_SLOPES = quadratic_simplex(np.vstack([np.eye(4), _GAUSS]), CELLS["tet10"].edges)[1]
+_SLOPES.setflags(write=False)
+"""Slopes (8, 10, 3) of the shape functions at the corners and the Gauss points."""
 
 
-def _determinant(nodes: FloatArray, at: tuple[float, ...]) -> FloatArray:
-    """Jacobian determinant (n,) of quadratic tetrahedra (n, 10, 3) at barycentric coordinates."""
-    b = np.array(at)
-    slopes = [(4.0 * b[i] - 1.0) * _LINEAR[i] for i in range(4)]
-    slopes += [4.0 * (b[i] * _LINEAR[j] + b[j] * _LINEAR[i]) for i, j in _PAIRS]
-    determinant: FloatArray = np.linalg.det(np.einsum("ak,cai->cik", np.array(slopes), nodes))
+def _determinant(nodes: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Jacobian determinant (n,) of quadratic tetrahedra (n, 10, 3) where the slopes (10, 3) are taken."""
+    determinant: FloatArray = np.linalg.det(np.einsum("ak,cai->cik", slopes, nodes))
     return determinant
 
 
@@ -157,16 +152,14 @@ def cell_volumes(points: FloatArray, cells: IntArray) -> FloatArray:
         corners = points[cells]
         volumes: FloatArray = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
         return volumes
-    return np.asarray(sum(_determinant(points[cells], at) for at in _SAMPLES[4:]) / 24.0)
+    return np.asarray(sum(_determinant(points[cells], slopes) for slopes in _SLOPES[4:]) / 24.0)
 
 
 def dihedral_angles_deg(points: FloatArray, cells: IntArray) -> FloatArray:
     """The six angles between faces (n, 6) of straight tetrahedra."""
     corners = points[cells[:, :4]]
-    faces = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
-    normals = np.stack(
-        [np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a]) for a, b, c in faces], axis=1
-    )
+    a, b, c = np.moveaxis(corners[:, np.array(CELLS["tet4"].corner_faces)], 2, 0)
+    normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-300)
     cosines = [-np.einsum("ij,ij->i", normals[:, i], normals[:, j]) for i in range(4) for j in range(i)]
     return np.asarray(np.rad2deg(np.arccos(np.clip(np.stack(cosines, axis=1), -1.0, 1.0))))
@@ -176,7 +169,7 @@ def _contact_edge(points: FloatArray, cells: IntArray, contact: IntArray, near_m
     """Mean length of the edges of contact faces near the spot."""
     on = np.zeros(len(points), dtype=np.bool_)
     on[contact] = True
-    ends = np.sort(np.concatenate([cells[:, list(pair)] for pair in _PAIRS]), axis=1)
+    ends = np.sort(cells[:, np.array(CELLS["tet4"].edges)].reshape(-1, 2), axis=1)
     ends = np.unique(ends[on[ends].all(axis=1)], axis=0)
     middles = points[ends].mean(axis=1)
     lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)

@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, Limb
-from palpate_limb.volume import FACES
-
-_EDGES = {frozenset(pair): 4 + i for i, pair in enumerate(((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)))}
+from palpate.domain import FloatArray, Limb
+from palpate.topology import CELLS
 
 
 def rested(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
@@ -30,11 +28,11 @@ def rested(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
 def _surface_points(limb: Limb, radius_mm: float) -> FloatArray:
     """Points of the contact faces near the spot, on curved faces too."""
     mesh = limb.mesh
-    ((_, cells),) = mesh.cells.items()
+    ((kind, cells),) = mesh.cells.items()
     on = np.zeros(mesh.n_nodes, dtype=np.bool_)
     on[mesh.node_sets["contact"]] = True
-    found = [cells[on[cells[:, list(face)]].all(axis=1)][:, _face_nodes(cells, face)] for face in FACES]
-    faces = np.concatenate(found)
+    faces = cells[:, np.array(CELLS[kind].faces)].reshape(-1, len(CELLS[kind].faces[0]))
+    faces = faces[on[faces[:, :3]].all(axis=1)]
     near = np.linalg.norm(mesh.points_mm[faces[:, :3]].mean(axis=1), axis=1) < 2.0 * radius_mm
     shares = np.stack(np.meshgrid(*(np.linspace(0.0, 1.0, 9),) * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     shares = shares[shares.sum(axis=1) <= 1.0 + 1e-12]
@@ -45,9 +43,3 @@ def _surface_points(limb: Limb, radius_mm: float) -> FloatArray:
     points = (values @ mesh.points_mm[faces[near]]).reshape(-1, 3)
     inside: FloatArray = points[np.linalg.norm(points[:, :2], axis=1) < 0.9 * radius_mm]
     return inside[inside[:, 2] > -radius_mm]
-
-
-def _face_nodes(cells: IntArray, face: tuple[int, int, int]) -> list[int]:
-    a, b, c = face
-    middles = [_EDGES[frozenset(pair)] for pair in ((a, b), (b, c), (c, a))]
-    return [a, b, c] if cells.shape[1] == 4 else [a, b, c, *middles]

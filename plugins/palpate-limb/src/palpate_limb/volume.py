@@ -10,6 +10,7 @@ import numpy as np
 from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError
 from palpate.specimens.blocks import with_midpoints
+from palpate.topology import CELLS, outer_faces
 from palpate_limb.curving import curved
 from palpate_limb.layers import below_skin
 from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, run_mesher, run_mmg
@@ -20,8 +21,6 @@ TISSUE = "soft_tissue"
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
 FLATTEST = 2.5
 """Edges of a layer's elements over its thickness, at most: flatter ones are too poor."""
-FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
-"""Faces of a tetrahedron, outward; the k-th lies opposite of node k."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,8 +196,8 @@ def _largest(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray]:
 
 def _all_faces(tets: IntArray) -> tuple[IntArray, IntArray]:
     """Faces (4 n, 3) by ascending nodes, and the tetrahedron of each."""
-    faces = np.concatenate([np.sort(tets[:, list(face)], axis=1) for face in FACES])
-    return faces, np.tile(np.arange(len(tets)), 4)
+    faces = np.sort(tets[:, np.array(CELLS["tet4"].corner_faces)], axis=2).reshape(-1, 3)
+    return faces, np.repeat(np.arange(len(tets)), 4)
 
 
 def _regions(points: FloatArray, tets: IntArray, interfaces: Mapping[str, Surface]) -> IntArray:
@@ -218,9 +217,7 @@ def classify(points: FloatArray, tets: IntArray, segment: Segment) -> Boundary:
     MeshError
         A surface of the segment has no face in the mesh.
     """
-    corners = np.concatenate([tets[:, list(face)] for face in FACES])
-    _, first, counts = np.unique(np.sort(corners, axis=1), axis=0, return_index=True, return_counts=True)
-    faces = corners[first[counts == 1]]
+    faces = outer_faces("tet4", tets)
     vertices = points[faces]
     middles = vertices.mean(axis=1)
     normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])

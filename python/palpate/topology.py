@@ -1,0 +1,96 @@
+"""How the nodes of an element are numbered: the only table of it.
+
+The numbering is that of VTK, meshio and FEBio: corners first, then the nodes in the middle of
+the edges. A mesh in any of these formats needs no permutation.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+
+from palpate.domain import IntArray
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One kind of element.
+
+    Parameters
+    ----------
+    meshio : str
+        Its name in meshio.
+    n_corners : int
+    corner_faces : tuple of tuple of int
+        Corners of each face, counter-clockwise seen from outside.
+    edges : tuple of (int, int)
+        Ends of each edge.
+    has_midside_nodes : bool
+        Whether node ``n_corners + k`` is in the middle of edge k.
+    """
+
+    meshio: str
+    n_corners: int
+    corner_faces: tuple[tuple[int, ...], ...]
+    edges: tuple[tuple[int, int], ...]
+    has_midside_nodes: bool = False
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return self.n_corners + self.has_midside_nodes * len(self.edges)
+
+    @property
+    def n_face_corners(self) -> int:
+        """Number of corners of a face."""
+        return len(self.corner_faces[0])
+
+    @cached_property
+    def faces(self) -> tuple[tuple[int, ...], ...]:
+        """Nodes of each face: its corners, then the middles of its edges from the first corner on."""
+        if not self.has_midside_nodes:
+            return self.corner_faces
+        middle = {frozenset(edge): self.n_corners + k for k, edge in enumerate(self.edges)}
+        return tuple(
+            (*face, *(middle[frozenset((a, b))] for a, b in zip(face, (*face[1:], face[0]), strict=True)))
+            for face in self.corner_faces
+        )
+
+
+_TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
+_TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+_HEX_FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+_HEX_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+
+CELLS: Mapping[str, Cell] = MappingProxyType(
+    {
+        "tet4": Cell("tetra", 4, _TET_FACES, _TET_EDGES),
+        "tet10": Cell("tetra10", 4, _TET_FACES, _TET_EDGES, has_midside_nodes=True),
+        "hex8": Cell("hexahedron", 8, _HEX_FACES, _HEX_EDGES),
+    }
+)
+"""The kinds of elements that palpate simulates, by the names that FEBio uses too."""
+
+
+def outer_faces(kind: str, cells: IntArray, *, febio: bool = False) -> IntArray:
+    """Faces (n, n_face_nodes) that one element alone has, in the order of their sorted corners.
+
+    Parameters
+    ----------
+    kind : str
+    cells : (n_cells, n_nodes) integer array
+    febio : bool
+        As FEBio lists them instead: in the order of the elements, the last face of a tetrahedron
+        from its third corner on.
+    """
+    cell = CELLS[kind]
+    n, faces = cell.n_face_corners, cells[:, np.array(cell.faces)]
+    if febio and n == 3:
+        faces[:, 3] = np.roll(faces[:, 3].reshape(len(cells), -1, n), 1, axis=2).reshape(len(cells), -1)
+    faces = faces.reshape(-1, len(cell.faces[0]))
+    corners = np.sort(faces[:, :n], axis=1)
+    _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
+    outer = first[counts == 1]
+    return np.asarray(faces[np.sort(outer) if febio else outer])
