@@ -2,10 +2,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PLUGINS := materials jax experiments forearm limb febio dask
-EDITABLE := $(foreach p,$(PLUGINS),-e plugins/palpate-$(p))
+PLUGINS := $(dir $(wildcard plugins/*/pyproject.toml))
+EDITABLE := $(addprefix -e ,$(PLUGINS))
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
-PYPROJECTS := pyproject.toml $(wildcard plugins/*/pyproject.toml)
+PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test dist docs chaos lint format hooks bench bench-core bench-logs bench-ledger bench-solver bench-sparse clean
@@ -34,7 +34,7 @@ dist: $(VENV)/installed ## wheels and source distributions of every package, in 
 	rm -rf dist
 	$(BIN)/maturin sdist --out dist
 	$(BIN)/maturin build --release --locked --out dist
-	set -e; for folder in $(dir $(wildcard plugins/*/pyproject.toml)); do $(BIN)/python -m build --no-isolation --outdir dist $$folder >/dev/null; done
+	set -e; for folder in $(PLUGINS); do $(BIN)/python -m build --no-isolation --outdir dist $$folder >/dev/null; done
 
 docs: $(VENV)/installed ## the site in target/docs, with a gallery of studies that are run here
 	$(BIN)/python docs/site/gallery.py

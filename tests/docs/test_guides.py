@@ -33,7 +33,7 @@ ROOT = Path(__file__).parents[2]
 GUIDES = [
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted(ROOT.glob("plugins/*/README.md")),
-    ROOT / "README.md",
+    *sorted(ROOT.glob("*.md")),
 ]
 ROBOT_LOG = files("palpate_experiments") / "studies" / "robot-log"
 
@@ -44,7 +44,7 @@ def text_of(guide: Path) -> str:
 
 def commands_of(guide: Path) -> list[str]:
     """Indented calls of palpate, without their comments."""
-    lines = re.findall(r"^ {4}(palpate .*)$", text_of(guide), flags=re.MULTILINE)
+    lines = re.findall(r"^ {4}(?:env/bin/)?(palpate .*)$", text_of(guide), flags=re.MULTILINE)
     return [re.split(r" {2,}#", line)[0].strip() for line in lines]
 
 
@@ -69,6 +69,12 @@ def test_every_call_is_one_that_palpate_understands(guide):
             parent = command.make_context(name, list(rest), parent=parent, resilient_parsing=True)
             name, command, rest = command.resolve_command(parent, [*parent._protected_args, *parent.args])
         command.make_context(name, list(rest), parent=parent)
+
+
+def test_every_make_target_that_a_guide_names_exists():
+    targets = set(re.findall(r"^([a-z-]+):", text_of(ROOT / "Makefile"), flags=re.MULTILINE))
+    named = {name for guide in GUIDES for name in re.findall(r"(?:`| {4})make ([a-z-]+)", text_of(guide))}
+    assert {"demo", "test", "dist", "docs"} <= named <= targets
 
 
 def call(line: str) -> int:
