@@ -34,7 +34,7 @@ def test_a_file_that_the_readme_links_exists(target: str) -> None:
 def test_every_command_of_the_readme_exists_and_the_other_way_round() -> None:
     named = set(re.findall(r"(?:`| {4}|bin/)palpate ([a-z][a-z-]*)", README))
     assert named <= all_commands()
-    assert CORE_COMMANDS <= named
+    assert named >= CORE_COMMANDS
 
 
 def test_the_readme_lists_the_hooks() -> None:
