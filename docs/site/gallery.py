@@ -13,6 +13,7 @@ from palpate import Plugins
 
 STUDIES = ("treloar", "forearm-demo")
 RUNS = Path(os.environ.get("PALPATE_GALLERY") or Path(__file__).parents[2] / "target" / "gallery")
+TABLES = ("table2_nmse.md", "generalised.md")
 FIGURES = {
     "response_*.png": "Measured curves, and the curves of the selected sets",
     "nmse_distribution.png": "NMSE of all sets, by channel",
@@ -27,14 +28,6 @@ def run() -> None:
         subprocess.run(command, check=True)
 
 
-def figures() -> Iterator[tuple[str, Path]]:
-    """Name in the site and file of every figure."""
-    for study in STUDIES:
-        for pattern in FIGURES:
-            for file in sorted((RUNS / study / "report" / "figures").glob(pattern)):
-                yield f"gallery/{study}/{file.name}", file
-
-
 def page() -> str:
     """Write the gallery as Markdown."""
     templates = Plugins.load().studies
@@ -42,23 +35,40 @@ def page() -> str:
     for study in STUDIES:
         lines += [f"## {study}", "", f"{templates[study].summary.capitalize()}.", ""]
         lines += [f"    palpate demo --study {study}", ""]
-        lines += _shown(study)
+        lines += _results(study)
     return "\n".join(lines)
 
 
-def _shown(study: str) -> Iterator[str]:
-    tables = RUNS / study / "report" / "tables"
-    if not (tables / "table1_coefficients.md").is_file():
-        yield "Not run yet: `make docs` does."
-        yield ""
+def files() -> Iterator[tuple[str, Path]]:
+    """Name in the site and path of every figure and report."""
+    for study in STUDIES:
+        report = RUNS / study / "report" / "index.html"
+        if report.is_file():
+            yield f"gallery/{study}/report.html", report
+            yield from (
+                (_name(study, file), file) for pattern in FIGURES for file in _figures(study, pattern)
+            )
+
+
+def _results(study: str) -> Iterator[str]:
+    report = RUNS / study / "report"
+    if not (report / "index.html").is_file():
+        yield "Not run yet: `make docs` does.\n"
         return
-    for table in ("table1_coefficients.md", "table2_nmse.md"):
-        yield (tables / table).read_text(encoding="utf-8")
-        yield ""
+    yield f"[Open its report](gallery/{study}/report.html).\n"
+    for table in TABLES:
+        yield (report / "tables" / table).read_text(encoding="utf-8") + "\n"
     for pattern, caption in FIGURES.items():
-        for name, file in figures():
-            if name.startswith(f"gallery/{study}/") and file.match(pattern):
-                yield f"{caption}:\n\n![{caption}]({name})\n"
+        yield f"{caption}:\n"
+        yield from (f"![{caption}]({_name(study, file)})\n" for file in _figures(study, pattern))
+
+
+def _figures(study: str, pattern: str) -> list[Path]:
+    return sorted((RUNS / study / "report" / "figures").glob(pattern))
+
+
+def _name(study: str, file: Path) -> str:
+    return f"gallery/{study}/{file.name}"
 
 
 if __name__ == "__main__":

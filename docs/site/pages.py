@@ -61,7 +61,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     }
     for path, content in made.items():
         files.append(File.generated(config, path, content=content))
-    for name, file in gallery.figures():
+    for name, file in gallery.files():
         files.append(File.generated(config, name, abs_src_path=str(file)))
     return files
 

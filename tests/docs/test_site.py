@@ -16,13 +16,15 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
-    figures = folder / "gallery" / "treloar" / "report" / "figures"
-    tables = folder / "gallery" / "treloar" / "report" / "tables"
-    figures.mkdir(parents=True)
-    tables.mkdir()
-    (figures / "response_specimen.png").write_bytes(b"\x89PNG")
-    for table in ("table1_coefficients.md", "table2_nmse.md"):
-        (tables / table).write_text("Coefficients\n\n| value |\n| --- |\n| 0.18 |\n")
+    report = folder / "gallery" / "treloar" / "report"
+    for name in (
+        "index.html",
+        "figures/response_specimen.png",
+        "tables/table2_nmse.md",
+        "tables/generalised.md",
+    ):
+        (report / name).parent.mkdir(parents=True, exist_ok=True)
+        (report / name).write_text("Coefficients\n\n| value |\n| --- |\n| 0.18 |\n")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
     command += ["--config-file", str(ROOT / "docs/site/mkdocs.yml"), "--site-dir", str(folder / "site")]
     environment = {"PALPATE_GALLERY": str(folder / "gallery"), "NO_COLOR": "1"}
@@ -62,6 +64,7 @@ def test_the_reference_has_every_public_name_and_every_term(site: Path) -> None:
 def test_the_gallery_shows_figures_and_tables_of_runs(site: Path) -> None:
     gallery = (site / "gallery.html").read_text(encoding="utf-8")
     assert 'src="gallery/treloar/response_specimen.png"' in gallery
-    assert (site / "gallery" / "treloar" / "response_specimen.png").is_file()
+    for name in ("response_specimen.png", "report.html"):
+        assert (site / "gallery" / "treloar" / name).is_file()
     assert "<td>0.18</td>" in gallery
     assert "Not run yet" in gallery
