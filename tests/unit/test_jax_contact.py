@@ -36,7 +36,7 @@ def touched(contact, displacements):
 
 
 def test_faces_cover_the_upper_face(contact):
-    assert sum(s.areas.sum() for s in contact.skins) == pytest.approx(64.0, rel=1e-12)
+    assert sum(s.areas.sum() for s in contact.surfaces) == pytest.approx(64.0, rel=1e-12)
 
 
 def test_force_is_the_pressure_over_the_cap(contact, at_rest):
@@ -81,7 +81,7 @@ def test_stiffness_is_the_derivative_of_the_force(contact, shape, anchored, coup
     slope = -(contact.force(u + h * d, load) - contact.force(u - h * d, load)) / (2 * h)
     product = np.zeros_like(u)
     stiffness = contact.stiffness(u, load, coupled=coupled)
-    for skin, (faces, k) in zip(contact.skins, stiffness, strict=True):
+    for skin, (faces, k) in zip(contact.surfaces, stiffness, strict=True):
         nodes = skin.nodes[faces]
         local = np.einsum("fij,fj->fi", k, d[nodes].reshape(len(nodes), -1))
         np.add.at(product, nodes, local.reshape(*nodes.shape, 3))

@@ -12,8 +12,8 @@ from palpate.errors import StudyError
 from palpate.mechanics import stress
 from palpate.specimens import block
 from palpate_jax.body import Body, blocks, points_of_cells
+from palpate_jax.contact_surface import contact_surfaces
 from palpate_jax.fields import cell_fields, nodal_tractions
-from palpate_jax.skin import skins
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.yeoh import Yeoh
@@ -87,7 +87,7 @@ def test_fields_agree_with_the_curves(written):
     displacement = read.point_data["displacement_mm"] @ written.turn
     assert displacement[:, 2].min() == pytest.approx(-2.0, abs=0.2)
     pressure = read.point_data["contact_pressure_MPa"]
-    (skin,) = skins(written.limb.mesh)
+    (skin,) = contact_surfaces(written.limb.mesh)
     corners = (written.limb.mesh.points_mm + read.point_data["displacement_mm"])[skin.nodes]
     normals = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) @ written.turn
     assert (pressure[skin.nodes].mean(axis=1) * normals[:, 2]).sum() == pytest.approx(force, rel=0.25)

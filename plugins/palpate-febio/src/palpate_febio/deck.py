@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Mesh
+from palpate_febio.contact_surface import contact_faces
 from palpate_febio.settings import PENALTY, FebioSettings, Rung
-from palpate_febio.skin import skin_faces
 from palpate_febio.spelling import DENSITY_T_PER_MM3, Written
 from palpate_febio.sphere import sphere_mesh
 from palpate_febio.steps import Steps
@@ -220,7 +220,7 @@ def _mesh(root: ET.Element, problem: Problem) -> None:
         if np.size(chosen := mesh.node_sets.get(name, ())):
             _leaf(section, "NodeSet", ",".join(map(str, np.asarray(chosen) + 1)), name=name)
     if not problem.bonded:
-        _surfaces(section, skin_faces(mesh), ball.faces + mesh.n_nodes)
+        _surfaces(section, contact_faces(mesh), ball.faces + mesh.n_nodes)
     _domains(root, problem, domains)
 
 
@@ -239,10 +239,10 @@ def _cells(parent: ET.Element, tag: str, cells: IntArray, first: int) -> None:
         _leaf(parent, tag, ",".join(map(str, cell)), id=str(k))
 
 
-def _surfaces(section: ET.Element, skin: Mapping[str, IntArray], ball: IntArray) -> None:
+def _surfaces(section: ET.Element, faces_by_kind: Mapping[str, IntArray], ball: IntArray) -> None:
     surface = ET.SubElement(section, "Surface", name="skin_surface")
     first = 1
-    for kind, faces in skin.items():
+    for kind, faces in faces_by_kind.items():
         _cells(surface, kind, faces, first)
         first += len(faces)
     _cells(ET.SubElement(section, "Surface", name="indenter_surface"), "tri3", ball, 1)

@@ -22,12 +22,12 @@ from palpate.sandbox import Ended, Limits, run_program
 from palpate.spot_frame import in_spot_frame, indentation_response
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
+from palpate_febio.contact_surface import contact_faces
 from palpate_febio.conventions import remembered
 from palpate_febio.deck import DECK_NAME, LOG_NAME, RECORD_NAME, Problem, write_deck
 from palpate_febio.gates import check_torque
 from palpate_febio.probe import Fit, run_probe
 from palpate_febio.settings import PAPER_CONTACT, FebioSettings, Rung
-from palpate_febio.skin import skin_faces
 from palpate_febio.spelling import expected_convention, written
 from palpate_febio.steps import Steps, halved, steps_of, up_to_first_turn
 from palpate_febio.template import fill_template
@@ -165,7 +165,7 @@ class FebioSolver(Solver):
                 )
         problem = self.problem(job, limb, dict.fromkeys(job.materials, "textbook"))
         if not problem.bonded:
-            skin_faces(problem.mesh)
+            contact_faces(problem.mesh)
         if self.settings.template:
             self._deck(problem)
         for material in job.materials.values():

@@ -67,7 +67,7 @@ def blocks(mesh: Mesh, mean_dilatation: bool | Collection[str] = True) -> tuple[
                 continue
             jacobians = np.einsum("eai,qaj->eqij", mesh.points_mm[nodes], element.slopes)
             gradients = np.einsum("qaj,eqji->eqai", element.slopes, np.linalg.inv(jacobians))
-            volumes = np.linalg.det(jacobians) * element.weights
+            volumes = np.linalg.det(jacobians) * element.quadrature_weights
             fields = {
                 name: np.repeat(by_kind[kind][own][:, None], volumes.shape[1], axis=1)
                 for name, by_kind in mesh.cell_fields.items()

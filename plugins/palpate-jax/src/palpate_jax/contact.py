@@ -1,4 +1,4 @@
-"""Contact of the skin with a rigid indenter: penalty, and Coulomb friction that remembers.
+"""Contact of the limb with a rigid indenter: penalty, and Coulomb friction that remembers.
 
 At every quadrature point of the contact faces, with signed distance d to the
 indenter and normal n = ∇d:
@@ -22,8 +22,8 @@ from functools import cached_property
 import numpy as np
 
 from palpate.domain import BoolArray, FloatArray, IntArray, Mesh
+from palpate_jax.contact_surface import ContactSurface, contact_surfaces
 from palpate_jax.shapes import Shape
-from palpate_jax.skin import Skin, skins
 
 NEAR = 0.5
 """Distance from the indenter [mm] within which a node is taken to slide along it."""
@@ -270,7 +270,7 @@ class Points:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Touched:
-    """Faces of each skin with a point inside the indenter (f',), and these faces' points."""
+    """Faces of each surface with a point inside the indenter (f',), and these faces' points."""
 
     faces: list[IntArray]
     where: IntArray
@@ -287,16 +287,16 @@ class Contact:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        self.skins = skins(mesh)
+        self.surfaces = contact_surfaces(mesh)
         self._rest = mesh.points_mm
-        self.areas = np.concatenate([np.empty(0), *(s.areas.ravel() for s in self.skins)])
+        self.areas = np.concatenate([np.empty(0), *(s.areas.ravel() for s in self.surfaces)])
         self._nodes = np.unique(
-            np.concatenate([np.empty(0, np.int64), *(s.nodes.ravel() for s in self.skins)])
+            np.concatenate([np.empty(0, np.int64), *(s.nodes.ravel() for s in self.surfaces)])
         )
-        ends = np.cumsum([0, *(s.areas.size for s in self.skins)])
+        ends = np.cumsum([0, *(s.areas.size for s in self.surfaces)])
         self._numbers = [
             np.arange(start, stop).reshape(s.areas.shape)
-            for s, start, stop in zip(self.skins, ends[:-1], ends[1:], strict=True)
+            for s, start, stop in zip(self.surfaces, ends[:-1], ends[1:], strict=True)
         ]
 
     def no_memory(self, pose: Pose) -> Memory:
@@ -310,7 +310,7 @@ class Contact:
 
     def at_points(self, nodal: FloatArray) -> FloatArray:
         """A nodal field (n_nodes, 3) at the quadrature points (n, 3)."""
-        return np.concatenate([np.empty((0, 3)), *(s.positions(nodal) for s in self.skins)])
+        return np.concatenate([np.empty((0, 3)), *(s.positions(nodal) for s in self.surfaces)])
 
     def touched(self, displacements: FloatArray, load: Load) -> Touched:
         """The points of all faces that the indenter touches."""
@@ -323,17 +323,21 @@ class Contact:
         limits = None if load.limits is None else load.limits[where]
         return Touched(faces, where, Points(positions[where], anchors, anchored, load.law, limits))
 
-    def _by_skin(self, touched: Touched, per_point: FloatArray) -> list[tuple[Skin, IntArray, FloatArray]]:
-        """Skins with their touched faces and an array of these faces' points, as (f', q, ...)."""
-        ends = np.cumsum([f.size * s.areas.shape[1] for s, f in zip(self.skins, touched.faces, strict=True)])
-        parts = np.split(per_point, ends[:-1]) if self.skins else []
+    def _by_surface(
+        self, touched: Touched, per_point: FloatArray
+    ) -> list[tuple[ContactSurface, IntArray, FloatArray]]:
+        """Surfaces with their touched faces and an array of these faces' points, as (f', q, ...)."""
+        ends = np.cumsum(
+            [f.size * s.areas.shape[1] for s, f in zip(self.surfaces, touched.faces, strict=True)]
+        )
+        parts = np.split(per_point, ends[:-1]) if self.surfaces else []
         return [
-            (skin, faces, part.reshape(-1, skin.areas.shape[1], *per_point.shape[1:]))
-            for skin, faces, part in zip(self.skins, touched.faces, parts, strict=True)
+            (surface, faces, part.reshape(-1, surface.areas.shape[1], *per_point.shape[1:]))
+            for surface, faces, part in zip(self.surfaces, touched.faces, parts, strict=True)
         ]
 
     def along(self, start: FloatArray, end: FloatArray, load: Load) -> FloatArray:
-        """Bend a straight move of the skin so that points slide along the indenter.
+        """Bend a straight move of the surface so that points slide along the indenter.
 
         A point that moves by s along a surface of curvature 1/R ends s²/2R off it,
         which may be more than its penetration: Newton's method would lose the contact.
@@ -359,15 +363,15 @@ class Contact:
     def to_nodes(self, touched: Touched, tractions: FloatArray) -> FloatArray:
         """Nodal forces of tractions (k, 3) at the touched faces' points."""
         total = np.zeros_like(self._rest)
-        for skin, faces, part in self._by_skin(touched, tractions):
-            weighted = skin.areas[faces][:, :, None] * part
-            np.add.at(total, skin.nodes[faces], skin.values.T @ weighted)
+        for surface, faces, part in self._by_surface(touched, tractions):
+            weighted = surface.areas[faces][:, :, None] * part
+            np.add.at(total, surface.nodes[faces], surface.values.T @ weighted)
         return total
 
     def stiffness(
         self, displacements: FloatArray, load: Load, *, coupled: bool = True
     ) -> list[tuple[IntArray, FloatArray]]:
-        """−∂force/∂displacements by skin: faces (f',) and (f', 3n, 3n) [N/mm].
+        """−∂force/∂displacements by surface: faces (f',) and (f', 3n, 3n) [N/mm].
 
         It is unsymmetric where points slide. Uncoupled it is close to symmetric and
         makes a good preconditioner.
@@ -376,8 +380,8 @@ class Contact:
         turn = load.pose.rotation
         jacobians = turn @ touched.points.jacobian(coupled=coupled) @ turn.T
         return [
-            (faces, _face_stiffness(skin, faces, part))
-            for skin, faces, part in self._by_skin(touched, jacobians)
+            (faces, _face_stiffness(surface, faces, part))
+            for surface, faces, part in self._by_surface(touched, jacobians)
         ]
 
     def drag(self, displacements: FloatArray, load: Load, motion: Motion) -> FloatArray:
@@ -419,11 +423,11 @@ class Contact:
         )
 
 
-def _face_stiffness(skin: Skin, faces: IntArray, jacobians: FloatArray) -> FloatArray:
+def _face_stiffness(surface: ContactSurface, faces: IntArray, jacobians: FloatArray) -> FloatArray:
     """−Σ_q area N_a J N_b, shape (f', 3n, 3n), of Jacobians (f', q, 3, 3)."""
-    n = skin.nodes.shape[1]
-    weighted = (skin.areas[faces][:, :, None, None] * jacobians).reshape(*jacobians.shape[:2], 9)
-    pairs = (skin.values[:, :, None] * skin.values[:, None, :]).reshape(len(skin.values), n * n)
+    n = surface.nodes.shape[1]
+    weighted = (surface.areas[faces][:, :, None, None] * jacobians).reshape(*jacobians.shape[:2], 9)
+    pairs = (surface.values[:, :, None] * surface.values[:, None, :]).reshape(len(surface.values), n * n)
     blocks = (pairs.T @ weighted).reshape(-1, n, n, 3, 3)
     stiffness: FloatArray = -blocks.transpose(0, 1, 3, 2, 4).reshape(-1, 3 * n, 3 * n)
     return stiffness

@@ -50,7 +50,7 @@ def _triangle_points() -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Face:
-    """A face kind: shape values (q, n), slopes (q, n, 2) and weights (q,) at its quadrature points.
+    """A face kind: shape values (q, n), slopes (q, n, 2) and weights (q,) of its quadrature points.
 
     Contact lives at these points. Few of them, because each is a constraint: with 3 × 3 on a
     four-node face a stiff contact leaves too little freedom, and overstates force by 3 %.
@@ -58,7 +58,13 @@ class Face:
 
     values: FloatArray
     slopes: FloatArray
-    weights: FloatArray
+    quadrature_weights: FloatArray
+
+    def areas(self, nodes_mm: FloatArray) -> FloatArray:
+        """Area (f, q) [mm²] of each quadrature point of faces with nodes (f, n, 3)."""
+        slopes = np.einsum("qak,fai->fqki", self.slopes, nodes_mm)
+        areas: FloatArray = np.linalg.norm(np.cross(slopes[:, :, 0], slopes[:, :, 1]), axis=2)
+        return areas * self.quadrature_weights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +72,7 @@ class Element:
     """An element kind: slopes (q, n, 3) and weights (q,) at its quadrature points, and its faces."""
 
     slopes: FloatArray
-    weights: FloatArray
+    quadrature_weights: FloatArray
     face: Face
 
 
@@ -81,7 +87,7 @@ def _tet10(rule: tuple[FloatArray, FloatArray]) -> Element:
     points, weights = rule
     return Element(
         slopes=quadratic_simplex(barycentric(points), CELLS["tet10"].edges)[1],
-        weights=weights,
+        quadrature_weights=weights,
         face=_face(lambda p: quadratic_simplex(barycentric(p), _TRI_EDGES), _triangle_points()),
     )
 
@@ -90,7 +96,7 @@ def _tet4() -> Element:
     points, weights = np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0)
     return Element(
         slopes=linear_simplex(barycentric(points))[1],
-        weights=weights,
+        quadrature_weights=weights,
         face=_face(lambda p: linear_simplex(barycentric(p)), _triangle_points()),
     )
 
@@ -99,7 +105,7 @@ def _hex8() -> Element:
     points, weights = _gauss_box(2, 3)
     return Element(
         slopes=multilinear(points, HEX_CORNERS)[1],
-        weights=weights,
+        quadrature_weights=weights,
         face=_face(lambda p: multilinear(p, _QUAD_CORNERS), _gauss_box(2, 2)),
     )
 

@@ -29,9 +29,7 @@ from palpate.spot_frame import in_spot_frame, spot_axes
 from palpate.topology import CELLS
 from palpate_jax.body import Block, blocks, points_of_cells
 from palpate_jax.contact import Contact, Points
-from palpate_jax.elements import ELEMENTS
 from palpate_jax.march import Station
-from palpate_jax.skin import Skin
 
 
 class FieldWriter:
@@ -182,11 +180,11 @@ def cell_fields(
         pressure = np.broadcast_to((w * pressure).sum(axis=1, keepdims=True) / volume, J.shape)
     deviator = kirchhoff - third[..., None, None] * np.eye(3)
     cauchy = deviator / J[..., None, None] + pressure[..., None, None] * np.eye(3)
-    weights = w[places]
-    now = weights * J[places]
+    volumes = w[places]
+    now = volumes * J[places]
     sigma = np.einsum("cp,cpij->cij", now, cauchy[places]) / now.sum(axis=1)[:, None, None]
-    gradient = np.einsum("cp,cpij->cij", weights, F[places]) / weights.sum(axis=1)[:, None, None]
-    return sigma, np.linalg.svd(gradient, compute_uv=False), now.sum(axis=1) / weights.sum(axis=1)
+    gradient = np.einsum("cp,cpij->cij", volumes, F[places]) / volumes.sum(axis=1)[:, None, None]
+    return sigma, np.linalg.svd(gradient, compute_uv=False), now.sum(axis=1) / volumes.sum(axis=1)
 
 
 def nodal_tractions(contact: Contact, rest_mm: FloatArray, state: Station) -> tuple[FloatArray, FloatArray]:
@@ -198,20 +196,13 @@ def nodal_tractions(contact: Contact, rest_mm: FloatArray, state: Station) -> tu
     total, weight = np.zeros((len(state.displacements), 4)), np.zeros(len(state.displacements))
     coordinates = rest_mm + state.displacements
     start = 0
-    for skin in contact.skins:
-        part = values[start : start + skin.areas.size].reshape(*skin.areas.shape, 4)
-        start += skin.areas.size
+    for surface in contact.surfaces:
+        part = values[start : start + surface.areas.size].reshape(*surface.areas.shape, 4)
+        start += surface.areas.size
         # Squared shape functions, because those of a corner of tet10 are negative across the face.
-        near = skin.areas[:, :, None] * skin.values**2
-        nominal = part * (skin.areas / _deformed_areas(skin, coordinates))[:, :, None]
-        np.add.at(total, skin.nodes, np.einsum("fqa,fqk->fak", near, nominal))
-        np.add.at(weight, skin.nodes, near.sum(axis=1))
+        near = surface.areas[:, :, None] * surface.values**2
+        nominal = part * (surface.areas / surface.face.areas(coordinates[surface.nodes]))[:, :, None]
+        np.add.at(total, surface.nodes, np.einsum("fqa,fqk->fak", near, nominal))
+        np.add.at(weight, surface.nodes, near.sum(axis=1))
     mean = total / np.where(weight > 0.0, weight, 1.0)[:, None]
     return mean[:, 0], mean[:, 1:]
-
-
-def _deformed_areas(skin: Skin, coordinates: FloatArray) -> FloatArray:
-    face = next(e.face for e in ELEMENTS.values() if e.face.values.shape == skin.values.shape)
-    slopes = np.einsum("qak,fai->fqki", face.slopes, coordinates[skin.nodes])
-    areas: FloatArray = np.linalg.norm(np.cross(slopes[:, :, 0], slopes[:, :, 1]), axis=2) * face.weights
-    return areas

@@ -5,7 +5,7 @@ import numpy as np
 from palpate.domain import Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError
 from palpate.spot_frame import in_spot_frame
-from palpate_jax.skin import skins
+from palpate_jax.contact_surface import contact_surfaces
 
 
 def check_footprint(limb: Limb, protocol: Indentation) -> None:
@@ -40,8 +40,8 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
 def _rim(mesh: Mesh) -> IntArray:
     """End nodes (2 n,) of the edges that belong to one contact face only, pair after pair."""
     edges = []
-    for skin in skins(mesh):
-        corners = skin.nodes[:, : 4 if skin.nodes.shape[1] == 4 else 3]
+    for surface in contact_surfaces(mesh):
+        corners = surface.nodes[:, : 4 if surface.nodes.shape[1] == 4 else 3]
         edges.append(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2))
     if not edges:
         return np.empty(0, dtype=np.int64)

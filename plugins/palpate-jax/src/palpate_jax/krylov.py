@@ -67,8 +67,8 @@ class Space:
             more.append(float(image @ residual))
             residual = residual - more[-1] * image
         n = self.n_steps
-        weights = solve_triangular(self._triangle[:n, :n], np.concatenate([shares, more]))
-        correction: FloatArray = weights @ self._directions[:n]
+        coefficients = solve_triangular(self._triangle[:n, :n], np.concatenate([shares, more]))
+        correction: FloatArray = coefficients @ self._directions[:n]
         return correction
 
     def _extend(self, direction: FloatArray) -> bool:

@@ -70,7 +70,7 @@ class Model:
         self._free = unknowns.ravel() >= 0
         unknowns.reshape(-1)[self._free] = np.arange(self._free.sum())
         self._unknowns = unknowns
-        groups = [b.nodes for b in self.body.blocks] + [s.nodes for s in self.contact.skins]
+        groups = [b.nodes for b in self.body.blocks] + [s.nodes for s in self.contact.surfaces]
         self.pattern = Pattern([self._numbers(nodes) for nodes in groups], int(self._free.sum()))
         places = [self.pattern.places(k) for k in range(len(self.body.blocks))]
         self.body.bind(places, len(self.pattern.indices))

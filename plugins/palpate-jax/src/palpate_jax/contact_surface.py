@@ -7,25 +7,29 @@ import numpy as np
 from palpate.domain import FloatArray, IntArray, Mesh
 from palpate.errors import MeshError
 from palpate.topology import outer_faces
-from palpate_jax.elements import ELEMENTS
+from palpate_jax.elements import ELEMENTS, Face
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Skin:
+class ContactSurface:
     """Contact faces of one kind.
 
     Parameters
     ----------
     nodes : (f, n) array
-    values : (q, n) array
-        Shape functions at the face's quadrature points.
+    face : Face
     areas : (f, q) array
-        Reference area of each point [mm²].
+        Reference area of each quadrature point [mm²].
     """
 
     nodes: IntArray
-    values: FloatArray
+    face: Face
     areas: FloatArray
+
+    @property
+    def values(self) -> FloatArray:
+        """Shape functions (q, n) at the quadrature points."""
+        return self.face.values
 
     def positions(self, coordinates: FloatArray) -> FloatArray:
         """Quadrature points (f q, 3) of node coordinates (n_nodes, 3)."""
@@ -33,7 +37,7 @@ class Skin:
         return points.reshape(-1, 3)
 
 
-def skins(mesh: Mesh) -> tuple[Skin, ...]:
+def contact_surfaces(mesh: Mesh) -> tuple[ContactSurface, ...]:
     """Boundary faces whose nodes all belong to the node set ``contact``.
 
     None where nodes are ``bonded``: an indenter that is glued on touches nothing else.
@@ -49,13 +53,10 @@ def skins(mesh: Mesh) -> tuple[Skin, ...]:
     touchable[mesh.node_sets["contact"]] = True
     found = []
     for kind, cells in mesh.cells.items():
-        element = ELEMENTS[kind]
-        faces = outer_faces(kind, cells)
+        face, faces = ELEMENTS[kind].face, outer_faces(kind, cells)
         faces = faces[touchable[faces].all(axis=1)]
         if len(faces):
-            slopes = np.einsum("qak,fai->fqki", element.face.slopes, mesh.points_mm[faces])
-            areas = np.linalg.norm(np.cross(slopes[:, :, 0], slopes[:, :, 1]), axis=2)
-            found.append(Skin(faces, element.face.values, areas * element.face.weights))
+            found.append(ContactSurface(faces, face, face.areas(mesh.points_mm[faces])))
     if not found:
         raise MeshError(
             "mesh: no boundary face has all its nodes in the node set 'contact'; "

@@ -10,7 +10,7 @@ FEBIO_NAMES = {3: "tri3", 4: "quad4", 6: "tri6"}
 """Kinds of faces by their number of nodes."""
 
 
-def skin_faces(mesh: Mesh) -> dict[str, IntArray]:
+def contact_faces(mesh: Mesh) -> dict[str, IntArray]:
     """Outer faces whose nodes all belong to the node set ``contact``, by FEBio's name of their kind.
 
     Returns
