@@ -9,9 +9,9 @@ say otherwise.
     One path on blocks of tet10 and on meshes of a forearm, beside the same solver with new factors
     for every linear system; peak memory; the exponent of cost ∝ n^p.
 ``--many N``
-    N sets of parameters in one process, where finished sets guide the next, beside cold runs:
+    N sets of parameters in one process, where the next starts from finished sets, next to cold runs:
     each in a process that imports, prepares the limb and solves. Five cold runs stand for all N.
-    Then the same with two worker processes, by wall clock. Where a guided set spends its time.
+    Then the same with two worker processes, by wall clock. Where a set with a warm start spends its time.
 ``--sensitivities``
     One path with the derivatives in the three parameters and the friction, beside without.
 
@@ -50,7 +50,7 @@ N_TURNS = 3
 """Runs of a path without and with derivatives."""
 
 N_EARLY = 10
-"""Sets that have few finished ones to be guided by."""
+"""Sets that have few finished ones to start from."""
 
 MOST_WITH_PEER = 15_000
 """Unknowns beyond which the peer, with new factors for every system, is left out."""
@@ -147,7 +147,7 @@ def watched() -> Clock:
     """A clock on the parts of a simulation."""
     from palpate_jax.body import Body
     from palpate_jax.contact import Contact
-    from palpate_jax.neighbours import Guide, Neighbours
+    from palpate_jax.initial_guess import InitialGuess, WarmStart
     from palpate_jax.sparse import LinearSolver, Pattern
 
     clock = Clock()
@@ -161,8 +161,8 @@ def watched() -> Clock:
     for part, (owner, names) in parts.items():
         for name in names:
             clock.watch(owner, name, part)
-    clock.watch(Guide, "hints", "guesses")
-    clock.watch(Neighbours, "guide", "guesses")
+    clock.watch(InitialGuess, "at", "guesses")
+    clock.watch(WarmStart, "initial_guess", "guesses")
     return clock
 
 
@@ -207,7 +207,7 @@ def cold(mesh: str, n_sets: int, k: int) -> dict[str, Any]:
     return {"seconds": time.process_time(), "status": simulation.status.value}
 
 
-def guided(mesh: str, n_sets: int) -> dict[str, Any]:
+def warm_start(mesh: str, n_sets: int) -> dict[str, Any]:
     """All sets in one process, and where the time goes: of the first few, and of those after them."""
     from palpate_jax.solver import JaxSettings, JaxSolver
 
@@ -216,7 +216,7 @@ def guided(mesh: str, n_sets: int) -> dict[str, Any]:
     clock.shares()
     ready, spent = time.process_time(), {}
     found = []
-    for simulation in JaxSolver(JaxSettings(guided=True)).simulate_many(work, limb):
+    for simulation in JaxSolver(JaxSettings(warm_start=True)).simulate_many(work, limb):
         found.append(simulation)
         if len(found) in (N_EARLY, n_sets):
             spent["early" if len(found) == N_EARLY else "late"] = clock.shares()
@@ -250,13 +250,13 @@ def with_slopes(mesh: str) -> dict[str, Any]:
 
 
 def two_workers(mesh: str, n_sets: int) -> dict[str, Any]:
-    """All sets on two worker processes, guided in each, by wall clock."""
+    """All sets on two worker processes, each with a warm start, by wall clock."""
     from palpate.executors import Limits, Processes, Work
     from palpate_jax.solver import JaxSettings, JaxSolver
 
     limb = load(mesh)
     work = Work(
-        solver=JaxSolver(JaxSettings(guided=True)),
+        solver=JaxSolver(JaxSettings(warm_start=True)),
         jobs=jobs(designed(n_sets), limb),
         limbs={limb.spot.name: limb},
         limits=Limits(time_s=3600.0),
@@ -267,7 +267,7 @@ def two_workers(mesh: str, n_sets: int) -> dict[str, Any]:
     return {"wall_s": time.perf_counter() - started, "n": len(found)}
 
 
-CHILDREN = {f.__name__: f for f in (one_path, cold, guided, with_slopes, two_workers)}
+CHILDREN = {f.__name__: f for f in (one_path, cold, warm_start, with_slopes, two_workers)}
 
 
 def in_own_process(what: Callable[..., dict[str, Any]], *arguments: Any, **options: Any) -> dict[str, Any]:
@@ -322,13 +322,13 @@ def many(name: str, mesh: str, n_sets: int) -> None:
     sample = np.unique(np.linspace(0, n_sets - 1, N_COLD).astype(int)).tolist()
     alone = [in_own_process(cold, mesh, n_sets, k) for k in sample]
     cold_s, cold_wall_s = (n_sets * float(np.mean([a[k] for a in alone])) for k in ("seconds", "wall_s"))
-    together = in_own_process(guided, mesh, n_sets)
+    together = in_own_process(warm_start, mesh, n_sets)
     pair = in_own_process(two_workers, mesh, n_sets)
     heading(f"{n_sets} sets, {name}", "seconds", f"× faster than cold, wanted {WANTED_MANY:.0f}")
     write(f"cold, cpu ({len(sample)} runs scaled)", f"{cold_s:.0f}", 1)
-    write("guided, one process, cpu", f"{together['seconds']:.0f}", f"{cold_s / together['seconds']:.1f}")
+    write("warm start, one process, cpu", f"{together['seconds']:.0f}", f"{cold_s / together['seconds']:.1f}")
     write(f"cold, one after the other, wall ({len(sample)} runs scaled)", f"{cold_wall_s:.0f}", 1)
-    write("guided, two workers, wall", f"{pair['wall_s']:.0f}", f"{cold_wall_s / pair['wall_s']:.1f}")
+    write("warm start, two workers, wall", f"{pair['wall_s']:.0f}", f"{cold_wall_s / pair['wall_s']:.1f}")
     sys.stdout.write(
         f"{together['ok']} of {n_sets} ok; a late set takes {together['iterations']:.0f} iterations and "
         f"{together['factors']:.1f} factors; peak {together['peak_MB']:.0f} MB; "
@@ -375,7 +375,9 @@ def main() -> None:
     parser.add_argument("--mesh", action="append", default=[], metavar="FILE")
     given = parser.parse_args()
     if given.many and given.many <= N_EARLY:
-        parser.error(f"--many {given.many}: give more than {N_EARLY} sets, or a late set has no guide")
+        parser.error(
+            f"--many {given.many}: give more than {N_EARLY} sets, or a late set has no initial guess"
+        )
     everything = not (given.sizes or given.many or given.sensitivities)
     forearms = {f"forearm, {Path(mesh).stem}": mesh for mesh in given.mesh}
     forearms = forearms or {f"forearm, {study}": forearm(study) for study in FOREARMS}

@@ -87,7 +87,7 @@ seed = 1
 
 [solver]
 name = "jax"
-settings = { guided = true }
+settings = { warm_start = true }
 
 [selection]
 scenarios = ["I", "II", "III"]

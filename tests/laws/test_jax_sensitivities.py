@@ -8,7 +8,7 @@ import pytest
 from palpate.domain import Indentation, Job, Sphere, Status
 from palpate.errors import StudyError
 from palpate.specimens import block
-from palpate_jax import march
+from palpate_jax import load_stepping
 from palpate_jax.newton import Balance, equilibrium
 from palpate_jax.sensitivity import curve_slopes
 from palpate_jax.solver import JaxSettings, JaxSolver
@@ -116,7 +116,7 @@ def test_the_sphere_leaves_and_returns():
 
 
 def test_cuts_are_followed(monkeypatch):
-    """The states between stations count: every twist cut in two is a path of twice the stations."""
+    """The states between load steps count: every twist cut in two is a path of twice the steps."""
     case = yeoh_on_hexahedra(path=PATH[:3])
     finer = JaxSolver(JaxSettings(**TIGHT | {"rotation_step_deg": 3.75}, sensitivities=True))
     expected = run(finer, case)["d_moment_Nmm"]
@@ -130,7 +130,7 @@ def test_cuts_are_followed(monkeypatch):
             return Balance(start, 0, "made to fail")
         return equilibrium(model, thetas, load, *rest)
 
-    monkeypatch.setattr(march, "equilibrium", fail_first)
+    monkeypatch.setattr(load_stepping, "equilibrium", fail_first)
     simulation = SENSITIVE.simulate(case.job(), case.limb)
     assert simulation.diagnostics["n_cuts"] == 2
     for name, slopes in simulation.diagnostics["d_moment_Nmm"].items():
@@ -194,8 +194,8 @@ def test_a_scaled_set_has_its_own():
     """A set that is a multiple of a finished one is not scaled from it, for slopes scale differently."""
     case = yeoh_on_hexahedra(path=PATH[:3])
     double = {f"soft_tissue.{name}": 2.0 * v for name, v in YEOH.items()}
-    guided = JaxSolver(JaxSettings(**TIGHT, sensitivities=True, guided=True))
-    first, second = guided.simulate_many([case.job(), case.job(**double)], case.limb)
+    warm = JaxSolver(JaxSettings(**TIGHT, sensitivities=True, warm_start=True))
+    first, second = warm.simulate_many([case.job(), case.job(**double)], case.limb)
     for name, factor in (("soft_tissue.c1", 1.0), ("friction", 2.0)):
         a, b = (np.array(s.diagnostics["d_force_N"][name])[:, 2] for s in (first, second))
         np.testing.assert_allclose(b, factor * a, atol=1e-6 * np.abs(a).max())

@@ -17,7 +17,7 @@ from palpate_materials.yeoh import Yeoh
 YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.4])
 PATH = [(0.0, 0.0), (2.0, 0.0), (2.0, -15.0), (2.0, 15.0), (2.0, 0.0)]
 TIGHT = JaxSettings(depth_steps=4, rotation_step_deg=5.0, tolerance=1e-9)
-GUIDED = TIGHT.model_copy(update={"guided": True})
+WARM_START = TIGHT.model_copy(update={"warm_start": True})
 
 
 @pytest.fixture(scope="module")
@@ -97,14 +97,14 @@ def test_finished_sets_spare_effort_and_change_no_answer(solver, limb, reference
     around = [
         YEOH * factors for factors in ((1.0, 0.9, 1.0, 1.0), (1.0, 1.1, 0.9, 1.1), (1.0, 1.0, 1.1, 0.9))
     ]
-    *_, guided = JaxSolver(GUIDED).simulate_many([make_job(theta) for theta in (*around, YEOH)], limb)
-    assert guided.diagnostics["n_iterations"] < 0.9 * reference.diagnostics["n_iterations"]
+    *_, warm = JaxSolver(WARM_START).simulate_many([make_job(theta) for theta in (*around, YEOH)], limb)
+    assert warm.diagnostics["n_iterations"] < 0.9 * reference.diagnostics["n_iterations"]
     for channel in ("force", "torque"):
         expected = curve(reference, channel)
-        np.testing.assert_allclose(curve(guided, channel), expected, atol=1e-6 * np.abs(expected).max())
+        np.testing.assert_allclose(curve(warm, channel), expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_unguided_sets_have_the_same_bits_whatever_came_before(limb):
+def test_cold_sets_have_the_same_bits_whatever_came_before(limb):
     softer, path = 0.7 * YEOH * (1.0, 0.9, 1.0, 1.0), PATH[:3]
     jobs = {"a": make_job(YEOH, path), "b": make_job(softer, path), "c": make_job(2.0 * YEOH, path)}
     orders = ("abc", "cba", "b")
@@ -122,7 +122,7 @@ def test_unguided_sets_have_the_same_bits_whatever_came_before(limb):
 
 
 def test_a_multiple_of_a_finished_set_costs_nothing(limb):
-    used, path = JaxSolver(GUIDED), PATH[:3]
+    used, path = JaxSolver(WARM_START), PATH[:3]
     one, three = used.simulate_many([make_job(YEOH, path), make_job(3.0 * YEOH, path)], limb)
     fresh = used.simulate(make_job(3.0 * YEOH, path), limb)
     assert three.diagnostics["n_iterations"] == 0

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from palpate.specimens import layer
-from palpate_jax.contact import Law
-from palpate_jax.march import March, Stop
+from palpate_jax.contact import ContactLaw
+from palpate_jax.load_stepping import LoadStepping, Stop
 from palpate_jax.model import Model
 from palpate_materials.neo_hookean import NeoHookean
 
@@ -50,10 +50,10 @@ def force_error(with_disc):
         near_half = min(nu, 0.4975)
         theta = np.array([2.0 * (1.0 + near_half), near_half])
         model = Model(limb, {"soft_tissue": NeoHookean()}, mean_dilatation=True)
-        march = March(model, {"soft_tissue": theta}, Law(Plane(), PENALTY, 0.0), 1e-6)
-        (station,) = march.along(np.array([[DEPTH, 0.0]]))
-        assert not isinstance(station, Stop)
-        return station.answer.force_N[2] / (4.0 / (1.0 - nu) * DEPTH * FORCE[ratio, nu]) - 1.0
+        stepping = LoadStepping(model, {"soft_tissue": theta}, ContactLaw(Plane(), PENALTY, 0.0), 1e-6)
+        (step,) = stepping.along(np.array([[DEPTH, 0.0]]))
+        assert not isinstance(step, Stop)
+        return step.answer.force_N[2] / (4.0 / (1.0 - nu) * DEPTH * FORCE[ratio, nu]) - 1.0
 
     return of
 

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from palpate.specimens import block
-from palpate_jax.contact import Contact, Law, Load, Memory
-from palpate_jax.march import motion, pose
+from palpate_jax.contact import Contact, ContactLaw, ContactState, Memory
+from palpate_jax.load_stepping import motion, pose
 from palpate_jax.shapes import RoundedPunch, SphereShape
 
-LAW = Law(SphereShape(7.5), penalty=4.0, friction=0.5)
+LAW = ContactLaw(SphereShape(7.5), penalty=4.0, friction=0.5)
 PRESSED = np.array([0.3, 0.0])
 
 
@@ -32,7 +32,7 @@ def untouched(contact):
 
 def touched(contact, displacements):
     """Memory of a press straight down."""
-    return contact.remember(displacements, Load(pose(PRESSED), untouched(contact), LAW))
+    return contact.remember(displacements, ContactState(pose(PRESSED), untouched(contact), LAW))
 
 
 def test_faces_cover_the_upper_face(contact):
@@ -40,8 +40,8 @@ def test_faces_cover_the_upper_face(contact):
 
 
 def test_force_is_the_pressure_over_the_cap(contact, at_rest):
-    slippery = Law(LAW.shape, LAW.penalty, friction=0.0)
-    answer = contact.answer(at_rest, Load(pose(PRESSED), untouched(contact), slippery))
+    slippery = ContactLaw(LAW.shape, LAW.penalty, friction=0.0)
+    answer = contact.answer(at_rest, ContactState(pose(PRESSED), untouched(contact), slippery))
     arms = contact.positions(at_rest) - [0.0, 0.0, 7.2]
     pressure = LAW.penalty * np.maximum(-gap(contact, at_rest, 0.3), 0.0)
     assert answer.penetration_mm == pytest.approx(pressure.max() / LAW.penalty)
@@ -51,10 +51,10 @@ def test_force_is_the_pressure_over_the_cap(contact, at_rest):
 
 
 def test_full_slip_turns_with_friction_times_pressure_times_radius(contact, at_rest):
-    slippery = Law(LAW.shape, LAW.penalty, 0.002)
+    slippery = ContactLaw(LAW.shape, LAW.penalty, 0.002)
     memory = untouched(contact)
     for rotation in (0.0, 2.0, 4.0):
-        load = Load(pose(np.array([0.3, rotation])), memory, slippery)
+        load = ContactState(pose(np.array([0.3, rotation])), memory, slippery)
         answer = contact.answer(at_rest, load)
         memory = contact.remember(at_rest, load)
     pressure = LAW.penalty * np.maximum(-gap(contact, at_rest, 0.3), 0.0)
@@ -72,12 +72,12 @@ def test_stiffness_is_the_derivative_of_the_force(contact, shape, anchored, coup
     u, d = 0.02 * rng.standard_normal((2, *contact._rest.shape))
     here = pose(np.array([0.3, 4.0]))
     # Coupled, some points slide; otherwise everything sticks, and there is nothing to leave out.
-    law = Law(shape, LAW.penalty, 0.5 if coupled else 1e6)
+    law = ContactLaw(shape, LAW.penalty, 0.5 if coupled else 1e6)
     shift = [0.05, 0.0, 0.0] if anchored else [0.05, 0.02, -0.6]
     memory = Memory(
         here.into(contact.positions(u)) + shift, np.full(len(contact.areas), anchored, dtype=bool)
     )
-    load, h = Load(here, memory, law), 1e-7
+    load, h = ContactState(here, memory, law), 1e-7
     slope = -(contact.force(u + h * d, load) - contact.force(u - h * d, load)) / (2 * h)
     product = np.zeros_like(u)
     stiffness = contact.stiffness(u, load, coupled=coupled)
@@ -91,11 +91,11 @@ def test_stiffness_is_the_derivative_of_the_force(contact, shape, anchored, coup
 
 def test_a_point_is_anchored_where_its_way_met_the_surface(contact, at_rest):
     """A straight way through the surface, in one step or in two, pulls the same."""
-    sticky = Law(LAW.shape, LAW.penalty, 1e6)
+    sticky = ContactLaw(LAW.shape, LAW.penalty, 1e6)
     aside = np.full_like(at_rest, (0.2, 0.0, 0.0))
-    once = contact.answer(aside, Load(pose(PRESSED), untouched(contact), sticky))
-    memory = contact.remember(0.5 * aside, Load(pose(0.5 * PRESSED), untouched(contact), sticky))
-    twice = contact.answer(aside, Load(pose(PRESSED), memory, sticky))
+    once = contact.answer(aside, ContactState(pose(PRESSED), untouched(contact), sticky))
+    memory = contact.remember(0.5 * aside, ContactState(pose(0.5 * PRESSED), untouched(contact), sticky))
+    twice = contact.answer(aside, ContactState(pose(PRESSED), memory, sticky))
     assert once.force_N[0] > 0.1 * once.force_N[2]
     assert twice.force_N[0] == pytest.approx(once.force_N[0], rel=0.02)
 
@@ -105,22 +105,22 @@ def test_a_press_straight_down_anchors_what_it_touches(contact, at_rest):
     assert memory.anchored.any()
     assert not memory.anchored.all()
     turned = pose(np.array([0.3, 0.01]))
-    assert contact.answer(at_rest, Load(turned, memory, LAW)).moment_Nmm[2] > 0.0
+    assert contact.answer(at_rest, ContactState(turned, memory, LAW)).moment_Nmm[2] > 0.0
 
 
 def test_slip_moves_the_anchor_to_the_cone_and_a_reversal_sticks(contact, at_rest):
     turned, back = (pose(np.array([0.3, a])) for a in (20.0, 19.99))
     memory = touched(contact, at_rest)
-    sliding = contact.answer(at_rest, Load(turned, memory, LAW))
-    moved = contact.remember(at_rest, Load(turned, memory, LAW))
+    sliding = contact.answer(at_rest, ContactState(turned, memory, LAW))
+    moved = contact.remember(at_rest, ContactState(turned, memory, LAW))
     assert sliding.sticking < 0.2
-    after = contact.answer(at_rest, Load(turned, moved, LAW))
+    after = contact.answer(at_rest, ContactState(turned, moved, LAW))
     assert after.moment_Nmm[2] == pytest.approx(sliding.moment_Nmm[2], rel=1e-9)
-    assert contact.answer(at_rest, Load(back, moved, LAW)).sticking > sliding.sticking + 0.5
+    assert contact.answer(at_rest, ContactState(back, moved, LAW)).sticking > sliding.sticking + 0.5
 
 
 def test_leaving_contact_forgets_the_anchor(contact, at_rest):
-    away = Load(pose(np.array([-1.0, 0.0])), touched(contact, at_rest), LAW)
+    away = ContactState(pose(np.array([-1.0, 0.0])), touched(contact, at_rest), LAW)
     lifted = contact.remember(at_rest, away)
     assert not lifted.anchored.any()
     np.testing.assert_allclose(lifted.anchors, contact.positions(at_rest) - [0.0, 0.0, 1.0])
@@ -131,13 +131,13 @@ def test_the_drag_is_the_change_of_the_force_with_the_indenters_motion(contact, 
     u = 0.02 * np.random.default_rng(1).standard_normal(contact._rest.shape)
     at, way, h = np.array([0.3, 4.0]), np.array(way), 1e-6
     memory = touched(contact, u)
-    ends = [contact.force(u, Load(pose(at + s * h * way), memory, LAW)) for s in (1, -1)]
-    drag = contact.drag(u, Load(pose(at), memory, LAW), motion(way))
+    ends = [contact.force(u, ContactState(pose(at + s * h * way), memory, LAW)) for s in (1, -1)]
+    drag = contact.drag(u, ContactState(pose(at), memory, LAW), motion(way))
     np.testing.assert_allclose(drag, (ends[0] - ends[1]) / (2 * h), atol=1e-5 * np.abs(drag).max())
 
 
 def test_a_node_that_slides_along_the_indenter_keeps_its_depth(contact, at_rest):
-    load = Load(pose(PRESSED), touched(contact, at_rest), LAW)
+    load = ContactState(pose(PRESSED), touched(contact, at_rest), LAW)
     aside = np.full_like(at_rest, (0.4, 0.0, 0.0))
     along = contact.along(at_rest, aside, load)
     shape, rest = LAW.shape, load.pose.into(contact._rest[contact._nodes])

@@ -9,7 +9,7 @@ import pytest
 from palpate.domain import HomogeneousTests, Indentation, Job, Limb, Sphere, Spot
 from palpate.errors import MaterialError, MeshError, StudyError
 from palpate.specimens import block
-from palpate_jax.march import stations
+from palpate_jax.load_stepping import load_steps
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.yeoh import Yeoh
 
@@ -91,7 +91,7 @@ def test_stations_keep_waypoints_to_the_last_bit_and_the_largest_step(depth):
         path=np.array([(0, 0), (depth, 0), (depth, -22.5), (depth, 22.5)]),
         friction=1.0,
     )
-    points = stations(path, 3, 7.0)
+    points = load_steps(path, 3, 7.0)
     for waypoint in path.path[1:]:
         assert (points == waypoint).all(axis=1).any()
     moves = np.abs(np.diff(np.vstack([[0.0, 0.0], points]), axis=0))

@@ -70,7 +70,7 @@ class Memory:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Law:
+class ContactLaw:
     """Indenter's shape, penalty ε [N/mm³] and Coulomb coefficient.
 
     Forces below ``least_force_N`` count as none: what a limb out of contact is compared with.
@@ -83,7 +83,7 @@ class Law:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Load:
+class ContactState:
     """One position on the path: where the indenter is, what the contact remembers, and its law.
 
     ``limits`` (n,), if given, are the greatest tangential tractions [MPa] in place of the friction
@@ -92,7 +92,7 @@ class Load:
 
     pose: Pose
     memory: Memory
-    law: Law
+    law: ContactLaw
     limits: FloatArray | None = None
 
 
@@ -137,15 +137,15 @@ class Points:
     ----------
     positions, anchors : (k, 3) array
     anchored : (k,) array
-    law : Law
+    law : ContactLaw
     limits : (k,) array, optional
-        As in :class:`Load`.
+        As in :class:`ContactState`.
     """
 
     positions: FloatArray
     anchors: FloatArray
     anchored: BoolArray
-    law: Law
+    law: ContactLaw
     limits: FloatArray | None = None
 
     @cached_property
@@ -312,7 +312,7 @@ class Contact:
         """A nodal field (n_nodes, 3) at the quadrature points (n, 3)."""
         return np.concatenate([np.empty((0, 3)), *(s.positions(nodal) for s in self.surfaces)])
 
-    def touched(self, displacements: FloatArray, load: Load) -> Touched:
+    def touched(self, displacements: FloatArray, load: ContactState) -> Touched:
         """The points of all faces that the indenter touches."""
         positions = load.pose.into(self.positions(displacements))
         inside = load.law.shape.distance(positions) < 0.0
@@ -336,7 +336,7 @@ class Contact:
             for surface, faces, part in zip(self.surfaces, touched.faces, parts, strict=True)
         ]
 
-    def along(self, start: FloatArray, end: FloatArray, load: Load) -> FloatArray:
+    def along(self, start: FloatArray, end: FloatArray, load: ContactState) -> FloatArray:
         """Bend a straight move of the surface so that points slide along the indenter.
 
         A point that moves by s along a surface of curvature 1/R ends s²/2R off it,
@@ -355,7 +355,7 @@ class Contact:
         result[nodes] -= (lift[:, None] * shape.normals(after)[0]) @ load.pose.rotation.T
         return result
 
-    def force(self, displacements: FloatArray, load: Load) -> FloatArray:
+    def force(self, displacements: FloatArray, load: ContactState) -> FloatArray:
         """Nodal forces of the indenter on the tissue (n_nodes, 3) [N]."""
         touched = self.touched(displacements, load)
         return self.to_nodes(touched, touched.points.traction @ load.pose.rotation.T)
@@ -369,7 +369,7 @@ class Contact:
         return total
 
     def stiffness(
-        self, displacements: FloatArray, load: Load, *, coupled: bool = True
+        self, displacements: FloatArray, load: ContactState, *, coupled: bool = True
     ) -> list[tuple[IntArray, FloatArray]]:
         """−∂force/∂displacements by surface: faces (f',) and (f', 3n, 3n) [N/mm].
 
@@ -384,7 +384,7 @@ class Contact:
             for surface, faces, part in self._by_surface(touched, jacobians)
         ]
 
-    def drag(self, displacements: FloatArray, load: Load, motion: Motion) -> FloatArray:
+    def drag(self, displacements: FloatArray, load: ContactState, motion: Motion) -> FloatArray:
         """Change of the nodal forces (n_nodes, 3) [N] as the indenter moves and the tissue does not."""
         touched, turn = self.touched(displacements, load), load.pose.rotation
         jacobians = turn @ touched.points.jacobian(coupled=True) @ turn.T
@@ -393,13 +393,13 @@ class Contact:
         turned = np.cross(motion.spin, touched.points.traction @ turn.T)
         return self.to_nodes(touched, turned - (jacobians @ velocities[:, :, None])[:, :, 0])
 
-    def held(self, displacements: FloatArray, load: Load) -> Load:
+    def held(self, displacements: FloatArray, load: ContactState) -> ContactState:
         """The load with the limits of friction that these displacements' pressures give."""
         distance = load.law.shape.distance(load.pose.into(self.positions(displacements)))
         limits = load.law.friction * load.law.penalty * np.maximum(-distance, 0.0)
         return replace(load, limits=limits)
 
-    def remember(self, displacements: FloatArray, load: Load) -> Memory:
+    def remember(self, displacements: FloatArray, load: ContactState) -> Memory:
         """Memory after an equilibrium: anchors are kept where points stick and moved by slip."""
         anchors = load.pose.into(self.positions(displacements))
         touched, anchored = self.touched(displacements, load), np.zeros(len(anchors), dtype=bool)
@@ -407,8 +407,8 @@ class Contact:
         anchors[touched.where] -= touched.points.friction / load.law.penalty
         return Memory(anchors, anchored)
 
-    def answer(self, displacements: FloatArray, load: Load) -> "Answer":
-        """What the indenter feels, and how the contact stands."""
+    def answer(self, displacements: FloatArray, load: ContactState) -> "Answer":
+        """Force and moment of the indenter, and the state of the contact."""
         touched = self.touched(displacements, load)
         points, arms = touched.points, self.positions(displacements)[touched.where]
         loads = self.areas[touched.where, None] * (points.traction @ load.pose.rotation.T)

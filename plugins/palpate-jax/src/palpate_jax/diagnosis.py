@@ -1,4 +1,4 @@
-"""Why a march ended early: what its last balanced state says about the material and the elements."""
+"""Why load stepping ended early: what its last balanced state says about the material and the elements."""
 
 from collections.abc import Mapping
 
@@ -8,7 +8,7 @@ from palpate.domain import FloatArray
 from palpate.interfaces import Material
 from palpate.mechanics import principal_derivatives
 from palpate_jax.body import Block
-from palpate_jax.march import Stop
+from palpate_jax.load_stepping import Stop
 from palpate_jax.model import Model
 
 CRUSHED = 0.05

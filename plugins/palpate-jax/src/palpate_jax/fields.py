@@ -1,4 +1,4 @@
-"""Fields of balanced states as VTU files, one per station, and a PVD that lists them.
+"""Fields of balanced states as VTU files, one per load step, and a PVD that lists them.
 
 All vectors and tensors are in the coordinates of the limb's own mesh.
 
@@ -29,7 +29,7 @@ from palpate.spot_frame import in_spot_frame, spot_axes
 from palpate.topology import CELLS
 from palpate_jax.body import Block, blocks, points_of_cells
 from palpate_jax.contact import Contact, Points
-from palpate_jax.march import Station
+from palpate_jax.load_stepping import LoadStep
 
 
 class FieldWriter:
@@ -52,7 +52,7 @@ class FieldWriter:
         self._blocks = blocks(self._mesh, mean_dilatation)
         self._contact = Contact(self._mesh)
 
-    def write(self, folder: Path, thetas: Mapping[str, FloatArray], states: Sequence[Station]) -> Path:
+    def write(self, folder: Path, thetas: Mapping[str, FloatArray], states: Sequence[LoadStep]) -> Path:
         """Write ``000.vtu``, ``001.vtu`` … and ``path.pvd``, which lists them.
 
         Parameters
@@ -60,7 +60,7 @@ class FieldWriter:
         folder : Path
             Made if it is not there.
         thetas : mapping of region to parameters
-        states : sequence of Station
+        states : sequence of LoadStep
 
         Returns
         -------
@@ -89,7 +89,7 @@ class FieldWriter:
         )
         return index
 
-    def _write_one(self, path: Path, thetas: Mapping[str, FloatArray], state: Station) -> None:
+    def _write_one(self, path: Path, thetas: Mapping[str, FloatArray], state: LoadStep) -> None:
         import meshio  # here, so that whoever writes no fields does not wait for it
 
         mesh = self._original
@@ -187,7 +187,7 @@ def cell_fields(
     return sigma, np.linalg.svd(gradient, compute_uv=False), now.sum(axis=1) / volumes.sum(axis=1)
 
 
-def nodal_tractions(contact: Contact, rest_mm: FloatArray, state: Station) -> tuple[FloatArray, FloatArray]:
+def nodal_tractions(contact: Contact, rest_mm: FloatArray, state: LoadStep) -> tuple[FloatArray, FloatArray]:
     """Contact pressure (n_nodes,) and shear (n_nodes, 3) [MPa] per deformed area, in the spot's frame."""
     pose, memory, law = state.load.pose, state.load.memory, state.load.law
     points = Points(pose.into(contact.positions(state.displacements)), memory.anchors, memory.anchored, law)

@@ -11,7 +11,7 @@ from palpate.errors import MeshError
 from palpate.interfaces import Material
 from palpate.spot_frame import in_spot_frame, spot_axes
 from palpate_jax.body import Body
-from palpate_jax.contact import Answer, Contact, Load, Motion, Pose
+from palpate_jax.contact import Answer, Contact, ContactState, Motion, Pose
 from palpate_jax.sparse import LinearSolver, Pattern
 
 
@@ -84,7 +84,7 @@ class Model:
         """Displacements (n_nodes, 3) of the unloaded limb."""
         return np.zeros_like(self._unknowns, dtype=np.float64)
 
-    def moved(self, displacements: FloatArray, step: FloatArray, load: Load) -> FloatArray:
+    def moved(self, displacements: FloatArray, step: FloatArray, load: ContactState) -> FloatArray:
         """Displacements after a step of the free unknowns, along the indenter where it is near."""
         result = self.contact.along(displacements, self.straight(displacements, step), load)
         result.reshape(-1)[~self._free] = displacements.reshape(-1)[~self._free]
@@ -103,7 +103,9 @@ class Model:
         result[self.bonded] = rest @ pose.rotation.T + pose.tip - rest
         return result
 
-    def answer(self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: Load) -> Answer:
+    def answer(
+        self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: ContactState
+    ) -> Answer:
         """What the indenter feels at a balanced state: the contact's tractions and the bonded nodes' pull."""
         answer = self.contact.answer(displacements, load)
         if not self.bonded.size:
@@ -168,7 +170,7 @@ class Forces:
     internal: FloatArray
     least_jacobian: float
 
-    def residual(self, load: Load) -> Residual:
+    def residual(self, load: ContactState) -> Residual:
         """Internal minus contact forces."""
         external = self.model.contact.force(self.displacements, load)
         sizes = (float(np.linalg.norm(external)), float(np.linalg.norm(self.internal)))
@@ -183,14 +185,14 @@ class Linearised(Forces):
     values: FloatArray
     thetas: Mapping[str, FloatArray]
 
-    def _values(self, load: Load, coupled: bool) -> FloatArray:
+    def _values(self, load: ContactState, coupled: bool) -> FloatArray:
         model, values = self.model, self.values.copy()
         contact = model.contact.stiffness(self.displacements, load, coupled=coupled)
         for group, (faces, stiffness) in enumerate(contact, start=len(model.body.blocks)):
             model.pattern.add(values, group, faces, stiffness)
         return values
 
-    def rate(self, load: Load, motion: Motion) -> FloatArray:
+    def rate(self, load: ContactState, motion: Motion) -> FloatArray:
         """Change of the residual (n,) [N] as the indenter moves and the free nodes do not."""
         model = self.model
         rate = model.free(-model.contact.drag(self.displacements, load, motion))
@@ -203,10 +205,10 @@ class Linearised(Forces):
             rate += model.free(ahead - self.internal) / probe
         return rate
 
-    def matrix(self, load: Load) -> sp.csr_array:
+    def matrix(self, load: ContactState) -> sp.csr_array:
         """Derivative of the residual [N/mm]."""
         return self.model.pattern.matrix(self._values(load, coupled=True))
 
-    def preconditioner(self, load: Load) -> FloatArray:
+    def preconditioner(self, load: ContactState) -> FloatArray:
         """Values of a symmetric matrix close to it; see :meth:`Contact.stiffness`."""
         return self.model.pattern.symmetric_part(self._values(load, coupled=False))

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from palpate.domain import FloatArray
-from palpate_jax.contact import Load
+from palpate_jax.contact import ContactState
 from palpate_jax.model import Model, Residual
 from palpate_jax.sparse import LinearSolver
 
@@ -45,7 +45,7 @@ class Balance:
 def equilibrium(
     model: Model,
     thetas: Mapping[str, FloatArray],
-    load: Load,
+    load: ContactState,
     start: FloatArray,
     linear: LinearSolver,
     tolerance: float,
@@ -68,7 +68,7 @@ def equilibrium(
 def _by_held_limits(
     model: Model,
     thetas: Mapping[str, FloatArray],
-    load: Load,
+    load: ContactState,
     failed: Balance,
     linear: LinearSolver,
     tolerance: float,
@@ -96,7 +96,7 @@ def _by_held_limits(
 def _newton(
     model: Model,
     thetas: Mapping[str, FloatArray],
-    load: Load,
+    load: ContactState,
     start: FloatArray,
     linear: LinearSolver,
     tolerance: float,
@@ -135,7 +135,7 @@ def _forcing(relative: float, tolerance: float) -> float:
 def _line_search(
     model: Model,
     thetas: Mapping[str, FloatArray],
-    load: Load,
+    load: ContactState,
     start: FloatArray,
     step: FloatArray,
     before: Residual,

@@ -12,7 +12,7 @@ region. (Kleiber, Antúnez, Hien & Kowalczyk, Parameter Sensitivity in Nonlinear
 Mechanics, 1997, treat path dependence in this way.)
 
 Where a point just begins to touch or to slide, the answer has a kink, and the
-derivative is that of the side on which the state lies.
+derivative is that of the side on which the state is.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from palpate.domain import FloatArray, Simulation, moving_span
 from palpate.errors import StudyError
 from palpate.interfaces import Array, Material
 from palpate.mechanics import moduli_at_rest
-from palpate_jax.contact import Change, Law, Load, Touched
+from palpate_jax.contact import Change, ContactLaw, ContactState, Touched
 from palpate_jax.model import Linearised, Model
 
 ACCURACY = 1e-8
@@ -56,11 +56,11 @@ class Slopes:
     moment_Nmm: FloatArray
 
 
-def by_parameter(stations: Sequence[Slopes]) -> dict[str, dict[str, list[list[float]]]]:
-    """``d_force_N`` and ``d_moment_Nmm``: by name of the parameter, a vector for each station."""
-    names = stations[0].names if stations else ()
+def by_parameter(steps: Sequence[Slopes]) -> dict[str, dict[str, list[list[float]]]]:
+    """``d_force_N`` and ``d_moment_Nmm``: by name of the parameter, a vector for each load step."""
+    names = steps[0].names if steps else ()
     return {
-        f"d_{what}": {name: [getattr(s, what)[k].tolist() for s in stations] for k, name in enumerate(names)}
+        f"d_{what}": {name: [getattr(s, what)[k].tolist() for s in steps] for k, name in enumerate(names)}
         for what in (("force_N", "moment_Nmm") if names else ())
     }
 
@@ -71,14 +71,14 @@ def _shear_modulus_slopes(material: Material, theta: Array) -> tuple[Array, Arra
 
 
 class Sensitivity:
-    """Follows a march: an observer of its balanced states.
+    """Follows load stepping: an observer of its balanced states.
 
     Parameters
     ----------
     model : Model
     materials : mapping of region to Material
     thetas : mapping of region to parameters
-    law : Law
+    law : ContactLaw
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Sensitivity:
         model: Model,
         materials: Mapping[str, Material],
         thetas: Mapping[str, FloatArray],
-        law: Law,
+        law: ContactLaw,
     ) -> None:
         own = [(region, k, p.name) for region in thetas for k, p in enumerate(materials[region].parameters)]
         self._names = (*(f"{region}.{name}" for region, _, name in own), FRICTION)
@@ -109,7 +109,7 @@ class Sensitivity:
         self._anchors = np.zeros((n, n_points, 3))
         self.slopes = Slopes(self._names, np.zeros((n, 3)), np.zeros((n, 3)))
 
-    def balanced(self, displacements: FloatArray, load: Load) -> None:
+    def balanced(self, displacements: FloatArray, load: ContactState) -> None:
         """Take the derivatives from the last balanced state to this one."""
         model = self._model
         here = model.linearised(displacements, self._thetas)
@@ -126,17 +126,17 @@ class Sensitivity:
         rates = self._model.body.rates(displacements, self._thetas)
         return np.concatenate([*(rates[region] for region in self._thetas), np.zeros_like(self._moved[:1])])
 
-    def _changes(self, moved: FloatArray, load: Load) -> list[Change]:
+    def _changes(self, moved: FloatArray, load: ContactState) -> list[Change]:
         """What changes at all points with each parameter, if the nodes move by rows of ``moved``."""
         contact, turn = self._model.contact, load.pose.rotation
         rows = zip(moved, self._anchors, self._penalty, self._friction, strict=True)
         return [Change(contact.at_points(u) @ turn, a, float(e), float(f)) for u, a, e, f in rows]
 
-    def _force_rate(self, touched: Touched, load: Load, change: Change) -> FloatArray:
+    def _force_rate(self, touched: Touched, load: ContactState, change: Change) -> FloatArray:
         traction, _ = touched.points.rates(change.of(touched.where))
         return self._model.contact.to_nodes(touched, traction @ load.pose.rotation.T)
 
-    def _solved(self, here: Linearised, load: Load, rhs: FloatArray) -> FloatArray:
+    def _solved(self, here: Linearised, load: ContactState, rhs: FloatArray) -> FloatArray:
         """Solutions (m, n_nodes, 3) of right-hand sides (m, n)."""
         model, moved = self._model, np.zeros_like(self._moved)
         try:
@@ -145,7 +145,9 @@ class Sensitivity:
             return np.full_like(moved, np.nan)
         return np.stack([model.straight(u, step) for u, step in zip(moved, steps, strict=True)])
 
-    def _follow(self, displacements: FloatArray, load: Load, touched: Touched, body: FloatArray) -> None:
+    def _follow(
+        self, displacements: FloatArray, load: ContactState, touched: Touched, body: FloatArray
+    ) -> None:
         """Take up the derivatives of the answer and of the anchors; compare ``Contact.remember``."""
         model, turn, where = self._model, load.pose.rotation, touched.where
         arms = model.contact.positions(displacements)[where]
@@ -183,7 +185,7 @@ class Sensitivity:
 
 
 def curve_slopes(simulation: Simulation) -> dict[str, dict[str, FloatArray]]:
-    """Derivatives of a simulation's curves: by channel and parameter, (n,) beside the ordinates.
+    """Derivatives of a simulation's curves: by channel and parameter, (n,) at the ordinates.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ class RoundedPunch:
         return np.asarray(outside + inside - self._edge)
 
     def normals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Normals (n, 3) and their derivative: 0 at the flat, of a torus and a cylinder beside it."""
+        """Normals (n, 3) and their derivative: 0 at the flat, of a torus and a cylinder next to it."""
         radius, out, below = self._corner(points)
         side = np.where((out <= 0.0) & (below <= 0.0), out > below, out > 0.0)
         end = np.where((out <= 0.0) & (below <= 0.0), out <= below, below > 0.0)

@@ -24,17 +24,17 @@ from palpate.interfaces import Material, Settings, Solver
 from palpate.mechanics import check_reference_state, initial_moduli
 from palpate.spot_frame import in_spot_frame, indentation_response
 from palpate_jax import __version__
-from palpate_jax.contact import Law
+from palpate_jax.contact import ContactLaw
 from palpate_jax.diagnosis import explained
 from palpate_jax.footprint import check_footprint
-from palpate_jax.march import March, Station, Stop, stations
+from palpate_jax.initial_guess import InitialGuess, WarmStart
+from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, load_steps
 from palpate_jax.model import Model
-from palpate_jax.neighbours import Guide, Neighbours
 from palpate_jax.sensitivity import Sensitivity, by_parameter
 from palpate_jax.shapes import shape_of
 
 TOUCH_TOLERANCE_MM = 0.05
-"""How far the surface may lie from the sphere at depth 0."""
+"""Largest gap or overlap of the surface and the sphere at depth 0."""
 
 
 class JaxSettings(Settings):
@@ -67,11 +67,11 @@ class JaxSettings(Settings):
         "incompressible tissue from locking: in all regions, in none, or in those named; without it, "
         "which is for comparison with other programs, tet4 overstates force by half and more",
     )
-    guided: bool = Field(
+    warm_start: bool = Field(
         False,
-        description="begin each set from those that were finished before it: about twice as fast in a sweep "
-        "of many sets. Answers then agree to within the tolerance whatever came before them, but not to the "
-        "bit, when a sweep is stopped, resumed or spread over workers",
+        description="start each set from an interpolation between the sets before it: about twice as fast "
+        "in a sweep of many sets. Results then agree to within the tolerance, but not to the bit, when a "
+        "sweep is stopped, resumed or spread over workers",
     )
     sensitivities: bool = Field(
         False,
@@ -98,12 +98,12 @@ class _Prepared:
     limb: Limb
     materials: Mapping[str, Material]
     model: Model
-    finished: dict[tuple[object, ...], Neighbours] = field(default_factory=dict)
+    finished: dict[tuple[object, ...], WarmStart] = field(default_factory=dict)
 
-    def neighbours(self, protocol: Indentation) -> Neighbours:
-        """Sets finished on the same path."""
+    def warm_start(self, protocol: Indentation) -> WarmStart:
+        """The sets finished on the same path."""
         key = (protocol.indenter, protocol.friction, protocol.path.tobytes())
-        return self.finished.setdefault(key, Neighbours(self.materials))
+        return self.finished.setdefault(key, WarmStart(self.materials))
 
 
 class JaxSolver(Solver):
@@ -154,25 +154,24 @@ class JaxSolver(Solver):
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Walk the protocol's path; a path that cannot be finished is ``diverged`` and keeps its start."""
-        return self._simulate(job, _limb(limb, job), guided=False)
+        return self._simulate(job, _limb(limb, job), warm_start=False)
 
     def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
-        """Walk the same path with every set; guided by the sets before it if the settings say so.
+        """Walk the same path with every set, with a warm start if the setting asks for it.
 
-        Guesses never enter a result: it stays the same to within the tolerance, as long as
-        ``n_cuts`` is 0 without them too. Where a guess saves a step from being cut, friction
-        goes the way of the longer step. A set whose moduli are a multiple of a finished set's
-        is that set's answer, scaled.
+        An initial guess changes no result by more than the tolerance, as long as ``n_cuts`` is 0
+        without it too. Where it saves a step from being cut, friction follows the longer step. A
+        set whose moduli are a multiple of a finished set's is that set's result, scaled.
         """
         for job in jobs:
-            yield self._simulate(job, _limb(limb, job), guided=self.settings.guided)
+            yield self._simulate(job, _limb(limb, job), warm_start=self.settings.warm_start)
 
-    def _simulate(self, job: Job, limb: Limb, *, guided: bool) -> Simulation:
+    def _simulate(self, job: Job, limb: Limb, *, warm_start: bool) -> Simulation:
         prepared = self._prepared(limb, job.materials)
         protocol = _indentation(job)
-        neighbours = prepared.neighbours(protocol)
+        finished = prepared.warm_start(protocol)
         started = time.perf_counter()
-        known = neighbours.multiple(job.thetas) if guided and self.settings.fields == "none" else None
+        known = finished.multiple(job.thetas) if warm_start and self.settings.fields == "none" else None
         known = None if self.settings.sensitivities else known
         if known is not None:
             return _scaled(*known, job, time.perf_counter() - started)
@@ -180,9 +179,9 @@ class JaxSolver(Solver):
             modulus = self._modulus(prepared, job.thetas)
         except MaterialError as error:
             return Simulation(job=job, status=Status.DIVERGED, response=None, message=str(error))
-        guide = neighbours.guide(job.thetas, modulus) if guided else None
-        march, reached, stop = self._walk(prepared, protocol, job.thetas, modulus, guide)
-        # A negative number is that of a set beside the design, which has no folder.
+        initial_guess = finished.initial_guess(job.thetas, modulus) if warm_start else None
+        stepping, reached, stop = self._walk(prepared, protocol, job.thetas, modulus, initial_guess)
+        # A negative number is that of a set outside the design, which has no folder.
         if self.settings.fields != "none" and reached and job.set_id >= 0:
             self._write_fields(prepared, job, reached)
         simulation = Simulation(
@@ -191,11 +190,11 @@ class JaxSolver(Solver):
             response=_response(reached),
             message="" if stop is None else explained(stop, prepared.model, prepared.materials, job.thetas),
             seconds=time.perf_counter() - started,
-            diagnostics=_diagnostics(reached, march),
+            diagnostics=_diagnostics(reached, stepping),
         )
-        if guided and stop is None:
+        if warm_start and stop is None:
             fields = [prepared.model.rest(), *(s.displacements for s in reached)]
-            neighbours.add(job.thetas, modulus, fields, simulation)
+            finished.add(job.thetas, modulus, fields, simulation)
         return simulation
 
     def _modulus(self, prepared: _Prepared, thetas: Mapping[str, FloatArray]) -> float:
@@ -210,24 +209,26 @@ class JaxSolver(Solver):
         protocol: Indentation,
         thetas: Mapping[str, FloatArray],
         modulus_MPa: float,
-        guide: Guide | None,
-    ) -> tuple[March, list[Station], Stop | None]:
+        initial_guess: InitialGuess | None,
+    ) -> tuple[LoadStepping, list[LoadStep], Stop | None]:
         law = self._law(protocol, modulus_MPa)
         sensitivity = (
             Sensitivity(prepared.model, prepared.materials, thetas, law)
             if self.settings.sensitivities
             else None
         )
-        march = March(prepared.model, thetas, law, self.settings.tolerance, guide, sensitivity)
-        points = stations(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
-        reached: list[Station] = []
-        for state in march.along(points):
+        stepping = LoadStepping(
+            prepared.model, thetas, law, self.settings.tolerance, initial_guess, sensitivity
+        )
+        points = load_steps(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
+        reached: list[LoadStep] = []
+        for state in stepping.along(points):
             if isinstance(state, Stop):
-                return march, reached, state
+                return stepping, reached, state
             reached.append(state)
-        return march, reached, None
+        return stepping, reached, None
 
-    def _write_fields(self, prepared: _Prepared, job: Job, reached: Sequence[Station]) -> None:
+    def _write_fields(self, prepared: _Prepared, job: Job, reached: Sequence[LoadStep]) -> None:
         from palpate_jax.fields import FieldWriter  # here: few write fields, and nobody else waits
 
         writer = FieldWriter(prepared.limb, prepared.materials, self.settings.mean_dilatation)
@@ -238,12 +239,14 @@ class JaxSolver(Solver):
         """Folder of the spot's files; whatever in its name could lead out of it is escaped."""
         return Path(self.settings.fields_folder) / quote(job.spot, safe=" ").replace(".", "%2E")
 
-    def _law(self, protocol: Indentation, modulus_MPa: float) -> Law:
+    def _law(self, protocol: Indentation, modulus_MPa: float) -> ContactLaw:
         """Contact whose penetration is about the same share of the depth, however deep the press is."""
         radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
         dent = np.sqrt(radius * depth) if depth > 0.0 else radius
         penalty = self.settings.penalty * modulus_MPa / dent
-        return Law(shape_of(protocol.indenter), penalty, protocol.friction, 1e-3 * modulus_MPa * radius**2)
+        return ContactLaw(
+            shape_of(protocol.indenter), penalty, protocol.friction, 1e-3 * modulus_MPa * radius**2
+        )
 
     def _prepared(self, limb: Limb, materials: Mapping[str, Material]) -> _Prepared:
         """The model of this limb, kept for the next job on it."""
@@ -319,7 +322,7 @@ def _check_names(mean_dilatation: bool | tuple[str, ...], limb: Limb) -> None:
 
 
 def _check_touch(limb: Limb, radius_mm: float) -> None:
-    """Refuse a surface that overlaps the sphere at depth 0, or lies away from the spot."""
+    """Refuse a surface that overlaps the sphere at depth 0, or is not at the spot."""
     mesh = in_spot_frame(limb)
     surface = mesh.points_mm[mesh.node_sets["contact"]]
     gaps = np.linalg.norm(surface - [0.0, 0.0, radius_mm], axis=1) - radius_mm
@@ -358,7 +361,7 @@ def _scaled(known: Simulation, factor: float, job: Job, seconds: float) -> Simul
     )
 
 
-def _response(reached: list[Station]) -> Response:
+def _response(reached: list[LoadStep]) -> Response:
     rows = np.array(
         [(0.0, 0.0, 0.0, 0.0)]
         + [(s.depth_mm, s.rotation_deg, s.answer.force_N[2], s.answer.moment_Nmm[2]) for s in reached]
@@ -366,15 +369,15 @@ def _response(reached: list[Station]) -> Response:
     return indentation_response(*rows.T)
 
 
-def _diagnostics(reached: list[Station], march: March) -> dict[str, Any]:
+def _diagnostics(reached: list[LoadStep], stepping: LoadStepping) -> dict[str, Any]:
     def column(values: list[FloatArray]) -> list[list[float]]:
         return [[float(v) for v in value] for value in values]
 
     return {
-        "n_iterations": march.n_iterations,
-        "n_factorisations": march.linear.n_factorisations,
-        "n_cuts": march.n_cuts,
-        "n_held": march.n_held,
+        "n_iterations": stepping.n_iterations,
+        "n_factorisations": stepping.linear.n_factorisations,
+        "n_cuts": stepping.n_cuts,
+        "n_held": stepping.n_held,
         "depth_mm": [s.depth_mm for s in reached],
         "rotation_deg": [s.rotation_deg for s in reached],
         "force_N": column([s.answer.force_N for s in reached]),

@@ -1,9 +1,8 @@
-"""Sets that were simulated before, and what they say about a new one on the same limb and path.
+"""Initial guesses of a set's displacements from the sets that were simulated before it.
 
-Prescribed motion makes the displacements of all sets alike: scaling every modulus
-changes none of them, and they follow the remaining numbers smoothly. So a new
-set's displacements are guessed at every station by interpolation between
-finished sets, and a set that is a multiple of a finished one is known.
+Prescribed motion makes the displacements of all sets alike: scaling every modulus changes none of
+them, and they follow the remaining parameters smoothly. So they are interpolated between finished
+sets at every load step, and a set that is a multiple of a finished one is known.
 """
 
 from collections import deque
@@ -19,7 +18,7 @@ from palpate.interfaces import Material
 MOST_BYTES = 500_000_000
 """Displacements kept; beyond it the oldest go."""
 
-MOST_NEIGHBOURS = 24
+MOST_SETS = 24
 """Sets that a guess is interpolated from."""
 
 SAME = 1e-12
@@ -27,28 +26,28 @@ SAME = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Guide:
-    """A guess of the displacements at the stations of a path, the first one at rest.
+class InitialGuess:
+    """Displacements interpolated between finished sets, at rest and at the load steps of a path.
 
     Parameters
     ----------
-    weights : (m,) array
+    coefficients : (m,) array
         Their sum is one.
-    stacks : m arrays (n_stations + 1, n_nodes, 3)
+    stacks : m arrays (n_load_steps + 1, n_nodes, 3)
         Displacements [mm] of finished sets.
     """
 
-    weights: FloatArray
+    coefficients: FloatArray
     stacks: tuple[NDArray[np.float32], ...]
 
     def _at(self, k: int) -> FloatArray:
         total = np.zeros(self.stacks[0].shape[1:])
-        for weight, stack in zip(self.weights, self.stacks, strict=True):
-            total += weight * stack[k]
+        for coefficient, stack in zip(self.coefficients, self.stacks, strict=True):
+            total += coefficient * stack[k]
         return total
 
-    def hints(self, k: int, displacements: FloatArray) -> list[FloatArray]:
-        """Guesses for station ``k`` from the state at the station before it."""
+    def at(self, k: int, displacements: FloatArray) -> list[FloatArray]:
+        """Guesses for load step ``k`` from the state at the load step before it."""
         there = self._at(k + 1)
         return [displacements + there - self._at(k), there]
 
@@ -61,7 +60,7 @@ class _Finished:
     simulation: Simulation
 
 
-class Neighbours:
+class WarmStart:
     """Finished sets of one limb, path and choice of materials.
 
     Parameters
@@ -94,7 +93,7 @@ class Neighbours:
         displacements: Sequence[FloatArray],
         simulation: Simulation,
     ) -> None:
-        """Keep a set that reached every station; ``displacements`` start at rest."""
+        """Keep a set that reached every load step; ``displacements`` start at rest."""
         values = self._values(thetas)
         stack = np.array(displacements, dtype=np.float32)
         self._finished.append(_Finished(self._features(values, modulus_MPa), values, stack, simulation))
@@ -113,7 +112,7 @@ class Neighbours:
                 return finished.simulation, factor
         return None
 
-    def guide(self, thetas: Mapping[str, FloatArray], modulus_MPa: float) -> Guide | None:
+    def initial_guess(self, thetas: Mapping[str, FloatArray], modulus_MPa: float) -> InitialGuess | None:
         """Interpolated displacements; None while nothing is finished."""
         if not self._finished:
             return None
@@ -122,13 +121,13 @@ class Neighbours:
         varied = spread > SAME * np.abs(features).max(axis=0)
         target = self._features(self._values(thetas), modulus_MPa)[varied] / spread[varied]
         known = features[:, varied] / spread[varied]
-        nearest = np.argsort(np.linalg.norm(known - target, axis=1), kind="stable")[:MOST_NEIGHBOURS]
-        weights = _interpolation(known[nearest], target)
-        return Guide(weights, tuple(self._finished[i].stack for i in nearest))
+        nearest = np.argsort(np.linalg.norm(known - target, axis=1), kind="stable")[:MOST_SETS]
+        coefficients = _interpolation(known[nearest], target)
+        return InitialGuess(coefficients, tuple(self._finished[i].stack for i in nearest))
 
 
 def _interpolation(known: FloatArray, target: FloatArray) -> FloatArray:
-    """Weights (m,) of a cubic radial interpolant with linear polynomials, at ``target``.
+    """Coefficients (m,) of a cubic radial interpolant with linear polynomials, at ``target``.
 
     The nearest set alone while there are too few for a plane.
     """
@@ -141,5 +140,4 @@ def _interpolation(known: FloatArray, target: FloatArray) -> FloatArray:
     system = np.block([[distances**3, plane], [plane.T, np.zeros((d + 1, d + 1))]])
     rhs = np.concatenate([np.linalg.norm(known - target, axis=1) ** 3, [1.0], np.zeros(d)])
     solution = np.linalg.lstsq(system, rhs, rcond=1e-12)[0]
-    weights: FloatArray = np.asarray(solution[:m], dtype=np.float64)
-    return weights
+    return np.asarray(solution[:m], dtype=np.float64)

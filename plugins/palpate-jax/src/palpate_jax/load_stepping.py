@@ -1,4 +1,4 @@
-"""The sphere's path in steps: predict, balance, remember; cut a step that fails, grow after success."""
+"""Load stepping along the indenter's path: predict, balance, store friction; cut a step that fails."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -8,36 +8,36 @@ from functools import partial
 import numpy as np
 
 from palpate.domain import FloatArray, Indentation
-from palpate_jax.contact import Answer, Law, Load, Memory, Motion, Pose
+from palpate_jax.contact import Answer, ContactLaw, ContactState, Memory, Motion, Pose
+from palpate_jax.initial_guess import InitialGuess
 from palpate_jax.model import Model
-from palpate_jax.neighbours import Guide
 from palpate_jax.newton import equilibrium
 from palpate_jax.sensitivity import Sensitivity, Slopes
 
 SMALLEST_CUT = 1.0 / 32.0
 
-GOOD_HINT = 0.3
-"""Imbalance below which a hint saves the linear answer."""
+GOOD_GUESS = 0.3
+"""Imbalance below which an initial guess is taken without the linear prediction."""
 
 PROBE = 1e-4
 """How far ahead of a balanced state, as a share of the step, the predictor is taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Station:
+class LoadStep:
     """The balanced state at one point of the path; displacements (n_nodes, 3) in mm balance the load."""
 
     depth_mm: float
     rotation_deg: float
     answer: Answer
     displacements: FloatArray
-    load: Load
+    load: ContactState
     slopes: Slopes | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stop:
-    """Why the march ended early; displacements (n_nodes, 3) in mm of the last balanced state."""
+    """Why load stepping ended early; displacements (n_nodes, 3) in mm of the last balanced state."""
 
     depth_mm: float
     rotation_deg: float
@@ -45,7 +45,7 @@ class Stop:
     displacements: FloatArray
 
 
-def stations(protocol: Indentation, depth_steps: int, rotation_step_deg: float) -> FloatArray:
+def load_steps(protocol: Indentation, depth_steps: int, rotation_step_deg: float) -> FloatArray:
     """Points (n, 2) of depth and rotation to balance at, waypoints included, rest left out."""
     depth_step_mm = max(float(protocol.path[:, 0].max()), 1e-9) / depth_steps
     points = []
@@ -53,7 +53,7 @@ def stations(protocol: Indentation, depth_steps: int, rotation_step_deg: float) 
         change = np.abs(end - start) / (depth_step_mm, rotation_step_deg)
         n = max(int(np.ceil(change.max() - 1e-9)), 1)
         between = start + (end - start) * np.arange(1, n + 1)[:, None] / n
-        between[-1] = end  # to the last bit: a waypoint beside itself would be a branch of its own
+        between[-1] = end  # to the last bit, so that no branch starts next to a waypoint
         points.append(between)
     return np.concatenate(points)
 
@@ -81,17 +81,17 @@ class _State:
     felt: Memory
 
 
-class March:
-    """Walks a model along a path.
+class LoadStepping:
+    """Takes a model along a path.
 
     Parameters
     ----------
     model : Model
     thetas : mapping of region to parameters
-    law : Law
+    law : ContactLaw
     tolerance : float
         Imbalance relative to the forces at which a point counts as balanced.
-    guide : Guide, optional
+    initial_guess : InitialGuess, optional
         Of the same model and path.
     sensitivity : Sensitivity, optional
         Follows every balanced state, also between points.
@@ -101,16 +101,16 @@ class March:
         self,
         model: Model,
         thetas: Mapping[str, FloatArray],
-        law: Law,
+        law: ContactLaw,
         tolerance: float,
-        guide: Guide | None = None,
+        initial_guess: InitialGuess | None = None,
         sensitivity: Sensitivity | None = None,
     ) -> None:
         self._model = model
         self._thetas = thetas
         self._law = law
         self._tolerance = tolerance
-        self._guide = guide
+        self._initial_guess = initial_guess
         self._sensitivity = sensitivity
         self.linear = model.linear
         self.linear.restart()
@@ -118,20 +118,20 @@ class March:
         self.n_iterations = 0
         self.n_held = 0
 
-    def along(self, points: FloatArray) -> Iterator[Station | Stop]:
-        """Balance at each point (n, 2) in turn; a ``Stop`` ends the march."""
+    def along(self, points: FloatArray) -> Iterator[LoadStep | Stop]:
+        """Balance at each point (n, 2) in turn; a ``Stop`` is the last."""
         nothing = self._model.contact.no_memory(pose(np.zeros(2)))
         state = _State(np.zeros(2), self._model.rest(), nothing, nothing)
         for k, point in enumerate(points):
-            hints = [] if self._guide is None else self._guide.hints(k, state.displacements)
-            reason = self._advance(state, point, hints)
+            guesses = [] if self._initial_guess is None else self._initial_guess.at(k, state.displacements)
+            reason = self._advance(state, point, guesses)
             if reason:
                 depth, rotation = map(float, state.position)
                 yield Stop(depth, rotation, reason, state.displacements)
                 return
-            yield self._station(state)
+            yield self._load_step(state)
 
-    def _advance(self, state: _State, target: FloatArray, hints: Sequence[FloatArray]) -> str:
+    def _advance(self, state: _State, target: FloatArray, guesses: Sequence[FloatArray]) -> str:
         """Reach the target in as few cuts as it takes; the reason when it cannot be reached."""
         done, share = 0.0, 1.0
         origin = state.position
@@ -139,8 +139,8 @@ class March:
             share = min(share, 1.0 - done)
             last = done + share >= 1.0 - 1e-12
             position = target if last else origin + (done + share) * (target - origin)
-            reason = self._step(state, position, hints if share == 1.0 else ())
-            if reason and hints and share == 1.0:
+            reason = self._step(state, position, guesses if share == 1.0 else ())
+            if reason and guesses and share == 1.0:
                 self.linear.reset()
                 reason = self._step(state, position, ())
             if not reason:
@@ -154,8 +154,8 @@ class March:
                 return reason
         return ""
 
-    def _load(self, state: _State, position: FloatArray) -> Load:
-        return Load(pose(position), state.memory, self._law)
+    def _load(self, state: _State, position: FloatArray) -> ContactState:
+        return ContactState(pose(position), state.memory, self._law)
 
     def _predicted(self, state: _State, position: FloatArray) -> FloatArray:
         """First guess: the linear answer to the indenter's motion, taken just ahead of the last state.
@@ -172,27 +172,27 @@ class March:
         return model.along_arcs(state.displacements, model.straight(state.displacements, step))
 
     def _start(
-        self, state: _State, load: Load, position: FloatArray, hints: Sequence[FloatArray]
+        self, state: _State, load: ContactState, position: FloatArray, guesses: Sequence[FloatArray]
     ) -> FloatArray:
-        """The hint that is nearest to balance, unless the linear answer is nearer."""
+        """The guess that is nearest to balance, unless the linear prediction is nearer."""
         best, least = state.displacements, np.inf
-        for guess in hints:
+        for guess in guesses:
             best, least = self._nearer(best, least, guess, load)
-        if least > GOOD_HINT:
+        if least > GOOD_GUESS:
             with suppress(np.linalg.LinAlgError):
                 best, least = self._nearer(best, least, self._predicted(state, position), load)
         return self._model.carried(best, load.pose)
 
     def _nearer(
-        self, best: FloatArray, least: float, guess: FloatArray, load: Load
+        self, best: FloatArray, least: float, guess: FloatArray, load: ContactState
     ) -> tuple[FloatArray, float]:
         residual = self._model.forces(self._model.carried(guess, load.pose), self._thetas).residual(load)
         sound = residual.least_jacobian > 0.0 and residual.relative < least
         return (guess, residual.relative) if sound else (best, least)
 
-    def _step(self, state: _State, position: FloatArray, hints: Sequence[FloatArray]) -> str:
+    def _step(self, state: _State, position: FloatArray, guesses: Sequence[FloatArray]) -> str:
         load = self._load(state, position)
-        start = self._start(state, load, position, hints)
+        start = self._start(state, load, position, guesses)
         balance = equilibrium(self._model, self._thetas, load, start, self.linear, self._tolerance)
         self.n_iterations += balance.n_iterations
         self.n_held += balance.held
@@ -203,9 +203,9 @@ class March:
             state.memory = self._model.contact.remember(state.displacements, load)
         return balance.reason
 
-    def _station(self, state: _State) -> Station:
-        load = Load(pose(state.position), state.felt, self._law)
+    def _load_step(self, state: _State) -> LoadStep:
+        load = ContactState(pose(state.position), state.felt, self._law)
         answer = self._model.answer(state.displacements, self._thetas, load)
         slopes = None if self._sensitivity is None else self._sensitivity.slopes
         depth, rotation = map(float, state.position)
-        return Station(depth, rotation, answer, state.displacements, load, slopes)
+        return LoadStep(depth, rotation, answer, state.displacements, load, slopes)
