@@ -21,9 +21,10 @@ from palpate.domain import (
     Spot,
 )
 from palpate.executors import InProcess
-from palpate.plugins import Plugins, load_file
-from palpate.samplers import LatinHypercube
-from palpate.study import Study, StudySpot
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import load_file
+from palpate.stages.samplers import LatinHypercube
+from palpate.study.reading import Study, StudySpot
 
 # How long an example takes says more of the machine than of the code.
 hypothesis.settings.register_profile(

@@ -12,11 +12,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from palpate import hookspecs
 from palpate.errors import PluginError
-from palpate.interfaces import Component
-from palpate.plugin_kit import KITS
-from palpate.plugin_registry import KINDS
+from palpate.plugins import hookspecs
+from palpate.plugins.interfaces import Component
+from palpate.plugins.registry import KINDS
+from palpate.plugins.scaffold import KITS
 
 BEGIN = "<!-- hooks: written by make hooks -->"
 END = "<!-- end of hooks -->"
@@ -80,7 +80,7 @@ def _signature(function: Any) -> str:  # noqa: ANN401
 
 def _component(base: type[Component]) -> Iterator[str]:
     """List what a subclass sets, defines and may override."""
-    yield f"Subclass `palpate.interfaces.{base.__name__}`:"
+    yield f"Subclass `palpate.plugins.interfaces.{base.__name__}`:"
     yield ""
     yield f"| `{base.__name__}` | | |"
     yield "|---|---|---|"

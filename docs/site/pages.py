@@ -16,7 +16,7 @@ from pygments.formatters.html import HtmlFormatter
 
 import palpate
 import palpate.testing
-from palpate.glossary import Glossary, Term
+from palpate.cli.glossary import Glossary, Term
 
 ROOT = Path(__file__).parents[2]
 LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)([^)#\s]+)")

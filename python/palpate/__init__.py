@@ -45,7 +45,10 @@ if TYPE_CHECKING:
         StudyTemplate,
     )
     from palpate.errors import PalpateError
-    from palpate.interfaces import (
+    from palpate.notebook import generalise, measure, sample, score, select, simulate
+    from palpate.pipeline import run_study
+    from palpate.plugins.catalogue import Plugins
+    from palpate.plugins.interfaces import (
         AnisotropicMaterial,
         Executor,
         ExperimentLoader,
@@ -56,11 +59,8 @@ if TYPE_CHECKING:
         Settings,
         Solver,
     )
-    from palpate.pipeline import run_study
-    from palpate.plugins import Plugins
-    from palpate.run_result import RunResult
-    from palpate.stages import generalise, measure, sample, score, select, simulate
-    from palpate.study import Study, read_study
+    from palpate.run.result import RunResult
+    from palpate.study.reading import Study, read_study
 
 __all__ = [
     "AnisotropicMaterial",
@@ -110,12 +110,12 @@ __all__ = [
 __version__ = "0.1.0"
 
 hookimpl = pluggy.HookimplMarker("palpate")
-"""Marks a function of a plugin as the implementation of a hook of :mod:`palpate.hookspecs`."""
+"""Marks a function of a plugin as the implementation of a hook of :mod:`palpate.plugins.hookspecs`."""
 
 _HOMES = MappingProxyType(
     {
         "errors": ("PalpateError",),
-        "interfaces": (
+        "plugins.interfaces": (
             "AnisotropicMaterial",
             "Executor",
             "ExperimentLoader",
@@ -127,10 +127,10 @@ _HOMES = MappingProxyType(
             "Solver",
         ),
         "pipeline": ("run_study",),
-        "run_result": ("RunResult",),
-        "plugins": ("Plugins",),
-        "stages": ("generalise", "measure", "sample", "score", "select", "simulate"),
-        "study": ("Study", "read_study"),
+        "run.result": ("RunResult",),
+        "plugins.catalogue": ("Plugins",),
+        "notebook": ("generalise", "measure", "sample", "score", "select", "simulate"),
+        "study.reading": ("Study", "read_study"),
     }
 )
 

@@ -110,7 +110,7 @@ class Curve:
         )
 
     def _repr_html_(self) -> str:
-        from palpate import views
+        from palpate.report import notebook_html as views
 
         return views.picture(self)
 
@@ -208,7 +208,7 @@ class Response:
         return f"Response({', '.join(map(repr, self.curves.values()))})"
 
     def _repr_html_(self) -> str:
-        from palpate import views
+        from palpate.report import notebook_html as views
 
         return views.pictures(self.curves)
 

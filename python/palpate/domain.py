@@ -23,7 +23,7 @@ from palpate.curves import moving_span as moving_span
 from palpate.errors import CurveError, MaterialError, MeshError, SamplingError, ScoringError
 
 if TYPE_CHECKING:
-    from palpate.interfaces import Material
+    from palpate.plugins.interfaces import Material
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -349,7 +349,7 @@ class Design:
         return f"Design({self.n_sets} sets of {names}, seed {self.seed})"
 
     def _repr_html_(self) -> str:
-        from palpate import views
+        from palpate.report import notebook_html as views
 
         return views.design(self)
 

@@ -12,25 +12,11 @@ from pathlib import Path
 
 import polars as pl
 
-from palpate import scoring, selection, simulation
-from palpate.changes import Changed, changed
-from palpate.completeness import completeness, without_result
-from palpate.determination import at_measured, determine
 from palpate.domain import Design, Response, Simulation
 from palpate.errors import StudyError
 from palpate.executors.attempts import simulate_alone
-from palpate.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
-from palpate.generalisation import generalise
-from palpate.keys import answers_key
-from palpate.ledger import Ledger
-from palpate.limb import limb_warnings, load_limbs
-from palpate.manifest import manifest
-from palpate.ownership import drawing_in
-from palpate.plugins import Plugins
+from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
-from palpate.proofs import prove
-from palpate.rays import best_on_rays
-from palpate.refinement import Refined, refine
 from palpate.report import (
     Content,
     by_spot,
@@ -40,12 +26,26 @@ from palpate.report import (
     make_verdict,
     write_report,
 )
-from palpate.run_directory import RunDirectory
-from palpate.run_result import Checked, Report, RunResult, Selected
-from palpate.stage_records import design_from, measured_from, scores_from, selection_from
-from palpate.study import Study
-from palpate.study_checks import odd_settings
-from palpate.study_design import draw_study
+from palpate.run.directory import RunDirectory
+from palpate.run.ledger import Ledger
+from palpate.run.manifest import manifest
+from palpate.run.ownership import drawing_in
+from palpate.run.result import Checked, Report, RunResult, Selected
+from palpate.run.stage_records import design_from, measured_from, scores_from, selection_from
+from palpate.run.study_diff import Changed, changed
+from palpate.stages import scoring, selection, simulation
+from palpate.stages.completeness import completeness, without_result
+from palpate.stages.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
+from palpate.stages.generalisation import generalise
+from palpate.stages.identifiability import at_measured, determine
+from palpate.stages.keys import answers_key
+from palpate.stages.limb import limb_warnings, load_limbs
+from palpate.stages.refinement import Refined, refine
+from palpate.stages.stiffness_scaling import best_on_rays
+from palpate.stages.study_design import draw_study
+from palpate.stages.verification import prove
+from palpate.study.checks import odd_settings
+from palpate.study.reading import Study
 
 
 def check(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -> Checked:

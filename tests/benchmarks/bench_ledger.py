@@ -21,10 +21,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "chaos"))
 
 from kills import make_study
 
-from palpate import simulation
 from palpate.domain import Curve, Job, Response, Simulation, Status
-from palpate.ledger import Finished, Ledger, Writer
-from palpate.sampling import draw_design
+from palpate.run.ledger import Finished, Ledger, Writer
+from palpate.stages import simulation
+from palpate.stages.sampling import draw_design
 
 DEPTHS, ANGLES = np.linspace(0.0, 10.0, 80), np.linspace(-22.5, 22.5, 80)
 

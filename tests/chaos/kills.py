@@ -26,13 +26,15 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
-from palpate import pipeline, results
+from palpate import pipeline
 from palpate.domain import Indentation, Normaliser, ParameterSpace, RegionMaterial, Sphere, Spot
 from palpate.executors import InProcess
-from palpate.ledger import writer
-from palpate.plugins import Plugins, load_file
-from palpate.samplers import LatinHypercube
-from palpate.study import Study, StudySpot
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import load_file
+from palpate.run import result_files as results
+from palpate.run.ledger import writer
+from palpate.stages.samplers import LatinHypercube
+from palpate.study.reading import Study, StudySpot
 
 tissue = load_file(TISSUE_FILE)
 

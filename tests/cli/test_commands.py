@@ -15,7 +15,7 @@ import pytest
 from palpate import __version__
 from palpate.cli.app import main
 from palpate.cli.session import Session
-from palpate.ledger import Ledger
+from palpate.run.ledger import Ledger
 
 from .conftest import PLUGIN, TOY, Call
 

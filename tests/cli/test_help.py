@@ -8,7 +8,7 @@ from typer.main import get_command
 from palpate.cli.app import COMMANDS, STAGES, build_app, main
 from palpate.cli.inspect import STAGE
 from palpate.cli.listing import EXAMPLES, name_of
-from palpate.plugin_registry import add_commands
+from palpate.plugins.registry import add_commands
 
 CORE = [name_of(command) for command in (*COMMANDS, *STAGES)]
 

@@ -12,8 +12,8 @@ LOADERS = '''
 
 from palpate import hookimpl
 from palpate.errors import CurveError
-from palpate.inspection import InspectedTable, Inspection
-from palpate.interfaces import ExperimentLoader
+from palpate.plugins.inspection import InspectedTable, Inspection
+from palpate.plugins.interfaces import ExperimentLoader
 
 
 class Plain(ExperimentLoader):

@@ -10,8 +10,8 @@ import pytest
 
 import palpate
 from palpate.errors import PluginError
-from palpate.plugin_kit import KITS, new_plugin
-from palpate.plugins import Plugins
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.scaffold import KITS, new_plugin
 
 from .conftest import Call
 

@@ -16,7 +16,7 @@ from palpate.cli import status as status_command
 from palpate.cli.progress import StageProgress, best
 from palpate.cli.session import Session
 from palpate.executors.machine import usage
-from palpate.locking import locked
+from palpate.run.lock import locked
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 

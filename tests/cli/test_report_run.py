@@ -35,8 +35,8 @@ source = "block"
 @pytest.fixture
 def with_limb(study, monkeypatch):
     """Toy study whose solver wants a mesh at each of its two spots."""
-    monkeypatch.setattr("palpate.limb.check_limb", lambda *_: None)
-    monkeypatch.setattr("palpate.limb.check_depth", lambda *_: None)
+    monkeypatch.setattr("palpate.stages.limb.check_limb", lambda *_: None)
+    monkeypatch.setattr("palpate.stages.limb.check_depth", lambda *_: None)
     path = study / "study.toml"
     text = path.read_text().replace('"closed_form"', '"meshed"').replace("n_sets = 20", "n_sets = 4")
     for name in ("s1", "s2"):

@@ -13,8 +13,8 @@ import pytest
 from palpate.cli.progress import StageProgress
 from palpate.cli.status import duration
 from palpate.errors import StoppedError
-from palpate.ledger import Ledger
-from palpate.locking import locked
+from palpate.run.ledger import Ledger
+from palpate.run.lock import locked
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -114,7 +114,7 @@ def test_status_of_a_run_at_work_names_the_runner(call, study, tmp_path):
 
 
 def test_failures_are_grouped_by_reason_whatever_its_numbers():
-    from palpate.run_status import failures
+    from palpate.run.status import failures
 
     messages = ["step 3 of 10 at 1.5e-3 mm", "step 4 of 10 at 2 mm", "no licence", ""]
     frame = pl.DataFrame(

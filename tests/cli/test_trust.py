@@ -6,8 +6,8 @@ import polars as pl
 import pytest
 
 from palpate.errors import StudyError
-from palpate.ledger import Ledger
-from palpate.run_directory import RunDirectory
+from palpate.run.directory import RunDirectory
+from palpate.run.ledger import Ledger
 
 from .conftest import PLUGIN
 from .test_resume import tables

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Response
-from palpate.interfaces import ExperimentLoader
+from palpate.plugins.interfaces import ExperimentLoader
 from palpate.testing import Expected, LoaderContract
 from palpate_experiments import CsvLoader, CsvSettings
 

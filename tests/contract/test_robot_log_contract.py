@@ -9,7 +9,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from palpate.interfaces import ExperimentLoader
+from palpate.plugins.interfaces import ExperimentLoader
 from palpate.testing import LoaderContract
 from palpate_experiments import RobotLogLoader, RobotLogSettings
 

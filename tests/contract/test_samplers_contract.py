@@ -2,8 +2,8 @@
 
 import pytest
 
-from palpate.interfaces import Sampler
-from palpate.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
+from palpate.plugins.interfaces import Sampler
+from palpate.stages.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 from palpate.testing import SamplerContract
 
 

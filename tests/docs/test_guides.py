@@ -12,7 +12,9 @@ import pytest
 from typer.main import get_command
 
 from palpate.cli.app import build_app, main
-from palpate.curve_checks import (
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import add_commands
+from palpate.stages.curve_checks import (
     BIAS,
     LARGEST_BIAS,
     LARGEST_GAP,
@@ -23,10 +25,8 @@ from palpate.curve_checks import (
     ODD_LEVERS,
     SIZES,
 )
-from palpate.determination import UNCLEAR, WORDS
-from palpate.plugin_registry import add_commands
-from palpate.plugins import Plugins
-from palpate.study import read_study
+from palpate.stages.identifiability import UNCLEAR, WORDS
+from palpate.study.reading import read_study
 from palpate_experiments import CsvLoader, CsvSettings
 
 ROOT = Path(__file__).parents[2]

@@ -8,8 +8,9 @@ from hook_reference import BEGIN, END, main, reference, written
 
 from palpate import testing
 from palpate.errors import PluginError
-from palpate.plugin_kit import KITS
-from palpate.plugins import HOOKS, Plugins
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import HOOKS
+from palpate.plugins.scaffold import KITS
 
 FOLDER = Path(__file__).parents[2] / "plugins"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.plugins import Plugins
-from palpate.study_model import ScoringTable, SpotTable
+from palpate.plugins.catalogue import Plugins
+from palpate.study.model import ScoringTable, SpotTable
 from palpate_experiments import RobotLogLoader, RobotLogSettings
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")

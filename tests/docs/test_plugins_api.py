@@ -12,7 +12,7 @@ import palpate
 from palpate.cli.app import main
 from palpate.cli.session import Session
 from palpate.report.convergence import CONTACT
-from palpate.study_model import ScenarioTable
+from palpate.study.model import ScenarioTable
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
 

@@ -10,7 +10,8 @@ from typer.core import TyperGroup
 
 from palpate.cli.app import COMMANDS, STAGES, build_app
 from palpate.cli.listing import name_of
-from palpate.plugins import HOOKS, Plugins, add_commands
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import HOOKS, add_commands
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -59,7 +60,7 @@ def test_the_plugin_of_the_readme_works(tmp_path: Path) -> None:
 def test_the_toml_of_the_readme_is_read() -> None:
     import tomllib
 
-    from palpate.study_model import RegionTable, SamplingTable, SelectionTable
+    from palpate.study.model import RegionTable, SamplingTable, SelectionTable
 
     regions, sampling, selection = map(
         tomllib.loads, re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import palpate
-from palpate.glossary import Glossary
+from palpate.cli.glossary import Glossary
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,16 +9,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palpate import _core, pipeline, scoring, selection, simulation
+from palpate import _core, pipeline
 from palpate.domain import Design, Parameter, Response, Scenario, Status
 from palpate.errors import StudyError
-from palpate.experiment import load_measured
-from palpate.interfaces import SetFilter
-from palpate.plugins import Plugins
-from palpate.rays import along_rays, best_on_rays, scale_bounds, scaled_sets
-from palpate.run_directory import RunDirectory
-from palpate.sampling import draw_design
-from palpate.study import read_study
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.interfaces import SetFilter
+from palpate.run.directory import RunDirectory
+from palpate.stages import scoring, selection, simulation
+from palpate.stages.experiment import load_measured
+from palpate.stages.sampling import draw_design
+from palpate.stages.stiffness_scaling import along_rays, best_on_rays, scale_bounds, scaled_sets
+from palpate.study.reading import read_study
 
 TOY = Path(__file__).parents[1] / "data" / "toy"
 KEYS = ["spot", "scenario", "set_id"]

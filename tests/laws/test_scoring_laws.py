@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.domain import Curve, Job, Normaliser, Response, Simulation, Status
-from palpate.scoring import score
+from palpate.stages.scoring import score
 
 SCALED = [n for n in Normaliser if n is not Normaliser.UNIT]
 loops = st.lists(st.floats(1.0, 30.0), min_size=4, max_size=25).map(np.array)

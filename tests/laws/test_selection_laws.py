@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from palpate.domain import Design, Parameter, Scenario
 from palpate.errors import NothingSelectableError
-from palpate.generalisation import generalise
-from palpate.scoring import SCHEMA
-from palpate.selection import objectives, select
+from palpate.stages.generalisation import generalise
+from palpate.stages.scoring import SCHEMA
+from palpate.stages.selection import objectives, select
 
 SCENARIOS = (
     Scenario(name="I", weights={"force": 1.0, "torque": 1.0}),

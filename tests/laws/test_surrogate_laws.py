@@ -6,7 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from palpate.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
+from palpate.stages.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -8,7 +8,7 @@ import pytest
 from palpate.cli.app import main
 from palpate.domain import Curve, Response, Simulation, Status
 from palpate.errors import MaterialError
-from palpate.interfaces import Solver
+from palpate.plugins.interfaces import Solver
 from palpate.specimens import block
 from palpate_febio.binary import find_binary
 from palpate_febio.certificate import Case, Certificate, Row, at, compared

@@ -20,11 +20,11 @@ from palpate.domain import (
     Spot,
 )
 from palpate.executors import InProcess
-from palpate.interfaces import LimbSource, Sampler
-from palpate.plugins import Plugins
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.interfaces import LimbSource, Sampler
 from palpate.specimens import block
-from palpate.study import Study, StudySpot
-from palpate.synthesis import synthesise
+from palpate.stages.synthesis import synthesise
+from palpate.study.reading import Study, StudySpot
 from palpate_experiments import CsvLoader
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean

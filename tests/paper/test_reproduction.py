@@ -12,7 +12,7 @@ from palpate.cli.app import main
 from palpate.errors import NothingSelectableError, StoppedError, StudyError
 from palpate.executors import InProcess
 from palpate.mechanics import initial_moduli
-from palpate.plugins import Plugins
+from palpate.plugins.catalogue import Plugins
 from palpate_forearm import reproduction
 from palpate_forearm.comparison import compare, write
 from palpate_forearm.paper_tables import table1, table2

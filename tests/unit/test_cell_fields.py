@@ -8,15 +8,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate import AnisotropicMaterial, Parameter
-from palpate.cell_fields import check_frames, with_fields
 from palpate.domain import Job, Limb, RegionMaterial, Spot
 from palpate.errors import MeshError, StudyError
-from palpate.interfaces import LimbSource
-from palpate.keys import limb_key
-from palpate.limb import load_limbs
-from palpate.simulation import check_jobs
+from palpate.plugins.interfaces import LimbSource
 from palpate.specimens import block
 from palpate.spot_frame import spot_axes
+from palpate.stages.cell_fields import check_frames, with_fields
+from palpate.stages.keys import limb_key
+from palpate.stages.limb import load_limbs
+from palpate.stages.simulation import check_jobs
 from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver
 from palpate_jax.body import Body, blocks

@@ -5,13 +5,14 @@ from dataclasses import replace
 import polars as pl
 import pytest
 
-from palpate import pipeline, simulation
-from palpate.completeness import described
+from palpate import pipeline
 from palpate.domain import Response
 from palpate.progress import SILENT
 from palpate.report import make_tables, make_verdict
 from palpate.report.figures import nmse_distribution, responses
 from palpate.report.space import parameter_space
+from palpate.stages import simulation
+from palpate.stages.completeness import described
 
 
 class Notes(type(SILENT)):

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.curve_checks import check_curve, young_range
 from palpate.domain import Channel, Curve, Sphere
 from palpate.errors import CurveError
-from palpate.experiment import load_measured, measured_warnings
-from palpate.plugins import Plugins
-from palpate.study import Study, read_study
-from palpate.study_checks import odd_settings
+from palpate.plugins.catalogue import Plugins
+from palpate.stages.curve_checks import check_curve, young_range
+from palpate.stages.experiment import load_measured, measured_warnings
+from palpate.study.checks import odd_settings
+from palpate.study.reading import Study, read_study
 
 LINES = {"abscissa": "x_mm", "ordinate": "y_mm", "abscissa_label": "x", "ordinate_label": "y"}
 DEPTH, ANGLE, FORCE, TORQUE = range(4)
@@ -49,7 +49,7 @@ def read(tmp_path):
 
 
 def test_a_force_of_zero_is_left_to_scoring(read, monkeypatch):
-    monkeypatch.setattr("palpate.curve_checks.young_range", lambda space: None)
+    monkeypatch.setattr("palpate.stages.curve_checks.young_range", lambda space: None)
     read(times(FORCE, 0.0))
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from palpate.domain import Curve, Response
 from palpate.errors import CurveError
-from palpate.results import frame_of, response_of
+from palpate.run.result_files import frame_of, response_of
 
 X = [0.0, 1.0, 2.0]
 

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from palpate.deferral import deferred
+from palpate.lazy_imports import deferred
 
 
 def test_a_name_comes_from_its_home_and_no_other_exists():

@@ -6,15 +6,15 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.determination import at_measured, determine
 from palpate.domain import Response, Status
-from palpate.experiment import load_measured
-from palpate.generalisation import generalise
-from palpate.refinement import Refined
-from palpate.sampling import draw_design
-from palpate.scoring import score
-from palpate.selection import select
-from palpate.simulation import simulate
+from palpate.stages.experiment import load_measured
+from palpate.stages.generalisation import generalise
+from palpate.stages.identifiability import at_measured, determine
+from palpate.stages.refinement import Refined
+from palpate.stages.sampling import draw_design
+from palpate.stages.scoring import score
+from palpate.stages.selection import select
+from palpate.stages.simulation import simulate
 
 NOT_REFINED = Refined(table=pl.DataFrame(), responses={})
 

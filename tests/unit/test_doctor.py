@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from palpate import doctor
+from palpate.cli import doctor_checks as doctor
 from palpate.cli.app import main
-from palpate.plugins import Plugins
+from palpate.plugins.catalogue import Plugins
 
 BROKEN = "import palpate\n\n@palpate.hookimpl\ndef palpate_solverz():\n    return []\n"
 SOLVERS = """
@@ -146,6 +146,6 @@ def test_a_plugin_of_single_components_is_listed_by_its_distribution(monkeypatch
         value="goh:GOH",
         dist=SimpleNamespace(name="lab-goh", version="2"),
     )
-    monkeypatch.setattr("palpate.doctor.installed_points", lambda: [point])
+    monkeypatch.setattr("palpate.cli.doctor_checks.installed_points", lambda: [point])
     found = doctor._plugins(Plugins.load(entry_points=False))
     assert [(each.what, each.found) for each in found] == [("lab-goh", "lab-goh 2")]

@@ -10,8 +10,8 @@ import pytest
 from palpate.domain import Status
 from palpate.errors import PluginError
 from palpate.executors import InProcess, Limits, Processes, Work, n_cores, thread_limits
-from palpate.interfaces import Settings, Solver
-from palpate.simulation import jobs
+from palpate.plugins.interfaces import Settings, Solver
+from palpate.stages.simulation import jobs
 
 HOW = {1: Status.CRASHED, 2: Status.TIMED_OUT, 3: Status.CRASHED, 4: Status.DIVERGED, 5: Status.UNREADABLE}
 
@@ -130,7 +130,7 @@ def test_what_a_solver_prints_does_not_garble_the_answers(make_study, tmp_path, 
         "        rise = Curve(channel='force', abscissa=[0, 1], ordinate=[0, 1])\n"
         "        return Simulation(job=job, status=Status.OK, response=Response(curves={'force': rise}))\n"
     )
-    from palpate.plugins import load_file
+    from palpate.plugins.registry import load_file
 
     solver = load_file(talkative).Talkative()
     study = make_study(solver=solver, plugin_files=(*make_study().plugin_files, talkative))
@@ -182,7 +182,7 @@ def test_a_worker_sees_its_thread_limit(make_study, tmp_path):
         "        return Simulation(job=job, status=Status.OK, response=Response(curves={'force': rise}),\n"
         "                          message=os.environ['OMP_NUM_THREADS'])\n"
     )
-    from palpate.plugins import load_file
+    from palpate.plugins.registry import load_file
 
     solver: Solver = load_file(curious).Curious(Settings())
     files = (*make_study().plugin_files, curious)

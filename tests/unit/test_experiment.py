@@ -7,7 +7,7 @@ import pytest
 
 from palpate.domain import Curve, Indentation, Response, Scenario, Sphere
 from palpate.errors import CurveError, PluginError
-from palpate.experiment import check_covers, load_measured
+from palpate.stages.experiment import check_covers, load_measured
 
 PROTOCOL = Indentation(
     indenter=Sphere(radius_mm=7.5),

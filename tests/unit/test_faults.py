@@ -16,17 +16,18 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import run_status, simulation
 from palpate.domain import Curve, Response, Simulation, Status
 from palpate.errors import ExecutorError, PluginError, StudyError
 from palpate.executors import InProcess, Limits, Outcome, Processes, Work, machine, pool
 from palpate.executors.attempts import LONGEST_TRACEBACK
-from palpate.experiment import load_measured
-from palpate.interfaces import Executor
-from palpate.ledger import Ledger
-from palpate.locking import Runner, locked
-from palpate.plugins import load_file
-from palpate.sampling import draw_design
+from palpate.plugins.interfaces import Executor
+from palpate.plugins.registry import load_file
+from palpate.run import status as run_status
+from palpate.run.ledger import Ledger
+from palpate.run.lock import Runner, locked
+from palpate.stages import simulation
+from palpate.stages.experiment import load_measured
+from palpate.stages.sampling import draw_design
 
 
 def sweep(study, folder):
@@ -420,8 +421,8 @@ def test_a_share_of_a_group_around_this_process_counts(monkeypatch, tmp_path):
 
 
 def test_a_limit_that_nothing_would_hold_is_refused(tmp_path):
-    from palpate.plugins import Plugins
-    from palpate.study import read_study
+    from palpate.plugins.catalogue import Plugins
+    from palpate.study.reading import read_study
 
     data = Path(__file__).parents[1] / "data" / "toy"
     plugins = Plugins.load([data / "toy_plugin.py"], entry_points=False)

@@ -13,14 +13,14 @@ from pydantic import Field
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Sphere
 from palpate.errors import PluginError
-from palpate.fingerprints import code_hash
-from palpate.interfaces import Settings
-from palpate.keys import identity, job_key
-from palpate.plugins import load_file
+from palpate.plugins.fingerprints import code_hash
+from palpate.plugins.interfaces import Settings
+from palpate.plugins.registry import load_file
+from palpate.stages.keys import identity, job_key
 
 MATERIAL = """
 from palpate.domain import Parameter
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 {imports}
 
 class Fat(Material):

@@ -7,8 +7,8 @@ import pytest
 from typer.main import get_command
 
 from palpate.cli.app import build_app, main
-from palpate.glossary import Glossary, UnknownTermError
-from palpate.plugin_registry import add_commands
+from palpate.cli.glossary import Glossary, UnknownTermError
+from palpate.plugins.registry import add_commands
 
 ROOT = Path(__file__).parents[2]
 GLOSSARY = Glossary.load()

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Sphere, Status
 from palpate.errors import CurveError, MaterialError
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 from palpate.testing import SolverContract
 from palpate_jax.homogeneous import CHANNELS, MODES, HomogeneousSettings, HomogeneousSolver
 from palpate_materials import Demiray, MooneyRivlin, NeoHookean, Ogden, Yeoh

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 from palpate.specimens import block
 from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.body import Body, blocks

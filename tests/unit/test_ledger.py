@@ -13,10 +13,10 @@ import pytest
 
 from palpate.domain import Curve, Job, Response, Simulation, Status
 from palpate.errors import LedgerError
-from palpate.ledger import Entry, Finished, Ledger, Writer
-from palpate.ledger.cache import ResultCache
-from palpate.ledger.curve_files import pack, unpack
-from palpate.results import write_atomically
+from palpate.run.ledger import Entry, Finished, Ledger, Writer
+from palpate.run.ledger.cache import ResultCache
+from palpate.run.ledger.curve_files import pack, unpack
+from palpate.run.result_files import write_atomically
 
 
 def job(set_id=0, spot="p1"):
@@ -330,7 +330,7 @@ def test_a_ledger_that_names_any_other_file_is_refused(tmp_path, name):
 def test_a_link_that_lies_where_a_file_is_to_be_written_is_not_followed(tmp_path, monkeypatch):
     victim = tmp_path / "victim"
     victim.write_text("mine")
-    monkeypatch.setattr("palpate.results.temporary_name", lambda name: f".{name}.palpate")
+    monkeypatch.setattr("palpate.run.result_files.temporary_name", lambda name: f".{name}.palpate")
     (tmp_path / ".a.json.palpate").symlink_to(victim)
     with pytest.raises(FileExistsError):
         write_atomically(tmp_path / "a.json", b"theirs")

@@ -10,10 +10,10 @@ import pytest
 from palpate import pipeline
 from palpate.domain import Indentation, Limb, Mesh, Sphere, Spot
 from palpate.errors import MeshError, PluginError, StudyError
-from palpate.interfaces import LimbSource, Solver
-from palpate.limb import check_depth, check_limb, limb_warnings, load_limbs
-from palpate.mesh_joints import holes
+from palpate.plugins.interfaces import LimbSource, Solver
 from palpate.specimens.blocks import block
+from palpate.stages.limb import check_depth, check_limb, limb_warnings, load_limbs
+from palpate.stages.mesh_joints import holes
 
 CUBE = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float
@@ -69,7 +69,7 @@ def test_a_mirrored_limb_is_inverted(kind):
 
 
 def test_the_determinant_of_a_box_is_its_volume_ratio():
-    from palpate.limb import _least_jacobian
+    from palpate.stages.limb import _least_jacobian
 
     box = CUBE * [2.0, 3.0, 4.0]
     least, _ = _least_jacobian("hex8", box[None])

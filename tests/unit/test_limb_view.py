@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Limb, Mesh, Spot
-from palpate.limb_view import ViewPart, limb_view
+from palpate.report.limb_view import ViewPart, limb_view
 from palpate.specimens import block
 
 

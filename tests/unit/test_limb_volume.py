@@ -12,8 +12,8 @@ import pytest
 from palpate.cli.app import main
 from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError, PluginError
-from palpate.limb import check_limb
 from palpate.specimens import block
+from palpate.stages.limb import check_limb
 from palpate_forearm import (
     InkMark,
     MeshioSettings,

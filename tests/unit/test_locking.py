@@ -10,13 +10,13 @@ import time
 
 import pytest
 
-from palpate import locking
 from palpate.errors import LedgerError
-from palpate.locking import RunLock, living_runner_of, locked, runner_of
+from palpate.run import lock as locking
+from palpate.run.lock import RunLock, living_runner_of, locked, runner_of
 
 HOLD = (
     "import sys, time, pathlib\n"
-    "from palpate.locking import locked\n"
+    "from palpate.run.lock import locked\n"
     "with locked(pathlib.Path(sys.argv[1])):\n"
     "    print('held', flush=True)\n"
     "    time.sleep(60)\n"

@@ -9,13 +9,13 @@ import pytest
 from palpate import pipeline
 from palpate.domain import Curve, Indentation, PointWeights, Response, Sphere
 from palpate.errors import CurveError, PluginError, StudyError
-from palpate.experiment import Presses
-from palpate.keys import job_key
-from palpate.ownership import claim, keep_only
 from palpate.report import draw_presses
-from palpate.results import write_atomically
-from palpate.run_directory import RunDirectory
-from palpate.simulation import jobs
+from palpate.run.directory import RunDirectory
+from palpate.run.ownership import claim, keep_only
+from palpate.run.result_files import write_atomically
+from palpate.stages.experiment import Presses
+from palpate.stages.keys import job_key
+from palpate.stages.simulation import jobs
 
 SMALL = Indentation(
     indenter=Sphere(radius_mm=5.0), path=[(0, 0), (10, 0), (10, -22.5), (10, 22.5), (10, 0)], friction=0.5
@@ -150,7 +150,7 @@ def test_another_indenter_is_another_simulation(make_study):
     study = make_study()
     one, two = study.spots
     small = replace(study, spots=(one, replace(two, protocol=SMALL)))
-    from palpate.sampling import draw_design
+    from palpate.stages.sampling import draw_design
 
     design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
     usual, other = (

@@ -10,8 +10,8 @@ import pytest
 from palpate import mechanics
 from palpate.domain import Parameter
 from palpate.errors import MaterialError, PluginError
-from palpate.interfaces import Material
-from palpate.plugins import answering_for
+from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import Material
 
 THETA = np.array([0.061, 3.1, 1.3])
 stress = jax.jit(mechanics.stress, static_argnums=0)

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from palpate.domain import Spot
 from palpate.errors import MeshError, PalpateError
-from palpate.limb import check_limb
+from palpate.stages.limb import check_limb
 from palpate_forearm import MeshioSettings, MeshioSource, mesh_files, mesh_source
 from palpate_forearm.mesh_files import read_here, read_mesh_file
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from palpate.errors import MeshError
-from palpate.limb import mesh_note
-from palpate.manifest import manifest
+from palpate.run.manifest import manifest
+from palpate.stages.limb import mesh_note
 from palpate_limb.cli import DEFAULT_SIZE
 from palpate_limb.mesh_error import RATIOS, mesh_error
 

@@ -9,8 +9,8 @@ import pytest
 
 from palpate import pipeline
 from palpate.errors import LedgerError, StudyError
-from palpate.locking import locked, runner_of
-from palpate.ownership import keep_only, listed
+from palpate.run.lock import locked, runner_of
+from palpate.run.ownership import keep_only, listed
 
 VERBS = ("run_study", "measure", "sample", "simulate", "score", "select", "report")
 

@@ -18,7 +18,7 @@ from palpate.errors import (
     ScoringError,
     StudyError,
 )
-from palpate.run_directory import RunDirectory, file_name
+from palpate.run.directory import RunDirectory, file_name
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
 FRAMES = ("scores", "selection", "generalisation")

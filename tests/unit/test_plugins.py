@@ -12,15 +12,15 @@ import pytest
 import typer
 
 from palpate.errors import PalpateError, PluginError
-from palpate.plugin_registry import FIRST_PARTY
-from palpate.plugins import HOOKS, KINDS, Plugins, add_commands, load_file
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import FIRST_PARTY, HOOKS, KINDS, add_commands, load_file
 
 Write = Callable[..., Path]
 
 SAMPLER = """
 import numpy as np
 from palpate import hookimpl
-from palpate.interfaces import Sampler
+from palpate.plugins.interfaces import Sampler
 
 class Grid(Sampler):
     name = "{name}"
@@ -64,7 +64,7 @@ def test_centred_is_a_setting_of_the_sampler() -> None:
 
 
 def test_every_hook_fills_a_catalogue_or_adds_commands() -> None:
-    from palpate import hookspecs
+    from palpate.plugins import hookspecs
 
     specified = {name for name, value in vars(hookspecs).items() if hasattr(value, "palpate_spec")}
     assert specified == HOOKS
@@ -116,13 +116,17 @@ BROKEN = {
     "setting without help": (
         grid(
             "class Grid(Sampler):",
-            "from palpate.interfaces import Settings\nclass S(Settings):\n    n: int = 1\n"
+            "from palpate.plugins.interfaces import Settings\nclass S(Settings):\n    n: int = 1\n"
             "class Grid(Sampler):\n    Settings = S",
         ),
         "setting 'n' of 'x' has no description",
         "pydantic.Field",
     ),
-    "nothing": ("from palpate.interfaces import Sampler\n", "provides nothing", "marked @palpate.hookimpl"),
+    "nothing": (
+        "from palpate.plugins.interfaces import Sampler\n",
+        "provides nothing",
+        "marked @palpate.hookimpl",
+    ),
     "ctrl-c at import": ("raise KeyboardInterrupt\n", "KeyboardInterrupt", ""),
     "no return": (grid("return [Grid]", "[Grid]"), "palpate_samplers returned None", "return a list"),
     "no end": (grid("return [Grid]", "while True:\n        yield Grid"), "more than 1000 items", "that ends"),
@@ -372,7 +376,7 @@ def test_another_process_unpickles_what_the_file_defines(write: Write) -> None:
     pickled = pickle.dumps(load(path).samplers["grid"]())
     code = (
         "import pathlib, pickle, sys\n"
-        "from palpate.plugins import Plugins\n"
+        "from palpate.plugins.catalogue import Plugins\n"
         f"Plugins.load([pathlib.Path({str(path)!r})], entry_points=False)\n"
         "print(pickle.load(sys.stdin.buffer).draw(1, 2, 0).tolist())\n"
     )

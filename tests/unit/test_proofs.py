@@ -12,7 +12,7 @@ from palpate.errors import StoppedError, StudyError
 from palpate.progress import SILENT
 from palpate.report import make_tables
 from palpate.report.page import render
-from palpate.run_directory import RunDirectory
+from palpate.run.directory import RunDirectory
 
 MESSAGE = "so it is"
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.inspection import Inspection
+from palpate.plugins.inspection import Inspection
 from palpate_experiments import CsvLoader, CsvSettings
 from palpate_experiments.reading import ChannelMap, Request, TextFormat, read_recording
 from palpate_experiments.reading.grouping import words_of

@@ -6,11 +6,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import scoring, selection, simulation
 from palpate.domain import ParameterSpace, PointWeights, Response, Scenario, Simulation, Status
-from palpate.experiment import load_measured
-from palpate.refinement import _Search, refine
-from palpate.sampling import draw_design
+from palpate.stages import scoring, selection, simulation
+from palpate.stages.experiment import load_measured
+from palpate.stages.refinement import _Search, refine
+from palpate.stages.sampling import draw_design
 
 
 def refined(study, plugins, tmp_path):

@@ -12,15 +12,15 @@ from matplotlib import rc_context, rcParams
 from matplotlib.image import imread
 
 from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario
-from palpate.ownership import keep_only
-from palpate.refinement import Refined
 from palpate.report import Content, figures, finding, make_tables, write_report
 from palpate.report.figures import generalised, nmse_distribution, responses
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, parameter_space
 from palpate.report.style import STYLE, save
-from palpate.scoring import score
-from palpate.selection import select
-from palpate.simulation import simulate
+from palpate.run.ownership import keep_only
+from palpate.stages.refinement import Refined
+from palpate.stages.scoring import score
+from palpate.stages.selection import select
+from palpate.stages.simulation import simulate
 
 
 @pytest.fixture
@@ -258,8 +258,8 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
         Scenario(name="all", weights=dict.fromkeys(names, 1.0)),
     )
     study = make_study(protocol=None, scenarios=scenarios, generalise_by="UT", data="measured")
-    from palpate.generalisation import generalise
-    from palpate.sampling import draw_design
+    from palpate.stages.generalisation import generalise
+    from palpate.stages.sampling import draw_design
 
     design = draw_design(study.space, study.sampler, 20, 1)
     swept = simulate(study, design, {}, measured, tmp_path / "run")

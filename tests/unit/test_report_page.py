@@ -16,8 +16,8 @@ import pytest
 
 import palpate.report
 from palpate.domain import Indentation, Job, Simulation, Sphere, Status
-from palpate.limb_view import limb_view
 from palpate.report import contact_along, make_tables, write_report
+from palpate.report.limb_view import limb_view
 from palpate.report.page import render
 from palpate.report.page_data import MOST_NUMBERS, MOST_SETS, page_data
 from palpate.report.scene import edge_of_contact, scene

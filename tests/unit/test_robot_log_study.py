@@ -14,10 +14,10 @@ import pytest
 from palpate.cli.app import main
 from palpate.domain import Response
 from palpate.errors import CurveError
-from palpate.experiment import load_measured, measured_warnings
-from palpate.limb import load_limbs
-from palpate.plugins import Plugins
-from palpate.study import Study, read_study
+from palpate.plugins.catalogue import Plugins
+from palpate.stages.experiment import load_measured, measured_warnings
+from palpate.stages.limb import load_limbs
+from palpate.study.reading import Study, read_study
 from palpate_experiments.processing.settings import Gravity
 
 DATA = Path(__file__).parents[1] / "data" / "robot_logs"

@@ -10,9 +10,9 @@ from scipy.stats import qmc
 
 from palpate.domain import ParameterSpace
 from palpate.errors import SamplingError
-from palpate.interfaces import Sampler, SetFilter
-from palpate.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
-from palpate.sampling import draw_design, kept_sets
+from palpate.plugins.interfaces import Sampler, SetFilter
+from palpate.stages.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
+from palpate.stages.sampling import draw_design, kept_sets
 
 
 class Corners(Sampler):

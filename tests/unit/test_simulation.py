@@ -6,13 +6,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import keys, simulation
 from palpate.domain import HomogeneousTests, Indentation, Limb, Mesh, Spot, Status
 from palpate.errors import MaterialError, MeshError, StudyError
-from palpate.experiment import load_measured
-from palpate.ledger import Entry, Ledger
-from palpate.sampling import draw_design
-from palpate.sweep import is_final
+from palpate.run.ledger import Entry, Ledger
+from palpate.stages import keys, simulation
+from palpate.stages.experiment import load_measured
+from palpate.stages.sampling import draw_design
+from palpate.stages.sweep import is_final
 
 
 @pytest.fixture

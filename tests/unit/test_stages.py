@@ -10,7 +10,7 @@ from palpate.domain import Curve, Design, Response
 from palpate.errors import StudyError
 from palpate.report.cautions import Caution
 from palpate.report.verdict import Verdict
-from palpate.run_result import Report
+from palpate.run.result import Report
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.experiment import load_measured
-from palpate.limb import load_limbs
-from palpate.plugins import Plugins
-from palpate.study import Study, read_study
+from palpate.plugins.catalogue import Plugins
+from palpate.stages.experiment import load_measured
+from palpate.stages.limb import load_limbs
+from palpate.study.reading import Study, read_study
 
 FOREARM = ("forearm-demo", "forearm")
 LAYERED = "forearm-layered"

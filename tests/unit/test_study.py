@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Normaliser, PointWeights
-from palpate.plugins import Plugins
-from palpate.study import Study, read_study
-from palpate.study_model import NAMED_BY, json_schema
+from palpate.plugins.catalogue import Plugins
+from palpate.study.model import NAMED_BY, json_schema
+from palpate.study.reading import Study, read_study
 
 TOY = Path(__file__).parents[1] / "data" / "toy"
 PLUGIN = TOY / "toy_plugin.py"

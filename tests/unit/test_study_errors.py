@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from palpate.errors import StudyError
-from palpate.plugins import Plugins
-from palpate.study import read_study
+from palpate.plugins.catalogue import Plugins
+from palpate.study.reading import read_study
 
 TOY = Path(__file__).parents[1] / "data" / "toy"
 TEXT = (TOY / "study.toml").read_text()

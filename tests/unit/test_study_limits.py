@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from palpate.errors import MeshError, StudyError
-from palpate.limb import mesh_note
-from palpate.plugins import Plugins
-from palpate.study import read_study
+from palpate.plugins.catalogue import Plugins
+from palpate.stages.limb import mesh_note
+from palpate.study.reading import read_study
 from palpate.units import convert
 
 TOY = Path(__file__).parents[1] / "data" / "toy"

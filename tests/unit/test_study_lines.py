@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.study_lines import Key, KeyLines, dotted
+from palpate.study.source_positions import Key, KeyLines, dotted
 
 TEXT = '''\
 # a comment = [with]

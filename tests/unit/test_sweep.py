@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate import simulation
 from palpate.domain import Simulation, Status
 from palpate.errors import StoppedError
 from palpate.executors import Limits, Processes, Work
-from palpate.experiment import load_measured
-from palpate.ledger import Ledger
-from palpate.plugins import load_file
-from palpate.sampling import draw_design
+from palpate.plugins.registry import load_file
+from palpate.run.ledger import Ledger
+from palpate.stages import simulation
+from palpate.stages.experiment import load_measured
+from palpate.stages.sampling import draw_design
 
 
 class Following:

@@ -14,9 +14,9 @@ import pytest
 from palpate.domain import Response, Spot
 from palpate.errors import CurveError, PalpateError, StudyError
 from palpate.pipeline import run_study
-from palpate.plugins import Plugins
-from palpate.study import Study, StudySpot, read_study
-from palpate.synthesis import NOTE, synthesise
+from palpate.plugins.catalogue import Plugins
+from palpate.stages.synthesis import NOTE, synthesise
+from palpate.study.reading import Study, StudySpot, read_study
 from palpate_experiments import CsvLoader, CsvSettings
 
 ANSWER = (0.4, 20.0)

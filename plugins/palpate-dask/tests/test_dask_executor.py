@@ -16,7 +16,6 @@ import numpy as np
 import psutil
 import pytest
 
-from palpate import simulation
 from palpate.domain import (
     Indentation,
     Normaliser,
@@ -29,11 +28,13 @@ from palpate.domain import (
 )
 from palpate.errors import ExecutorError, PluginError
 from palpate.executors import InProcess, Limits, Processes, Work
-from palpate.ledger import Ledger
-from palpate.plugins import Plugins, load_file
-from palpate.samplers import LatinHypercube
-from palpate.sampling import draw_design
-from palpate.study import Study, StudySpot
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import load_file
+from palpate.run.ledger import Ledger
+from palpate.stages import simulation
+from palpate.stages.samplers import LatinHypercube
+from palpate.stages.sampling import draw_design
+from palpate.study.reading import Study, StudySpot
 from palpate_dask import cluster as dask_cluster
 from palpate_dask import station
 from palpate_dask.executor import DaskExecutor

@@ -40,7 +40,7 @@ from palpate.cli.simulate import simulate
 from palpate.cli.status import status
 from palpate.cli.synthesise import synthesise
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError
-from palpate.plugin_guard import noting_interrupts
+from palpate.plugins.guard import noting_interrupts
 
 PANELS = MappingProxyType(
     {
@@ -124,7 +124,7 @@ def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:
     try:
         _check_open_files()
         if not _is_core_command(given):
-            from palpate.plugin_registry import add_commands
+            from palpate.plugins.registry import add_commands
 
             for broken in add_commands(app, session.files, session.without):
                 typer.echo(visible(broken.headline), err=True)
@@ -146,7 +146,7 @@ def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:
 
 def _of_file(error: OSError) -> PalpateError:
     """What the user can do about a file that cannot be used; anything else is a bug and stays one."""
-    from palpate.ownership import is_of_disk, reason
+    from palpate.run.ownership import is_of_disk, reason
 
     if error.errno == errno.ENAMETOOLONG:
         return PalpateError(f"{str(error.filename)[:60]}…: a file name that is too long; shorten it")

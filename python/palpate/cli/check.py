@@ -14,8 +14,8 @@ from palpate.errors import StudyError
 if TYPE_CHECKING:
     from palpate.cli.output import CheckOutput
     from palpate.domain import Curve
-    from palpate.run_result import Checked
-    from palpate.study import Study
+    from palpate.run.result import Checked
+    from palpate.study.reading import Study
 
 
 def check(
@@ -32,7 +32,7 @@ def check(
     """Check a study with its curves and meshes; writes and simulates nothing."""
     session = Session.of(context)
     if schema:
-        from palpate.study_model import NAMED_BY, json_schema
+        from palpate.study.model import NAMED_BY, json_schema
 
         kinds = {kind: session.plugins.catalogue(kind) for kind in NAMED_BY}
         session.json(

@@ -19,7 +19,7 @@ def doctor(
     as_json: AsJson = False,
 ) -> None:
     """Show versions, solvers, broken plugins, threads, disk, and what is slow; exit 1 where one is wrong."""
-    from palpate.doctor import LABELS, examine
+    from palpate.cli.doctor_checks import LABELS, examine
 
     session, begin = Session.of(context), perf_counter()
     plugins = session.plugins

@@ -9,7 +9,7 @@ from palpate.cli.session import Session
 
 
 def _terms(incomplete: str) -> list[str]:
-    from palpate.glossary import Glossary
+    from palpate.cli.glossary import Glossary
 
     return [name for name in Glossary.load() if name.casefold().startswith(incomplete.casefold())]
 
@@ -25,7 +25,7 @@ def explain(
     """Explain a term of the method; without TERM, list them all."""
     from dataclasses import asdict
 
-    from palpate.glossary import Glossary
+    from palpate.cli.glossary import Glossary
 
     session, glossary = Session.of(context), Glossary.load()
     terms = [glossary[" ".join(words)]] if words else list(glossary.values())

@@ -13,8 +13,8 @@ from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 
 if TYPE_CHECKING:
-    from palpate.inspection import Inspection
-    from palpate.interfaces import ExperimentLoader
+    from palpate.plugins.inspection import Inspection
+    from palpate.plugins.interfaces import ExperimentLoader
 
 STAGE = "study"
 
@@ -85,7 +85,7 @@ def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
         None can; with what each of them says.
     """
     from palpate.errors import CurveError
-    from palpate.plugins import answering_for
+    from palpate.plugins.guard import answering_for
 
     catalogue = session.plugins.loaders
     able = [name for name, kind in catalogue.items() if _can_inspect(kind)]
@@ -103,6 +103,6 @@ def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
 
 
 def _can_inspect(kind: "type[ExperimentLoader]") -> bool:
-    from palpate.interfaces import ExperimentLoader
+    from palpate.plugins.interfaces import ExperimentLoader
 
     return any("inspect" in vars(base) for base in kind.__mro__ if base is not ExperimentLoader)

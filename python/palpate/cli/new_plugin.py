@@ -29,7 +29,7 @@ def new_plugin(
     as_json: AsJson = False,
 ) -> None:
     """Make a plugin of KIND that works: code, tests that pass at once, and what to change."""
-    from palpate import plugin_kit
+    from palpate.plugins import scaffold as plugin_kit
 
     session = Session.of(context)
     folder = plugin_kit.new_plugin(kind, name, into, session.plugins, _commands(session))

@@ -9,7 +9,7 @@ from palpate.cli.options import AsJson
 from palpate.cli.session import Session, cell
 
 if TYPE_CHECKING:
-    from palpate.plugins import Plugins
+    from palpate.plugins.catalogue import Plugins
 
 
 COMMANDS = "commands"
@@ -17,7 +17,7 @@ COMMANDS = "commands"
 
 
 def _kinds(incomplete: str) -> list[str]:
-    from palpate.plugin_registry import KINDS
+    from palpate.plugins.registry import KINDS
 
     return [kind for kind in (*KINDS, COMMANDS) if kind.startswith(incomplete)]
 
@@ -38,7 +38,7 @@ def plugins(
     as_json: AsJson = False,
 ) -> None:
     """Show what plugins provide, and which are broken and why."""
-    from palpate.plugins import KINDS
+    from palpate.plugins.registry import KINDS
 
     session = Session.of(context)
     loaded = session.plugins
@@ -57,7 +57,8 @@ def _entries(loaded: "Plugins", kind: str, name: str | None) -> list[dict[str, A
     if kind != COMMANDS:
         return [describe(loaded, kind, each) for each in ([name] if name else loaded.catalogue(kind))]
     from palpate.cli.app import build_app
-    from palpate.plugins import UnknownNameError, suggestion
+    from palpate.plugins.catalogue import UnknownNameError
+    from palpate.plugins.registry import suggestion
 
     commands = loaded.commands(build_app())
     if name is not None and name not in commands:
@@ -72,7 +73,7 @@ def _entries(loaded: "Plugins", kind: str, name: str | None) -> list[dict[str, A
 def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
     """Everything there is to know about one entry, in plain values."""
     from palpate.cli.settings import settings_rows
-    from palpate.interfaces import Component, Material
+    from palpate.plugins.interfaces import Component, Material
 
     catalogue = loaded.catalogue(kind)
     entry = catalogue[name]

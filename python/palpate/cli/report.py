@@ -27,7 +27,7 @@ def report(
 ) -> None:
     """Lay the results out as tables and figures under report/."""
     from palpate import pipeline
-    from palpate.ownership import is_run
+    from palpate.run.ownership import is_run
 
     session = Session.of(context)
     if as_run := is_run(study) and out in (None, study):

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
     from palpate.cli.output import RunOutput
     from palpate.report.verdict import Verdict
-    from palpate.run_result import RunResult
-    from palpate.study import Study
+    from palpate.run.result import RunResult
+    from palpate.study.reading import Study
 
 MOST_LINES = 5
 """Most sentences of a verdict in the terminal; the page has all."""
@@ -36,7 +36,7 @@ def show_run(session: Session, study: "Study", result: "RunResult", *, as_json: 
 
 def check_results(missing: Mapping[tuple[str, str], str]) -> None:
     """Raise NothingSelectableError where a scenario of the study has no set at a spot."""
-    from palpate.completeness import described
+    from palpate.stages.completeness import described
 
     if missing:
         raise NothingSelectableError(f"no set could be selected at {described(missing)}")

@@ -13,7 +13,7 @@ from palpate.cli.session import Session
 from palpate.errors import StudyError
 
 if TYPE_CHECKING:
-    from palpate.study import Study
+    from palpate.study.reading import Study
 
 
 def resume(
@@ -33,8 +33,8 @@ def resume(
     as_json: AsJson = False,
 ) -> None:
     """Go on with a run; what is finished is kept, and the tables are those of a run never stopped."""
-    from palpate.run_directory import RunDirectory
-    from palpate.study import study_plugins
+    from palpate.run.directory import RunDirectory
+    from palpate.study.reading import study_plugins
 
     run = find_run(run)
     manifest = RunDirectory(run).manifest()

@@ -15,8 +15,8 @@ from palpate.cli.session import Session, run_folder
 from palpate.errors import StudyError
 
 if TYPE_CHECKING:
-    from palpate.changes import Changed
-    from palpate.study import Study
+    from palpate.run.study_diff import Changed
+    from palpate.study.reading import Study
 
 MAX_CHANGES = 20
 """Most changes of a study that are listed."""

@@ -11,7 +11,7 @@ from palpate.cli.session import Session
 from palpate.errors import StudyError
 
 if TYPE_CHECKING:
-    from palpate.study import Study
+    from palpate.study.reading import Study
 
 FOLDER = Path("runs")
 """Where runs go that are given no other folder."""
@@ -25,7 +25,7 @@ def find_run(given: Path | None) -> Path:
     StudyError
         There is none.
     """
-    from palpate.ownership import is_run
+    from palpate.run.ownership import is_run
 
     if given is None:
         return _newest(_runs(FOLDER), f"{FOLDER}/ holds no run; name one: palpate status RUN")
@@ -37,14 +37,14 @@ def find_run(given: Path | None) -> Path:
 
 
 def _runs(folder: Path) -> Iterator[Path]:
-    from palpate.ownership import is_run
+    from palpate.run.ownership import is_run
 
     if folder.is_dir():
         yield from (path for path in folder.iterdir() if path.is_dir() and is_run(path))
 
 
 def _is_of(run: Path, study: Path) -> bool:
-    from palpate.run_directory import RunDirectory
+    from palpate.run.directory import RunDirectory
 
     try:
         return run.joinpath(RunDirectory(run).manifest()["study_file"]).samefile(study)
@@ -92,8 +92,8 @@ def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, 
     StudyError
         The copy cannot be read, or its plugin files are missing or not trusted.
     """
-    from palpate.run_directory import RunDirectory
-    from palpate.study import read_study
+    from palpate.run.directory import RunDirectory
+    from palpate.study.reading import read_study
 
     manifest = RunDirectory(run).manifest()
     found = session_of_run(session, run, plugins_of(run, manifest), trust=trust, command="report")

@@ -22,7 +22,7 @@ def schema(
 ) -> None:
     """Print the JSON schema of what a command prints with --json; without COMMAND, list the commands."""
     from palpate.cli.output import OUTPUTS, VERSION, schema
-    from palpate.plugin_registry import suggestion
+    from palpate.plugins.registry import suggestion
 
     session = Session.of(context)
     if command is None:

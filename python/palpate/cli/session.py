@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     import polars as pl
     from rich.console import Console
 
-    from palpate.plugins import BrokenPlugin, Plugins
-    from palpate.study import Study
+    from palpate.plugins.catalogue import Plugins
+    from palpate.plugins.registry import BrokenPlugin
+    from palpate.study.reading import Study
 
 MAX_ROWS = 30
 """Longest table that is shown whole; files hold the rest."""
@@ -56,7 +57,7 @@ class Session:
     @cached_property
     def plugins(self) -> "Plugins":
         """Everything that plugins provide; a broken one is mentioned once, on stderr."""
-        from palpate.plugins import Plugins
+        from palpate.plugins.catalogue import Plugins
 
         plugins = Plugins.load(self.files, without=self.without)
         self._note_broken(plugins.broken)
@@ -82,7 +83,7 @@ class Session:
 
     def study(self, path: Path, *, need_measured: bool = True) -> "Study":
         """Read and check a study file; its own plugin files join those of this session."""
-        from palpate.study import read_study, with_study_plugins
+        from palpate.study.reading import read_study, with_study_plugins
 
         known = self.plugins.broken
         self.plugins = with_study_plugins(path, self.plugins)

@@ -13,7 +13,7 @@ from palpate.cli.session import Session, run_folder
 from palpate.errors import StudyError
 
 if TYPE_CHECKING:
-    from palpate.study import Study
+    from palpate.study.reading import Study
 
 
 def simulate(

@@ -34,7 +34,7 @@ def synthesise(
     parameters can be told apart, not that the model is right. --noise makes it harder. Nothing
     is overwritten; origin.json beside the curves says what made them.
     """
-    from palpate.synthesis import synthesise as write_curves
+    from palpate.stages.synthesis import synthesise as write_curves
 
     session = Session.of(context)
     planned = session.study(study, need_measured=False)

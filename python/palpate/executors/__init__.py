@@ -7,7 +7,7 @@ from palpate.executors.attempts import attempt
 from palpate.executors.machine import n_cores, n_fitting, thread_limits
 from palpate.executors.pool import Pool, by_spot
 from palpate.executors.work import Limits, Outcome, Work
-from palpate.interfaces import Executor
+from palpate.plugins.interfaces import Executor
 
 __all__ = [
     "InProcess",

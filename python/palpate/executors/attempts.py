@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from time import perf_counter
 
-from palpate.answers import believable, checked, storable
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import CurveError
+from palpate.executors.answers import believable, checked, storable
 from palpate.executors.work import Outcome
-from palpate.interfaces import Solver
+from palpate.plugins.interfaces import Solver
 
 LONGEST_TRACEBACK = 20_000
 """Most characters of a traceback that are kept."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.domain import Job, Limb, Response, Simulation, Status
-from palpate.interfaces import Solver
+from palpate.plugins.interfaces import Solver
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,8 +20,8 @@ from typing import IO, Any
 
 from palpate.domain import Limb
 from palpate.executors.attempts import attempt
-from palpate.interfaces import Component
-from palpate.plugins import load_file
+from palpate.plugins.interfaces import Component
+from palpate.plugins.registry import load_file
 
 _LENGTH = struct.Struct("<Q")
 

@@ -8,7 +8,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from palpate.deferral import deferred
+from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate.mechanics.spectral import (

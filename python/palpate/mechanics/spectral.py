@@ -29,7 +29,7 @@ import numpy as np
 
 from palpate.domain import FloatArray
 from palpate.errors import NUMPY_IN_ENERGY, MaterialError
-from palpate.interfaces import NO_FIELDS, Array, Material
+from palpate.plugins.interfaces import NO_FIELDS, Array, Material
 
 jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
 

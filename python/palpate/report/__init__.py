@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from palpate.domain import Channel, Response
-from palpate.experiment import Presses
-from palpate.ownership import keep_only
 from palpate.report.content import Content
 from palpate.report.convergence import by_spot, contact_along
 from palpate.report.table_files import write_tables
 from palpate.report.tables import finding, make_tables
+from palpate.run.ownership import keep_only
+from palpate.stages.experiment import Presses
 
 if TYPE_CHECKING:
     from palpate.report.verdict import Verdict

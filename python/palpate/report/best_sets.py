@@ -6,11 +6,11 @@ from typing import Any
 
 import polars as pl
 
-from palpate.determination import ALL_SPOTS, UNCLEAR
 from palpate.domain import Parameter
 from palpate.report.content import Content
 from palpate.report.space import named_briefly
 from palpate.report.tables import weighted_channels
+from palpate.stages.identifiability import ALL_SPOTS, UNCLEAR
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import polars as pl
 
-from palpate.completeness import described
-from palpate.determination import UNCLEAR, share_of_range
 from palpate.domain import Parameter
-from palpate.experiment import measured_warnings
 from palpate.report.best_sets import Best, determined_together, determined_when_generalising, with_brief_names
 from palpate.report.content import Content
 from palpate.report.tables import cost_of_one_set, failures_by_reason, finding
+from palpate.stages.completeness import described
+from palpate.stages.experiment import measured_warnings
+from palpate.stages.identifiability import UNCLEAR, share_of_range
 
 GOOD_R2 = 0.95
 """R² in a fitted channel below which a fit is called poor."""

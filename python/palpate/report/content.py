@@ -6,12 +6,12 @@ from typing import Any
 
 import polars as pl
 
-from palpate.completeness import Completeness, completeness, without_result
-from palpate.determination import Swept
 from palpate.domain import Channel, Design, Limb, Response, Scenario
-from palpate.refinement import Refined
 from palpate.report.convergence import Contact
-from palpate.study import Study
+from palpate.stages.completeness import Completeness, completeness, without_result
+from palpate.stages.identifiability import Swept
+from palpate.stages.refinement import Refined
+from palpate.study.reading import Study
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,19 +26,19 @@ class Content:
     measured : mapping of spot name to Response
     design : Design
     scores, selection, generalisation : DataFrame
-        As :mod:`palpate.scoring`, :mod:`palpate.selection` and
-        :mod:`palpate.generalisation` return them.
+        As :mod:`palpate.stages.scoring`, :mod:`palpate.stages.selection` and
+        :mod:`palpate.stages.generalisation` return them.
     refined : Refined
     rays : DataFrame
-        As :func:`palpate.rays.best_on_rays` returns it.
+        As :func:`palpate.stages.stiffness_scaling.best_on_rays` returns it.
     responses : mapping of (spot, set_id) to Response
         Simulated curves of every selected and of the generalised set.
     swept : mapping of (spot, channel) to (n_sets, n_points) array
-        Every set's curves at the measured points, as :func:`palpate.determination.at_measured`
+        Every set's curves at the measured points, as :func:`palpate.stages.identifiability.at_measured`
         returns them; empty where they are not to be shown.
     determination : DataFrame
     disagreements : DataFrame
-        Both as in :class:`palpate.determination.Determination`.
+        Both as in :class:`palpate.stages.identifiability.Determination`.
     convergence : DataFrame
         As :func:`palpate.report.convergence.by_spot` returns it.
     contact : mapping of (spot, set_id) to mapping
@@ -46,9 +46,9 @@ class Content:
     limbs : mapping of spot name to Limb
         Empty where there is no mesh.
     manifest : mapping
-        What the numbers depended on, as :func:`palpate.manifest.manifest` tells it.
+        What the numbers depended on, as :func:`palpate.run.manifest.manifest` tells it.
     proofs : DataFrame
-        As :func:`palpate.proofs.prove` returns it; empty where the solver has no proof.
+        As :func:`palpate.stages.verification.prove` returns it; empty where the solver has no proof.
     certificates : mapping of file name to its content
         What ``palpate certify`` has written to the run directory.
     """

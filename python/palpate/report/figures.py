@@ -27,8 +27,8 @@ from palpate.report.style import (
     save,
     sized,
 )
-from palpate.run_directory import file_name
-from palpate.selection import objectives
+from palpate.run.directory import file_name
+from palpate.stages.selection import objectives
 
 DISTRIBUTION_LIMIT = 4.0
 """NMSE at which the distribution is cut."""

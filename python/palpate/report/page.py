@@ -12,7 +12,6 @@ import jinja2
 import polars as pl
 from markupsafe import Markup
 
-from palpate.determination import share_of_range
 from palpate.domain import Parameter
 from palpate.report.best_sets import with_brief_names
 from palpate.report.content import Content
@@ -20,7 +19,8 @@ from palpate.report.page_data import page_data
 from palpate.report.table_files import shown
 from palpate.report.tables import TITLES
 from palpate.report.verdict import make_verdict
-from palpate.results import write_atomically
+from palpate.run.result_files import write_atomically
+from palpate.stages.identifiability import share_of_range
 
 _FOLDER = Path(__file__).parent
 

@@ -14,7 +14,7 @@ from palpate.report.figures import DISTRIBUTION_LIMIT, fit_of
 from palpate.report.scene import edge_of_contact, scene
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, colours, label_of, named_briefly
 from palpate.report.tables import weighted_channels
-from palpate.selection import objectives
+from palpate.stages.selection import objectives
 
 MOST_SETS = 1000
 """Most sets that the page shows; of more, those that fit best somewhere."""

@@ -8,7 +8,6 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 
 from palpate.domain import Channel, Curve, Response
-from palpate.experiment import Presses
 from palpate.report.figures import draw_band
 from palpate.report.style import (
     DOUBLE_MM,
@@ -20,6 +19,7 @@ from palpate.report.style import (
     save,
     sized,
 )
+from palpate.stages.experiment import Presses
 
 _PRESS = {"color": "0.45", "linewidth": 0.8}
 
@@ -33,7 +33,7 @@ def draw_presses(
     ----------
     presses : Presses
     mean : Response
-        What :func:`palpate.experiment.mean` made of them.
+        What :func:`palpate.stages.experiment.mean` made of them.
     channels : mapping of name to Channel
         Axes and labels.
     notice : str

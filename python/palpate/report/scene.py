@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import FloatArray, Indentation, IntArray, Limb, Protocol
-from palpate.limb_view import LimbView, ViewPart, limb_view
 from palpate.report.convergence import Contact
+from palpate.report.limb_view import LimbView, ViewPart, limb_view
 
 
 def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, Any]]:

@@ -24,7 +24,7 @@ from palpate.report.style import (
     legend_below,
     sized,
 )
-from palpate.selection import objectives
+from palpate.stages.selection import objectives
 
 COLOUR_LIMIT = 2.5
 """NMSE up to which the parameter space is coloured; above it is black."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 
 from palpate.report.tables import TITLES
-from palpate.results import write_atomically
+from palpate.run.result_files import write_atomically
 
 _MISSING = "–"
 _FORMULA = r"^[=+@\-\t\r]"

@@ -6,10 +6,10 @@ from typing import Any
 
 import polars as pl
 
-from palpate.completeness import Completeness
 from palpate.domain import Parameter, RegionMaterial, Scenario
 from palpate.report.content import Content
-from palpate.selection import failures
+from palpate.stages.completeness import Completeness
+from palpate.stages.selection import failures
 
 TITLES: Mapping[str, str] = MappingProxyType(
     {

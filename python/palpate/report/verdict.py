@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 import polars as pl
 
-from palpate.determination import UNCLEAR, WORDS
 from palpate.domain import Parameter
 from palpate.report.best_sets import (
     Best,
@@ -17,6 +16,7 @@ from palpate.report.best_sets import (
 from palpate.report.cautions import CHECK, NO_FIT_R2, Caution, cautions
 from palpate.report.content import Content
 from palpate.report.space import label_of, named_briefly
+from palpate.stages.identifiability import UNCLEAR, WORDS
 
 _ORDER = [*(word for _, word in WORDS), UNCLEAR]
 

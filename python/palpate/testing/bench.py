@@ -25,7 +25,7 @@ from palpate.domain import (
     Status,
 )
 from palpate.errors import CurveError
-from palpate.interfaces import ExperimentLoader, LimbSource, Material, Solver
+from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, Solver
 from palpate.specimens import block
 from palpate.testing.executors import LinearMaterial
 

@@ -7,7 +7,7 @@ from typing import Never
 
 import pytest
 
-from palpate.interfaces import Component
+from palpate.plugins.interfaces import Component
 
 
 def missing(fixture: str, contract: str) -> Never:

@@ -10,7 +10,7 @@ from palpate.domain import (
     FloatArray,
     ParameterSpace,
 )
-from palpate.interfaces import (
+from palpate.plugins.interfaces import (
     Component,
     Sampler,
     SetFilter,

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.domain import Curve, HomogeneousTests, Job, Limb, Parameter, Response, Simulation, Status
 from palpate.executors.work import Limits, Outcome, Work
-from palpate.interfaces import Array, Component, Executor, Material, Solver
+from palpate.plugins.interfaces import Array, Component, Executor, Material, Solver
 from palpate.testing.components import ComponentContract, missing
 
 FAILING = 2

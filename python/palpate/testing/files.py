@@ -12,8 +12,8 @@ import pytest
 
 from palpate.domain import Curve, Spot
 from palpate.errors import CurveError, MeshError, PalpateError
-from palpate.interfaces import Component, ExperimentLoader, LimbSource
-from palpate.limb import check_limb
+from palpate.plugins.interfaces import Component, ExperimentLoader, LimbSource
+from palpate.stages.limb import check_limb
 from palpate.testing.components import ComponentContract, missing
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from palpate import mechanics
 from palpate.domain import FloatArray
 from palpate.errors import MaterialError
-from palpate.interfaces import Array, Component, Material
+from palpate.plugins.interfaces import Array, Component, Material
 from palpate.testing.components import ComponentContract, missing
 
 

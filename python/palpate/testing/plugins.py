@@ -2,8 +2,8 @@
 
 import functools
 
-from palpate.plugin_registry import admitted
-from palpate.plugins import Plugins
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import admitted
 
 
 def plugins_with(*plugins: object) -> Plugins:

@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate import mechanics
 from palpate.domain import FloatArray
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 
 RADIUS_MM = 7.5
 """Of the sphere on the half-space."""

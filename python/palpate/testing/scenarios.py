@@ -21,7 +21,7 @@ class ScenarioContract:
     @pytest.fixture
     def channels(self) -> Collection[str]:
         """Provide the names of all channels: those of every installed plugin."""
-        from palpate.plugins import Plugins
+        from palpate.plugins.catalogue import Plugins
 
         return set(Plugins.load().channels)
 

@@ -22,7 +22,7 @@ from palpate.domain import (
     moving_span,
 )
 from palpate.errors import MaterialError, PalpateError
-from palpate.interfaces import Component, Material, Solver
+from palpate.plugins.interfaces import Component, Material, Solver
 from palpate.specimens import half_space
 from palpate.testing.components import ComponentContract, missing
 from palpate.testing.references import (

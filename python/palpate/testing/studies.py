@@ -10,8 +10,8 @@ from typing import Any
 import polars as pl
 import pytest
 
-from palpate.plugins import Plugins
-from palpate.study import Study
+from palpate.plugins.catalogue import Plugins
+from palpate.study.reading import Study
 from palpate.testing import bench
 from palpate.testing.plugins import plugins_with
 
@@ -83,9 +83,10 @@ class StudyRunner:
         AssertionError
             palpate would leave a plugin out, or a simulation failed.
         """
-        from palpate import sample, score, select, simulate, stages
-        from palpate.study import read_study
-        from palpate.synthesis import synthesise
+        from palpate import notebook as stages
+        from palpate import sample, score, select, simulate
+        from palpate.stages.synthesis import synthesise
+        from palpate.study.reading import read_study
 
         loaded = plugins_with(bench, *plugins)
         study = read_study(self.write(mesh, **tables), loaded, need_measured=False)

@@ -24,7 +24,15 @@ from palpate.domain import (
     StudyTemplate,
 )
 from palpate.errors import CurveError
-from palpate.interfaces import ExperimentLoader, LimbSource, Material, Sampler, SetFilter, Settings, Solver
+from palpate.plugins.interfaces import (
+    ExperimentLoader,
+    LimbSource,
+    Material,
+    Sampler,
+    SetFilter,
+    Settings,
+    Solver,
+)
 
 
 class Spring(Material):

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from pydantic import BaseModel, Field, field_validator
 
 from palpate import AnisotropicMaterial, Parameter, Settings
-from palpate.interfaces import NO_FIELDS, Array
+from palpate.plugins.interfaces import NO_FIELDS, Array
 
 
 class ReinforcedSettings(Settings):

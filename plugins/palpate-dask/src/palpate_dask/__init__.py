@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import palpate
 
 if TYPE_CHECKING:
-    from palpate.interfaces import Executor
+    from palpate.plugins.interfaces import Executor
 
 __version__ = "0.1.0"
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from palpate.executors import Outcome, Work, n_cores
 from palpate.executors.pool import packed_or_refused
-from palpate.interfaces import Executor
+from palpate.plugins.interfaces import Executor
 from palpate_dask.settings import DaskSettings
 
 

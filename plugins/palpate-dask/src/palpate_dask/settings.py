@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, model_validator
 
-from palpate.interfaces import Settings
+from palpate.plugins.interfaces import Settings
 from palpate.units import Quantity
 
 

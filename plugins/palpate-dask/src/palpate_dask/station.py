@@ -21,9 +21,9 @@ from palpate.errors import ExecutorError
 from palpate.executors import Limits, Pool, Work, n_cores
 from palpate.executors.work import Outcome
 from palpate.executors.worker import packed
-from palpate.fingerprints import installed_code
-from palpate.interfaces import Solver
-from palpate.plugins import load_file
+from palpate.plugins.fingerprints import installed_code
+from palpate.plugins.interfaces import Solver
+from palpate.plugins.registry import load_file
 
 IDLE_S = 300.0
 """Seconds after which processes that nobody has given a job are ended: their run may be gone."""

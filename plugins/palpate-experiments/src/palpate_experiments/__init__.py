@@ -8,11 +8,11 @@ from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from palpate import hookimpl
-from palpate.deferral import deferred
+from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate.domain import StudyTemplate
-    from palpate.interfaces import ExperimentLoader
+    from palpate.plugins.interfaces import ExperimentLoader
     from palpate_experiments.csv_loader import CsvLoader, CsvSettings
     from palpate_experiments.robot_log import RobotLogLoader, RobotLogSettings
 

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from palpate.domain import Curve, FloatArray, Response, moving_span
 from palpate.errors import CurveError
-from palpate.interfaces import ExperimentLoader, Settings
+from palpate.plugins.interfaces import ExperimentLoader, Settings
 from palpate_experiments.table import TextTable, read_table
 
 

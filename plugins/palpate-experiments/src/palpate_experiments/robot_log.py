@@ -8,8 +8,8 @@ from pydantic import Field
 
 from palpate.domain import Response
 from palpate.errors import CurveError
-from palpate.inspection import Inspection
-from palpate.interfaces import ExperimentLoader
+from palpate.plugins.inspection import Inspection
+from palpate.plugins.interfaces import ExperimentLoader
 from palpate_experiments.processing.settings import ProcessingSettings
 from palpate_experiments.reading import ChannelMap, ReadingLimits, TextFormat
 

@@ -8,7 +8,7 @@ import palpate
 if TYPE_CHECKING:
     import typer
 
-    from palpate.interfaces import LimbSource, Solver
+    from palpate.plugins.interfaces import LimbSource, Solver
 
 __version__ = "0.1.0"
 

@@ -9,8 +9,8 @@ import numpy as np
 from palpate.domain import Curve, FloatArray, Indentation, Job, Limb, Simulation, Sphere, Status
 from palpate.errors import PalpateError
 from palpate.executors.attempts import simulate_alone
-from palpate.interfaces import Material, Solver
-from palpate.plugins import answering_for
+from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import Material, Solver
 
 RECORDED = "FEBio 4.11, recorded"
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import FloatArray, Limb
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 from palpate.specimens import block
 from palpate_febio.certificate import COUPLED, Case, Contender, Row, compared
 

@@ -10,7 +10,7 @@ import numpy as np
 from palpate import mechanics
 from palpate.domain import FloatArray
 from palpate.errors import PalpateError
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 from palpate_febio.certificate import ENERGIES, RECORDED, Row
 from palpate_febio.probe import COMPONENTS, TOLERANCE
 from palpate_febio.solver import FebioSolver

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.domain import FloatArray, Limb, Simulation
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 from palpate_febio.certificate import COUPLED, Case, Contender, Row, answer
 
 DEPTH_MM = 2.0

@@ -12,13 +12,13 @@ import typer
 from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 from palpate.errors import PalpateError, PluginError, StudyError
-from palpate.plugin_registry import FIRST_PARTY
-from palpate.plugins import answering_for
+from palpate.plugins.guard import answering_for
+from palpate.plugins.registry import FIRST_PARTY
 
 if TYPE_CHECKING:
     from palpate.domain import Limb
-    from palpate.interfaces import Material, Solver
-    from palpate.plugins import Plugins
+    from palpate.plugins.catalogue import Plugins
+    from palpate.plugins.interfaces import Material, Solver
     from palpate_febio.certificate import Certificate
     from palpate_febio.solver import FebioSolver
 
@@ -53,7 +53,7 @@ def certify(
     as_json: AsJson = False,
 ) -> None:
     """Compare solvers with FEBio's recorded curves, and with FEBio where it is installed."""
-    from palpate.results import write_atomically
+    from palpate.run.result_files import write_atomically
 
     session = Session.of(context)
     certificate = _compare(session, material, mesh, solver or ())

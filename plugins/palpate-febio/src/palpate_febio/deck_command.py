@@ -12,7 +12,7 @@ from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 
 if TYPE_CHECKING:
-    from palpate.interfaces import Material
+    from palpate.plugins.interfaces import Material
     from palpate_febio.deck_reader import Deck, DeckMaterial
 
 

@@ -15,8 +15,8 @@ from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
     from palpate.domain import Limb, Response
-    from palpate.interfaces import Material, Solver
-    from palpate.plugins import Plugins
+    from palpate.plugins.catalogue import Plugins
+    from palpate.plugins.interfaces import Material, Solver
 
 TWIST_DEG = 22.5
 MATERIAL = "yeoh"
@@ -92,7 +92,7 @@ def _forearm(plugins: Plugins) -> tuple[Limb, str]:
     """A small forearm where the forearm study is installed, else a block."""
     study, mesh = DEMO
     if study in plugins.studies and "meshio" in plugins.limb_sources:
-        from palpate.study import read_study
+        from palpate.study.reading import read_study
 
         folder = Path(plugins.studies[study].directory)
         read = read_study(folder, plugins, need_measured=False)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from palpate.domain import IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError
-from palpate.interfaces import LimbSource, Settings
+from palpate.plugins.interfaces import LimbSource, Settings
 from palpate.units import convert
 from palpate_febio.deck_reader import Deck, read_deck
 

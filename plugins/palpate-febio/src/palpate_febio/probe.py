@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.domain import FloatArray
 from palpate.errors import MaterialError
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 from palpate.sandbox import Limits, run_program
 from palpate_febio.deck import DECK_NAME, LOG_NAME, to_bytes
 from palpate_febio.log import read_log

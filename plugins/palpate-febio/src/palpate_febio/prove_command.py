@@ -14,7 +14,7 @@ from palpate.errors import StudyError
 
 if TYPE_CHECKING:
     from palpate.domain import Simulation
-    from palpate.study import Study
+    from palpate.study.reading import Study
 
 HEADS = ("spot", "set_id", "verdict", "halving", "hold", "force", "torque", "message")
 
@@ -57,9 +57,9 @@ def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
     StudyError
         The run has no selection yet, or its protocol has nothing to prove.
     """
-    from palpate.limb import load_limbs
-    from palpate.run_directory import RunDirectory
-    from palpate.simulation import job_for, stored
+    from palpate.run.directory import RunDirectory
+    from palpate.stages.limb import load_limbs
+    from palpate.stages.simulation import job_for, stored
     from palpate_febio.solver import FebioSolver
 
     run = RunDirectory(folder)

@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 from palpate.domain import FloatArray
 from palpate.errors import MaterialError
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 
 SPELLED: Mapping[str, tuple[str, Mapping[str, str]]] = MappingProxyType(
     {

@@ -7,13 +7,13 @@ from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from palpate import hookimpl
-from palpate.deferral import deferred
+from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     import typer
 
     from palpate.domain import Channel, Scenario, StudyTemplate
-    from palpate.interfaces import LimbSource
+    from palpate.plugins.interfaces import LimbSource
     from palpate_forearm.mesh_source import MeshioSettings, MeshioSource
     from palpate_forearm.phantom import InkMark, Phantom, PhantomBone, Scanner, Section, Surface, scan
     from palpate_forearm.phantom_files import write_phantom

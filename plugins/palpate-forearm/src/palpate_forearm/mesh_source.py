@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 
 from palpate.domain import IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError
-from palpate.interfaces import LimbSource, Settings
+from palpate.plugins.interfaces import LimbSource, Settings
 from palpate.topology import CELLS
 from palpate.units import convert
 from palpate_forearm.mesh_files import MeshFile, read_mesh_file

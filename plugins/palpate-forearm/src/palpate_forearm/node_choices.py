@@ -8,7 +8,7 @@ from pydantic import Field
 
 from palpate.domain import FloatArray, IntArray
 from palpate.errors import MeshError
-from palpate.interfaces import Settings
+from palpate.plugins.interfaces import Settings
 from palpate.units import Quantity
 from palpate_forearm.mesh_files import MeshFile
 

@@ -23,14 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from palpate import pipeline, simulation
+from palpate import pipeline
 from palpate.errors import NothingSelectableError, StoppedError, StudyError
 from palpate.executors.attempts import simulate_alone
-from palpate.plugins import Plugins
+from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
-from palpate.run_directory import RunDirectory
-from palpate.run_result import RunResult
-from palpate.study import Study, read_study
+from palpate.run.directory import RunDirectory
+from palpate.run.result import RunResult
+from palpate.stages import simulation
+from palpate.study.reading import Study, read_study
 
 PAPER_SETS = 250
 """Sets that the paper draws for each material."""

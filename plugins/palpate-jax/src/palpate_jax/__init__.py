@@ -7,7 +7,7 @@ import palpate
 
 if TYPE_CHECKING:
     from palpate.domain import Channel
-    from palpate.interfaces import Solver
+    from palpate.plugins.interfaces import Solver
 
 __version__ = "0.1.0"
 

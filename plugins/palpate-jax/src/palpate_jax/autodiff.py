@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.domain import FloatArray, IntArray
-from palpate.interfaces import NO_FIELDS, Material
 from palpate.mechanics import stress, stress_and_tangent
+from palpate.plugins.interfaces import NO_FIELDS, Material
 
 Jax = Any
 T = TypeVar("T", bound=np.generic)

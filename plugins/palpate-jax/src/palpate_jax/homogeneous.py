@@ -45,8 +45,8 @@ from palpate.domain import (
     Status,
 )
 from palpate.errors import CurveError, MaterialError, PalpateError
-from palpate.interfaces import Array, Material, Settings, Solver
 from palpate.mechanics import spectral as mechanics
+from palpate.plugins.interfaces import Array, Material, Settings, Solver
 from palpate_jax import directional
 
 LONGEST_STEP = 0.3

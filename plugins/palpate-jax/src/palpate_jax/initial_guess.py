@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.domain import FloatArray, Simulation
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 
 MOST_BYTES = 500_000_000
 """Displacements kept; beyond it the oldest go."""

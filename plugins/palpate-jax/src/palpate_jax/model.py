@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
-from palpate.interfaces import Material
+from palpate.plugins.interfaces import Material
 from palpate.spot_frame import in_spot_frame, spot_axes
 from palpate_jax.body import Body
 from palpate_jax.contact import Answer, Contact, ContactState, Motion, Pose

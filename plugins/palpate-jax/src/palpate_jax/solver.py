@@ -20,8 +20,8 @@ from palpate.domain import (
     Status,
 )
 from palpate.errors import MaterialError, MeshError, StudyError
-from palpate.interfaces import Material, Settings, Solver
 from palpate.mechanics import check_reference_state, initial_moduli
+from palpate.plugins.interfaces import Material, Settings, Solver
 from palpate.spot_frame import in_spot_frame, indentation_response
 from palpate_jax import __version__
 from palpate_jax.contact import ContactLaw

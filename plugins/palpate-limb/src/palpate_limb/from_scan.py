@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.domain import FloatArray, Limb
 from palpate.errors import MeshError
-from palpate.limb import check_limb
+from palpate.stages.limb import check_limb
 from palpate_limb.bones import IN_PLACE, Placement, by_icp, read_bone, read_landmarks, read_motion
 from palpate_limb.marks import find_marks, name_marks
 from palpate_limb.quality import Quality, assess, check_quality

@@ -6,10 +6,10 @@ Names are imported when they are first used, so that finding the plugin costs no
 from typing import TYPE_CHECKING
 
 from palpate import hookimpl
-from palpate.deferral import deferred
+from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
-    from palpate.interfaces import Material, SetFilter
+    from palpate.plugins.interfaces import Material, SetFilter
     from palpate_materials.demiray import Demiray
     from palpate_materials.mooney_rivlin import MooneyRivlin
     from palpate_materials.neo_hookean import NeoHookean

@@ -3,7 +3,7 @@
 import math
 
 from palpate.domain import Parameter
-from palpate.interfaces import Array, Material
+from palpate.plugins.interfaces import Array, Material
 from palpate_materials.uncoupled import first_invariant, modulus
 
 

@@ -5,7 +5,7 @@ from pydantic import Field
 
 from palpate.domain import FloatArray
 from palpate.errors import MaterialError
-from palpate.interfaces import Array, Settings
+from palpate.plugins.interfaces import Array, Settings
 from palpate_materials.uncoupled import POSITIVE, Uncoupled, bulk_modulus, modulus, shape
 
 

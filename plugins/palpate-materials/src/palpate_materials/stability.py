@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from palpate.domain import BoolArray, FloatArray, ParameterSpace
-from palpate.interfaces import Material, SetFilter, Settings
+from palpate.plugins.interfaces import Material, SetFilter, Settings
 
 Mode = Literal["uniaxial", "equibiaxial", "planar"]
 

@@ -4,7 +4,7 @@ import sys
 from abc import abstractmethod
 
 from palpate.domain import Parameter
-from palpate.interfaces import Array, Material
+from palpate.plugins.interfaces import Array, Material
 
 POSITIVE = sys.float_info.min
 """Lower physical limit of what must be greater than zero."""

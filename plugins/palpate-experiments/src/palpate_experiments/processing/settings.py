@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from palpate.interfaces import Settings
+from palpate.plugins.interfaces import Settings
 from palpate.units import Quantity
 
 Seconds = Annotated[float, Quantity("s")]

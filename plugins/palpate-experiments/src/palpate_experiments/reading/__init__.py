@@ -7,7 +7,7 @@ as they stand in the file. Names are imported when they are first used.
 
 from typing import TYPE_CHECKING
 
-from palpate.deferral import deferred
+from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate_experiments.reading.assembly import Reading, read_recording

@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import Field
 
 from palpate.errors import CurveError
-from palpate.interfaces import Settings
+from palpate.plugins.interfaces import Settings
 from palpate.sandbox import Limits, run_function
 from palpate.units import Quantity
 from palpate_experiments.reading.raw import RawLog

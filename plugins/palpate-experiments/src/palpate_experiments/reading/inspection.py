@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from palpate.errors import CurveError
-from palpate.inspection import InspectedTable, Inspection
+from palpate.plugins.inspection import InspectedTable, Inspection
 from palpate_experiments.reading import processed_curves
 from palpate_experiments.reading.assembly import assemble
 from palpate_experiments.reading.channel_map import ChannelMap

@@ -10,7 +10,7 @@ from typing import Literal
 from pydantic import Field
 
 from palpate.errors import CurveError
-from palpate.interfaces import Settings
+from palpate.plugins.interfaces import Settings
 from palpate_experiments.reading.header_units import UNITS
 
 BLANKS = "blanks"

@@ -1,0 +1,102 @@
+"""What a solver may answer; anything else is a failed simulation with a reason, never a number."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.domain import Curve, Indentation, Job, Response, Simulation, Status
+from palpate.errors import CurveError
+from palpate.run.result_files import plain
+
+LONGEST_MESSAGE = 4000
+"""Most characters of a solver's message that are kept."""
+
+
+class UnreadableError(CurveError):
+    """A solver answered with something that can be neither kept nor scored."""
+
+
+def checked(answer: object) -> Simulation:
+    """Copy a solver's answer into values that any process and any file can hold.
+
+    Parameters
+    ----------
+    answer : object
+        What ``simulate`` returned, or ``simulate_many`` yielded.
+
+    Raises
+    ------
+    UnreadableError
+        It is no :class:`Simulation`, or a part of it is not what the class says.
+    """
+    if not isinstance(answer, Simulation):
+        raise UnreadableError(f"the solver answered with a {type(answer).__name__}, not a Simulation")
+    if not isinstance(answer.diagnostics, Mapping):
+        raise UnreadableError(
+            f"the diagnostics are a {type(answer.diagnostics).__name__}; give a mapping of names to values"
+        )
+    if answer.status not in tuple(Status):
+        raise UnreadableError(f"no status {answer.status!r} (known: {', '.join(Status)})")
+    return Simulation(
+        job=answer.job,
+        status=Status(answer.status),
+        response=None if answer.response is None else _checked_curves(answer.response),
+        message=storable(answer.message),
+        seconds=answer.seconds,
+        diagnostics=plain(answer.diagnostics),
+    )
+
+
+def _checked_curves(response: object) -> Response:
+    if not isinstance(response, Response):
+        raise UnreadableError(f"the response is a {type(response).__name__}, not a Response or None")
+    curves = {}
+    for channel, curve in response.curves.items():
+        if not isinstance(curve, Curve):
+            raise UnreadableError(f"channel '{channel}' is a {type(curve).__name__}, not a Curve")
+        if curve.channel != channel:
+            raise UnreadableError(f"channel '{channel}' holds a curve of channel '{curve.channel}'")
+        # Made again, since its arrays may have been replaced after it was checked.
+        curves[channel] = Curve(
+            channel=channel, abscissa=curve.abscissa, ordinate=curve.ordinate, std=curve.std
+        )
+    return Response(curves=curves)
+
+
+def believable(simulation: Simulation) -> Simulation:
+    """Return the simulation, or one that is ``unreadable`` where ``ok`` cannot be true.
+
+    A solver that is ``ok`` has answered curves, and not every one of them is zero throughout where
+    the job deforms the body: nothing touches nothing then.
+    """
+    if simulation.status is not Status.OK:
+        return simulation
+    curves = () if simulation.response is None else tuple(simulation.response.curves.values())
+    if not curves:
+        return _unreadable(simulation, "the solver answered ok without a curve")
+    if _deforms(simulation.job) and not any(np.any(curve.ordinate) for curve in curves):
+        names = ", ".join(curve.channel for curve in curves)
+        return _unreadable(
+            simulation,
+            f"no contact: {names} zero at every point of a path that deforms the body; check the mesh "
+            "(unit, spot, elements that occur twice)",
+        )
+    return simulation
+
+
+def _unreadable(simulation: Simulation, why: str) -> Simulation:
+    return replace(simulation, status=Status.UNREADABLE, message=why)
+
+
+def _deforms(job: Job) -> bool:
+    protocol = job.protocol
+    return not isinstance(protocol, Indentation) or bool(np.any(protocol.path[:, 0]))
+
+
+def storable(message: object, longest: int = LONGEST_MESSAGE) -> str:
+    """Text without what no file can hold, and without the middle of one that is longer than ``longest``."""
+    text = str(message)
+    if len(text) > longest:
+        text = f"{text[: longest // 2]} … {text[-longest // 2 :]}"
+    return text.encode(errors="backslashreplace").decode().replace("\0", "\\0")

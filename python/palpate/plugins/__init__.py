@@ -1,0 +1,1 @@
+"""What plugins provide: interfaces, hooks, discovery, guards and scaffolds."""

@@ -1,0 +1,24 @@
+"""What the core itself provides, through the same hooks as everyone else."""
+
+from typing import TYPE_CHECKING
+
+from palpate import hookimpl
+
+if TYPE_CHECKING:
+    from palpate.plugins.interfaces import Executor, Sampler
+
+
+@hookimpl
+def palpate_samplers() -> "list[type[Sampler]]":
+    """Provide the sampler of the paper and those that cover its box more evenly."""
+    from palpate.stages.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
+
+    return [LatinHypercube, OptimisedLatinHypercube, Sobol]
+
+
+@hookimpl
+def palpate_executors() -> "list[type[Executor]]":
+    """Provide the places on this machine."""
+    from palpate.executors import InProcess, Processes
+
+    return [InProcess, Processes]

@@ -1,0 +1,219 @@
+"""Discovery of plugins, and the catalogues of what they provide.
+
+A typed facade over pluggy. A plugin that cannot be imported, misspells a hook,
+raises or returns the wrong thing is left out as a whole and listed in
+:attr:`Plugins.broken` with the reason, and everything else works. The core
+registers first, then the distributions released with it, then other entry points
+by name, then files in the order given. Of two components that claim a name the
+first keeps it; the other one is listed, and is found as ``distribution:name``.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from palpate.domain import Channel, Scenario, StudyTemplate
+from palpate.errors import PluginError
+from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import (
+    Executor,
+    ExperimentLoader,
+    LimbSource,
+    Material,
+    Sampler,
+    SetFilter,
+    Solver,
+)
+from palpate.plugins.registry import (
+    HOOKS,
+    KINDS,
+    BrokenPlugin,
+    Kind,
+    Registry,
+    add_commands,
+    admitted,
+    load_file,
+    suggestion,
+)
+
+if TYPE_CHECKING:
+    import typer
+
+__all__ = [
+    "HOOKS",
+    "KINDS",
+    "BrokenPlugin",
+    "Catalogue",
+    "Kind",
+    "Plugins",
+    "UnknownNameError",
+    "add_commands",
+    "answering_for",
+    "load_file",
+    "suggestion",
+]
+
+T = TypeVar("T")
+
+
+class UnknownNameError(PluginError, KeyError):
+    """No plugin provides this name."""
+
+    __str__ = Exception.__str__  # a KeyError would print its message quoted
+
+
+class Catalogue(Mapping[str, T]):
+    """What plugins provide of one kind, by name, in order of registration.
+
+    Parameters
+    ----------
+    noun : str
+        What an entry is called in messages.
+    entries, qualified : mapping of name to (entry, name of its plugin)
+        The names of ``qualified`` are found too, but not listed.
+    broken : sequence of BrokenPlugin
+        Named when a name is missing, since one of them may be why.
+    """
+
+    def __init__(
+        self,
+        noun: str,
+        entries: Mapping[str, tuple[T, str]],
+        broken: Sequence[BrokenPlugin] = (),
+        qualified: Mapping[str, tuple[T, str]] = MappingProxyType({}),
+    ) -> None:
+        self.noun = noun
+        self._entries = dict(entries)
+        self._qualified = dict(qualified)
+        self._broken = tuple(broken)
+
+    def __getitem__(self, name: str) -> T:
+        return self._entry(name)[0]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __repr__(self) -> str:
+        return f"Catalogue({self.noun}: {', '.join(self)})"
+
+    def _repr_html_(self) -> str:
+        from palpate.report import notebook_html as views
+
+        return views.catalogue(cast("Catalogue[object]", self))
+
+    def provider(self, name: str) -> str:
+        """Name of the plugin that provides ``name``."""
+        return self._entry(name)[1]
+
+    def _entry(self, name: str) -> tuple[T, str]:
+        found = self._entries.get(name) or self._qualified.get(name)
+        if found is None:
+            raise UnknownNameError(self._unknown(name))
+        return found
+
+    def _unknown(self, name: str) -> str:
+        known = ", ".join(self._entries) or "none"
+        close = suggestion(name, self._entries)
+        message = f"no {self.noun} '{name}'{close} (known: {known})"
+        if not close:
+            message += "; if a file of yours provides it, give it as --plugin FILE or as [study] plugins"
+        if self._broken:
+            message += "; plugins left out as broken: " + "; ".join(map(str, self._broken))
+        return message
+
+
+class Plugins:
+    """Everything that the core and its plugins provide.
+
+    Build it with :meth:`load`. Each attribute is a :class:`Catalogue`.
+    """
+
+    studies: Catalogue[StudyTemplate]
+    channels: Catalogue[Channel]
+    loaders: Catalogue[type[ExperimentLoader]]
+    limb_sources: Catalogue[type[LimbSource]]
+    materials: Catalogue[type[Material]]
+    samplers: Catalogue[type[Sampler]]
+    set_filters: Catalogue[type[SetFilter]]
+    solvers: Catalogue[type[Solver]]
+    executors: Catalogue[type[Executor]]
+    scenarios: Catalogue[Scenario]
+
+    def __init__(
+        self,
+        registry: Registry,
+        files: Sequence[Path] = (),
+        *,
+        entry_points: bool = False,
+        without: Sequence[str] = (),
+    ) -> None:
+        self._registry = registry
+        self._again = partial(Plugins.load, entry_points=entry_points, without=tuple(without))
+        self.files = tuple(files)
+        self.broken = tuple(registry.broken)
+        for kind, entries in registry.entries.items():
+            found = Catalogue(KINDS[kind].noun, entries, self.broken, registry.qualified[kind])
+            setattr(self, kind, found)
+
+    @classmethod
+    def load(
+        cls, files: Sequence[Path] = (), *, entry_points: bool = True, without: Sequence[str] = ()
+    ) -> "Plugins":
+        """Find, import and question every plugin.
+
+        Parameters
+        ----------
+        files : sequence of Path
+            One-file plugins, as given with ``--plugin``.
+        entry_points : bool
+            False leaves out the installed distributions.
+        without : sequence of str
+            Names of plugins, or of their distributions, that are left out as if not installed.
+
+        Raises
+        ------
+        PluginError
+            A file does not exist. (A file that exists but does not work is
+            listed as broken.)
+        """
+        registry = admitted(files, entry_points=entry_points, without=without)
+        registry.collect()
+        resolved = dict.fromkeys(path.resolve() for path in files)
+        return cls(registry, list(resolved), entry_points=entry_points, without=without)
+
+    def with_files(self, files: Sequence[Path]) -> "Plugins":
+        """The same with more one-file plugins; itself where it has them all.
+
+        Raises
+        ------
+        PluginError
+            A file does not exist.
+        """
+        more = [path for path in files if path.resolve() not in self.files]
+        return self._again([*self.files, *more]) if more else self
+
+    def catalogue(self, kind: str) -> Catalogue[Any]:
+        """Catalogue by the name of its attribute, one of ``KINDS``.
+
+        Raises
+        ------
+        PluginError
+        """
+        if kind not in KINDS:
+            known = ", ".join(KINDS)
+            raise PluginError(f"no kind of plugin '{kind}'{suggestion(kind, KINDS)} (known: {known})")
+        return cast("Catalogue[Any]", getattr(self, kind))
+
+    def add_commands(self, app: "typer.Typer") -> tuple[BrokenPlugin, ...]:
+        """Let every plugin add its commands to ``app``; returns those that could not."""
+        return self._registry.add_commands(app)
+
+    def commands(self, app: "typer.Typer") -> dict[str, str]:
+        """Add the commands of every plugin to ``app``; returns the plugin of each by its name."""
+        self._registry.add_commands(app)
+        return dict(self._registry.commands)

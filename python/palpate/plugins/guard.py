@@ -1,0 +1,86 @@
+"""The guard around every call of a plugin: whatever goes wrong there is a PluginError that names it."""
+
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from palpate.errors import NUMPY_IN_ENERGY, PalpateError, PluginError
+
+if TYPE_CHECKING:
+    from palpate.plugins.interfaces import Component
+
+
+@contextlib.contextmanager
+def answering_for(component: "Component | type[Component]", doing: str) -> Iterator[None]:
+    """Turn what a plugin's component raises beside a PalpateError into one that names it.
+
+    What it prints goes to stderr.
+
+    Parameters
+    ----------
+    component : Component
+        Or its class.
+    doing : str
+        What it was asked to do, with the file if there is one: ``"reading p1.csv"``.
+
+    Raises
+    ------
+    PluginError
+    """
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    except PalpateError:
+        raise
+    except (Exception, SystemExit) as error:
+        kind = component if isinstance(component, type) else type(component)
+        where = f"{kind.__module__}.{kind.__qualname__}"
+        said, remedy = f": {error}", "check the file, or tell the plugin's author"
+        if type(error).__name__ == "TracerArrayConversionError":
+            said, remedy = "", NUMPY_IN_ENERGY
+        raise PluginError(
+            f"{doing}: '{component.name}' ({where}) raised {type(error).__name__}{said}; {remedy}"
+        ) from error
+
+
+@contextlib.contextmanager
+def guarded() -> Iterator[None]:
+    """Turn whatever a plugin does wrong while it is imported or asked into a PluginError.
+
+    What it prints goes to stderr. Ctrl-C is no mistake of a plugin; a KeyboardInterrupt without it is.
+    """
+    interrupts: list[int] = []
+    try:
+        with contextlib.redirect_stdout(sys.stderr), noting_interrupts(interrupts):
+            yield
+    except PluginError:
+        raise
+    except SystemExit as error:
+        raise PluginError(f"called sys.exit({error.code!r})") from error
+    except BaseException as error:
+        if interrupts:
+            raise
+        raise PluginError(f"{type(error).__name__}: {error}") from error
+
+
+@contextlib.contextmanager
+def noting_interrupts(interrupts: list[int]) -> Iterator[None]:
+    """Note each Ctrl-C before it is handled as usual: what it raises in a callback may be swallowed."""
+    usual = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(usual):
+        yield
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        interrupts.append(number)
+        usual(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)

@@ -1,0 +1,124 @@
+"""Every hook a plugin may implement, in pipeline order.
+
+A plugin is an entry point of the group ``palpate`` (or a file given with
+``--plugin``): a module, or an object, with some of these functions marked
+``@palpate.hookimpl``. Each is called once, when the catalogues are built, and
+returns classes or values; nothing is computed here.
+"""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import pluggy
+
+if TYPE_CHECKING:
+    import typer
+
+    from palpate.domain import Channel, Scenario, StudyTemplate
+    from palpate.plugins.interfaces import (
+        Executor,
+        ExperimentLoader,
+        LimbSource,
+        Material,
+        Sampler,
+        SetFilter,
+        Solver,
+    )
+
+hookspec = pluggy.HookspecMarker("palpate")
+
+
+@hookspec
+def palpate_studies() -> "Iterable[StudyTemplate]":  # type: ignore[empty-body]
+    """Ready studies for ``palpate init`` and ``palpate demo``.
+
+    Each is a folder inside the plugin, with a ``study.toml`` and the data that it names; it is
+    copied whole.
+    """
+
+
+@hookspec
+def palpate_channels() -> "Iterable[Channel]":  # type: ignore[empty-body]
+    """Channels that curves may have, with the units and labels of their axes.
+
+    A study may hold only curves of declared channels. The names of abscissa and ordinate end in
+    the unit that loaders and solvers keep to: ``depth_mm``, ``force_N``. What a channel declares
+    beyond its names is checked on every measured curve, whichever loader has read it.
+    """
+
+
+@hookspec
+def palpate_experiment_loaders() -> "Iterable[type[ExperimentLoader]]":  # type: ignore[empty-body]
+    """Readers of measured curves.
+
+    A study names one under ``[experiment]``; its ``load`` is called for each file of each spot
+    before anything is simulated.
+    """
+
+
+@hookspec
+def palpate_limb_sources() -> "Iterable[type[LimbSource]]":  # type: ignore[empty-body]
+    """Makers of meshes with regions.
+
+    A study names one under ``[limb]``; its ``load`` is called once for each spot, and what it
+    returns is checked (elements, regions, what is held fixed) before the first simulation.
+    """
+
+
+@hookspec
+def palpate_materials() -> "Iterable[type[Material]]":  # type: ignore[empty-body]
+    """Hyperelastic materials.
+
+    A study gives each region one, with each parameter fixed or searched. An isotropic material
+    is an energy of the principal stretches; subclass :class:`palpate.AnisotropicMaterial` for an
+    energy of the deformation gradient. Stress, tangent and stability follow.
+    """
+
+
+@hookspec
+def palpate_samplers() -> "Iterable[type[Sampler]]":  # type: ignore[empty-body]
+    """Ways to draw a design.
+
+    ``draw`` is called once for a study, for points of the unit cube that are then spread over the
+    ranges of the parameters.
+    """
+
+
+@hookspec
+def palpate_set_filters() -> "Iterable[type[SetFilter]]":  # type: ignore[empty-body]
+    """Keepers of the parameter sets that make sense.
+
+    Those that a study names under ``[sampling.filters]`` judge the whole design at once; a set is
+    kept where all of them accept it.
+    """
+
+
+@hookspec
+def palpate_solvers() -> "Iterable[type[Solver]]":  # type: ignore[empty-body]
+    """Solvers.
+
+    A study names one under ``[solver]``. It is pickled into worker processes; a job that fails is
+    a status with a message, and its name, version, code and settings are part of each result's key.
+    """
+
+
+@hookspec
+def palpate_executors() -> "Iterable[type[Executor]]":  # type: ignore[empty-body]
+    """Places where jobs can run.
+
+    A study names one under ``[executor]``. Results are stored by the process that asks for them,
+    so an executor only hands outcomes back, one for each job, in any order.
+    """
+
+
+@hookspec
+def palpate_scenarios() -> "Iterable[Scenario]":  # type: ignore[empty-body]
+    """Named choices of channels and weights.
+
+    A study lists the names of those to rank by under ``[selection]``; one sweep serves all.
+    """
+
+
+@hookspec
+def palpate_commands(app: "typer.Typer") -> None:
+    """Add commands to the command line; called when it starts, with the Typer application."""

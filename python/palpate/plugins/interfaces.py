@@ -1,0 +1,460 @@
+"""What plugins subclass. Abstract or final, nothing between.
+
+A component is built from its checked settings; the class attributes ``name``
+and ``summary`` are what ``palpate plugins`` shows. A study names components by
+``name`` and passes their ``settings`` table, which the ``Settings`` model
+checks: every field there needs a description.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from palpate.domain import (
+    BoolArray,
+    FloatArray,
+    Job,
+    Limb,
+    Parameter,
+    ParameterSpace,
+    Response,
+    Simulation,
+    Spot,
+)
+from palpate.errors import CurveError, MaterialError
+from palpate.plugins.fingerprints import CORE, code_fingerprint
+from palpate.plugins.inspection import Inspection
+
+if TYPE_CHECKING:
+    from palpate.executors.work import Outcome, Work
+
+Array = Any
+"""An array of the array API: numpy in checks, JAX under differentiation."""
+
+NO_FIELDS: Mapping[str, Array] = MappingProxyType({})
+"""Where there is no mesh, or a material that takes nothing from it."""
+
+
+class Settings(BaseModel):
+    """Base of every component's settings: frozen, and unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Component(ABC):
+    """Something that a plugin provides under a name.
+
+    Parameters
+    ----------
+    settings : Settings, optional
+        An instance of the class's own ``Settings``; its defaults when left out.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    Settings: ClassVar[type[Settings]] = Settings
+
+    def __init__(self, settings: BaseModel | None = None) -> None:
+        self.settings: Any = self.Settings() if settings is None else settings
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.settings})"
+
+    def fingerprint(self) -> str:
+        """Identity of the code that computes, to which results belong; name and settings count anyway.
+
+        By itself distribution, version and a hash of the code of the class and its bases outside
+        palpate: of their whole packages, or of the file of a module outside a package. Override it
+        to state by hand which versions give the same results, or to add what they depend on
+        besides, such as a data file.
+
+        Raises
+        ------
+        PluginError
+            The class is defined in no file, as in a notebook.
+        """
+        return code_fingerprint(type(self)) or f"{CORE} {metadata.version(CORE)}"
+
+
+class Material(Component):
+    """A hyperelastic material, given by its energy alone.
+
+    Stress, tangent, initial moduli and stability follow from the energy in
+    :mod:`palpate.mechanics`. ``parameters`` may be a class attribute, or be set
+    in ``__init__`` where the settings decide how many there are.
+    """
+
+    parameters: tuple[Parameter, ...]
+
+    conventions: Mapping[str, tuple[float, ...]] = MappingProxyType({})
+    """Other ways to write the coefficients: textbook value = number × factor, by parameter."""
+
+    @abstractmethod
+    def energy(self, stretches: Array, theta: Array) -> Array:
+        """Strain energy per reference volume.
+
+        Parameters
+        ----------
+        stretches : (..., 3) array
+            Principal stretches λ1, λ2, λ3; the energy is symmetric in them and zero at rest.
+        theta : (n_parameters,) array
+            Textbook values in the order of ``parameters``.
+
+        Returns
+        -------
+        (...,) array
+            Energy in MPa. Write it with the array's own namespace
+            (``xp = stretches.__array_namespace__()``), so that numpy can check it and
+            JAX can differentiate it.
+        """
+
+    def energy_from_F(  # noqa: N802
+        self, F: Array, theta: Array, fields: Mapping[str, Array] = NO_FIELDS
+    ) -> Array:
+        """Energy [MPa] from the deformation gradient (3, 3): see :class:`AnisotropicMaterial`."""
+        raise MaterialError(f"material '{self.name}' is isotropic: use energy(stretches, theta)")
+
+    isotropic: ClassVar[bool] = True
+
+    fields: tuple[str, ...] = ()
+    """Cell fields of the mesh that the energy takes: see :class:`AnisotropicMaterial`."""
+
+    def _repr_html_(self) -> str:
+        from palpate.report import notebook_html as views
+
+        return views.parameters(self.parameters, f"{self.name}: {self.summary}")
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both have one class and equal settings, and so one energy: what is compiled is shared."""
+        if self is other or not isinstance(other, Material):
+            return self is other
+        return type(self) is type(other) and bool(self.settings == other.settings)
+
+    def __hash__(self) -> int:
+        return hash(type(self))
+
+    def to_textbook(self, values: FloatArray, convention: str) -> FloatArray:
+        """Convert coefficients (n_parameters,) written in ``convention`` to textbook values.
+
+        Raises
+        ------
+        MaterialError
+            The convention is unknown to this material.
+        """
+        theta: FloatArray = values * np.array(self._factors(convention))
+        return theta
+
+    def from_textbook(self, theta: FloatArray, convention: str) -> FloatArray:
+        """Convert textbook values (n_parameters,) to ``convention``."""
+        values: FloatArray = theta / np.array(self._factors(convention))
+        return values
+
+    def _factors(self, convention: str) -> tuple[float, ...]:
+        if convention == "textbook":
+            return (1.0,) * len(self.parameters)
+        if convention not in self.conventions:
+            known = ", ".join(["textbook", *self.conventions])
+            raise MaterialError(
+                f"material '{self.name}' knows no convention '{convention}'; choose one of: {known}"
+            )
+        return self.conventions[convention]
+
+    def check(self, theta: FloatArray) -> None:
+        """Refuse textbook values outside the physical range of their parameter.
+
+        Raises
+        ------
+        MaterialError
+        """
+        if len(theta) != len(self.parameters):
+            raise MaterialError(
+                f"material '{self.name}' takes {len(self.parameters)} parameters, got {len(theta)}"
+            )
+        for parameter, value in zip(self.parameters, theta, strict=True):
+            parameter.check(float(value))
+
+
+class AnisotropicMaterial(Material):
+    """A hyperelastic material with directions of its own, such as fibres.
+
+    Its energy depends on more than the principal stretches, so it is given by the deformation
+    gradient: through C = FᵀF and its invariants, I4 = a · C a for a fibre along the unit vector
+    a of the undeformed body, all in the frame of the mesh. Everything else follows as for any
+    material, by JAX alone.
+
+    A direction that differs from element to element comes with the mesh, as a cell field: name it
+    in ``fields``, as a class attribute or in ``__init__``. A study of several spots needs that,
+    since each spot's mesh may be in a frame of its own; one direction in the settings is refused
+    there, unless the study says that all meshes share a frame.
+    """
+
+    isotropic: ClassVar[bool] = False
+
+    @abstractmethod
+    def energy_from_F(  # noqa: N802
+        self, F: Array, theta: Array, fields: Mapping[str, Array] = NO_FIELDS
+    ) -> Array:
+        """Strain energy per reference volume.
+
+        Parameters
+        ----------
+        F : (3, 3) array
+            Deformation gradient; the energy is zero at rest and does not change when a
+            rotation follows.
+        theta : (n_parameters,) array
+            Textbook values in the order of ``parameters``.
+        fields : mapping of name to () or (3,) array
+            Values of this element, vectors in the frame of the mesh, for each name in
+            ``self.fields``. Empty where there is no mesh, as when the moduli at rest are checked; a
+            material without fields need not take the argument.
+
+        Returns
+        -------
+        () array
+            Energy in MPa, written in ``jax.numpy``.
+        """
+
+    def energy(self, stretches: Array, theta: Array) -> Array:
+        """Refuse: three stretches do not say where the directions are.
+
+        Raises
+        ------
+        MaterialError
+        """
+        raise MaterialError(f"material '{self.name}' has directions: use energy_from_F(F, theta)")
+
+
+class ExperimentLoader(Component):
+    """Reads measured curves."""
+
+    @abstractmethod
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        """Read one file.
+
+        Parameters
+        ----------
+        path : Path
+        channel : str, optional
+            The study says that this file holds this one channel; otherwise the
+            loader's settings say which columns make which channels.
+
+        Raises
+        ------
+        CurveError
+            Naming file, row and column.
+        """
+
+    def save(self, path: Path, response: Response, channel: str | None = None) -> None:
+        """Write curves in the form that :meth:`load` reads; override it to let studies be synthesised.
+
+        Parameters
+        ----------
+        path : Path
+            In a folder that exists.
+        response : Response
+        channel : str, optional
+            As for :meth:`load`.
+
+        Raises
+        ------
+        CurveError
+            This form cannot hold these curves.
+        """
+        raise CurveError(f"{path}: loader '{self.name}' reads curves and cannot write them; use loader 'csv'")
+
+    @classmethod
+    def inspect(cls, path: Path) -> Inspection:
+        """Look into a file that no study describes yet; override it for ``palpate experiment inspect``.
+
+        Parameters
+        ----------
+        path : Path
+
+        Raises
+        ------
+        CurveError
+            The file cannot be read.
+        """
+        raise CurveError(f"{path}: loader '{cls.name}' cannot inspect files; use loader 'robot_log'")
+
+    def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
+        """Draw what :meth:`load` does to a file, for a person to look at; override it where that is much.
+
+        Pictures that can be drawn are worth having even of a file that cannot be loaded: draw
+        those before raising what :meth:`load` raises.
+
+        Parameters
+        ----------
+        path : Path
+        folder : Path
+            Exists, is empty, and is for the pictures of this file alone.
+        channel : str, optional
+            As for :meth:`load`.
+
+        Returns
+        -------
+        tuple of Path
+            What was written to ``folder``, in the order in which to look at it.
+
+        Raises
+        ------
+        CurveError
+            As for :meth:`load`.
+        """
+        return ()
+
+
+class LimbSource(Component):
+    """Makes the limb around a spot from a file."""
+
+    @abstractmethod
+    def load(self, path: Path, spot: Spot) -> Limb:
+        """Read the mesh of one spot.
+
+        Raises
+        ------
+        MeshError
+            Naming the file, element or node.
+        """
+
+
+class Sampler(Component):
+    """Draws points of the unit cube."""
+
+    @abstractmethod
+    def draw(self, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
+        """Points (n_sets, n_parameters) in (0, 1); the same seed gives the same bits."""
+
+    def extend(self, points: FloatArray, n_total: int, seed: int) -> FloatArray:
+        """Go on with a draw, for a study that wants more sets after the filters.
+
+        Override it where the new points should know of the old ones; by itself it adds an
+        independent draw.
+
+        Parameters
+        ----------
+        points : (n, n_parameters) array
+            What ``draw``, or this method, returned for the same ``seed``.
+        n_total : int
+            A multiple of n, at least 2 n.
+        seed : int
+
+        Returns
+        -------
+        (n_total, n_parameters) array
+            Begins with ``points``, bit for bit.
+        """
+        n_points, n_parameters = points.shape
+        return np.vstack([points, self.draw(n_total - n_points, n_parameters, seed + n_points)])
+
+
+class SetFilter(Component):
+    """Keeps the parameter sets that make sense, such as the stable ones."""
+
+    @abstractmethod
+    def accept(self, space: ParameterSpace, values: FloatArray) -> BoolArray:
+        """Which rows of ``values`` (n_sets, n_parameters), in design columns, to keep: (n_sets,)."""
+
+    def reason(self, space: ParameterSpace, row: FloatArray) -> str:
+        """Why a set (n_parameters,) is dropped; shown where all sets are. Override it to say more."""
+        return ""
+
+
+class Solver(Component):
+    """Simulates a job."""
+
+    takes_fields: ClassVar[bool] = False
+    """Whether it gives materials the cell fields of the mesh."""
+
+    needs_limb: ClassVar[bool] = True
+    """False for a solver that has no mesh: closed forms, or homogeneous tests."""
+
+    homogeneous: ClassVar[bool] = False
+    """True for a solver of homogeneous tests alone; a study that gives it a protocol is refused."""
+
+    channels: ClassVar[tuple[str, ...] | None] = None
+    """Channels that it computes; a study that weights another one is refused. None: not declared."""
+
+    def ignored(self, material: Material) -> tuple[str, ...]:
+        """Names of the material's parameters that cannot change an answer; a study has to fix them."""
+        return ()
+
+    def ladder(self) -> Sequence[BaseModel]:
+        """Settings to try in turn on a job that diverged, such as smaller steps; none by itself.
+
+        Together with :meth:`version` they decide a result, so a change of them is a new version.
+        """
+        return ()
+
+    @abstractmethod
+    def version(self) -> str:
+        """Version of whatever computes the numbers; part of each simulation's key."""
+
+    def check(self, job: Job, limb: Limb | None) -> None:
+        """Refuse, before the first step, what cannot be simulated.
+
+        Raises
+        ------
+        PalpateError
+            Naming the element, node or parameter.
+        """
+
+    @abstractmethod
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        """Simulate one job. A failure is a status, never an exception."""
+
+    def prove(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
+        """Doubt one's own answer to a set that was chosen, for instance by halved steps.
+
+        Called for chosen sets only, so it may cost as much as the answer did. Override it where
+        an answer may be wrong and look right.
+
+        Parameters
+        ----------
+        job : Job
+        limb : Limb or None
+        simulation : Simulation
+            The answer, as it was kept.
+
+        Returns
+        -------
+        mapping of str to bool, float or str
+            ``passed``, ``message`` and any figures; empty where there is nothing to prove.
+        """
+        return {}
+
+    def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
+        """Simulate jobs of one limb, yielding each as it ends; override to share work.
+
+        An answer must have the same bits whatever other jobs stand beside its own, so that a sweep
+        which is stopped, resumed or spread over workers gives the same tables; a solver may offer a
+        setting that asks for something else.
+        """
+        for job in jobs:
+            yield self.simulate(job, limb)
+
+
+class Executor(Component):
+    """Runs jobs somewhere, and hands every outcome back to this process, which alone keeps them."""
+
+    holds_limits: ClassVar[bool] = True
+    """False where a job cannot be held to a memory limit; a study that asks for one is refused."""
+
+    @abstractmethod
+    def outcomes(self, work: "Work") -> "Iterator[Outcome]":
+        """Yield the outcome of each job as it comes, exactly one for each.
+
+        A job that fails, hangs or ends its worker has an outcome too. When ``work.going_on()``
+        turns false no further job is begun, and those begun are finished.
+
+        Raises
+        ------
+        ExecutorError
+            There is nowhere to run them.
+        """

@@ -1,0 +1,442 @@
+"""How plugins are imported, registered and questioned, each behind a guard.
+
+One plugin's mistake must not stop another: whatever a plugin does wrong while
+it is imported or asked becomes a :class:`BrokenPlugin` with the reason.
+"""
+
+import difflib
+import functools
+import importlib.metadata
+import importlib.util
+import inspect
+import itertools
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import TYPE_CHECKING, Any
+
+import pluggy
+
+from palpate.errors import PluginError
+from palpate.plugins import hookspecs
+from palpate.plugins.fingerprints import CONTENT_HASH, content_hash
+from palpate.plugins.guard import guarded
+
+if TYPE_CHECKING:
+    import typer
+
+    from palpate.plugins.interfaces import Component, Material
+
+DOMAIN, INTERFACES = "palpate.domain", "palpate.plugins.interfaces"
+
+MOST_ITEMS = 1000
+"""Most items that one hook may return."""
+
+GROUP = "palpate"
+"""Entry-point group of plugins with hooks, and the name of the core's own plugin.
+
+``palpate.materials`` and so on, one group for each of ``KINDS``, hold single components.
+"""
+
+FIRST_PARTY = frozenset(
+    f"palpate-{name}" for name in ("dask", "experiments", "febio", "forearm", "jax", "limb", "materials")
+)
+"""Distributions that are released with the core; a name that two plugins claim is theirs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One catalogue: the hook that fills it, and what the hook must return."""
+
+    hook: str
+    noun: str
+    home: str
+    base_name: str
+
+    @property
+    def base(self) -> type[Any]:
+        """Class of what the hook returns, or of its instances; imported when it is asked for."""
+        base: type[Any] = getattr(importlib.import_module(self.home), self.base_name)
+        return base
+
+
+KINDS: Mapping[str, Kind] = MappingProxyType(
+    {
+        "studies": Kind("palpate_studies", "study", DOMAIN, "StudyTemplate"),
+        "channels": Kind("palpate_channels", "channel", DOMAIN, "Channel"),
+        "loaders": Kind("palpate_experiment_loaders", "experiment loader", INTERFACES, "ExperimentLoader"),
+        "limb_sources": Kind("palpate_limb_sources", "limb source", INTERFACES, "LimbSource"),
+        "materials": Kind("palpate_materials", "material", INTERFACES, "Material"),
+        "samplers": Kind("palpate_samplers", "sampler", INTERFACES, "Sampler"),
+        "set_filters": Kind("palpate_set_filters", "set filter", INTERFACES, "SetFilter"),
+        "solvers": Kind("palpate_solvers", "solver", INTERFACES, "Solver"),
+        "executors": Kind("palpate_executors", "executor", INTERFACES, "Executor"),
+        "scenarios": Kind("palpate_scenarios", "scenario", DOMAIN, "Scenario"),
+    }
+)
+"""The catalogues in pipeline order, by the name of their attribute in :class:`Plugins`."""
+
+HOOKS = frozenset({*(kind.hook for kind in KINDS.values()), "palpate_commands"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BrokenPlugin:
+    """A plugin that is left out, where it comes from, and why.
+
+    ``component`` names the one part that is left out of a plugin of which the rest works.
+    """
+
+    name: str
+    source: str
+    reason: str
+    component: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.source}): {self.reason}"
+
+    @property
+    def headline(self) -> str:
+        """The same, and whether all of it is left out."""
+        return f"{'component' if self.component else 'plugin'} left out: {self}"
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Text that offers the close matches of ``name`` among ``known``, or is empty."""
+    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.5)
+    return f"; did you mean {' or '.join(repr(match) for match in close)}?" if close else ""
+
+
+class Registry:
+    """Plugins by name, and their entries by kind, as they are being collected."""
+
+    def __init__(self) -> None:
+        self.manager = pluggy.PluginManager(GROUP)
+        self.manager.add_hookspecs(hookspecs)
+        self.entries: dict[str, dict[str, tuple[Any, str]]] = {kind: {} for kind in KINDS}
+        self.qualified: dict[str, dict[str, tuple[Any, str]]] = {kind: {} for kind in KINDS}
+        self.sources: dict[str, str] = {}
+        self.broken: list[BrokenPlugin] = []
+        self.commands: dict[str, str] = {}
+        self._qualifiers: dict[str, str] = {}
+        self._points: list[tuple[str, importlib.metadata.EntryPoint]] = []
+
+    def admit(self, name: str, source: str, load: Callable[[], object], qualifier: str = "") -> None:
+        """Import one plugin and register its hooks, or list it as broken.
+
+        ``qualifier`` goes before the name of a component to tell it from another of that name.
+        """
+        try:
+            if name in self.sources and qualifier not in ("", *self.sources):
+                name = qualifier
+            if name in self.sources:
+                raise PluginError(f"the plugin name '{name}' is taken by {self.sources[name]}; rename one")
+            with guarded():
+                plugin = load()
+            self._register(name, plugin)
+            self._qualifiers[name] = qualifier or name
+        except PluginError as error:
+            self.broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
+            return
+        self.sources[name] = source
+
+    def admit_component(self, kind: str, point: importlib.metadata.EntryPoint) -> None:
+        """Note an entry point of one component; it is imported when the catalogues are filled."""
+        self._points.append((kind, point))
+
+    def collect(self) -> None:
+        """Ask every plugin for all that it provides; one that fails is listed as broken."""
+        for name, source in list(self.sources.items()):
+            try:
+                provided = {kind: self._provided(name, kind) for kind in KINDS}
+            except PluginError as error:
+                del self.sources[name]
+                self.broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
+                continue
+            for kind, items in provided.items():
+                for item in items:
+                    self._add(kind, item, name, source)
+        for kind, point in self._points:
+            owner, source = owner_of(point), _source(point)
+            try:
+                item = _single(kind, point)
+            except PluginError as error:
+                said = f"{KINDS[kind].noun} '{point.name}'"
+                left_out = BrokenPlugin(name=owner, source=source, reason=str(error), component=said)
+                self.broken.append(left_out)
+                continue
+            self._add(kind, item, owner, source)
+
+    def _add(self, kind: str, item: Any, owner: str, source: str) -> None:  # noqa: ANN401 -- any entry
+        """Enter one item; of two with one name the first keeps it."""
+        noun, name = KINDS[kind].noun, item.name
+        is_class = isinstance(item, type)
+        full = f"{self._qualifiers.get(owner, owner)}:{name}"
+        if is_class:
+            self.qualified[kind].setdefault(full, (item, owner))
+        held, holder = self.entries[kind].setdefault(name, (item, owner))
+        if held is item or (not is_class and held == item):
+            return
+        remedy = f"a study names this one '{full}'" if is_class and owner != holder else "rename one"
+        reason = f"{noun} '{name}' of plugin '{owner}' is already provided by plugin '{holder}'; {remedy}"
+        left_out = BrokenPlugin(name=owner, source=source, reason=reason, component=f"{noun} '{name}'")
+        self.broken.append(left_out)
+
+    def _register(self, name: str, plugin: object) -> None:
+        _check_hooks(plugin)
+        try:
+            with guarded():
+                self.manager.register(plugin, name)
+        except PluginError:
+            # Older releases of pluggy keep what they had registered before they failed.
+            if self.manager.is_registered(plugin):
+                self.manager.unregister(plugin)
+            raise
+
+    def _provided(self, name: str, kind: str) -> list[Any]:
+        hook = KINDS[kind].hook
+        with guarded():
+            call = self._call(name, hook)
+            results = call()
+            if len(results) < len(call.get_hookimpls()):
+                raise PluginError(f"{hook} returned None; return a list")
+            items = [item for result in results for item in _as_items(result, hook)]
+            for item in items:
+                _check_item(item, KINDS[kind], hook)
+        return items
+
+    def _call(self, name: str, hook: str) -> pluggy.HookCaller:
+        others = [plugin for key, plugin in self.manager.list_name_plugin() if key != name]
+        return self.manager.subset_hook_caller(hook, others)
+
+    def add_commands(self, app: "typer.Typer") -> tuple[BrokenPlugin, ...]:
+        """Let every plugin add its commands, all of them or none."""
+        broken = []
+        for name, source in self.sources.items():
+            commands, groups = list(app.registered_commands), list(app.registered_groups)
+            before = _command_names(app)
+            try:
+                with guarded():
+                    self._call(name, "palpate_commands")(app=app)
+                    _refuse_command_clashes(app)
+                self.commands |= {command: name for command in _command_names(app) if command not in before}
+            except PluginError as error:
+                app.registered_commands[:], app.registered_groups[:] = commands, groups
+                broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
+        return tuple(broken)
+
+
+def admitted(files: Sequence[Path], *, entry_points: bool, without: Sequence[str] = ()) -> Registry:
+    """Import the core's plugin, those released with it, other installed ones by name, and files.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    entry_points : bool
+        False leaves out the installed distributions.
+    without : sequence of str
+        Names of entry points or distributions to leave out.
+
+    Raises
+    ------
+    PluginError
+        A file does not exist, or nothing of a name in ``without`` is installed.
+    """
+    from palpate.plugins import builtins
+
+    paths = dict.fromkeys(_existing(path) for path in files)
+    registry = Registry()
+    registry.admit(GROUP, "the core", lambda: builtins)
+    points = installed_points() if entry_points else []
+    _check_known(without, points)
+    for point in points:
+        if {point.name, owner_of(point)} & set(without):
+            continue
+        if point.group == GROUP:
+            registry.admit(point.name, _source(point), point.load, qualifier=owner_of(point))
+        else:
+            registry.admit_component(point.group.removeprefix(f"{GROUP}."), point)
+    for path in paths:
+        registry.admit(path.stem, str(path), functools.partial(load_file, path))
+    return registry
+
+
+def load_file(path: Path) -> ModuleType:
+    """Import a one-file plugin, once per process and content.
+
+    The module's name follows from the file's name and content alone and stands
+    in ``sys.modules``, so that a worker process that loads the same file can
+    unpickle instances of its classes.
+    """
+    digest = content_hash(path.read_bytes())
+    name = f"palpate_plugin_{path.stem}_{digest}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise PluginError(f"plugin file {path}: not a Python file; its name must end in .py")
+    module = importlib.util.module_from_spec(spec)
+    setattr(module, CONTENT_HASH, digest)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def add_commands(
+    app: "typer.Typer", files: Sequence[Path] = (), without: Sequence[str] = ()
+) -> tuple[BrokenPlugin, ...]:
+    """Let plugins add their commands, without asking for what else they provide.
+
+    The list of commands is wanted at once, and what a plugin provides may take
+    a while to import.
+    """
+    registry = admitted(files, entry_points=True, without=without)
+    return (*registry.broken, *registry.add_commands(app))
+
+
+def _existing(path: Path) -> Path:
+    if not path.is_file():
+        raise PluginError(f"plugin file {path}: no such file; give the path of a Python file")
+    return path.resolve()
+
+
+def installed_points() -> list[importlib.metadata.EntryPoint]:
+    """Entry points of all groups of palpate: the distributions released with the core come first."""
+    installed = importlib.metadata.entry_points()
+    # A distribution that two folders of sys.path describe is still one plugin.
+    found = {
+        (owner_of(point) not in FIRST_PARTY, point.name, point.value, owner_of(point), point.group): point
+        for group in (GROUP, *(f"{GROUP}.{kind}" for kind in KINDS))
+        for point in installed.select(group=group)
+    }
+    return [found[key] for key in sorted(found)]
+
+
+def owner_of(point: importlib.metadata.EntryPoint) -> str:
+    """Name of the distribution of an entry point."""
+    return point.dist.name if point.dist else point.value
+
+
+def _source(point: importlib.metadata.EntryPoint) -> str:
+    return f"distribution {owner_of(point)}"
+
+
+def _check_known(names: Sequence[str], points: Sequence[importlib.metadata.EntryPoint]) -> None:
+    known = sorted({name for point in points for name in (point.name, owner_of(point))})
+    for name in names:
+        if name not in known:
+            raise PluginError(
+                f"no plugin '{name}' is installed{suggestion(name, known)}; see `palpate plugins`"
+            )
+
+
+def _single(kind: str, point: importlib.metadata.EntryPoint) -> Any:  # noqa: ANN401 -- any entry
+    """Import the one component, or value, of an entry point."""
+    group = f"{GROUP}.{kind}"
+    with guarded():
+        item = point.load()
+        _check_item(item, KINDS[kind], group)
+    if item.name != point.name:
+        raise PluginError(f"{group}: '{point.name}' provides '{item.name}'; give both one name")
+    return item
+
+
+def _check_hooks(plugin: object) -> None:
+    """Refuse hooks that would be passed over in silence: misspelt, not marked, or none at all."""
+    found = False
+    for name in dir(plugin):
+        member = getattr(plugin, name, None)
+        if not inspect.isroutine(member) or hasattr(member, "palpate_spec"):
+            continue
+        marked = hasattr(member, "palpate_impl")
+        found |= marked
+        if (marked or name.startswith("palpate_")) and name not in HOOKS:
+            raise PluginError(f"unknown hook '{name}'{suggestion(name, HOOKS)}")
+        if name in HOOKS and not marked:
+            raise PluginError(f"hook '{name}' is not marked; put @palpate.hookimpl above it")
+    if not found:
+        raise PluginError(
+            "provides nothing: no function is marked @palpate.hookimpl; add one, such as palpate_materials()"
+        )
+
+
+def _as_items(result: object, hook: str) -> list[Any]:
+    if isinstance(result, str) or not isinstance(result, Iterable):
+        raise PluginError(f"{hook} returned {result!r}; return a list")
+    items = list(itertools.islice(result, MOST_ITEMS + 1))
+    if len(items) > MOST_ITEMS:
+        raise PluginError(f"{hook} returned more than {MOST_ITEMS} items; return a list that ends")
+    return items
+
+
+def _check_item(item: object, kind: Kind, hook: str) -> None:
+    from palpate.plugins.interfaces import Component
+
+    if issubclass(kind.base, Component):
+        if not (isinstance(item, type) and issubclass(item, kind.base)):
+            raise PluginError(f"{hook} returned {item!r}; return subclasses of {kind.base.__name__}")
+        _check_component(item, hook)
+    elif not isinstance(item, kind.base):
+        raise PluginError(f"{hook} returned {item!r}; return {kind.base.__name__} values")
+    else:
+        _check_text(item, "name", hook)
+
+
+def _check_component(component: "type[Component]", hook: str) -> None:
+    from palpate.plugins.interfaces import Material
+
+    if inspect.isabstract(component):
+        missing = ", ".join(sorted(component.__abstractmethods__))
+        raise PluginError(f"{hook}: class {component.__name__} does not define {missing}")
+    _check_text(component, "name", hook)
+    _check_text(component, "summary", hook)
+    if issubclass(component, Material):
+        _check_parameters(component, hook)
+    for name, info in component.Settings.model_fields.items():
+        if not info.description:
+            raise PluginError(
+                f"{hook}: setting '{name}' of '{component.name}' has no description; "
+                "give it one with pydantic.Field(description=...)"
+            )
+
+
+def _check_parameters(material: "type[Material]", hook: str) -> None:
+    from palpate.domain import Parameter
+
+    if any(field.is_required() for field in material.Settings.model_fields.values()):
+        return  # they follow from settings that only a study gives
+    found = getattr(material(), "parameters", None)
+    if not isinstance(found, (tuple, list)) or not all(isinstance(each, Parameter) for each in found):
+        raise PluginError(
+            f"{hook}: material '{material.name}' has no parameters; give it a tuple of palpate.Parameter"
+        )
+
+
+def _check_text(item: object, attribute: str, hook: str) -> None:
+    text = getattr(item, attribute, None)
+    if not isinstance(text, str) or not text.strip():
+        raise PluginError(f"{hook}: {item!r} has no {attribute}; give it a non-empty string")
+
+
+def _command_names(app: "typer.Typer") -> list[str]:
+    """Names of commands and groups, and of the commands in groups: ``limb scan``."""
+    names = [
+        command.name or getattr(command.callback, "__name__", "").replace("_", "-")
+        for command in app.registered_commands
+    ]
+    for group in app.registered_groups:
+        inner = _command_names(group.typer_instance) if group.typer_instance else []
+        names += [str(group.name), *(f"{group.name} {name}" for name in inner)]
+    return names
+
+
+def _refuse_command_clashes(app: "typer.Typer") -> None:
+    names = _command_names(app)
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise PluginError(f"command '{double[0]}' already exists; rename it")

@@ -1,0 +1,369 @@
+"""A run on disk: what every number depended on lies beside it.
+
+::
+
+    study.toml              as run
+    manifest.json           versions, hashes of the inputs, units, normaliser, conventions, seed
+    measured/<spot>.parquet  measured/<spot>.json  measured/plots/<spot>/
+    design.parquet  design.json
+    ledger.sqlite  curves/  simulations: states, attempts, timings, reasons, and their curves
+    scores.parquet  selection.parquet  generalisation.parquet
+    refinement.parquet  refined/<spot>/<scenario>.parquet
+    rays.parquet  proofs.parquet
+    stages.json             checksums of these files, and what each stage was made from
+    report/
+
+Files are written whole or not at all, and the folder moves freely.
+"""
+
+import contextlib
+import io
+import json
+import os
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import Channel, Design, Parameter, Response
+from palpate.errors import StudyError
+from palpate.run.lock import locked
+from palpate.run.manifest import checked_manifest, finite, infinite, manifest
+from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
+from palpate.run.result_files import frame_of, plain, response_of, write_atomically, write_frame
+from palpate.run.stage_records import COMMANDS, StageRecords
+from palpate.run.trust import IN_KEYS, fingerprints, recorded, trusting
+from palpate.stages.refinement import Refined
+from palpate.study.reading import Study
+
+
+class RunDirectory:
+    """The files of one run.
+
+    Parameters
+    ----------
+    folder : Path
+        Made on the first write.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.records = StageRecords(folder)
+
+    @property
+    def report(self) -> Path:
+        """Where tables, figures and the page go."""
+        return self.folder / "report"
+
+    # ------------------------------------------------------------------ beginning
+
+    def begin(self, study: Study, channels: Mapping[str, Channel], *, simulating: bool = False) -> None:
+        """Write ``manifest.json`` and the study as run.
+
+        ``simulating`` says that simulations follow; otherwise those of earlier code stay on record
+        as such.
+
+        Raises
+        ------
+        StudyError
+            The folder cannot be made.
+        """
+        content = manifest(study, channels) | {"measured": self._records(study)} | self._origin(study)
+        content |= self._trusted(study, simulating=simulating)
+        text = _json(content)
+        as_run = self.folder / "study.toml"
+        if study.file.is_file() and study.file.resolve() != as_run.resolve():
+            write_atomically(as_run, study.file.read_bytes())
+        write_atomically(self.folder / "manifest.json", text)
+
+    def trusting(self, study: Study, names: Collection[str] = ()) -> Study:
+        """The study with the results of earlier code that this run accepts, and those of ``names``."""
+        return trusting(study, self.manifest() if self.is_begun else {}, names)
+
+    def _trusted(self, study: Study, *, simulating: bool) -> dict[str, Any]:
+        """Which code the simulations are of, and which is accepted as the same."""
+        before = self.manifest() if self.is_begun else {}
+        now, earlier = fingerprints(study), before.get("fingerprints", {})
+        if not simulating:
+            now |= {name: earlier[name] for name in now if name.startswith(IN_KEYS) and name in earlier}
+        return {"fingerprints": now, "trusted": recorded(study, before)}
+
+    def _origin(self, study: Study) -> dict[str, Any]:
+        """Where `palpate resume` finds the study: from this folder, so that both move together."""
+        return {
+            "study_file": _from(self.folder, study.file),
+            "plugin_files": [_from(self.folder, file) for file in study.plugin_files],
+        }
+
+    @contextlib.contextmanager
+    def held(
+        self, study: Study, channels: Mapping[str, Channel], *, adopt: bool = False
+    ) -> Iterator[Callable[[], None]]:
+        """Keep every other process out of the folder; yields what raises where the lock is lost.
+
+        Parameters
+        ----------
+        study : Study
+        channels : mapping of name to Channel
+        adopt : bool
+            Whether the run of another study file may be continued with this one.
+
+        Raises
+        ------
+        StudyError
+            The folder cannot be made, is not a run directory, or belongs to another study file.
+        LedgerError
+            Another process is at work in the folder, or it cannot be written.
+        """
+        manifest(study, channels)  # what cannot be described is refused before there is a folder
+        with writing_in(self.folder):
+            self.refuse_other(study, adopt=adopt)
+            claim(self.folder)
+            with locked(self.folder) as check:
+                tidy(self.folder)
+                yield check
+
+    def refuse_other(self, study: Study, *, adopt: bool) -> None:
+        """Refuse a folder with something else, or the run of another study file that is still there.
+
+        Raises
+        ------
+        StudyError
+        """
+        check_claimable(self.folder)
+        if not adopt and self.is_begun:
+            refuse_other(self.folder, self.folder / self.manifest()["study_file"], study.file)
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether a study was run here, or began to be."""
+        return (self.folder / "manifest.json").exists()
+
+    def manifest(self) -> dict[str, Any]:
+        """Content of ``manifest.json``."""
+        path = self.folder / "manifest.json"
+        if not path.exists():
+            raise StudyError(f"{path}: not there yet; run `palpate run` first")
+        try:
+            return checked_manifest(json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError, RecursionError) as error:
+            raise StudyError(
+                f"{path}: damaged ({error}); restore a copy, or delete it: "
+                f"`palpate run STUDY --out {self.folder}` writes it again and keeps what is simulated"
+            ) from error
+
+    # ------------------------------------------------------------------ the stages
+
+    def require(self, stage: str) -> None:
+        """Refuse to go on where an earlier stage has not been run.
+
+        Raises
+        ------
+        StudyError
+        """
+        path = self.folder / f"{stage}.parquet"
+        if not path.exists():
+            raise StudyError(f"{path}: not there yet; run `palpate {COMMANDS[stage]}` first")
+
+    def write_measured(self, measured: Mapping[str, Response], made_from: Mapping[str, str]) -> None:
+        """Write ``measured/<spot>.parquet``, and to the manifest how the curves came about."""
+        for spot, response in measured.items():
+            write_frame(self._measured(spot), frame_of(response))
+            write_atomically(self._record(spot), _json(plain(response.record)))
+        files = [path for spot in measured for path in (self._measured(spot), self._record(spot))]
+        self.records.write("measured", files, made_from)
+        content = self.manifest()
+        content["measured"] = {spot: plain(response.record) for spot, response in measured.items()}
+        write_atomically(self.folder / "manifest.json", _json(content))
+
+    def measured(self, spots: tuple[str, ...]) -> dict[str, Response]:
+        """Measured responses of these spots."""
+        return {
+            spot: replace(
+                self.records.read("measured", self._measured(spot), _response), record=self._recorded(spot)
+            )
+            for spot in spots
+        }
+
+    def plots(self, spot: str) -> Path:
+        """Folder of the pictures of a spot's presses."""
+        return self.folder / "measured" / "plots" / file_name(spot)
+
+    def write_design(self, design: Design, made_from: Mapping[str, str]) -> None:
+        """Write ``design.parquet``: set_id and a column per parameter."""
+        columns = {p.name: design.values[:, i] for i, p in enumerate(design.parameters)}
+        frame = pl.DataFrame({"set_id": np.arange(design.n_sets), **columns})
+        write_frame(self.folder / "design.parquet", frame)
+        about = {
+            "seed": design.seed,
+            "n_drawn": design.n_drawn,
+            "n_kept": design.n_kept,
+            "parameters": [finite(asdict(p)) for p in design.parameters],
+        }
+        write_atomically(self.folder / "design.json", _json(about))
+        files = (self.folder / "design.parquet", self.folder / "design.json")
+        self.records.write("design", files, made_from)
+
+    def design(self) -> Design:
+        """Read the design with its parameters."""
+        frame = self._frame("design", "design")
+        return self.records.read(
+            "design", self.folder / "design.json", lambda content: _design(frame, json.loads(content))
+        )
+
+    def write_scores(self, scores: pl.DataFrame, made_from: Mapping[str, str]) -> None:
+        """Write ``scores.parquet``."""
+        write_frame(self.folder / "scores.parquet", scores)
+        self.records.write("scores", [self.folder / "scores.parquet"], made_from)
+
+    def scores(self) -> pl.DataFrame:
+        """Scores of every set, as :func:`palpate.stages.scoring.score` returns them."""
+        return self._frame("scores", "scores")
+
+    def write_selection(
+        self,
+        selection: pl.DataFrame,
+        generalisation: pl.DataFrame,
+        refined: Refined,
+        rays: pl.DataFrame,
+        made_from: Mapping[str, str],
+    ) -> None:
+        """Write what was chosen: ``selection``, ``generalisation``, ``refinement`` and ``rays.parquet``.
+
+        The last two are removed where there is none, and ``refined/<spot>/<scenario>.parquet``
+        has the curves of the refinement.
+        """
+        frames = {
+            "selection": selection,
+            "generalisation": generalisation,
+            "refinement": refined.table,
+            "rays": rays,
+        }
+        files = []
+        for name, frame in frames.items():
+            path = self.folder / f"{name}.parquet"
+            if name in ("refinement", "rays") and frame.is_empty():
+                path.unlink(missing_ok=True)
+                continue
+            write_frame(path, frame)
+            files.append(path)
+        for (spot, scenario), response in refined.responses.items():
+            files.append(self._refined(spot, scenario))
+            write_frame(files[-1], frame_of(response))
+        self.records.write("selection", files, made_from)
+
+    def selection(self) -> pl.DataFrame:
+        """Least Fopt by spot and scenario."""
+        return self._frame("selection", "selection")
+
+    def generalisation(self) -> pl.DataFrame:
+        """Read the set for all spots."""
+        return self._frame("selection", "generalisation")
+
+    def refinement(self) -> Refined:
+        """Where the local searches ended; empty when there were none."""
+        table = self._optional("selection", "refinement")
+        keys = [(row["spot"], row["scenario"]) for row in table.iter_rows(named=True)]
+        found = {key: self._refined(*key) for key in keys}
+        return Refined(
+            table=table,
+            responses={
+                key: self.records.read("selection", path, _response)
+                for key, path in found.items()
+                if self.records.holds("selection", path)
+            },
+        )
+
+    def rays(self) -> pl.DataFrame:
+        """Best multiple by spot and scenario; empty when none was looked for."""
+        return self._optional("selection", "rays")
+
+    def write_proofs(self, proofs: pl.DataFrame) -> None:
+        """Write ``proofs.parquet``, or remove that of an earlier selection where there are none."""
+        path = self.folder / "proofs.parquet"
+        if proofs.is_empty():
+            path.unlink(missing_ok=True)
+            self.records.write("proofs", (), {})
+        else:
+            write_frame(path, proofs)
+            self.records.write("proofs", [path], {})
+
+    def proofs(self) -> pl.DataFrame:
+        """What the solver proved of the chosen sets; empty where it proves nothing."""
+        return self._optional("proofs", "proofs")
+
+    def certificates(self) -> dict[str, Any]:
+        """Read what was kept here as ``certificate*.json``, by file name; not JSON is its error."""
+        found: dict[str, Any] = {}
+        for path in sorted(self.folder.glob("certificate*.json")):
+            try:
+                found[path.name] = json.loads(path.read_text(encoding="utf-8"))
+            except (ValueError, OSError, RecursionError) as error:
+                found[path.name] = {"missing": [f"{path.name} cannot be read: {error}"]}
+        return found
+
+    # ----------------------------------------------------------------------- paths
+
+    def _measured(self, spot: str) -> Path:
+        return self.folder / "measured" / f"{file_name(spot)}.parquet"
+
+    def _record(self, spot: str) -> Path:
+        return self._measured(spot).with_suffix(".json")
+
+    def _recorded(self, spot: str) -> dict[str, Any]:
+        """How the curves of a spot came about."""
+        found: dict[str, Any] = self.records.read("measured", self._record(spot), json.loads)
+        return found
+
+    def _records(self, study: Study) -> dict[str, Any]:
+        """How the curves of each spot came about, as far as that is known."""
+        known = {}
+        for spot in study.spots:
+            with contextlib.suppress(StudyError):
+                known[spot.spot.name] = self._recorded(spot.spot.name)
+        return known
+
+    def _refined(self, spot: str, scenario: str) -> Path:
+        return self.folder / "refined" / file_name(spot) / f"{file_name(scenario)}.parquet"
+
+    def _frame(self, stage: str, name: str) -> pl.DataFrame:
+        return self.records.read(stage, self.folder / f"{name}.parquet", _parquet)
+
+    def _optional(self, stage: str, name: str) -> pl.DataFrame:
+        path = self.folder / f"{name}.parquet"
+        return self._frame(stage, name) if self.records.holds(stage, path) else pl.DataFrame()
+
+
+def _parquet(content: bytes) -> pl.DataFrame:
+    return pl.read_parquet(io.BytesIO(content))
+
+
+def _response(content: bytes) -> Response:
+    return response_of(_parquet(content))
+
+
+def _design(frame: pl.DataFrame, about: Mapping[str, Any]) -> Design:
+    parameters = tuple(Parameter(**infinite(p)) for p in about["parameters"])
+    values = frame.select(p.name for p in parameters).to_numpy()
+    counts = {name: about[name] for name in ("seed", "n_drawn", "n_kept")}
+    return Design(parameters=parameters, values=values, **counts)
+
+
+def _json(value: object) -> bytes:
+    return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False).encode() + b"\n"
+
+
+def _from(folder: Path, file: Path) -> str:
+    try:
+        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # on another drive
+        return str(file.resolve())
+
+
+def file_name(name: str) -> str:
+    """Make a file name of a name: whatever could lead out of a folder is escaped."""
+    return quote(name, safe=" ").replace(".", "%2E")

@@ -1,0 +1,317 @@
+"""Reads a ledger, whether or not somebody writes to it meanwhile."""
+
+import contextlib
+import hashlib
+import json
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+import polars as pl
+
+from palpate.domain import Job, Response, Simulation, Status
+from palpate.errors import CurveError, LedgerError
+from palpate.executors.answers import believable
+from palpate.run.ledger.curve_files import unpack
+from palpate.run.ledger.format import (
+    CURVES,
+    LEDGER,
+    TABLES,
+    check_complete,
+    check_sound,
+    check_version,
+    curve_file,
+    damaged,
+    digest,
+    disk_errors,
+    is_blank,
+    last_curve_file,
+)
+from palpate.run.result_files import temporary_name, write_whole
+
+
+class Entry(NamedTuple):
+    """What decides whether a job is to be done again.
+
+    Parameters
+    ----------
+    quarantined : int
+        How often it had ended its worker when it was given up; 0: it was not.
+    rung : int
+        Which settings of the solver's ladder were tried last; 0: the study's own.
+    """
+
+    status: Status
+    seconds: float
+    quarantined: int
+    rung: int
+
+
+class Ledger:
+    """Reads a ledger, whether or not somebody writes to it meanwhile.
+
+    Parameters
+    ----------
+    folder : Path
+        The run directory. One without a ledger reads as one with nothing in it.
+
+    Attributes
+    ----------
+    is_torn : bool
+        Whether a writer was killed, or is at work, between its last curves and their rows.
+
+    Raises
+    ------
+    LedgerError
+        Not a ledger, of another version, or damaged.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.path = folder / LEDGER
+        n_files = last_curve_file(folder)
+        self._connection = self._open()
+        try:
+            with disk_errors(self.path):
+                self.is_torn = check_complete(self._connection, self.path, n_files)
+        except BaseException:
+            self._connection.close()
+            raise
+
+    def __enter__(self) -> "Ledger":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._connection.close()
+
+    def _open(self) -> sqlite3.Connection:
+        if not self.path.exists():
+            return _empty()
+        with disk_errors(self.path):
+            connection = _read_only(self.path)
+            if is_blank(connection):
+                connection.close()
+                return _empty()
+            check_version(connection, self.path)
+            check_sound(connection, self.path)
+        return connection
+
+    # -------------------------------------------------------------------- reading
+
+    def entries(self) -> dict[str, Entry]:
+        """How each finished simulation ended, by key."""
+        statuses = {status.value: status for status in Status}
+        rows = self._all("SELECT key, state, seconds, quarantined, rung FROM simulations")
+        try:
+            return {
+                key: Entry(statuses[state], seconds, quarantined, rung)
+                for key, state, seconds, quarantined, rung in rows
+            }
+        except KeyError as error:
+            raise damaged(self.path, f"a row of 'simulations' has the state {error}") from None
+
+    def finished_of_last_sweep(self) -> set[str]:
+        """Keys of the sweep begun last that are finished."""
+        return {key for (key,) in self._all("SELECT key FROM jobs JOIN simulations USING (key)")}
+
+    def finished_sets(self) -> set[int]:
+        """``set_id`` of the sweep begun last that are finished at every spot."""
+        query = "SELECT jobs.set_id FROM jobs LEFT JOIN simulations USING (key) GROUP BY jobs.set_id "
+        return {set_id for (set_id,) in self._all(f"{query} HAVING count(state) = count(*)")}
+
+    def planned(self) -> dict[tuple[str, int], str]:
+        """Key of each job of the sweep begun last, by spot and set_id."""
+        rows = self._all("SELECT spot, set_id, key FROM jobs")
+        return {(spot, set_id): key for spot, set_id, key in rows}
+
+    def frame_of_last_sweep(self) -> pl.DataFrame:
+        """One row for each job of the sweep begun last that is finished."""
+        texts = ("spot", "key", "state", "message", "curves", "finished_at")
+        names = [*texts, "set_id", "seconds", "n_attempts"]
+        query = f"SELECT jobs.spot, {', '.join(names[1:]).replace('set_id', 'jobs.set_id')} FROM jobs "
+        rows = self._all(f"{query} JOIN simulations USING (key) ORDER BY jobs.spot, jobs.set_id")
+        schema = dict.fromkeys(texts, pl.String)
+        return pl.DataFrame(rows, schema=names, schema_overrides=schema, orient="row")
+
+    def copy_to(self, folder: Path) -> None:
+        """Copy the ledger and its curves, as they stand at one moment, even while somebody writes.
+
+        Parameters
+        ----------
+        folder : Path
+            Made where it is missing; without a ledger.
+
+        Raises
+        ------
+        LedgerError
+        """
+        if (folder / LEDGER).exists():
+            raise LedgerError(f"{folder / LEDGER}: already there; name a folder without a run")
+        with disk_errors(folder):
+            (folder / CURVES).mkdir(parents=True, exist_ok=True)
+            part = folder / temporary_name(LEDGER)
+            with contextlib.closing(sqlite3.connect(part)) as copy:
+                self._connection.backup(copy)
+                names = [name for (name,) in copy.execute("SELECT name FROM curve_files")]
+            for name in names:
+                _link(curve_file(self.folder, name), curve_file(folder, name))
+            part.replace(folder / LEDGER)
+
+    def counts(self) -> dict[str, int]:
+        """Simulations of the sweep begun last by state; ``left`` counts those to be done.
+
+        Jobs with one key count as one simulation.
+        """
+        rows = self._all(
+            "SELECT coalesce(state, 'left'), count(*) FROM (SELECT DISTINCT key FROM jobs) "
+            "LEFT JOIN simulations USING (key) GROUP BY 1 ORDER BY 2 DESC, 1"
+        )
+        return dict(rows)
+
+    def bytes_each(self) -> float | None:
+        """What a finished simulation takes on the disk, on average; None where there is none."""
+        ((n_finished, n_bytes),) = self._all(
+            "SELECT (SELECT count(*) FROM simulations), (SELECT coalesce(sum(size), 0) FROM curve_files)"
+        )
+        return (n_bytes + max(0, _size(self.path))) / n_finished if n_finished else None
+
+    def frame(self, table: str) -> pl.DataFrame:
+        """One of the tables as a data frame."""
+        with disk_errors(self.path):
+            return pl.read_database(f"SELECT * FROM {table}", self._connection, infer_schema_length=None)
+
+    def simulations(self, jobs: Mapping[str, Job]) -> dict[str, Simulation]:
+        """Finished simulations of jobs by key; those whose curves are gone are left out.
+
+        Raises
+        ------
+        LedgerError
+            A row or a file of curves holds something else than what was written.
+        """
+        rows = {row["key"]: row for row in self._rows(list(jobs))}
+        try:
+            responses = self._responses(rows.values())
+            return {
+                key: _simulation(jobs[key], row, responses.get(key))
+                for key, row in rows.items()
+                if row["curves"] is None or key in responses
+            }
+        except (IndexError, ValueError, RecursionError, pl.exceptions.PolarsError) as error:
+            raise damaged(self.path, f"a row cannot be read ({error})") from error
+
+    def without_curves(self) -> set[str]:
+        """Keys whose file of curves is missing or cut short; their simulations have to be done again."""
+        gone = {
+            name
+            for name, size in self._all("SELECT name, size FROM curve_files")
+            if _size(curve_file(self.folder, name)) < size
+        }
+        if not gone:
+            return set()
+        keys = self._all("SELECT key, curves FROM simulations WHERE curves IS NOT NULL")
+        return {key for key, name in keys if name in gone}
+
+    def _rows(self, keys: Sequence[str]) -> Iterator[sqlite3.Row]:
+        for begin in range(0, len(keys), 500):
+            some = keys[begin : begin + 500]
+            marks = ",".join("?" * len(some))
+            for row in self._all(f"SELECT * FROM simulations WHERE key IN ({marks})", some, named=True):
+                if row["digest"] != digest(tuple(row)[:-1]):
+                    raise damaged(self.path, f"the row of simulation {row['key']} is not as it was written")
+                yield row
+
+    def _responses(self, rows: Iterable[sqlite3.Row]) -> dict[str, Response | CurveError]:
+        by_file: dict[str, list[str]] = {}
+        for row in rows:
+            if row["curves"] is not None:
+                by_file.setdefault(row["curves"], []).append(row["key"])
+        files = {name: rest for name, *rest in self._all("SELECT * FROM curve_files")}
+        responses: dict[str, Response | CurveError] = {}
+        for name, keys in by_file.items():
+            responses.update(self._read_curves(name, files.get(name), keys))
+        return responses
+
+    def _read_curves(
+        self, name: str, expected: list[Any] | None, keys: Sequence[str]
+    ) -> dict[str, Response | CurveError]:
+        path = curve_file(self.folder, name)
+        if expected is None:
+            raise damaged(self.path, f"curve_files has no row '{name}'")
+        content = path.read_bytes() if path.is_file() else b""
+        size, sha256, _ = expected
+        if len(content) < size:
+            return {}
+        if hashlib.sha256(content).hexdigest() != sha256:
+            raise LedgerError(
+                f"{path}: not as it was written; the disk may be failing. Restore a copy, or delete the file "
+                f"to have its {len(keys)} simulations done again"
+            )
+        return unpack(content, keys)
+
+    def _all(self, query: str, values: Sequence[object] = (), *, named: bool = False) -> list[Any]:
+        with disk_errors(self.path):
+            cursor = self._connection.cursor()
+            if named:
+                cursor.row_factory = sqlite3.Row
+            return cursor.execute(query, values).fetchall()
+
+
+def _simulation(job: Job, row: sqlite3.Row, response: Response | CurveError | None) -> Simulation:
+    """Make the simulation of a row; an answer that cannot be used is unreadable, whoever kept it."""
+    status, message = Status(row["state"]), row["message"]
+    if isinstance(response, CurveError):
+        status, message, response = Status.UNREADABLE, str(response), None
+    return believable(
+        Simulation(
+            job=job,
+            status=status,
+            response=response,
+            message=message,
+            seconds=row["seconds"],
+            diagnostics=json.loads(row["diagnostics"]),
+        )
+    )
+
+
+# ------------------------------------------------------------------- connections
+
+
+def _empty() -> sqlite3.Connection:
+    connection = sqlite3.connect(":memory:")
+    connection.executescript(TABLES)
+    return connection
+
+
+def _read_only(path: Path) -> sqlite3.Connection:
+    """Open a ledger that somebody may be writing to, or that lies where nothing can be written."""
+    location = f"file:{quote(str(path.resolve()))}?mode=ro"
+    connection = sqlite3.connect(location, uri=True, isolation_level=None)
+    try:
+        connection.execute("SELECT count(*) FROM sqlite_master")
+    except sqlite3.OperationalError:
+        connection.close()
+        # A reader needs to write beside the file, unless the last writer has closed it.
+        if _size(path.with_name(f"{path.name}-wal")) > 0:
+            raise
+        connection = sqlite3.connect(f"{location}&immutable=1", uri=True, isolation_level=None)
+    return connection
+
+
+def _link(source: Path, target: Path) -> None:
+    """Let a second name stand for a file that nobody ever changes; copy it where that cannot be."""
+    if not source.exists():
+        return  # done again in the copy, as it would be here
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except OSError:
+        write_whole(target, source.read_bytes())
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return -1

@@ -1,0 +1,107 @@
+"""What a run read, chose and wrote: the values that the stages hand on."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import polars as pl
+
+from palpate.domain import Design, Limb, Response, Simulation
+
+if TYPE_CHECKING:
+    from palpate.report.verdict import Verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checked:
+    """A study whose files have been read and found usable.
+
+    Parameters
+    ----------
+    measured, limbs : mapping of spot name to Response, Limb
+        ``limbs`` is empty where the solver needs none.
+    design : Design
+    warnings : tuple of str
+        What is odd about the study or its curves, and stops nothing.
+    of_last_sweep : bool
+        Whether its simulations are those of the folder's last sweep, whatever the meshes are now.
+    """
+
+    measured: Mapping[str, Response]
+    limbs: Mapping[str, Limb]
+    design: Design
+    warnings: tuple[str, ...] = ()
+    of_last_sweep: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Selected:
+    """What identification chose.
+
+    Parameters
+    ----------
+    selection : DataFrame
+        One row per spot and scenario: spot, scenario, set_id, fopt, nmse_<channel>,
+        r2_<channel>, <region.parameter>.
+    generalisation : DataFrame
+        One row per spot for the one set with the least mean Fopt over the spots; empty
+        when no set succeeded at every spot.
+    refinement : DataFrame
+        Rows of the local search that started from each selected set; empty without one.
+    rays : DataFrame
+        Best multiple of any set by spot and scenario, as
+        :func:`palpate.stages.stiffness_scaling.best_on_rays` returns it; empty unless asked for.
+    proofs : DataFrame
+        Which chosen sets passed the solver's own proof, as :func:`palpate.stages.verification.prove`
+        returns it; empty where the solver has none.
+    without_result : mapping of (spot, scenario) to str
+        Why no set could be selected there; empty where every scenario has a set at every spot.
+    """
+
+    selection: pl.DataFrame
+    generalisation: pl.DataFrame
+    refinement: pl.DataFrame
+    rays: pl.DataFrame = field(default_factory=pl.DataFrame)
+    proofs: pl.DataFrame = field(default_factory=pl.DataFrame)
+    without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """What the report shows, and where it lies.
+
+    Parameters
+    ----------
+    tables : mapping of name to DataFrame
+    files : tuple of Path
+        Everything that was written.
+    verdict : Verdict
+        What the run amounts to, and its warnings.
+    """
+
+    tables: Mapping[str, pl.DataFrame]
+    files: tuple[Path, ...]
+    verdict: "Verdict"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunResult:
+    """Everything a run found."""
+
+    folder: Path
+    measured: Mapping[str, Response]
+    design: Design
+    simulations: tuple[Simulation, ...]
+    scores: pl.DataFrame
+    selected: Selected
+    report: Report
+
+    def __repr__(self) -> str:
+        chosen = self.selected.selection.height
+        return f"RunResult({self.folder}: {len(self.simulations)} simulations, {chosen} chosen sets)"
+
+    def _repr_html_(self) -> str:
+        from palpate.report import notebook_html as views
+
+        return views.run_result(self)

@@ -1,0 +1,163 @@
+"""How far a run is, read from its folder alone: by anyone, during the run or after it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from palpate.domain import Job, Normaliser, PointWeights, Response, Scenario, Status
+from palpate.run.directory import RunDirectory
+from palpate.run.ledger import Ledger
+from palpate.run.lock import Runner, living_runner_of
+from palpate.stages import scoring, selection
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunStatus:
+    """State of a run directory.
+
+    Parameters
+    ----------
+    runner : Runner or None
+        Who works there now.
+    n_simulations : int
+        Simulations of the sweep; jobs that ask for the same one count once.
+    states : mapping of state to number
+        Of those that are finished.
+    seconds_left : float or None
+        Estimated from the pace of this runner's; None where that cannot be told.
+    failures : DataFrame
+        state, reason, n, example, remedy; most frequent first.
+    best : DataFrame
+        spot, scenario, set_id, fopt: least so far.
+    """
+
+    folder: Path
+    runner: Runner | None
+    n_simulations: int
+    states: Mapping[str, int]
+    seconds_left: float | None
+    failures: pl.DataFrame
+    best: pl.DataFrame
+
+    @property
+    def n_finished(self) -> int:
+        """Simulations that are finished, however they ended."""
+        return sum(self.states.values())
+
+
+@dataclass
+class Watcher:
+    """Looks at a run directory again and again, and scores each simulation once.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    folder: Path
+    _scores: list[pl.DataFrame] = field(default_factory=list)
+    _scored: set[str] = field(default_factory=set)
+
+    def look(self) -> RunStatus:
+        """Read the state of the run.
+
+        Raises
+        ------
+        StudyError
+            The folder is no run directory.
+        LedgerError
+            Its ledger is damaged or of another version.
+        """
+        run = RunDirectory(self.folder)
+        manifest = run.manifest()
+        with Ledger(self.folder) as ledger:
+            counts, rows = ledger.counts(), ledger.frame_of_last_sweep()
+            self._score(run, manifest, ledger, rows)
+        runner, n_left = living_runner_of(self.folder), counts.pop("left", 0)
+        return RunStatus(
+            folder=self.folder,
+            runner=runner,
+            n_simulations=n_left + sum(counts.values()),
+            states=counts,
+            seconds_left=_seconds_left(rows, n_left, runner),
+            failures=failures(rows),
+            best=self._best(manifest),
+        )
+
+    def _score(
+        self, run: RunDirectory, manifest: Mapping[str, Any], ledger: Ledger, rows: pl.DataFrame
+    ) -> None:
+        states = [Status.OK.value, *([Status.DIVERGED.value] if manifest["rank_partial"] else [])]
+        new = rows.filter(pl.col("state").is_in(states), ~pl.col("key").is_in(list(self._scored)))
+        if new.is_empty():
+            return
+        measured = run.measured(tuple(manifest["spots"]))
+        for spot, of_spot in new.group_by("spot", maintain_order=True):
+            jobs = {row["key"]: _job(row) for row in of_spot.iter_rows(named=True)}
+            found = ledger.simulations(jobs)
+            self._scores.append(_scored(found.values(), str(spot[0]), measured, manifest))
+        self._scored.update(new["key"])
+
+    def _best(self, manifest: Mapping[str, Any]) -> pl.DataFrame:
+        scenarios = [Scenario(name=name, weights=weights) for name, weights in manifest["scenarios"].items()]
+        if not self._scores:
+            return pl.DataFrame()
+        candidates = selection.objectives(pl.concat(self._scores), scenarios)
+        least = candidates.sort("fopt", "set_id").group_by("spot", "scenario", maintain_order=True).first()
+        keys = candidates.select("spot", "scenario").unique(maintain_order=True)
+        best = keys.join(least, on=["spot", "scenario"], maintain_order="left")
+        return best.select("spot", "scenario", "set_id", "fopt")
+
+
+def _scored(
+    simulations: Any,  # noqa: ANN401 - any iterable of simulations
+    spot: str,
+    measured: Mapping[str, Response],
+    manifest: Mapping[str, Any],
+) -> pl.DataFrame:
+    return scoring.score(
+        simulations,
+        {spot: measured[spot]},
+        normaliser=Normaliser(manifest["normaliser"]),
+        minimum_coverage=manifest["minimum_coverage"],
+        weights=PointWeights(manifest["point_weights"]),
+        rank_partial=manifest["rank_partial"],
+    )
+
+
+def _job(row: Mapping[str, Any]) -> Job:
+    """Make a name tag of a job; what it was to do is in its key."""
+    return Job(spot=row["spot"], set_id=row["set_id"], materials={}, thetas={}, protocol=None)  # type: ignore[arg-type]
+
+
+def failures(rows: pl.DataFrame) -> pl.DataFrame:
+    """Group simulations that failed by state and reason, numbers aside, with what to try."""
+    remedies = {status.value: status.remedy for status in Status}
+    reason = pl.col("message").str.replace_all(r"\d+(\.\d+)?([eE][+-]?\d+)?", "…")
+    return (
+        rows.filter(pl.col("state") != Status.OK.value)
+        .unique("key", keep="first", maintain_order=True)
+        .group_by("state", reason.alias("reason"), maintain_order=True)
+        .agg(
+            pl.len().cast(pl.Int64).alias("n"),
+            pl.format("{}/{}", pl.col("spot").first(), pl.col("set_id").first()).alias("example"),
+        )
+        .with_columns(pl.col("state").replace(remedies).alias("remedy"))
+        .sort("n", descending=True, maintain_order=True)
+    )
+
+
+def _seconds_left(rows: pl.DataFrame, n_left: int, runner: Runner | None) -> float | None:
+    """Estimate from the pace of the results that came in last."""
+    if runner is None or n_left == 0:
+        return None
+    since = runner.since.replace(" UTC", "").replace(" ", "T")
+    times = rows.filter(pl.col("finished_at") >= since)["finished_at"].sort().tail(200).to_list()
+    if len(times) < 2:
+        return None
+    first, last = (datetime.fromisoformat(each) for each in (times[0], times[-1]))
+    return n_left * (last - first).total_seconds() / (len(times) - 1)

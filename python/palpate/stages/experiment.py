@@ -1,0 +1,295 @@
+"""Measured curves: read by the study's loader, and checked against its protocol."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from palpate import _core
+from palpate.domain import (
+    Channel,
+    Curve,
+    FloatArray,
+    Indentation,
+    Response,
+    moving_span,
+)
+from palpate.errors import CurveError, PalpateError
+from palpate.plugins.guard import answering_for
+from palpate.stages.curve_checks import check_curve, check_gaps, check_sizes
+from palpate.stages.repeats import average, described
+from palpate.study.reading import Study, StudySpot, relative
+
+COVERED_SHARE = 0.98
+"""Share of the protocol's travel that a measured curve must reach."""
+
+TURN_SLACK = 0.1
+"""Share of the protocol's travel by which a turning point may lie off the protocol's."""
+
+_PATH_COLUMNS = {"depth_mm": (0, "mm"), "rotation_deg": (1, "degrees")}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Presses:
+    """What the files of one spot hold, each checked against the protocol.
+
+    Parameters
+    ----------
+    spot : StudySpot
+    responses : mapping of file, as it is named in messages and the manifest, to Response
+    warnings : tuple of str
+        What is odd about them.
+    """
+
+    spot: StudySpot
+    responses: Mapping[str, Response]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that any file has, in the order in which they come."""
+        return tuple(dict.fromkeys(name for response in self.responses.values() for name in response))
+
+    def curves(self, channel: str) -> dict[str, Curve]:
+        """Curves of one channel by file."""
+        return {file: r[channel] for file, r in self.responses.items() if channel in r.curves}
+
+
+def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Response]:
+    """Measured response of each spot: the mean of its presses, where there are several.
+
+    Parameters
+    ----------
+    study : Study
+    channels : mapping of name to Channel
+        What each channel is measured over.
+
+    Raises
+    ------
+    CurveError
+        A file cannot be read, a channel that a scenario weights is missing, a curve does
+        not cover the protocol, or repeated presses differ in their path.
+    """
+    return {name: mean(presses) for name, presses in load_presses(study, channels).items()}
+
+
+def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Presses]:
+    """Read every file of each spot; raises as :func:`load_measured`."""
+    return {spot.spot.name: _load_spot(study, spot, channels) for spot in study.spots}
+
+
+def mean(presses: Presses) -> Response:
+    """Average the presses of a spot channel by channel, and say how each file was read.
+
+    Raises
+    ------
+    CurveError
+        The presses differ in their path.
+    """
+    curves: dict[str, Curve] = {}
+    averages: dict[str, object] = {}
+    for channel in presses.channels:
+        repeats = presses.curves(channel)
+        try:
+            curves[channel] = average(repeats)
+        except CurveError as error:
+            raise CurveError(f"spot '{presses.spot.spot.name}': {error}") from None
+        if len(repeats) > 1:
+            averages[channel] = described(curves[channel], repeats)
+    files = {file: response.record for file, response in presses.responses.items() if response.record}
+    record = {"files": files, "averages": averages, "warnings": list(presses.warnings)}
+    return Response(curves=curves, record={key: what for key, what in record.items() if what})
+
+
+def measured_warnings(measured: Mapping[str, Response]) -> tuple[str, ...]:
+    """What is odd about the measured curves, spot by spot."""
+    return tuple(text for response in measured.values() for text in response.record.get("warnings", ()))
+
+
+def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -> Presses:
+    responses: dict[str, Response] = {}
+    read_from: dict[str, str | None] = {}
+    warnings: list[str] = []
+    for only, paths in spot.measured.items():
+        for path in paths:
+            response = _load_file(study, spot, path, only)
+            for name in response:
+                if read_from.setdefault(name, only) != only:
+                    raise CurveError(
+                        f"{path}: channel '{name}' of spot '{spot.spot.name}' is already read from "
+                        "another file; name each channel once"
+                    )
+            found = _check_response(study, spot, path, response, channels)
+            warnings += [f"{path.name}: spot '{spot.spot.name}': {text}" for text in found]
+            responses[_told(path, study, responses)] = response
+        _check_alike(spot, paths, responses)
+    presses = Presses(spot=spot, responses=responses, warnings=tuple(warnings))
+    _check_weighted(study, presses)
+    return presses
+
+
+def draw_files(study: Study, spot: StudySpot, folder: Path) -> tuple[Path, ...]:
+    """Let the loader draw what it does to each file of a spot, in a folder of its own each.
+
+    Parameters
+    ----------
+    study : Study
+    spot : StudySpot
+    folder : Path
+        Exists; gets a folder for each file, named after it.
+
+    Raises
+    ------
+    CurveError
+        A file cannot be loaded; what could be drawn of it before is there.
+    """
+    loader = study.loader_at(spot.spot.name)
+    drawn: list[Path] = []
+    for only, paths in spot.measured.items():
+        for path in paths:
+            own = _own_folder(folder, path.stem)
+            with answering_for(loader, f"drawing {path}"):
+                files = loader.draw(path, own, only)
+                if strays := [str(file) for file in files if not file.is_relative_to(own)]:
+                    raise ValueError(f"it wrote {', '.join(strays)} outside the folder {own}")
+            drawn += files
+    return tuple(drawn)
+
+
+def _own_folder(folder: Path, name: str) -> Path:
+    """Make a folder, with a number where files of two folders have one name."""
+    taken = sum(1 for each in folder.iterdir() if each.name.rpartition("~")[0] == name or each.name == name)
+    own = folder / (f"{name}~{taken + 1}" if taken else name)
+    own.mkdir()
+    return own
+
+
+def _load_file(study: Study, spot: StudySpot, path: Path, only: str | None) -> Response:
+    loader = study.loader_at(spot.spot.name)
+    with answering_for(loader, f"reading {path}"):
+        response = loader.load(path, only)
+        if not isinstance(response, Response):
+            raise TypeError(f"it returned a {type(response).__name__} and not a Response")
+    return response
+
+
+def _told(path: Path, study: Study, taken: Collection[str]) -> str:
+    """Path from the study's folder; the whole path of a file elsewhere whose name is taken."""
+    name = relative(path, study.folder)
+    return name if name not in taken else str(path)
+
+
+def _check_response(
+    study: Study, spot: StudySpot, path: Path, response: Response, channels: Mapping[str, Channel]
+) -> list[str]:
+    """Refuse curves that cannot be; returns what is odd, the loader's own warnings first."""
+    protocol = study.protocol_at(spot.spot.name)
+    found = [str(text) for text in response.record.get("warnings", ())]
+    try:
+        for name, curve in response.curves.items():
+            _check_known(name, channels)
+            if isinstance(protocol, Indentation):
+                check_covers(curve, channels[name], protocol, study.minimum_coverage)
+                if channels[name].abscissa in _PATH_COLUMNS:
+                    check_gaps(curve)
+            found += check_curve(curve, channels[name])
+        if isinstance(protocol, Indentation):
+            found += check_sizes(response, channels, protocol, study.space)
+    except PalpateError as error:
+        raise CurveError(f"{path}: spot '{spot.spot.name}': {error}") from error
+    return found
+
+
+def _check_alike(spot: StudySpot, paths: Sequence[Path], responses: Mapping[str, Response]) -> None:
+    """Refuse repeats of which one lacks a channel: its mean would be of fewer presses than it says."""
+    latest = list(responses.values())[-len(paths) :]
+    for path, response in zip(paths, latest, strict=True):
+        if missing := sorted(set(latest[0]) ^ set(response)):
+            raise CurveError(
+                f"{path}: spot '{spot.spot.name}': has channels {', '.join(response)}, and the first of its "
+                f"{len(paths)} presses {paths[0].name} has {', '.join(latest[0])}; "
+                f"measure '{missing[0]}' in each press or in none"
+            )
+
+
+def _check_known(name: str, channels: Mapping[str, Channel]) -> None:
+    if name not in channels:
+        raise CurveError(
+            f"channel '{name}' is declared by no plugin (known: {', '.join(channels) or 'none'}); "
+            "declare it in a palpate_channels hook"
+        )
+
+
+def _check_weighted(study: Study, presses: Presses) -> None:
+    found = presses.channels
+    for scenario in study.scenarios:
+        for channel, weight in scenario.weights.items():
+            if weight > 0.0 and channel not in found:
+                files = ", ".join(str(path) for path in presses.spot.files)
+                raise CurveError(
+                    f"{files}: spot '{presses.spot.spot.name}' has no channel '{channel}', which scenario "
+                    f"'{scenario.name}' weights (found: {', '.join(found) or 'none'}); measure it or "
+                    "leave the scenario out"
+                )
+
+
+def check_covers(
+    curve: Curve, channel: Channel, protocol: Indentation, minimum_coverage: float = 0.0
+) -> None:
+    """Refuse a measured curve that does not follow the protocol.
+
+    It must run through ``COVERED_SHARE`` of the protocol's travel, turn where the protocol
+    does and as often, and lie within it for at least ``minimum_coverage`` of its points. A
+    channel over anything but depth or rotation is not checked.
+
+    Raises
+    ------
+    CurveError
+        Saying what is covered and what the protocol asks for.
+    """
+    if channel.abscissa not in _PATH_COLUMNS:
+        return
+    column, unit = _PATH_COLUMNS[channel.abscissa]
+    asked = protocol.path[:, column]
+    if not np.ptp(asked) > 0.0:
+        raise CurveError(
+            f"channel '{curve.channel}' is measured over {channel.abscissa}, which the protocol never "
+            "moves; add it to the protocol's path or leave the channel out"
+        )
+    for problem in _departures(curve, asked, unit, minimum_coverage):
+        raise CurveError(f"channel '{curve.channel}' {problem}")
+
+
+def _departures(curve: Curve, asked: FloatArray, unit: str, minimum_coverage: float) -> Iterator[str]:
+    low, high = float(asked.min()), float(asked.max())
+    least, most = float(curve.abscissa.min()), float(curve.abscissa.max())
+    covered = f"covers {least:g} to {most:g} {unit} where the protocol runs from {low:g} to {high:g} {unit}"
+    slack = (1.0 - COVERED_SHARE) * (high - low)
+    if least > low + slack or most < high - slack:
+        yield f"{covered}; measure the whole path or shorten the protocol"
+    outside = (curve.abscissa < low - slack) | (curve.abscissa > high + slack)
+    if 1.0 - outside.mean() < minimum_coverage:
+        yield f"{covered}; cut the curve or extend the protocol"
+    path = np.ascontiguousarray(asked[moving_span(asked)])
+    planned = [float(path[stop - 1]) for _, stop in _core.branches(path)]
+    travelled = [float(curve.abscissa[stop - 1]) for _, stop in curve.branches]
+    turns, allowed = len(travelled) - 1, len(planned) - 1
+    if turns > allowed:
+        turning_point = curve.branches[allowed + 1][0]
+        yield (
+            f"turns {turns} times where the protocol turns {allowed} times (first at row "
+            f"{turning_point}, {curve.abscissa[turning_point]:g} {unit}); smooth its abscissa"
+        )
+    for k, (end, goal) in enumerate(zip(travelled[:-1], planned[:-1], strict=False)):
+        if abs(end - goal) > TURN_SLACK * (high - low):
+            yield (
+                f"goes to {end:g} {unit} {'then' if k else 'first'} where the protocol goes to {goal:g} "
+                f"{unit}; give [protocol] the order and signs of the measured path, or turn the sign of "
+                "the column"
+            )
+    if turns < allowed:
+        yield (
+            f"turns {turns} times where the protocol turns {allowed} times; measure the whole path "
+            "or shorten the protocol"
+        )

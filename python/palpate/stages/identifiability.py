@@ -1,0 +1,379 @@
+"""How well a sweep has determined its parameters, from the curves that it has already.
+
+Every simulated curve, read at the measured points, is fitted as a polynomial of the parameters
+(:mod:`palpate.stages.surrogate`), which makes Fopt a quadratic over the box of their ranges. Its least is
+the fitted optimum. The interval of a parameter is as far as it can move until Fopt passes a
+threshold, the other parameters adjusting themselves within their ranges. No simulation is made for it.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from palpate import _core
+from palpate.domain import Design, FloatArray, IntArray, Parameter, Response, Scenario, Simulation
+from palpate.stages.refinement import Refined
+from palpate.stages.scoring import compare, point_weights
+from palpate.stages.selection import objectives
+from palpate.stages.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
+from palpate.study.reading import Study
+
+WORDS: tuple[tuple[float, str], ...] = ((0.1, "well"), (0.3, "roughly"), (0.8, "poorly"), (np.inf, "not"))
+"""What is said of an interval up to each share of the parameter's range."""
+
+UNCLEAR = "unclear"
+"""What is said where the sweep has too few sets, or curves that no polynomial follows."""
+
+ALL_SPOTS = "all spots"
+"""Stands for the spot where all of them are fitted together."""
+
+FLOOR = 1e-6
+"""Share of the median Fopt that no threshold is below: simulated curves are not exact."""
+
+APART = 0.05
+"""Share of a range by which two fits must differ to be called in disagreement."""
+
+N_MOVES = 3
+"""Times that the polynomial is moved to the optimum that it has: its slopes are best there."""
+
+_SCHEMA = {
+    "spot": pl.String,
+    "scenario": pl.String,
+    "parameter": pl.String,
+    "unit": pl.String,
+    "value": pl.Float64,
+    "optimum": pl.Float64,
+    "lower": pl.Float64,
+    "upper": pl.Float64,
+    "share": pl.Float64,
+    "determined": pl.String,
+    "moves_with": pl.String,
+    "correlation": pl.Float64,
+    "limit": pl.Float64,
+    "n_as_good": pl.Int64,
+    "q2": pl.Float64,
+}
+
+_DISAGREEMENTS = {
+    "spot": pl.String,
+    "first": pl.String,
+    "second": pl.String,
+    "parameter": pl.String,
+    "unit": pl.String,
+    "first_optimum": pl.Float64,
+    "second_optimum": pl.Float64,
+}
+
+Swept = Mapping[tuple[str, str], FloatArray]
+"""Simulated ordinates at the measured points by spot and channel: (n_sets, n_points), NaN where none."""
+
+
+def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Response], n_sets: int) -> Swept:
+    """Read every simulated curve at the measured points.
+
+    Parameters
+    ----------
+    simulations : iterable of Simulation
+        Of the sweep; what they did not get to is NaN.
+    measured : mapping of spot name to Response
+    n_sets : int
+        Rows of the design.
+    """
+    swept = {
+        (spot, name): np.full((n_sets, curve.abscissa.size), np.nan)
+        for spot, response in measured.items()
+        for name, curve in response.curves.items()
+    }
+    for simulation in simulations:
+        spot = simulation.job.spot
+        if simulation.response is not None:
+            for name, curve in measured[spot].curves.items():
+                swept[spot, name][simulation.job.set_id] = compare(simulation, curve).values
+    return swept
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Determination:
+    """What the curves of a sweep say of its parameters.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row per row of the selection and parameter, then those of all spots together: spot,
+        scenario, parameter, unit, value (of the best set); optimum, where the fitted Fopt is
+        least; lower and upper, the interval within the range; share, its length over that of the
+        range; determined, the word for it; moves_with and correlation, the parameter that it
+        trades with most; limit, the Fopt up to which a set is about as good (the fitted least
+        plus itself, or plus what the measured spread or the error of the fit makes, whichever is
+        more); n_as_good, sets of the sweep within it; q2, the share of variation that the fit
+        predicts at sets left out of it. What is unknown is null, and its word is "unclear".
+    disagreements : DataFrame
+        One row per spot, pair of scenarios without a common channel that no set fits about as
+        well as each alone, and parameter: spot, first and second (channels), parameter, unit,
+        first_optimum and second_optimum.
+    """
+
+    table: pl.DataFrame
+    disagreements: pl.DataFrame
+
+
+def determine(
+    study: Study,
+    design: Design,
+    measured: Mapping[str, Response],
+    swept: Swept,
+    scores: pl.DataFrame,
+    selection: pl.DataFrame,
+    generalisation: pl.DataFrame,
+    refined: Refined,
+) -> Determination:
+    """Find the interval of every parameter at every spot in every scenario, and over all spots.
+
+    Parameters
+    ----------
+    study : Study
+    design : Design
+    measured : mapping of spot name to Response
+    swept : mapping of (spot, channel) to (n_sets, n_points) array
+        As :func:`at_measured` returns it.
+    scores, selection, generalisation : DataFrame
+        As :mod:`palpate.stages.scoring`, :mod:`palpate.stages.selection` and :mod:`palpate.stages.generalisation`
+        return them.
+    refined : Refined
+        Where it has a row, that is the best set.
+    """
+    curves = _Curves(study=study, measured=measured, swept=swept, ranked=objectives(scores, study.scenarios))
+    refinements = {(row["spot"], row["scenario"]): row for row in refined.table.iter_rows(named=True)}
+    scenarios = {scenario.name: scenario for scenario in study.scenarios}
+    cases = []
+    for chosen in selection.iter_rows(named=True):
+        spot, name = chosen["spot"], chosen["scenario"]
+        end = refinements.get((spot, name), {})
+        is_refined = end.get("fopt") is not None
+        best = end if is_refined else chosen
+        cases.append(curves.case(spot, scenarios[name], [spot], best, design, is_refined=is_refined))
+    if len(measured) > 1 and not generalisation.is_empty():
+        best = generalisation.row(0, named=True)
+        spots = generalisation["spot"].to_list()
+        cases.append(curves.case(ALL_SPOTS, scenarios[best["scenario"]], spots, best, design))
+    return Determination(
+        table=pl.DataFrame([row for case in cases for row in case.rows()], schema=_SCHEMA),
+        disagreements=pl.DataFrame(
+            [row for a, b in combinations(cases, 2) for row in _disagreement(a, b)], schema=_DISAGREEMENTS
+        ),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Curves:
+    """Simulated and measured curves as residuals whose sum of squares is Fopt."""
+
+    study: Study
+    measured: Mapping[str, Response]
+    swept: Swept
+    ranked: pl.DataFrame
+
+    def case(
+        self,
+        label: str,
+        scenario: Scenario,
+        spots: Sequence[str],
+        best: Mapping[str, Any],
+        design: Design,
+        *,
+        is_refined: bool = False,
+    ) -> "_Case":
+        """Collect what is known of some spots together in a scenario."""
+        rows = self.ranked.filter(pl.col("scenario") == scenario.name, pl.col("spot").is_in(list(spots)))
+        means = rows.group_by("set_id").agg(pl.len(), pl.col("fopt").mean())
+        means = means.filter(pl.col("len") == len(spots)).sort("set_id")
+        sets = means["set_id"].to_numpy()
+        weighted = [(name, weight) for name, weight in scenario.weights.items() if weight > 0.0]
+        parts = [self._residuals(spot, *each, sets) for spot in spots for each in weighted]
+        spread = sum(self._spread(spot, name) * weight for spot in spots for name, weight in weighted)
+        return _Case(
+            spot=label,
+            scenario=scenario,
+            design=design,
+            sets=sets,
+            fopt=means["fopt"].to_numpy(),
+            residuals=np.concatenate(parts, axis=1) / np.sqrt(len(spots)),
+            spread=spread / len(spots),
+            best=best,
+            is_refined=is_refined,
+        )
+
+    def _spread(self, spot: str, channel: str) -> float:
+        """NMSE between curves that are one measured standard deviation apart."""
+        curve = self.measured[spot][channel]
+        if curve.std is None:
+            return 0.0
+        squares = float(np.average(curve.std**2, weights=point_weights(curve, self.study.weights)))
+        return squares / self._normaliser(spot, channel) ** 2
+
+    def _normaliser(self, spot: str, channel: str) -> float:
+        ordinate = self.measured[spot][channel].ordinate
+        return float(_core.normaliser(ordinate, self.study.normaliser.value))
+
+    def _residuals(self, spot: str, channel: str, weight: float, sets: IntArray) -> FloatArray:
+        """Residuals (n_sets, n_points) of one channel at one spot."""
+        curve, values = self.measured[spot][channel], self.swept[spot, channel][sets]
+        points = point_weights(curve, self.study.weights)
+        points = np.ones(curve.abscissa.size) if points is None else points
+        # A point that hardly any set reaches says nothing of the others.
+        reached = np.isfinite(values).mean(axis=0) > 0.5
+        points, values = points[reached], values[:, reached]
+        scale = np.sqrt(weight * points / points.sum()) / self._normaliser(spot, channel)
+        residuals: FloatArray = (values - curve.ordinate[reached]) * scale
+        return residuals
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """Fopt as a quadratic over the box of the ranges."""
+
+    form: QuadraticForm
+    optimum: FloatArray
+    least: float
+    margin: float
+    q2: float
+
+    def beyond(self) -> QuadraticForm:
+        """Fopt above the least, in margins: up to 1 a set is about as good."""
+        scale = np.sqrt(self.margin)
+        rest = (self.form.rest - self.least) / self.margin
+        return QuadraticForm(matrix=self.form.matrix / scale, offset=self.form.offset / scale, rest=rest)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Case:
+    """What is known of one spot, or of all, in one scenario."""
+
+    spot: str
+    scenario: Scenario
+    design: Design
+    sets: IntArray
+    fopt: FloatArray
+    residuals: FloatArray
+    spread: float
+    best: Mapping[str, Any]
+    is_refined: bool
+
+    @cached_property
+    def fit(self) -> _Fit | None:
+        """Fitted Fopt, moved to its own optimum; None where it cannot be relied on."""
+        complete = np.isfinite(self.residuals).all(axis=1)
+        at = _scaled(self.design.parameters, self.design.values[self.sets[complete]])
+        origin, found = self.at, None
+        for _ in range(N_MOVES):
+            slopes = fit_slopes(at - origin, self.residuals[complete], self.fopt[complete])
+            if slopes is None:
+                return None
+            form = slopes.form(origin)
+            origin = form.minimum()
+            least = form(origin)
+            known = float(self.best["fopt"]) if self.is_refined else least
+            margin = max(known, self.spread, slopes.error, FLOOR * float(np.median(self.fopt)))
+            found = _Fit(form=form, optimum=origin, least=least, margin=margin, q2=slopes.q2)
+        return found
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the fit predicts sets that were left out of it."""
+        return self.fit is not None and self.fit.q2 >= LEAST_Q2
+
+    @property
+    def at(self) -> FloatArray:
+        """Where the best set is in the box."""
+        values = np.array([[self.best[p.name] for p in self.design.parameters]])
+        at: FloatArray = _scaled(self.design.parameters, values)[0]
+        return at
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        fit = self.fit
+        fopt = float(self.best.get("fopt_mean", self.best["fopt"]))
+        limit = 2.0 * fopt if fit is None else (fopt if self.is_refined else fit.least) + fit.margin
+        for i, parameter in enumerate(self.design.parameters):
+            row = {
+                "spot": self.spot,
+                "scenario": self.scenario.name,
+                "parameter": parameter.name,
+                "unit": parameter.unit,
+                "value": self.best[parameter.name],
+                "determined": UNCLEAR,
+                "limit": limit,
+                "n_as_good": int((self.fopt <= limit).sum()),
+                "q2": None if fit is None else fit.q2,
+            }
+            yield row | self._told(parameter, i, fit) if fit is not None and self.is_usable else row
+
+    def _told(self, parameter: Parameter, i: int, fit: _Fit) -> dict[str, Any]:
+        low, high = fit.form.interval(i, fit.least + fit.margin)
+        if self.is_refined:
+            low, high = min(low, self.at[i]), max(high, self.at[i])
+        correlation = fit.form.correlation()
+        others = np.abs(correlation[i])
+        others[i] = -1.0
+        partner = int(np.argmax(others)) if others.size > 1 else None
+        return {
+            "optimum": _value(parameter, float(fit.optimum[i])),
+            "lower": _value(parameter, low),
+            "upper": _value(parameter, high),
+            "share": high - low,
+            "determined": next(word for most, word in WORDS if high - low <= most),
+            "moves_with": None if partner is None else self.design.parameters[partner].name,
+            "correlation": None if partner is None else correlation[i, partner],
+        }
+
+
+def _disagreement(a: _Case, b: _Case) -> Iterator[dict[str, Any]]:
+    """Rows on two fits at a spot that have no channel in common, where no set is about as good in both."""
+    channels = [[name for name, weight in case.scenario.weights.items() if weight > 0.0] for case in (a, b)]
+    if a.spot != b.spot or set(channels[0]) & set(channels[1]) or not (a.is_usable and b.is_usable):
+        return
+    fits = [case.fit for case in (a, b) if case.fit is not None]
+    first, second = (fit.beyond() for fit in fits)
+    if max(together([(w, first), (1.0 - w, second)]) for w in np.linspace(0.05, 0.95, 19)) <= 1.0:
+        return
+    by_name = [{row["parameter"]: row for row in case.rows()} for case in (a, b)]
+    seen = [
+        (i, parameter)
+        for i, parameter in enumerate(a.design.parameters)
+        if all(rows[parameter.name]["determined"] != "not" for rows in by_name)
+    ]
+    if seen and max(abs(fits[0].optimum[i] - fits[1].optimum[i]) for i, _ in seen) <= APART:
+        return
+    head = {"spot": a.spot, "first": " + ".join(channels[0]), "second": " + ".join(channels[1])}
+    if not seen:
+        yield head
+    for _, parameter in seen:
+        optima = (rows[parameter.name]["optimum"] for rows in by_name)
+        values = dict(zip(("first_optimum", "second_optimum"), optima, strict=True))
+        yield {**head, "parameter": parameter.name, "unit": parameter.unit, **values}
+
+
+def _scaled(parameters: tuple[Parameter, ...], values: FloatArray) -> FloatArray:
+    """Values (n, p) as shares of their ranges, or of the logarithms of them."""
+    columns = [
+        [share_of_range(parameter, value) for value in column]
+        for parameter, column in zip(parameters, values.T.tolist(), strict=True)
+    ]
+    return np.array(columns, dtype=np.float64).T
+
+
+def share_of_range(parameter: Parameter, value: float) -> float:
+    """Where a value lies in its range, 0 to 1, or in that of the logarithms where these are spread evenly."""
+    if parameter.scale == "log":
+        return float(np.log(value / parameter.lower) / np.log(parameter.upper / parameter.lower))
+    return (value - parameter.lower) / (parameter.upper - parameter.lower)
+
+
+def _value(parameter: Parameter, share: float) -> float:
+    if parameter.scale == "log":
+        return float(parameter.lower * (parameter.upper / parameter.lower) ** share)
+    return float(parameter.lower + share * (parameter.upper - parameter.lower))

@@ -1,0 +1,174 @@
+"""Keys of simulations: the hash of everything that decides a result, and of nothing else.
+
+A component is in a key by its name, its settings and the fingerprint of its code; everything else by
+its values, of whatever class it is: all fields of a dataclass count, and so does its class.
+"""
+
+import functools
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from palpate.domain import Job, Limb, Protocol, Simulation
+from palpate.errors import PluginError
+from palpate.plugins.fingerprints import CORE, code_fingerprint
+from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import Component, Material, Solver
+
+NOTHING_TRUSTED: Mapping[str, str] = {}
+"""Every component's results are those of its code as it is."""
+
+
+def job_key(job: Job, limb: Limb | None, solver: Solver, trusted: Mapping[str, str] = NOTHING_TRUSTED) -> str:
+    """Hash of everything that decides the result of a job.
+
+    That is the mesh, the spot, each region's material with its code, settings and values, the
+    protocol, and the solver with its version, code and settings. The ``set_id`` is a name and
+    decides nothing.
+
+    Parameters
+    ----------
+    trusted : mapping of component to fingerprint
+        Fingerprints of earlier code whose results count as those of the code as it is, by
+        ``material:NAME`` or ``solver:NAME``.
+    """
+    return JobKeys(solver, trusted).key(job, limb_key(limb))
+
+
+def limb_key(limb: Limb | None) -> str:
+    """Hash of a mesh and the spot on it."""
+    digest = hashlib.sha256()
+    if limb is not None:
+        for value, name_tags in ((limb, ("spot",)), (limb.spot, ("name",))):
+            kind, items = _fields(value)
+            _add_items(digest, kind, [(name, item) for name, item in items if name not in name_tags])
+    return digest.hexdigest()
+
+
+def solver_key(solver: Solver, trusted: Mapping[str, str] = NOTHING_TRUSTED) -> str:
+    """Hash of a solver, its version, its code and its settings."""
+    digest = hashlib.sha256()
+    _add(digest, *_described("solver", solver, trusted))
+    return digest.hexdigest()
+
+
+def identity(component: Component) -> str:
+    """Fingerprint of a component's code; of a solver with the versions that it states and of palpate.
+
+    Raises
+    ------
+    PluginError
+        The component fails to make one.
+    """
+    with answering_for(component, "asking for its version and fingerprint"):
+        parts = [component.fingerprint()]
+        if isinstance(component, Solver):  # it computes with palpate's own elements and stresses
+            parts = [f"version {component.version()}", f"{CORE} {metadata.version(CORE)}", *parts]
+    if not all(isinstance(part, str) and part for part in parts):
+        raise PluginError(
+            f"'{component.name}': fingerprint() returned {parts[-1]!r}; return a non-empty text"
+        )
+    return ", ".join(parts)
+
+
+class JobKeys:
+    """Keys of jobs; what all sets of a spot have in common is hashed once."""
+
+    def __init__(self, solver: Solver, trusted: Mapping[str, str] = NOTHING_TRUSTED) -> None:
+        self._trusted = trusted
+        self._solver = solver_key(solver, trusted)
+        # The object itself is kept next to the answer, so that no other object gets its id.
+        self._heads: dict[tuple[str, int], tuple[Protocol, hashlib._Hash]] = {}
+        self._regions: dict[tuple[str, int], tuple[Material, bytes]] = {}
+
+    def key(self, job: Job, limb: str) -> str:
+        """Key of a job on the limb with this key."""
+        digest = self._head(job.protocol, limb).copy()
+        for region in sorted(job.materials):
+            digest.update(self._region(region, job.materials[region]))
+            _add(digest, job.thetas[region])
+        return digest.hexdigest()
+
+    def _head(self, protocol: Protocol, limb: str) -> "hashlib._Hash":
+        found = self._heads.get((limb, id(protocol)))
+        if found is None:
+            digest = hashlib.sha256()
+            _add(digest, limb, self._solver, protocol)
+            found = self._heads[limb, id(protocol)] = (protocol, digest)
+        return found[1]
+
+    def _region(self, region: str, material: Material) -> bytes:
+        found = self._regions.get((region, id(material)))
+        if found is None:
+            described = _described("material", material, self._trusted)
+            encoded = b"".join(map(_encoded, (region, *described)))
+            found = self._regions[region, id(material)] = (material, encoded)
+        return found[1]
+
+
+def _described(kind: str, component: Component, trusted: Mapping[str, str]) -> tuple[str, str, str]:
+    settings = json.dumps(component.settings.model_dump(mode="json"), sort_keys=True)
+    return component.name, settings, trusted.get(f"{kind}:{component.name}") or identity(component)
+
+
+def answers_key(simulations: Iterable[Simulation]) -> str:
+    """Hash of what simulations answered: how each ended, and its curves to the last bit."""
+    digest = hashlib.sha256()
+    for simulation in simulations:
+        job = simulation.job
+        _add(digest, job.spot, int(job.set_id), simulation.status.value, simulation.message)
+        for name, curve in simulation.response.curves.items() if simulation.response is not None else ():
+            _add(digest, name, curve.abscissa, curve.ordinate)
+    return digest.hexdigest()[:16]
+
+
+def _add(digest: "hashlib._Hash", *parts: object) -> None:
+    """Feed values to a hash so that neither their borders nor their shapes can be confused."""
+    for part in parts:
+        match part:
+            case np.ndarray():
+                digest.update(f"array {part.dtype.str} {part.shape};".encode())
+                digest.update(np.ascontiguousarray(part).tobytes())
+            case str() | int() | float() | None:
+                digest.update(_encoded(part))
+            case np.generic():
+                _add(digest, part.item())
+            case Mapping():
+                _add_items(digest, "mapping", sorted(part.items()))
+            case Sequence():
+                digest.update(f"sequence {len(part)};".encode())
+                _add(digest, *part)
+            case _:
+                _add_items(digest, *_fields(part))
+
+
+def _add_items(digest: "hashlib._Hash", kind: str, items: Iterable[tuple[str, object]]) -> None:
+    listed = list(items)
+    digest.update(f"{kind} {len(listed)};".encode())
+    for name, value in listed:
+        _add(digest, name, value)
+
+
+def _fields(value: object) -> tuple[str, list[tuple[str, Any]]]:
+    """Class and fields of a dataclass, and whatever else was put on the value."""
+    cls = type(value)
+    if not is_dataclass(value):
+        raise PluginError(
+            f"a value of class {cls.__module__}.{cls.__qualname__} decides a result but cannot be part of "
+            "its key; make the class a dataclass"
+        )
+    names = [field.name for field in fields(value)]
+    names += [name for name in vars(value) if name not in names] if hasattr(value, "__dict__") else []
+    names = [n for n in names if not isinstance(getattr(cls, n, None), functools.cached_property)]
+    kind = f"{cls.__module__}.{cls.__qualname__} {code_fingerprint(cls)}"
+    return kind, [(name, getattr(value, name)) for name in names]
+
+
+def _encoded(part: object) -> bytes:
+    text = json.dumps(part).encode()
+    return f"json {len(text)};".encode() + text

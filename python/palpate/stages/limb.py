@@ -1,0 +1,322 @@
+"""Limbs: made by the study's limb source, and refused when they cannot be simulated."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from palpate.domain import BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh
+from palpate.errors import MeshError, StudyError
+from palpate.plugins.guard import answering_for
+from palpate.run.plain_values import MOST_BYTES, check_plain
+from palpate.shape_functions import HEX_CORNERS, linear_simplex, multilinear, quadratic_simplex
+from palpate.stages.cell_fields import check_frames, with_fields
+from palpate.stages.mesh_joints import check_joints, holes
+from palpate.study.reading import Study
+from palpate.topology import CELLS, Cell
+
+
+def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
+    """Limb of each spot, checked; empty when the solver needs none.
+
+    With ``missing_ok`` spots are left out whose mesh file is not there any more.
+
+    Raises
+    ------
+    MeshError
+        A mesh cannot be read or simulated.
+    StudyError
+        The solver needs a mesh and the study names none.
+    """
+    if not study.solver.needs_limb:
+        return {}
+    limbs = {}
+    meshes = {spot.spot.name: spot.mesh for spot in study.spots if spot.mesh is not None}
+    for region in study.space.regions:
+        if not region.material.isotropic and not region.material.fields:
+            check_frames(region, meshes, map(mesh_note, meshes.values()), one_frame=study.one_frame)
+    for spot in study.spots:
+        name = spot.spot.name
+        if missing_ok and not (spot.mesh and spot.mesh.is_file()):
+            continue
+        if spot.mesh is None or study.limb_source is None:
+            raise StudyError(
+                f"spot '{name}' has no mesh, which solver '{study.solver.name}' needs; name a mesh file"
+            )
+        with answering_for(study.limb_source, f"reading {spot.mesh}"):
+            limb = study.limb_source.load(spot.mesh, spot.spot)
+            if not isinstance(limb, Limb):
+                raise TypeError(f"it returned a {type(limb).__name__} and not a Limb")
+        try:
+            check_limb(limb, [region.region for region in study.space.regions])
+            if isinstance(protocol := study.protocol_at(name), Indentation):
+                check_depth(limb, protocol)
+            limbs[name] = with_fields(limb, study.space.regions)
+        except MeshError as error:
+            raise MeshError(f"{spot.mesh}: {error}") from error
+    if len(limbs) == len(study.spots):
+        _check_every_region(study, limbs)
+    return limbs
+
+
+def _check_every_region(study: Study, limbs: Mapping[str, Limb]) -> None:
+    used = frozenset[str]().union(*(limb.mesh.used_regions for limb in limbs.values()))
+    for region in study.space.regions:
+        if region.region not in used:
+            raise MeshError(
+                f"region '{region.region}' has a material but no element in any mesh; correct its name "
+                f"(regions of the meshes: {', '.join(sorted(used))})"
+            )
+
+
+def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
+    """What is odd in the limbs, though it can be simulated, each in a sentence."""
+    found = []
+    for name, limb in limbs.items():
+        here = limb.mesh.used_regions
+        absent = [region.region for region in study.space.regions if region.region not in here]
+        if absent:
+            found.append(
+                f"spot '{name}' has no region {', '.join(absent)}: its parameters change nothing there"
+            )
+        found.extend(f"spot '{name}': {hole}" for hole in holes(limb.mesh))
+    return found
+
+
+def mesh_note(mesh: Path) -> dict[str, Any] | None:
+    """What whoever made a mesh wrote beside it, as ``<mesh>.json``; None where nothing lies there.
+
+    Raises
+    ------
+    MeshError
+        It is no JSON object, larger than 1 MB, or holds what JSON or a terminal does not take.
+    """
+    beside = mesh.with_suffix(".json")
+    if not beside.is_file():
+        return None
+    try:
+        if beside.stat().st_size > MOST_BYTES:
+            raise ValueError("larger than 1 MB")
+        note = json.loads(beside.read_text(encoding="utf-8"))
+        if not isinstance(note, dict):
+            raise ValueError("not an object")
+        check_plain(note)
+        json.dumps(note, allow_nan=False)
+    except (ValueError, RecursionError, OSError) as error:
+        raise MeshError(
+            f"{beside}: not a note on the mesh of that name ({error}); write it again, or move it away"
+        ) from error
+    return note
+
+
+def check_limb(limb: Limb, regions: Sequence[str]) -> None:
+    """Refuse a limb that cannot be simulated.
+
+    Parameters
+    ----------
+    limb : Limb
+    regions : sequence of str
+        Regions that have a material; a limb need not have them all.
+
+    Raises
+    ------
+    MeshError
+        Naming the element, node or region.
+    """
+    mesh = limb.mesh
+    _check_arrays(mesh)
+    _check_regions(mesh, regions)
+    _check_node_sets(mesh)
+    _check_elements(mesh)
+    _check_edges(mesh)
+    check_joints(limb)
+    _check_held(mesh)
+    _check_spot(limb)
+
+
+def check_depth(limb: Limb, protocol: Indentation) -> None:
+    """Refuse an indentation that goes through the limb, as it does where a mesh is in another unit.
+
+    Raises
+    ------
+    MeshError
+        Naming the depth and how far the limb reaches below the spot.
+    """
+    reach = float(((limb.spot.position_mm - limb.mesh.points_mm) @ limb.spot.normal).max())
+    deepest = float(protocol.path[:, 0].max())
+    if deepest >= reach:
+        raise MeshError(
+            f"spot '{limb.spot.name}': the protocol presses {deepest:g} mm deep, and the limb reaches "
+            f"{reach:.3g} mm below the spot; check the unit of the mesh, or press less deep"
+        )
+
+
+def _refuse(problems: Iterable[str]) -> None:
+    for problem in problems:
+        raise MeshError(problem)
+
+
+def _check_arrays(mesh: Mesh) -> None:
+    _refuse(_array_problems(mesh))
+
+
+def _array_problems(mesh: Mesh) -> Iterator[str]:
+    points = mesh.points_mm
+    if points.ndim != 2 or points.shape[1] != 3:
+        yield f"mesh: points of shape {points.shape}; give (n_nodes, 3) coordinates in mm"
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if bad.size:
+        yield f"mesh: node {bad[0]} lies at {points[bad[0]].tolist()}; every coordinate must be finite"
+    if mesh.n_cells == 0:
+        yield f"mesh: no volume elements; give cells of {', '.join(CELLS)}"
+    for kind, cells in mesh.cells.items():
+        if kind not in CELLS:
+            yield f"mesh: elements of kind '{kind}'; use {', '.join(CELLS)}"
+        if cells.ndim != 2 or cells.shape[1] != CELLS[kind].n_nodes:
+            yield f"mesh: {kind} cells of shape {cells.shape}; give (n_cells, {CELLS[kind].n_nodes})"
+        yield from _index_problems(f"{kind} cells", cells, mesh.n_nodes)
+        if kind not in mesh.cell_regions or mesh.cell_regions[kind].shape != (len(cells),):
+            yield f"mesh: {kind} has {len(cells)} cells and not one region for each; give them all one"
+        ids = mesh.cell_regions[kind]
+        yield from _index_problems(f"regions of {kind}", ids, len(mesh.regions), "region")
+    for name, nodes in mesh.node_sets.items():
+        yield from _index_problems(f"node set '{name}'", nodes, mesh.n_nodes)
+
+
+def _index_problems(what: str, indices: IntArray, n: int, noun: str = "node") -> Iterator[str]:
+    bad = np.argwhere((indices < 0) | (indices >= n))
+    if bad.size:
+        place = tuple(int(i) for i in bad[0])
+        row = ", ".join(map(str, place))
+        yield f"mesh: {what}[{row}] names {noun} {indices[place]}, but there are {n}; write the mesh anew"
+
+
+def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:
+    for region in sorted(mesh.used_regions - set(regions)):
+        raise MeshError(f"mesh: region '{region}' has no material (given: {', '.join(regions)}); give it one")
+
+
+def _check_node_sets(mesh: Mesh) -> None:
+    purposes = {"fixed": "nodes held still, or the limb flies away", "contact": "the skin that is pressed"}
+    for name, purpose in purposes.items():
+        if np.size(mesh.node_sets.get(name, ())) == 0:
+            raise MeshError(
+                f"mesh: node set '{name}' is missing or empty (it holds {purpose}); mark those nodes"
+            )
+    used = np.zeros(mesh.n_nodes, dtype=bool)
+    for cells in mesh.cells.values():
+        used[cells] = True
+    if not used.all():
+        raise MeshError(
+            f"mesh: {np.count_nonzero(~used)} nodes belong to no element, first node "
+            f"{np.flatnonzero(~used)[0]}; remove them"
+        )
+
+
+# ------------------------------------------------------------------- elements
+
+
+def _check_elements(mesh: Mesh) -> None:
+    for kind, cells in mesh.cells.items():
+        if not len(cells):
+            continue
+        least, size = _least_jacobian(kind, mesh.points_mm[cells])
+        # A sliver below this share of its own size is flat up to round-off.
+        bad = np.flatnonzero(least <= 1e-9 * size)
+        if bad.size:
+            centre = mesh.points_mm[cells[bad[0]]].mean(axis=0)
+            raise MeshError(
+                f"mesh: {bad.size} {kind} elements are inverted or flat, first element {bad[0]} near "
+                f"{np.round(centre, 3).tolist()} mm with Jacobian determinant {least[bad[0]]:.3g} mm³; "
+                "repair the mesh or its node order"
+            )
+
+
+def _least_jacobian(kind: str, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least Jacobian determinant over the sampled points, and the cube of the extent: (n_cells,)."""
+    jacobians = np.einsum("qai,caj->cqij", _SLOPES[kind], corners)
+    least: FloatArray = np.linalg.det(jacobians).min(axis=1)
+    extent: FloatArray = np.ptp(corners, axis=1).max(axis=1)
+    return least, extent**3
+
+
+_GAUSS = 0.1381966011250105 + 0.4472135954999579 * np.eye(4)
+_SLOPES: Mapping[str, FloatArray] = MappingProxyType(
+    {
+        "tet4": linear_simplex(np.eye(4)[:1])[1],
+        "tet10": quadratic_simplex(np.vstack([np.eye(4), _GAUSS]), CELLS["tet10"].edges)[1],
+        "hex8": multilinear(np.vstack([HEX_CORNERS, HEX_CORNERS / np.sqrt(3.0)]), HEX_CORNERS)[1],
+    }
+)
+"""Slopes of the shape functions where elements are checked: at corners and quadrature points."""
+
+
+def _check_edges(mesh: Mesh) -> None:
+    """Refuse elements that share an edge and not its middle: they would come apart there."""
+    found = [_edges(mesh.cells[kind], CELLS[kind]) for kind in sorted(mesh.cells)]
+    rows = np.concatenate(found)
+    order = np.lexsort((rows[:, 1], rows[:, 0]))
+    rows = rows[order]
+    same = (rows[1:, :2] == rows[:-1, :2]).all(axis=1) & (rows[1:, 2] != rows[:-1, 2])
+    if same.any():
+        k = int(np.flatnonzero(same)[0])
+        a, b = rows[k, :2]
+        middles = sorted(int(m) for m in rows[k : k + 2, 2])
+        what = f"nodes {middles[0]} and {middles[1]}" if middles[0] >= 0 else f"node {middles[1]} and none"
+        raise MeshError(
+            f"mesh: the edge between nodes {a} and {b} has {what} in its middle, by two elements that "
+            f"share it, at {np.round(mesh.points_mm[[a, b]].mean(axis=0), 3).tolist()} mm: they would come "
+            "apart there; use elements of one order, and merge equal nodes"
+        )
+
+
+def _edges(cells: IntArray, cell: Cell) -> IntArray:
+    """Edges (n_edges, 3) of cells: end nodes in order and the middle node, −1 without one."""
+    pairs = np.sort(cells[:, np.array(cell.edges)], axis=2)
+    middles = cells[:, cell.n_corners :] if cell.has_midside_nodes else np.full(pairs.shape[:2], -1)
+    return np.concatenate([pairs, middles[:, :, None]], axis=2).reshape(-1, 3)
+
+
+# ---------------------------------------------------------- supports and spot
+
+
+def _check_held(mesh: Mesh) -> None:
+    """Refuse a limb that can turn about its fixed nodes."""
+    fixed = mesh.node_sets["fixed"]
+    own = mesh.points_mm[fixed]
+    spread = np.linalg.svd(own - own.mean(axis=0), compute_uv=False)
+    if len(spread) < 2 or spread[1] <= 1e-9 * max(float(np.ptp(mesh.points_mm, axis=0).max()), spread[0]):
+        raise MeshError(
+            f"mesh: the fixed nodes lie on one line ({len(own)} nodes, the first {fixed[0]}), so the limb "
+            "can turn freely; fix three that do not"
+        )
+
+
+def _check_spot(limb: Limb) -> None:
+    """Refuse a spot that is not on the contact surface, or whose normal points inwards."""
+    mesh, spot = limb.mesh, limb.spot
+    contact = mesh.node_sets["contact"]
+    distances = np.linalg.norm(mesh.points_mm[contact] - spot.position_mm, axis=1)
+    nearest = int(contact[distances.argmin()])
+    around = [mesh.points_mm[cells[_touching(cells, nearest)]] for cells in mesh.cells.values()]
+    reach = max(float(np.ptp(corners, axis=1).max()) for corners in around if len(corners))
+    if distances.min() > reach:
+        raise MeshError(
+            f"spot '{spot.name}' at {spot.position_mm.tolist()} mm lies {distances.min():.3g} mm from the "
+            f"nearest contact node {nearest}, further than an element there ({reach:.3g} mm); "
+            "correct the spot's position, or mark the surface around it as contact"
+        )
+    inwards = np.vstack([corners.mean(axis=1) for corners in around]).mean(axis=0) - mesh.points_mm[nearest]
+    if float(inwards @ spot.normal) >= 0.0:
+        raise MeshError(
+            f"spot '{spot.name}': its normal {np.round(spot.normal, 6).tolist()} points into the limb at "
+            f"contact node {nearest}; give the outward normal"
+        )
+
+
+def _touching(cells: IntArray, node: int) -> BoolArray:
+    touching: BoolArray = (cells == node).any(axis=1)
+    return touching

@@ -1,0 +1,243 @@
+"""One design for all spots: points of the unit cube, put into the ranges and filtered.
+
+With ``refill`` the draw goes on until as many sets pass the filters as are wanted: the points
+are extended to twice as many, again and again, so that the sets already kept stay the same,
+and the first sets that pass are the design.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from palpate import _core
+from palpate.domain import BoolArray, Design, FloatArray, Parameter, ParameterSpace
+from palpate.errors import SamplingError
+from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import Sampler, SetFilter
+
+NO_ROW = -1
+"""The ``set_id`` of a set that is no row of the design, such as a step of a local search.
+
+What a solver files under a ``set_id`` stays that of the design's row.
+"""
+
+
+def draw_design(
+    space: ParameterSpace,
+    sampler: Sampler,
+    n_sets: int,
+    seed: int,
+    filters: Sequence[SetFilter] = (),
+    *,
+    refill: int = 0,
+    n_total: int = 0,
+    kept: FloatArray | None = None,
+) -> Design:
+    """Draw parameter sets and keep those that every filter accepts.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+    sampler : Sampler
+    n_sets : int
+        Sets to draw, of which filters leave fewer; with ``refill`` the sets to keep.
+    seed : int
+    filters : sequence of SetFilter
+        Applied in order, each to what the ones before it kept.
+    refill : int
+        Draw on until ``n_sets`` sets are kept, at most to this many times ``n_sets``,
+        rounded down to a power of 2; 0 draws once. ``n_drawn`` of the design then
+        counts the sets up to the last one kept.
+    n_total : int
+        Extend the design of ``n_sets`` to this many, which begin with the same sets: the points
+        are doubled until there are enough, so that a further extension begins with them too. Less
+        than ``n_sets`` leaves the first of them, for a cheap first look. 0 does neither.
+    kept : (n, n_parameters) array, optional
+        Sets that the design begins with, as :func:`kept_sets` returns them; only the rest is drawn.
+
+    Raises
+    ------
+    SamplingError
+        Nothing is searched, the sampler leaves the unit cube or changes points when it
+        extends them, no set is kept, or too few of those that ``refill`` allows.
+    """
+    parameters = space.parameters
+    if not parameters:
+        raise SamplingError("design: every parameter is fixed; give at least one a range to search")
+    points = _unit_points(sampler, n_sets, len(parameters), seed)
+    n_wanted = n_total or n_sets
+    if kept is None or not kept.size:
+        return _drawn(space, sampler, points, seed, filters, refill, n_wanted)
+    first = kept[accepted_by_all(filters, space, kept)][:n_wanted]
+    if (n_rest := n_wanted - len(first)) == 0:
+        return Design(parameters=parameters, values=first, seed=seed, n_drawn=n_wanted, n_kept=n_wanted)
+    rest = _drawn(space, sampler, points, seed, filters, refill, n_rest)
+    values = np.concatenate([first, rest.values])
+    return replace(rest, values=values, n_drawn=rest.n_drawn + len(first), n_kept=len(first))
+
+
+def kept_sets(
+    space: ParameterSpace, seed: int, earlier: Design, finished: Collection[int]
+) -> FloatArray | None:
+    """Sets of an earlier design that a design with these ranges begins with; None where there are none.
+
+    Where no range reaches further than before and one reaches less far, these are the finished
+    sets that are inside: they are spread over the narrower ranges as evenly as over the wider ones.
+    Where the ranges are those of the earlier design, they are what it began with itself.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+    seed : int
+        Another seed than the earlier one asks for sets of its own.
+    earlier : Design
+    finished : collection of int
+        ``set_id`` of the sets whose simulations are finished.
+    """
+    now, before = space.parameters, earlier.parameters
+    same_kind = [(p.name, p.unit, p.scale) for p in now] == [(p.name, p.unit, p.scale) for p in before]
+    if not same_kind or earlier.seed != seed:
+        return None
+    lower, upper = (np.array([getattr(p, end) for p in now]) for end in ("lower", "upper"))
+    wide_lower, wide_upper = (np.array([getattr(p, end) for p in before]) for end in ("lower", "upper"))
+    if (lower == wide_lower).all() and (upper == wide_upper).all():
+        return earlier.values[: earlier.n_kept]
+    if (lower < wide_lower).any() or (upper > wide_upper).any():
+        return None
+    values = earlier.values[sorted(set(finished) & set(range(earlier.n_sets)))]
+    kept: FloatArray = values[((lower <= values) & (values <= upper)).all(axis=1)]
+    return kept
+
+
+def _drawn(
+    space: ParameterSpace,
+    sampler: Sampler,
+    points: FloatArray,
+    seed: int,
+    filters: Sequence[SetFilter],
+    refill: int,
+    n_wanted: int,
+) -> Design:
+    """Design of these points and, as far as more are wanted, those that extend them."""
+    if refill:
+        return _refilled(space, sampler, points, seed, filters, refill, n_wanted)
+    parameters = space.parameters
+    while len(points) < n_wanted:
+        points = _extended(sampler, points, 2 * len(points), seed)
+    values = _in_ranges(space, points[:n_wanted])
+    for keep in filters:
+        accepted = _accepted(keep, space, values)
+        if not accepted.any():
+            raise SamplingError(
+                f"design: filter '{keep.name}' rejects all {len(values)} sets{_why(keep, space, values[0])}; "
+                f"widen or move the ranges of "
+                f"{', '.join(p.name for p in parameters)}, draw more sets, or drop the filter"
+            )
+        values = values[accepted]
+    return Design(parameters=parameters, values=values, seed=seed, n_drawn=n_wanted)
+
+
+def _why(keep: SetFilter, space: ParameterSpace, row: FloatArray) -> str:
+    with answering_for(keep, "explaining why a set is dropped"):
+        reason = keep.reason(space, row)
+    return f" (the first: {reason})" if reason else ""
+
+
+def _refilled(
+    space: ParameterSpace,
+    sampler: Sampler,
+    points: FloatArray,
+    seed: int,
+    filters: Sequence[SetFilter],
+    refill: int,
+    n_sets: int,
+) -> Design:
+    """Double the points until ``n_sets`` of them pass the filters."""
+    accepted, n_first = accepted_by_all(filters, space, _in_ranges(space, points)), len(points)
+    while accepted.sum() < n_sets:
+        if 2 * len(points) > refill * max(n_sets, n_first):
+            raise _too_few(space, filters, int(accepted.sum()), len(points), n_sets)
+        n_known = len(points)
+        points = _extended(sampler, points, 2 * n_known, seed)
+        new = accepted_by_all(filters, space, _in_ranges(space, points[n_known:]))
+        accepted = np.concatenate([accepted, new])
+    kept = np.flatnonzero(accepted)[:n_sets]
+    values = _in_ranges(space, points[kept])
+    return Design(parameters=space.parameters, values=values, seed=seed, n_drawn=int(kept[-1]) + 1)
+
+
+def _too_few(
+    space: ParameterSpace, filters: Sequence[SetFilter], n_kept: int, n_drawn: int, n_sets: int
+) -> SamplingError:
+    return SamplingError(
+        f"design: only {n_kept} of {n_drawn} sets ({100.0 * n_kept / n_drawn:.2g} %) pass "
+        f"{', '.join(repr(keep.name) for keep in filters)}, and {n_sets} are wanted; narrow or move the "
+        f"ranges of {', '.join(p.name for p in space.parameters)}, ask for fewer sets, or set "
+        f"sampling.refill to {2 * n_drawn // n_sets} or more"
+    )
+
+
+def _unit_points(sampler: Sampler, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
+    if n_sets < 1:
+        raise SamplingError(f"design: {n_sets} sets asked for; ask for at least 1")
+    with answering_for(sampler, "drawing the design"):
+        points = np.asarray(sampler.draw(n_sets, n_parameters, seed), dtype=np.float64)
+    return _in_cube(sampler, points, (n_sets, n_parameters))
+
+
+def _extended(sampler: Sampler, points: FloatArray, n_total: int, seed: int) -> FloatArray:
+    with answering_for(sampler, "extending the design"):
+        extended = np.asarray(sampler.extend(points, n_total, seed), dtype=np.float64)
+    extended = _in_cube(sampler, extended, (n_total, points.shape[1]))
+    if not np.array_equal(extended[: len(points)], points):
+        raise SamplingError(
+            f"design: sampler '{sampler.name}' changed points that it was to extend; its extend must "
+            f"return the {len(points)} points it was given, and new ones after them"
+        )
+    return extended
+
+
+def _in_cube(sampler: Sampler, points: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    if points.shape != shape or not ((points >= 0.0) & (points <= 1.0)).all():
+        raise SamplingError(
+            f"design: sampler '{sampler.name}' returned points of shape {points.shape} in "
+            f"[{points.min(initial=np.inf)}, {points.max(initial=-np.inf)}]; it must return "
+            f"{shape} numbers in the unit cube"
+        )
+    return points
+
+
+def _in_ranges(space: ParameterSpace, points: FloatArray) -> FloatArray:
+    columns = [_in_range(p, points[:, column]) for column, p in enumerate(space.parameters)]
+    return np.stack(columns, axis=1)
+
+
+def _in_range(parameter: Parameter, shares: FloatArray) -> FloatArray:
+    lower, upper = parameter.lower, parameter.upper
+    if parameter.scale == "log":
+        return _core.geometric(shares, lower, upper)
+    # Rounding may carry lower + (upper - lower) past upper.
+    values: FloatArray = np.clip(lower + shares * (upper - lower), lower, upper)
+    return values
+
+
+def accepted_by_all(filters: Sequence[SetFilter], space: ParameterSpace, values: FloatArray) -> BoolArray:
+    """Whether each of the sets (n_sets, n_parameters) passes every filter: (n_sets,)."""
+    accepted = np.ones(len(values), dtype=bool)
+    for keep in filters:
+        still = np.flatnonzero(accepted)
+        if still.size:
+            accepted[still] = _accepted(keep, space, values[still])
+    return accepted
+
+
+def _accepted(keep: SetFilter, space: ParameterSpace, values: FloatArray) -> BoolArray:
+    with answering_for(keep, "filtering the design"):
+        accepted = np.asarray(keep.accept(space, values))
+    if accepted.shape != (len(values),) or accepted.dtype != np.bool_:
+        raise SamplingError(
+            f"design: filter '{keep.name}' returned {accepted.dtype} of shape {accepted.shape}; "
+            f"it must return ({len(values)},) booleans"
+        )
+    return accepted

@@ -1,0 +1,178 @@
+"""Least Fopt by spot and scenario.
+
+Fopt = Σ weight · NMSE over the channels that a scenario weights: scenario I sums
+force and torque, II takes torque alone, III force alone. One sweep serves all.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import polars as pl
+
+from palpate.domain import Design, Scenario, Status
+from palpate.errors import NothingSelectableError, ScoringError
+
+
+def objectives(scores: pl.DataFrame, scenarios: Sequence[Scenario]) -> pl.DataFrame:
+    """Fopt of every set at every spot in every scenario.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        As :func:`palpate.stages.scoring.score` returns it.
+    scenarios : sequence of Scenario
+
+    Returns
+    -------
+    DataFrame
+        Columns spot, scenario, set_id, fopt, nmse_<channel>, r2_<channel>, in the order of
+        spots in ``scores``, then scenarios, then sets. A set is left out of a scenario that
+        weights a channel in which it has no NMSE.
+
+    Raises
+    ------
+    ScoringError
+        A scenario weights a channel that was not scored.
+    """
+    wide = _wide(scores)
+    frames = [_objective(wide, scenario) for scenario in scenarios]
+    spots = scores["spot"].unique(maintain_order=True).to_list()
+    names = [scenario.name for scenario in scenarios]
+    return (
+        pl.concat(frames)
+        .with_columns(
+            _place("spot", spots).alias("_spot"),
+            _place("scenario", names).alias("_scenario"),
+        )
+        .sort("_spot", "_scenario", "set_id")
+        .drop("_spot", "_scenario")
+    )
+
+
+def _place(column: str, order: Sequence[str]) -> pl.Expr:
+    return pl.col(column).replace_strict({name: i for i, name in enumerate(order)}, return_dtype=pl.Int64)
+
+
+def _wide(scores: pl.DataFrame) -> pl.DataFrame:
+    """One row per spot and set, with a column per channel and measure."""
+    channels = scores["channel"].unique(maintain_order=True).to_list()
+    return scores.group_by("spot", "set_id", maintain_order=True).agg(
+        *(
+            pl.col(measure).filter(pl.col("channel") == channel).first().alias(f"{measure}_{channel}")
+            for measure in ("nmse", "r2")
+            for channel in channels
+        )
+    )
+
+
+def _objective(wide: pl.DataFrame, scenario: Scenario) -> pl.DataFrame:
+    weighted = {channel: weight for channel, weight in scenario.weights.items() if weight > 0.0}
+    for channel in weighted:
+        if f"nmse_{channel}" not in wide.columns:
+            raise ScoringError(
+                f"scenario '{scenario.name}' weights channel '{channel}', which has no scores; "
+                "score it or leave the scenario out"
+            )
+    fopt = pl.sum_horizontal(
+        *(pl.col(f"nmse_{channel}") * weight for channel, weight in weighted.items()), ignore_nulls=False
+    )
+    rest = [name for name in wide.columns if name not in ("spot", "set_id")]
+    return wide.select(
+        "spot", pl.lit(scenario.name).alias("scenario"), "set_id", fopt.alias("fopt"), *rest
+    ).drop_nulls("fopt")
+
+
+def select(scores: pl.DataFrame, scenarios: Sequence[Scenario], design: Design) -> pl.DataFrame:
+    """Choose the set with the least Fopt for each spot and scenario; ties go to the lower set_id.
+
+    Parameters
+    ----------
+    scores : DataFrame
+    scenarios : sequence of Scenario
+    design : Design
+
+    Returns
+    -------
+    DataFrame
+        Columns spot, scenario, set_id, fopt, nmse_<channel>, r2_<channel> (of every channel,
+        fitted or not) and <region.parameter>; one row per spot and scenario. A spot at which
+        nothing can be ranked in a scenario has no row there. A column ``partial`` where
+        unfinished curves were ranked.
+
+    Raises
+    ------
+    NothingSelectableError
+        No set can be ranked anywhere.
+    """
+    candidates = objectives(scores, scenarios)
+    if candidates.is_empty():
+        raise NothingSelectableError(_why_nothing(scores))
+    best = (
+        candidates.with_row_index("_order")
+        .sort("fopt", "set_id")
+        .group_by("spot", "scenario", maintain_order=True)
+        .first()
+        .sort("_order")
+        .drop("_order")
+    )
+    # The first row of a group is not in the order of spots and scenarios.
+    keys = candidates.select("spot", "scenario").unique(maintain_order=True)
+    chosen = keys.join(best, on=["spot", "scenario"], maintain_order="left")
+    return with_parameters(_with_partial(chosen, scores), design)
+
+
+def _with_partial(chosen: pl.DataFrame, scores: pl.DataFrame) -> pl.DataFrame:
+    """Mark the sets that are ranked by curves that a diverged simulation left unfinished, if any is."""
+    ranked = scores.filter(pl.col("nmse").is_not_null())
+    partial = ranked.filter(pl.col("status") != Status.OK.value).select("spot", "set_id").unique()
+    if partial.is_empty():
+        return chosen
+    marked = partial.with_columns(partial=True)
+    return chosen.join(marked, on=["spot", "set_id"], how="left", maintain_order="left").with_columns(
+        pl.col("partial").fill_null(value=False)
+    )
+
+
+def with_parameters(frame: pl.DataFrame, design: Design) -> pl.DataFrame:
+    """Add a column <region.parameter> for each parameter of the row's set_id."""
+    columns: Mapping[str, object] = {
+        "set_id": range(design.n_sets),
+        **{p.name: design.values[:, i] for i, p in enumerate(design.parameters)},
+    }
+    values = pl.DataFrame(columns, schema_overrides={"set_id": pl.Int64})
+    return frame.join(values, on="set_id", how="left", maintain_order="left")
+
+
+def failures(scores: pl.DataFrame) -> pl.DataFrame:
+    """Why sets are not ranked: status, message, n (simulations), an example, and what to try.
+
+    Rows are ordered by how often they occur.
+    """
+    remedies = {status.value: status.remedy for status in Status}
+    return (
+        scores.filter(pl.col("nmse").is_null())
+        .unique(["spot", "set_id"], keep="first", maintain_order=True)
+        .group_by("status", "message", maintain_order=True)
+        .agg(
+            pl.len().cast(pl.Int64).alias("n"),
+            pl.format("{}/{}", pl.col("spot").first(), pl.col("set_id").first()).alias("example"),
+        )
+        .with_columns(
+            pl.when(pl.col("status") == Status.OK.value)
+            .then(pl.lit("check that the simulated path reaches as far as the measured one"))
+            .otherwise(pl.col("status").replace(remedies))
+            .alias("remedy")
+        )
+        .sort("n", descending=True, maintain_order=True)
+    )
+
+
+def _why_nothing(scores: pl.DataFrame) -> str:
+    n_simulations = scores.select("spot", "set_id").n_unique()
+    reasons = failures(scores)
+    if reasons.is_empty():
+        return "no simulation was scored, so nothing can be selected; run the simulations first"
+    status, message, n, example, remedy = reasons.row(0)
+    return (
+        f"none of {n_simulations} simulations can be ranked; most frequent reason ({n}, first {example}): "
+        f"{status}: {message or 'no message'}; what to try: {remedy}"
+    )

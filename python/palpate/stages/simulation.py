@@ -1,0 +1,202 @@
+"""The sweep: every set at every spot, each result kept as it comes, none computed twice."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from palpate.domain import (
+    Design,
+    FloatArray,
+    HomogeneousTests,
+    Job,
+    Limb,
+    Response,
+    Simulation,
+)
+from palpate.errors import StudyError
+from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import Solver
+from palpate.progress import SILENT, Progress
+from palpate.run.ledger import Ledger
+from palpate.stages.keys import JobKeys, limb_key
+from palpate.stages.sweep import Sweep, run_sweep
+from palpate.study.reading import Study
+
+
+def jobs(study: Study, design: Design, measured: Mapping[str, Response]) -> list[Job]:
+    """Every job of the sweep: spots in the study's order, and the same sets at each.
+
+    Without a protocol a job is homogeneous tests along the measured abscissae.
+    """
+    thetas = [study.space.thetas(row) for row in design.values]
+    firsts = [_job(study, spot.spot.name, 0, thetas[0], measured) for spot in study.spots] if thetas else []
+    return [
+        Job(
+            spot=first.spot,
+            set_id=set_id,
+            materials=first.materials,
+            thetas=thetas[set_id],
+            protocol=first.protocol,
+        )
+        for first in firsts
+        for set_id in range(design.n_sets)
+    ]
+
+
+def job_for(study: Study, spot: str, set_id: int, row: FloatArray, measured: Mapping[str, Response]) -> Job:
+    """Make the job of one parameter set, ``row`` (n_parameters,) in design columns, at a spot."""
+    return _job(study, spot, set_id, study.space.thetas(row), measured)
+
+
+def _job(
+    study: Study,
+    spot: str,
+    set_id: int,
+    thetas: Mapping[str, FloatArray],
+    measured: Mapping[str, Response],
+) -> Job:
+    return Job(
+        spot=spot,
+        set_id=set_id,
+        materials={region.region: region.material for region in study.space.regions},
+        thetas=thetas,
+        protocol=study.protocol_at(spot) or homogeneous_tests(measured[spot]),
+    )
+
+
+def homogeneous_tests(measured: Response) -> HomogeneousTests:
+    """Tests of one specimen along the measured abscissae."""
+    return HomogeneousTests(paths={name: curve.abscissa for name, curve in measured.curves.items()})
+
+
+def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> None:
+    """Refuse, before the first simulation, what cannot be simulated.
+
+    Every set is held against the physical ranges of its material; the solver itself
+    is asked about the first set of each spot.
+
+    Raises
+    ------
+    PalpateError
+    """
+    _check_searched(study)
+    asked: set[str] = set()
+    for job in to_do:
+        for region, theta in job.thetas.items():
+            with answering_for(job.materials[region], f"checking set {job.set_id}"):
+                job.materials[region].check(theta)
+        if job.spot not in asked:
+            _check_fields(study.solver, job, limbs.get(job.spot))
+            with answering_for(study.solver, f"checking spot '{job.spot}'"):
+                study.solver.check(job, limbs.get(job.spot))
+            asked.add(job.spot)
+
+
+def _check_fields(solver: Solver, job: Job, limb: Limb | None) -> None:
+    """Refuse a material whose cell fields nothing would give it."""
+    for region, material in job.materials.items():
+        if material.fields and (material.isotropic or limb is None or not solver.takes_fields):
+            raise StudyError(
+                f"region '{region}': material '{material.name}' takes cell data {', '.join(material.fields)} "
+                f"and solver '{solver.name}' gives it none; use 'jax' with a mesh, or another material"
+            )
+
+
+def _check_searched(study: Study) -> None:
+    """Refuse to search what the solver cannot see: any value would fit as well as any other."""
+    for region in study.space.regions:
+        with answering_for(study.solver, f"naming what it ignores of '{region.material.name}'"):
+            ignored = study.solver.ignored(region.material)
+        for parameter in region.searched:
+            if parameter.name in ignored:
+                raise StudyError(
+                    f"{study.file.name}: region.{region.region}.parameters.{parameter.name} is searched, but "
+                    f"solver '{study.solver.name}' with these settings answers the same to every value; "
+                    f'fix it, e.g. {parameter.name} = "{parameter.lower:g} {parameter.unit}"'
+                )
+
+
+# ---------------------------------------------------------------------- sweep
+
+
+def simulate(
+    study: Study,
+    design: Design,
+    limbs: Mapping[str, Limb],
+    measured: Mapping[str, Response],
+    folder: Path,
+    progress: Progress = SILENT,
+    check: Callable[[], None] = lambda: None,
+) -> tuple[Simulation, ...]:
+    """Simulate every job whose result is not yet in ``folder``.
+
+    Each result is on its way to the disk before the next is awaited, so an interrupted sweep
+    goes on where it stopped. What had crashed is tried again, and what had run out of time
+    when there is more of it now.
+
+    Parameters
+    ----------
+    check : callable
+        Raises where the lock on the folder is lost.
+
+    Returns
+    -------
+    tuple of Simulation
+        In the order of :func:`jobs`.
+
+    Raises
+    ------
+    PalpateError
+        A job cannot be simulated at all; nothing has been written then.
+    StoppedError
+        ``progress`` said to stop; what is finished is kept.
+    """
+    to_do = jobs(study, design, measured)
+    check_jobs(study, to_do, limbs)
+    job_keys = keys(study, to_do, limbs)
+    done = run_sweep(
+        Sweep(
+            study=study, jobs=to_do, keys=job_keys, limbs=limbs, folder=folder, progress=progress, check=check
+        )
+    )
+    return tuple(_of_job(done[key], job) for key, job in zip(job_keys, to_do, strict=True))
+
+
+def stored(
+    study: Study,
+    design: Design,
+    limbs: Mapping[str, Limb] | None,
+    measured: Mapping[str, Response],
+    folder: Path,
+    wanted: Collection[tuple[str, int]] | None = None,
+) -> tuple[Simulation, ...]:
+    """Results in ``folder`` that belong to this study, in the order of :func:`jobs`; computes nothing.
+
+    ``wanted`` narrows them to these pairs of spot and set_id. Without ``limbs`` they are those of
+    the last sweep in the folder.
+    """
+    every = jobs(study, design, measured)
+    to_do = [job for job in every if wanted is None or (job.spot, job.set_id) in wanted]
+    with Ledger(folder) as ledger:
+        if limbs is not None:
+            job_keys = keys(study, to_do, limbs)
+        else:
+            planned = ledger.planned()
+            to_do = [job for job in to_do if (job.spot, job.set_id) in planned]
+            job_keys = [planned[job.spot, job.set_id] for job in to_do]
+        found = ledger.simulations(dict(zip(job_keys, to_do, strict=True)))
+    return tuple(_of_job(found[key], job) for key, job in zip(job_keys, to_do, strict=True) if key in found)
+
+
+def keys(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> list[str]:
+    """Key of each job, as :func:`palpate.stages.keys.job_key` makes it."""
+    meshes = {spot.spot.name: limb_key(limbs.get(spot.spot.name)) for spot in study.spots}
+    maker = JobKeys(study.solver, study.trusted)
+    return [maker.key(job, meshes[job.spot]) for job in to_do]
+
+
+def _of_job(simulation: Simulation, job: Job) -> Simulation:
+    """Put the result under another set_id, where two rows of a design have one key."""
+    if simulation.job is job:
+        return simulation
+    return replace(simulation, job=job)

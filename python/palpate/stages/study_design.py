@@ -1,0 +1,42 @@
+"""The design of a study, alone or in a folder where it was run before."""
+
+from palpate.domain import Design, FloatArray
+from palpate.errors import PalpateError
+from palpate.run.directory import RunDirectory
+from palpate.run.ledger import Ledger
+from palpate.stages.sampling import draw_design, kept_sets
+from palpate.study.reading import Study
+
+
+def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
+    """Draw the parameter sets of a study.
+
+    Parameters
+    ----------
+    study : Study
+    earlier : RunDirectory, optional
+        Its finished sets begin the design where the ranges are narrower than they were there.
+
+    Raises
+    ------
+    SamplingError
+    """
+    return draw_design(
+        study.space,
+        study.sampler,
+        study.n_sets,
+        study.seed,
+        study.filters,
+        refill=study.refill,
+        n_total=study.n_total,
+        kept=_kept(study, earlier) if earlier else None,
+    )
+
+
+def _kept(study: Study, earlier: RunDirectory) -> FloatArray | None:
+    try:
+        design = earlier.design()
+    except PalpateError:  # none yet, or damaged: all sets are drawn as in a new folder
+        return None
+    with Ledger(earlier.folder) as ledger:
+        return kept_sets(study.space, study.seed, design, ledger.finished_sets())

@@ -1,0 +1,1 @@
+"""study.toml: its shape, what its names mean, and where each key is in the file."""

@@ -1,0 +1,246 @@
+"""From the tables of study.toml to the parts of a Study: what the names in them mean."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ValidationError
+
+from palpate.domain import ParameterSpace, Scenario
+from palpate.errors import PalpateError
+from palpate.plugins.catalogue import Catalogue, Plugins
+from palpate.plugins.interfaces import (
+    Component,
+    Executor,
+    ExperimentLoader,
+    LimbSource,
+    Sampler,
+    SetFilter,
+    Solver,
+)
+from palpate.study.model import ExecutorTable, ScenarioTable, SelectionTable, Tables
+from palpate.study.problems import Problems, choice
+from palpate.study.source_positions import Key
+
+C = TypeVar("C", bound=Component)
+
+FILTERS: Key = ("sampling", "filters")
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What every part is built with: the study file, what plugins provide, where mistakes go.
+
+    With ``is_copy`` the files that the study names need not exist.
+    """
+
+    file: Path
+    plugins: Plugins
+    problems: Problems
+    is_copy: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Components:
+    """What plugins supply to a study, built from its settings; None where a problem was found."""
+
+    loader: ExperimentLoader | None
+    limb_source: LimbSource | None
+    sampler: Sampler | None
+    filters: tuple[SetFilter, ...]
+    solver: Solver | None
+    executor: Executor | None
+
+
+def build_components(context: Context, tables: Tables) -> Components:
+    """Build every component that the file names, except the materials."""
+    experiment, limb, sampling, solver = tables.experiment, tables.limb, tables.sampling, tables.solver
+    running = tables.executor
+    catalogues, build = context.plugins, partial(build_component, context)
+    filters = [
+        build(catalogues.set_filters, name, settings, (*FILTERS, name), (*FILTERS, name))
+        for name, settings in (sampling.filters.items() if sampling else ())
+    ]
+    return Components(
+        loader=build(catalogues.loaders, experiment.loader, experiment.settings, ("experiment", "loader"))
+        if experiment
+        else None,
+        limb_source=build(catalogues.limb_sources, limb.source, limb.settings, ("limb", "source"))
+        if limb
+        else None,
+        sampler=build(catalogues.samplers, sampling.sampler, sampling.settings, ("sampling", "sampler"))
+        if sampling
+        else None,
+        filters=tuple(built for built in filters if built is not None),
+        solver=build(catalogues.solvers, solver.name, solver.settings, ("solver", "name"))
+        if solver
+        else None,
+        executor=build(catalogues.executors, running.name, running.settings, ("executor", "name"))
+        if running and running.name
+        else None,
+    )
+
+
+def build_component(
+    context: Context,
+    catalogue: Catalogue[type[C]],
+    name: str,
+    settings: Mapping[str, object],
+    key: Key,
+    settings_key: Key | None = None,
+) -> C | None:
+    """Build the component ``name``, which stands at ``key``, from its settings beside it."""
+    settings_key = settings_key or (*key[:-1], "settings")
+    component: type[C] | None = None
+    with context.problems.at(*key):
+        component = catalogue[name]
+    if component is None:
+        return None
+    try:
+        checked = component.Settings.model_validate(dict(settings))
+    except ValidationError as error:
+        if other := _fits(catalogue, settings):
+            context.problems.add(
+                settings_key,
+                f"these are settings of '{other}', not of '{name}'; name '{other}', or change them",
+            )
+        else:
+            context.problems.add_invalid(settings_key, error, component.Settings)
+        return None
+    try:
+        return component(checked)
+    except (Exception, SystemExit) as error:
+        told = str(error) if isinstance(error, PalpateError) else f"{type(error).__name__}: {error}"
+        context.problems.add(settings_key, f"'{name}' cannot be made from these settings: {told}")
+        return None
+
+
+def _fits(catalogue: Catalogue[type[C]], settings: Mapping[str, object]) -> str:
+    """Component that settings of more than one key were written for; empty where there is none."""
+    for name, component in catalogue.items() if settings else ():
+        try:
+            checked = component.Settings.model_validate(dict(settings))
+        except ValidationError:
+            continue
+        if checked.model_fields_set:
+            return name
+    return ""
+
+
+def build_scenarios(
+    context: Context,
+    selection: SelectionTable,
+    own: Sequence[ScenarioTable],
+    measured: Mapping[str, Collection[str | None]],
+) -> tuple[Scenario, ...]:
+    """Look up the scenarios to report, among the study's own and the plugins'.
+
+    ``measured`` holds the channels that each spot has files for, None for files of several.
+    """
+    known: dict[str, Scenario] = dict(context.plugins.scenarios)
+    for index, table in enumerate(own):
+        if scenario := _own_scenario(context, table, ("scenario", index), known):
+            known[scenario.name] = scenario
+    chosen = []
+    for index, name in enumerate(selection.scenarios):
+        key: Key = ("selection", "scenarios", index)
+        if name in selection.scenarios[:index]:
+            context.problems.add(key, f"'{name}' is listed twice; list each scenario once")
+        elif name in known:
+            chosen.append(known[name])
+            _check_channels(context, known[name], key, measured)
+        elif name not in [table.name for table in own]:
+            context.problems.add(key, choice(name, known, "scenario"))
+    by = selection.generalise_by
+    if by is not None and by not in selection.scenarios:
+        context.problems.add(
+            ("selection", "generalise_by"),
+            f"'{by}' is not among the scenarios {', '.join(selection.scenarios)}; choose one of them",
+        )
+    return tuple(chosen)
+
+
+def _own_scenario(
+    context: Context, table: ScenarioTable, key: Key, known: Mapping[str, Scenario]
+) -> Scenario | None:
+    if table.name in known:
+        context.problems.add((*key, "name"), f"a scenario '{table.name}' already exists; choose another name")
+        return None
+    for channel in table.weights:
+        with context.problems.at(*key, "weights", channel):
+            context.plugins.channels[channel]
+    with context.problems.at(*key, "weights"):
+        return Scenario(name=table.name, weights=table.weights, description=table.description)
+    return None
+
+
+def _check_channels(
+    context: Context, scenario: Scenario, key: Key, measured: Mapping[str, Collection[str | None]]
+) -> None:
+    """Refuse a scenario whose channels a spot does not measure, where the file says which it does."""
+    for spot, found in measured.items():
+        if not set(found) <= set(context.plugins.channels):
+            continue  # a file of several channels, or a channel that is told to be unknown
+        missing = [c for c, weight in scenario.weights.items() if weight and c not in found]
+        if missing:
+            context.problems.add(
+                key,
+                f"scenario '{scenario.name}' weighs channel '{missing[0]}', which spot "
+                f"'{spot}' does not measure; add its file or leave the scenario out",
+            )
+
+
+def check_rays(context: Context, space: ParameterSpace) -> None:
+    """Refuse rays of sets that would leave the study: every modulus has to move with the others."""
+    if fixed := space.fixed_moduli:
+        context.problems.add(
+            ("selection", "rays"),
+            f"a ray scales every modulus, but {', '.join(fixed)} cannot move; search it or leave rays out",
+        )
+
+
+def check_limits(context: Context, executor: Executor, table: ExecutorTable) -> None:
+    """Refuse a limit that nothing would hold."""
+    if table.memory_limit is not None and not executor.holds_limits:
+        context.problems.add(
+            ("executor", "memory_limit"),
+            f"executor '{executor.name}' holds no job to it; leave it out, or name another executor",
+        )
+
+
+def check_solver_channels(
+    context: Context, solver: Solver, selection: SelectionTable, scenarios: Collection[Scenario]
+) -> None:
+    """Refuse a scenario of a channel that the solver says it does not compute."""
+    for scenario in scenarios:
+        missing = [
+            c for c, weight in scenario.weights.items() if weight and c not in (solver.channels or (c,))
+        ]
+        if missing:
+            context.problems.add(
+                ("selection", "scenarios", selection.scenarios.index(scenario.name)),
+                f"scenario '{scenario.name}' weights channel '{missing[0]}', which solver '{solver.name}' "
+                f"does not compute (it has {', '.join(solver.channels or ())}); choose another of either",
+            )
+
+
+def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None:
+    """Refuse a study that lacks what its solver needs, or gives what it would pass over."""
+    problems, name = context.problems, f"solver '{solver.name}'"
+    for table in ("limb", "protocol"):
+        if solver.needs_limb and table not in tables.written:
+            problems.add(("solver", "name"), f"{name} needs a [{table}] table; add one")
+    if not solver.needs_limb and tables.limb is not None:
+        problems.add(("limb",), f"{name} takes no mesh; remove the table")
+    if solver.homogeneous and tables.protocol is not None:
+        problems.add(("protocol",), f"{name} makes homogeneous tests and has no protocol; remove the table")
+    for index, spot in enumerate(tables.spot):
+        if solver.needs_limb and spot.mesh is None:
+            problems.add(("spot", index), f'{name} needs a mesh; add mesh = "…" to the spot')
+        if not solver.needs_limb and spot.mesh is not None:
+            problems.add(
+                ("spot", index, "mesh"),
+                f"{name} takes no mesh; remove the key",
+            )

@@ -1,0 +1,77 @@
+"""What is odd about a study by itself, before any curve is read."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from palpate.domain import Indentation, Parameter, RegionMaterial
+from palpate.plugins.guard import answering_for
+from palpate.study.reading import Study
+
+LARGEST_RATIO = 100.0
+"""Upper over lower end of a range beyond which sets that are spread evenly leave the lower decades out."""
+
+DEEPEST = 3.0
+"""Depth over radius beyond which a sphere is deeper in the limb than any measurement of the kind."""
+
+
+def odd_settings(study: Study) -> Iterator[str]:
+    """Say what no study needs and a slip of the pen easily makes."""
+    protocols = {spot.spot.name: study.protocol_at(spot.spot.name) for spot in study.spots}
+    for spot, protocol in protocols.items():
+        if isinstance(protocol, Indentation):
+            yield from _depth(spot, protocol)
+    for region in study.space.regions:
+        for parameter in region.searched:
+            name = f"{region.region}.{parameter.name}"
+            yield from _range(name, region, parameter)
+            if study.protocol is not None and _only_volume(region, parameter):
+                yield (
+                    f"{name}: is searched and resists change of volume only, which an indentation of nearly "
+                    "incompressible tissue hardly shows; fix it, or expect it undetermined"
+                )
+
+
+def _depth(spot: str, protocol: Indentation) -> Iterator[str]:
+    radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
+    if depth > DEEPEST * radius:
+        yield (
+            f"spot '{spot}': a sphere of radius {radius:g} mm is pressed {depth:g} mm deep, "
+            f"{depth / radius:.0f} times its radius; check both"
+        )
+
+
+def _range(name: str, region: RegionMaterial, parameter: Parameter) -> Iterator[str]:
+    low, high = sorted((abs(parameter.lower), abs(parameter.upper)))
+    if parameter.scale == "linear" and parameter.lower * parameter.upper > 0.0 and high > LARGEST_RATIO * low:
+        yield (
+            f"{name}: the range spans a factor of {high / low:.0f}, and a linear scale leaves its lower "
+            'decades next to empty; set scale = "log", or narrow the range'
+        )
+    usual = next(p for p in region.material.parameters if p.name == parameter.name)
+    if (
+        usual.lower * usual.upper > 0.0
+        and parameter.upper * usual.lower < 0.0 > parameter.lower * usual.lower
+    ):
+        yield (
+            f"{name}: the range has the other sign than the material's own, {usual.lower:.3g} to "
+            f"{usual.upper:.3g} {usual.unit}; check the sign"
+        )
+
+
+def _only_volume(region: RegionMaterial, parameter: Parameter) -> bool:
+    """Whether a parameter changes the energy of a change of volume, and of no change of shape."""
+    material = region.material
+    if not material.isotropic:
+        return False
+    shapes = np.exp([[0.3, -0.15, -0.15], [-0.2, 0.3, -0.1]])
+    thetas = []
+    for end in (parameter.lower, parameter.upper):
+        middle = {p.name: 0.5 * (p.lower + p.upper) for p in region.searched} | {parameter.name: end}
+        thetas.append(region.theta(middle))
+    with answering_for(material, "energy at the ends of the ranges"), np.errstate(all="ignore"):
+        low, high = (
+            material.energy(np.concatenate([shapes, 1.1 * np.ones((1, 3))]), each) for each in thetas
+        )
+    change = np.abs(high - low) / np.maximum(np.abs(high), np.finfo(float).tiny)
+    return bool((change[:-1] < 1e-9).all() and change[-1] > 1e-3)

@@ -1,0 +1,399 @@
+"""The shape of study.toml: its tables and keys, and what each may hold.
+
+This decides what a file may look like; what its names mean is for
+:mod:`palpate.study.build`. The JSON schema that editors use comes from here.
+"""
+
+import reprlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+
+from palpate.domain import Normaliser, PointWeights
+from palpate.run.plain_values import MOST_FILES, MOST_NAMED, MOST_SETS, MOST_WAYPOINTS
+from palpate.units import Quantity
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
+"""A name that also serves as a file name and as a part of ``region.parameter``."""
+
+
+def _file_name(given: str) -> str:
+    longest = max(len(part.encode()) for part in given.split("/"))
+    if longest > LONGEST_PART or len(given.encode()) > LONGEST_PATH or not given:
+        raise ValueError(
+            f"{given[:40]!r}… is no file name; give at most {LONGEST_PATH} characters, {LONGEST_PART} a part"
+        )
+    return given
+
+
+LONGEST_PART = 200
+LONGEST_PATH = 2_000
+FileName = Annotated[str, AfterValidator(_file_name)]
+"""A path that file systems take, relative to the study file."""
+
+Length = Annotated[float, Quantity("mm")]
+Angle = Annotated[float, Quantity("deg")]
+Seconds = Annotated[float, Quantity("s")]
+Megabytes = Annotated[float, Quantity("MB")]
+
+
+class Table(BaseModel):
+    """A table of study.toml: unknown keys and values of another type are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class StudyTable(Table):
+    """What the study is."""
+
+    name: Name = Field(description="Name of the study; its runs are kept under it.")
+    description: str = Field(default="", description="What is studied, in a sentence.")
+    data: Literal["measured", "simulated"] = Field(
+        description="Whether the experiment is real; shown wherever results are."
+    )
+    plugins: list[str] = Field(
+        default=[], description="One-file plugins of this study, relative to its file, such as goh.py."
+    )
+
+
+Files = str | list[str]
+"""One file, or the files of repeated presses."""
+
+
+def _by_channel(given: object) -> object:
+    """Files by channel; those that hold several channels stand under no name."""
+    by_channel = given if isinstance(given, dict) else {"": given}
+    files = {name: [each] if isinstance(each, str) else each for name, each in by_channel.items()}
+    for each in files.values():
+        if not (isinstance(each, list) and each and all(isinstance(file, str) for file in each)):
+            raise ValueError(
+                f"{reprlib.repr(given)} names no files; give one file, a list of files for repeated presses, "
+                'or either by channel, such as { force = "f.csv" }'
+            )
+    return files
+
+
+class IndenterTable(Table):
+    """The rigid indenter."""
+
+    shape: Literal["sphere"] = Field(description="Shape of the indenter.")
+    radius: Length = Field(gt=0.0, description="Radius of the sphere.")
+
+
+class ProtocolTable(Table):
+    """What is done to the limb: press along the normal, then twist at depth."""
+
+    indenter: IndenterTable = Field(description="What touches the limb.")
+    depth: Length = Field(gt=0.0, description="Indentation depth.")
+    twist: list[Angle] = Field(
+        default=[], max_length=MOST_WAYPOINTS, description="Rotations travelled to, in order, at full depth."
+    )
+    friction: float = Field(ge=0.0, description="Coulomb coefficient.")
+
+
+class SpotProtocolTable(Table):
+    """What is done otherwise at one spot; each key takes the place of that of [protocol]."""
+
+    indenter: IndenterTable | None = Field(default=None, description="What touches the limb here.")
+    depth: Length | None = Field(default=None, gt=0.0, description="Indentation depth here.")
+    twist: list[Angle] | None = Field(
+        default=None, max_length=MOST_WAYPOINTS, description="Rotations travelled to here, in order."
+    )
+    friction: float | None = Field(default=None, ge=0.0, description="Coulomb coefficient here.")
+
+
+class SpotTable(Table):
+    """A marked spot with its files."""
+
+    name: Name = Field(description="Name of the spot.")
+    measured: Annotated[
+        dict[str, Annotated[list[FileName], Field(max_length=MOST_FILES)]],
+        BeforeValidator(_by_channel, json_schema_input_type=Files | dict[str, Files]),
+    ] = Field(
+        min_length=1,
+        description="File of the measured curves, or one file per channel, by channel name. A list of "
+        "files holds repeated presses, which are averaged.",
+    )
+    mesh: FileName | None = Field(default=None, description="File of the limb around the spot.")
+    position: list[Length] = Field(
+        default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="Where the indenter first touches."
+    )
+    normal: list[float] = Field(
+        default=[0.0, 0.0, 1.0], min_length=3, max_length=3, description="Outward normal at the spot."
+    )
+    protocol: SpotProtocolTable | None = Field(
+        default=None, description="What is done otherwise at this spot, such as another indenter."
+    )
+    settings: dict[str, Any] = Field(
+        default={}, description="Settings of the loader for this spot's files, beside those of [experiment]."
+    )
+
+
+class ExperimentTable(Table):
+    """How measured curves are read."""
+
+    loader: str = Field(description="Name of an experiment loader.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the loader.")
+
+
+class LimbTable(Table):
+    """How meshes are read."""
+
+    source: str = Field(description="Name of a limb source.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the limb source.")
+    one_frame: bool = Field(
+        default=False,
+        description="Whether the meshes of all spots are in one frame, so that one direction of a material's "
+        "fibres serves them all.",
+    )
+
+
+class SearchedRange(Table):
+    """The two ends between which a parameter is searched."""
+
+    lower: str | float = Field(description="Lower end, with its unit.")
+    upper: str | float = Field(description="Upper end, with its unit.")
+    scale: Literal["linear", "log"] = Field(
+        default="linear", description="Whether sets are spread evenly over the values or their logarithms."
+    )
+
+
+class FixedValue(Table):
+    """A fixed parameter, written out."""
+
+    value: str | float = Field(description="The quantity, with its unit.")
+
+
+class ParameterTable(Table):
+    """A parameter as read: ``value`` when it is fixed, else the ends of its range.
+
+    The quantities stay as written here, since their unit is the material's to say.
+    """
+
+    value: Any = None
+    lower: Any = None
+    upper: Any = None
+    scale: Literal["linear", "log"] = "linear"
+
+
+def _fixed_or_searched(given: object) -> object:
+    if not isinstance(given, dict):
+        return {"value": given}
+    if "value" in given and len(given) > 1:
+        raise ValueError("both fixed (value) and searched (lower, upper); keep one of the two")
+    missing = [end for end in ("lower", "upper") if end not in given]
+    if missing and "value" not in given and set(given) <= set(SearchedRange.model_fields):
+        raise ValueError(
+            f"the range has no {' and no '.join(missing)}; "
+            'write { lower = "…", upper = "…" }, or one quantity to fix the parameter'
+        )
+    return given
+
+
+class RegionTable(Table):
+    """The material of one region of the limb."""
+
+    material: str = Field(description="Name of a material.")
+    convention: str = Field(
+        default="textbook",
+        description="How the coefficients are written: textbook, or one the material knows.",
+    )
+    settings: dict[str, Any] = Field(default={}, description="Settings of the material.")
+    parameters: dict[
+        str,
+        Annotated[
+            ParameterTable,
+            BeforeValidator(
+                _fixed_or_searched, json_schema_input_type=str | float | FixedValue | SearchedRange
+            ),
+        ],
+    ] = Field(
+        default={},
+        description="A fixed quantity, or lower and upper. A parameter not named is searched over "
+        "the material's own range.",
+    )
+
+
+class SamplingTable(Table):
+    """How parameter sets are drawn."""
+
+    sampler: str = Field(default="lhs", description="Name of a sampler.")
+    n_sets: int = Field(
+        ge=2, le=MOST_SETS, description="Sets to draw, before the filters; with refill, after them."
+    )
+    refill: int = Field(
+        default=0,
+        ge=0,
+        le=1_000,
+        description="Draw on, at most to this many times n_sets, until n_sets sets pass the filters; "
+        "0: draw once and keep what passes.",
+    )
+    seed: int = Field(default=1, ge=0, description="Seed of the draw.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the sampler.")
+    filters: dict[str, dict[str, Any]] = Field(
+        default={}, description="Set filters by name, each with its settings."
+    )
+
+
+class SolverTable(Table):
+    """What simulates a set at a spot."""
+
+    name: str = Field(description="Name of a solver.")
+    n_workers: int = Field(
+        default=0,
+        ge=0,
+        description="Local worker processes; 0: one per core, and no more than a memory limit has room for.",
+    )
+    time_limit: Seconds = Field(default=600.0, gt=0.0, description="Longest time for one simulation.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the solver.")
+
+
+class ExecutorTable(Table):
+    """Where simulations run, and how they are held to their limits."""
+
+    name: str | None = Field(
+        default=None, description="Name of an executor; if left out worker processes of this machine."
+    )
+    settings: dict[str, Any] = Field(default={}, description="Settings of the executor.")
+    memory_limit: Megabytes | None = Field(
+        default=None, gt=0.0, description="Most memory that one simulation may take; if left out no limit."
+    )
+    attempts: int = Field(
+        default=2, ge=1, le=10, description="How often a job may end its worker before it is given up."
+    )
+    cache: FileName | None = Field(
+        default=None, description="Folder of finished simulations that is shared with other studies."
+    )
+
+
+class ScoringTable(Table):
+    """How a simulated curve is compared with a measured one."""
+
+    partial: bool = Field(
+        default=False,
+        description="Rank also what a simulation that diverged had reached, where that covers enough of "
+        "the measured curve; its scores and selected sets say so.",
+    )
+    normaliser: Annotated[Normaliser, Field(strict=False)] = Field(
+        default=Normaliser.MEAN_ABS, description="What the squared error is divided by."
+    )
+    weights: Annotated[PointWeights, Field(strict=False)] = Field(
+        default=PointWeights.EQUAL,
+        description="Whether each measured point counts the same, or as its standard deviation says.",
+    )
+    minimum_coverage: float = Field(
+        default=0.95, gt=0.0, le=1.0, description="Least share of the measured points that must be reached."
+    )
+
+
+class SelectionTable(Table):
+    """How the best set is chosen."""
+
+    scenarios: list[str] = Field(
+        min_length=1, max_length=MOST_NAMED, description="Names of scenarios, in the order to report."
+    )
+    generalise_by: str | None = Field(
+        default=None, description="Scenario whose mean over the spots decides; the first one if left out."
+    )
+    refine: bool = Field(default=False, description="Follow the sweep by a local search.")
+    rays: bool = Field(
+        default=False,
+        description="Also find each set's best multiple: all moduli scaled together, within their ranges.",
+    )
+
+
+class ScenarioTable(Table):
+    """A scenario of this study."""
+
+    name: str = Field(min_length=1, max_length=100, description="Name of the scenario.")
+    weights: dict[str, float] = Field(description="Weight of each channel's NMSE in Fopt.")
+    description: str = Field(default="", description="What the scenario is for.")
+
+
+class StudyFile(Table):
+    """A palpate study: from measured curves to identified parameters."""
+
+    study: StudyTable
+    spot: list[SpotTable] = Field(min_length=1, max_length=MOST_NAMED, description="The marked spots.")
+    experiment: ExperimentTable
+    limb: LimbTable | None = Field(default=None, description="Leave out for homogeneous tests.")
+    protocol: ProtocolTable | None = Field(default=None, description="Leave out for homogeneous tests.")
+    region: dict[Name, RegionTable] = Field(
+        min_length=1, max_length=MOST_NAMED, description="Material of each region, by its name."
+    )
+    sampling: SamplingTable
+    solver: SolverTable
+    executor: ExecutorTable | None = Field(default=None, description="Leave out to use this machine.")
+    scoring: ScoringTable = ScoringTable()
+    selection: SelectionTable
+    scenario: list[ScenarioTable] = Field(
+        default=[], max_length=MOST_NAMED, description="Scenarios of this study's own."
+    )
+    truth: dict[str, Any] = Field(
+        default={}, description="Known answer by region.parameter, for simulated data only."
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tables:
+    """The tables of one file; None or empty where a table is absent or not valid.
+
+    ``written`` names the tables that the file has, valid or not.
+    """
+
+    written: frozenset[str]
+    study: StudyTable | None = None
+    spot: Sequence[SpotTable] = ()
+    experiment: ExperimentTable | None = None
+    limb: LimbTable | None = None
+    protocol: ProtocolTable | None = None
+    region: Mapping[str, RegionTable] = field(default_factory=dict)
+    sampling: SamplingTable | None = None
+    solver: SolverTable | None = None
+    executor: ExecutorTable | None = None
+    scoring: ScoringTable | None = None
+    selection: SelectionTable | None = None
+    scenario: Sequence[ScenarioTable] = ()
+    truth: Mapping[str, Any] = field(default_factory=dict)
+
+
+NAMED_BY: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "loaders": ("ExperimentTable", "loader"),
+        "limb_sources": ("LimbTable", "source"),
+        "materials": ("RegionTable", "material"),
+        "samplers": ("SamplingTable", "sampler"),
+        "solvers": ("SolverTable", "name"),
+        "executors": ("ExecutorTable", "name"),
+    }
+)
+"""Table and key that name a component of a kind, and so say what its ``settings`` may hold."""
+
+
+def json_schema(settings: Mapping[str, Mapping[str, type[BaseModel]]] | None = None) -> dict[str, Any]:
+    """JSON schema of study.toml, for editors.
+
+    Parameters
+    ----------
+    settings : mapping of kind to mapping of name to class of settings, optional
+        Components whose settings the schema describes, by the keys of ``NAMED_BY``.
+    """
+    schema = StudyFile.model_json_schema()
+    for kind, models in (settings or {}).items():
+        table, key = NAMED_BY[kind]
+        choices = []
+        for name, model in models.items():
+            own = model.model_json_schema(ref_template=f"#/$defs/{kind}.{name}.{{model}}")
+            schema["$defs"] |= {f"{kind}.{name}.{k}": each for k, each in own.pop("$defs", {}).items()}
+            own.pop("required", None)  # a spot may give what [experiment] leaves out
+            choices.append(
+                {
+                    "if": {"properties": {key: {"const": name}}, "required": [key]},
+                    "then": {"properties": {"settings": own}},
+                }
+            )
+        schema["$defs"][table]["allOf"] = choices
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -1,0 +1,196 @@
+"""Everything that is wrong with a study file, gathered so that it is told at once."""
+
+import contextlib
+import functools
+import operator
+import reprlib
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from palpate.errors import PalpateError, StudyError
+from palpate.plugins.registry import suggestion
+from palpate.study.model import StudyFile, Tables
+from palpate.study.source_positions import Key, KeyLines, dotted
+
+T = TypeVar("T")
+
+
+class Problems:
+    """Collects messages, each with file, line and key.
+
+    Parameters
+    ----------
+    path : Path
+        The study file, as the user named it.
+    lines : KeyLines
+    raw : mapping
+        Content of the file.
+    """
+
+    def __init__(self, path: Path, lines: KeyLines, raw: Mapping[str, Any]) -> None:
+        self._path = path
+        self._lines = lines
+        self._raw = raw
+        self._found: list[tuple[int, str]] = []
+
+    def add(self, key: Key, message: str) -> None:
+        """Note that ``key`` is wrong; the message says how, and what to do."""
+        line = self._lines.line(key)
+        where = f"{self._path}:{line}: " + (f"{self._place(key)}: " if key else "")
+        if (line, where + message) not in self._found:
+            self._found.append((line, where + message))
+
+    def _place(self, key: Key) -> str:
+        """Key as the user would say it: a spot by its name."""
+        tables = self._raw.get("spot")
+        if len(key) > 1 and key[0] == "spot" and isinstance(tables, list) and isinstance(key[1], int):
+            table = tables[key[1]] if key[1] < len(tables) else None
+            if isinstance(table, dict) and isinstance(name := table.get("name"), str):
+                return ", ".join(filter(None, (f"spot {name!r}", dotted(key[2:]))))
+        return dotted(key)
+
+    @contextlib.contextmanager
+    def at(self, *key: str | int) -> Iterator[None]:
+        """Note under ``key`` the mistake, if any, that the block runs into."""
+        try:
+            yield
+        except (PalpateError, ValueError) as error:
+            self.add(key, str(error))
+
+    def add_invalid(self, key: Key, error: ValidationError, model: object) -> None:
+        """Note everything that pydantic found when it read ``model`` at ``key``."""
+        for detail in error.errors(include_url=False):
+            parts = tuple(part for part in detail["loc"] if part != "[key]")
+            unknown = detail["type"] == "extra_forbidden"
+            known = _keys(model, parts[:-1]) if unknown else ()
+            self.add((*key, *parts), _message(detail, known))
+
+    def raise_if_any(self) -> None:
+        """Raise a StudyError that lists everything found, in the order of the file.
+
+        Raises
+        ------
+        StudyError
+        """
+        if self._found:
+            raise StudyError("\n".join(message for _, message in sorted(self._found)))
+
+
+def _message(detail: ErrorDetails, known: tuple[str, ...]) -> str:
+    given, context = detail["input"], detail.get("ctx", {})
+    match detail["type"]:
+        case "missing":
+            return f"missing; add {detail['loc'][-1]} = …"
+        case "extra_forbidden":
+            name = str(detail["loc"][-1])
+            return f"unknown key{suggestion(name, known)} (known: {', '.join(known)})"
+        case "value_error":
+            return str(context["error"])
+        case "enum" | "literal_error":
+            choices = str(context["expected"])
+            names = choices.replace("'", "").replace(" or ", ", ").split(", ")
+            return f"{_shortened(given)} is not one of {choices}{suggestion(str(given), names)}"
+        case "string_pattern_mismatch":
+            return f"{_shortened(given)} is not a name; use letters, digits, - and _"
+        case kind:
+            said = _SENTENCES[kind].format(**context) if kind in _SENTENCES else detail["msg"]
+            return f"{_shortened(given)}: {said[0].lower()}{said[1:]}"
+
+
+_SENTENCES: Mapping[str, str] = types.MappingProxyType(
+    {
+        "int_type": "not a whole number",
+        "int_from_float": "not a whole number",
+        "float_type": "not a number",
+        "finite_number": "not a finite number",
+        "string_type": "not a text; put it in quotation marks",
+        "bool_type": "not true or false",
+        "list_type": "not a list; write [ … ]",
+        "dict_type": "not a table; write {{ … }}",
+        "model_type": "not a table; write {{ … }}",
+        "model_attributes_type": "not a table; write {{ … }}",
+        "greater_than": "must be greater than {gt}",
+        "greater_than_equal": "must be greater than or equal to {ge}",
+        "less_than": "must be less than {lt}",
+        "less_than_equal": "must be less than or equal to {le}",
+        "too_short": "{actual_length} of them; give at least {min_length}",
+        "too_long": "more than {max_length} of them; give at most {max_length}",
+        "string_too_short": "give at least {min_length} characters",
+        "string_too_long": "give at most {max_length} characters",
+    }
+)
+"""What is wrong, by pydantic's name for it."""
+
+
+def _shortened(given: object) -> str:
+    return text if len(text := reprlib.repr(given)) <= 60 else f"{text[:59]}…"
+
+
+def _keys(annotation: object, parts: tuple[str | int, ...]) -> tuple[str, ...]:
+    """Keys that the model at ``parts`` inside ``annotation`` has."""
+    try:
+        return tuple(_model(functools.reduce(_step, parts, annotation)).model_fields)
+    except (LookupError, TypeError):
+        return ()
+
+
+def _step(annotation: object, part: str | int) -> object:
+    inner = _plain(annotation)
+    if isinstance(inner, type) and issubclass(inner, BaseModel):
+        return inner.model_fields[str(part)].annotation
+    return typing.get_args(inner)[-1]
+
+
+def _model(annotation: object) -> type[BaseModel]:
+    inner = _plain(annotation)
+    if isinstance(inner, type) and issubclass(inner, BaseModel):
+        return inner
+    raise TypeError(annotation)
+
+
+def _plain(annotation: object) -> object:
+    """Strip ``Annotated`` and ``| None``."""
+    if typing.get_origin(annotation) is typing.Annotated:
+        return _plain(typing.get_args(annotation)[0])
+    if typing.get_origin(annotation) in (types.UnionType, typing.Union):
+        kept = [arg for arg in typing.get_args(annotation) if arg is not type(None)]
+        return _plain(kept[0]) if len(kept) == 1 else functools.reduce(operator.or_, kept)
+    return annotation
+
+
+def read_tables(raw: Mapping[str, Any], problems: Problems) -> Tables:
+    """Check the shape of a study file, table by table, so that one bad table hides no other."""
+    valid: dict[str, Any] = {}
+    for name, field in StudyFile.model_fields.items():
+        if name not in raw:
+            if field.is_required():
+                problems.add((), f"missing table [{name}]; add it")
+            elif field.default is not None:
+                valid[name] = field.default
+            continue
+        try:
+            table: Any = Annotated[field.annotation, field]
+            valid[name] = TypeAdapter(table).validate_python(raw[name])
+        except ValidationError as error:
+            problems.add_invalid((name,), error, field.annotation)
+    for name in raw.keys() - StudyFile.model_fields.keys():
+        known = tuple(StudyFile.model_fields)
+        problems.add((name,), f"unknown table{suggestion(name, known)} (known: {', '.join(known)})")
+    return Tables(written=frozenset(raw), **valid)
+
+
+def settled(value: T | None) -> T:
+    """Give back a part that no problem was found with."""
+    assert value is not None, "a part that is missing must have been reported as a problem"
+    return value
+
+
+def choice(name: str, known: Mapping[str, object], noun: str) -> str:
+    """Message for a name that is not among ``known``."""
+    return f"no {noun} '{name}'{suggestion(name, known)} (known: {', '.join(known) or 'none'})"

@@ -1,0 +1,341 @@
+"""study.toml → Study: every name, unit and range checked, with the line in the message."""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from palpate.domain import Normaliser, ParameterSpace, PointWeights, Protocol, Scenario
+from palpate.errors import PluginError, StudyError
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.interfaces import Executor, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
+from palpate.run.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
+from palpate.study.build import (
+    Components,
+    Context,
+    build_components,
+    build_scenarios,
+    check_limits,
+    check_rays,
+    check_solver_channels,
+    check_solver_needs,
+)
+from palpate.study.model import ExecutorTable, Tables
+from palpate.study.problems import Problems, read_tables, settled
+from palpate.study.regions import build_space, build_truth
+from palpate.study.source_positions import KeyLines
+from palpate.study.spots import StudySpot, build_protocol, build_spots
+
+__all__ = ["Study", "StudySpot", "read_study", "relative", "with_study_plugins"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """A checked study, with its components built from their settings.
+
+    Parameters
+    ----------
+    file : Path
+        The study file; paths inside it are relative to its folder.
+    data : {"measured", "simulated"}
+        Whether the experiment is real; shown wherever results are.
+    loader, protocol
+        What the study does wherever a spot does not say otherwise: see :meth:`loader_at` and
+        :meth:`protocol_at`. No protocol: homogeneous tests along the measured abscissae.
+    weights : PointWeights
+        How much each measured point counts.
+    minimum_coverage : float
+        Smallest share of measured points that a simulated curve must reach to be ranked.
+    rank_partial : bool
+        Whether a curve that a diverged simulation left unfinished is ranked where it reaches that.
+    generalise_by : str
+        Name of the scenario whose mean over the spots decides the generalised set.
+    refine : bool
+        Whether a local search follows the sweep.
+    rays : bool
+        Whether the best multiple of each set is found too.
+    truth : mapping of full parameter name to value
+        Known answer of a simulated experiment, in the region's convention; empty otherwise.
+    n_workers : int
+        Local worker processes; 0: one per core, as far as there is memory for them.
+    time_limit_s : float
+        Longest time that one simulation may take.
+    executor : Executor, optional
+        Where the simulations run; by itself in worker processes of this machine.
+    memory_limit_MB : float
+        Most memory that one simulation may take; 0: no limit.
+    n_attempts : int
+        How often a job may end its worker before it is given up.
+    one_frame : bool
+        Whether the meshes of all spots are in one frame.
+    cache : Path, optional
+        Folder of results shared with other studies.
+    unscaled : frozenset of str
+        Channels of degree 0: their ordinates stay as they are when all moduli are scaled.
+    n_total : int
+        Sets that the design of ``n_sets`` is extended, or cut, to; 0: neither.
+    trusted : mapping of component to fingerprint
+        Fingerprints of earlier code whose results count as those of the code as it is, by
+        ``material:NAME`` or ``solver:NAME``.
+    """
+
+    name: str
+    description: str
+    file: Path
+    data: Literal["measured", "simulated"]
+    spots: tuple[StudySpot, ...]
+    loader: ExperimentLoader
+    limb_source: LimbSource | None
+    protocol: Protocol | None
+    space: ParameterSpace
+    sampler: Sampler
+    n_sets: int
+    refill: int = 0
+    seed: int
+    filters: tuple[SetFilter, ...]
+    solver: Solver
+    normaliser: Normaliser
+    weights: PointWeights = PointWeights.EQUAL
+    minimum_coverage: float
+    scenarios: tuple[Scenario, ...]
+    generalise_by: str
+    refine: bool
+    rays: bool = False
+    truth: Mapping[str, float]
+    n_workers: int
+    time_limit_s: float
+    plugin_files: tuple[Path, ...]
+    executor: Executor | None = None
+    memory_limit_MB: float = 0.0
+    rank_partial: bool = False
+    n_attempts: int = 2
+    one_frame: bool = False
+    cache: Path | None = None
+    unscaled: frozenset[str] = frozenset()
+    n_total: int = 0
+    trusted: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        searched = ", ".join(p.name for p in self.space.parameters)
+        return (
+            f"Study({self.name!r}: {self.n_sets} sets of {searched} at {len(self.spots)} spots, "
+            f"solver {self.solver.name})"
+        )
+
+    def _repr_html_(self) -> str:
+        from palpate.report import notebook_html as views
+
+        return views.study(self)
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the study file."""
+        return self.file.parent
+
+    @property
+    def spot_names(self) -> tuple[str, ...]:
+        """Names of the spots, in the order of the study file."""
+        return tuple(spot.spot.name for spot in self.spots)
+
+    @property
+    def notice(self) -> str:
+        """What every picture of the data must say."""
+        return "simulated data, not a measurement" if self.data == "simulated" else ""
+
+    def loader_at(self, spot: str) -> ExperimentLoader:
+        """What reads the files of a spot."""
+        return self._at(spot).loader or self.loader
+
+    def protocol_at(self, spot: str) -> Protocol | None:
+        """What is done at a spot; None for homogeneous tests."""
+        return self._at(spot).protocol or self.protocol
+
+    def _at(self, name: str) -> StudySpot:
+        return next(spot for spot in self.spots if spot.spot.name == name)
+
+
+def read_study(
+    path: Path | str,
+    plugins: Plugins | None = None,
+    *,
+    need_measured: bool = True,
+    copy_of: Path | None = None,
+) -> Study:
+    """Read and check a study file.
+
+    Parameters
+    ----------
+    path : Path or str
+        A study.toml, or the folder that holds one.
+    plugins : Plugins, optional
+        Where the names in the file are looked up; the installed ones when left out.
+    need_measured : bool
+        Whether the files of measured curves must exist; False before an experiment.
+    copy_of : Path, optional
+        The study file that ``path`` is a run's copy of. Its folder is the one that paths are
+        relative to, no file that it names must exist, and ``plugins`` has its plugin files.
+
+    Raises
+    ------
+    StudyError
+        Listing everything that is wrong, each with line, key and what to do.
+    """
+    path = _study_file(path)
+    if copy_of is None or plugins is None:
+        plugins = with_study_plugins(path, plugins)
+    text, raw = _parse(path)
+    problems = Problems(path, KeyLines(text), raw)
+    context = Context((copy_of or path).resolve(), plugins, problems, is_copy=copy_of is not None)
+    return _build(context, read_tables(raw, problems), need_measured)
+
+
+def with_study_plugins(path: Path | str, plugins: Plugins | None = None) -> Plugins:
+    """Add the one-file plugins that a study names to others, the installed ones when left out.
+
+    Raises
+    ------
+    StudyError
+        The study file cannot be read, or a plugin file does not exist.
+    """
+    plugins = plugins or Plugins.load()
+    try:
+        return plugins.with_files(study_plugins(path))
+    except PluginError as error:
+        raise StudyError(f"{_study_file(path)}: [study] plugins: {error}") from None
+
+
+def study_plugins(path: Path | str) -> list[Path]:
+    """Plugin files that a study names; none of them is executed.
+
+    Raises
+    ------
+    StudyError
+        The study file cannot be read.
+    """
+    path = _study_file(path)
+    header = _parse(path)[1].get("study")
+    named = header.get("plugins", []) if isinstance(header, dict) else []
+    is_list = isinstance(named, list) and all(isinstance(name, str) for name in named)
+    return [path.parent / name for name in named] if is_list else []  # the check of the tables reports it
+
+
+def _study_file(path: Path | str) -> Path:
+    return Path(path) / "study.toml" if Path(path).is_dir() else Path(path)
+
+
+def relative(file: Path, folder: Path) -> str:
+    """Path from the study's folder; the bare name of a file that lies elsewhere."""
+    inside = file.resolve().is_relative_to(folder.resolve())
+    return file.resolve().relative_to(folder.resolve()).as_posix() if inside else file.name
+
+
+_TOO_LONG = (
+    (re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*\.[ \t]*){100}"""), "a key of 100 parts or more"),
+    (re.compile(r"\d{1000}"), "a number of 1000 digits or more"),
+)
+"""What TOML allows and Python takes hours to read, or does not read."""
+
+
+def _parse(path: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise ValueError(
+                f"larger than {MOST_BYTES} bytes; a study has settings, keep data in other files"
+            )
+        text = content.decode("utf-8-sig").replace("\r\n", "\n")
+        for pattern, what in _TOO_LONG:
+            if match := pattern.search(text):
+                raise ValueError(f"line {text.count(chr(10), 0, match.start()) + 1}: {what}; shorten it")
+        raw = tomllib.loads(text)
+        check_plain(raw)
+        return text, raw
+    except FileNotFoundError:
+        raise StudyError(f"{path}: no such file; `palpate init` makes a study to start from") from None
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    except UnicodeDecodeError as error:
+        raise StudyError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"{path}: invalid TOML: {error}; fix the syntax there") from None
+    except RecursionError:
+        raise StudyError(f"{path}: tables or arrays nested too deep; make them flatter") from None
+    except ValueError as error:
+        raise StudyError(f"{path}: {error}") from None
+
+
+def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
+    header, sampling, selection = tables.study, tables.sampling, tables.selection
+    parts = build_components(context, tables)
+    spots = build_spots(context, tables, need_measured)
+    protocol = build_protocol(context, tables.protocol) if tables.protocol else None
+    space = build_space(context, tables.region)
+    measured = {spot.spot.name: spot.measured.keys() for spot in spots}
+    scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
+    truth = build_truth(context, tables, space)
+    _check_together(context, tables, parts, space)
+    if parts.solver and selection:
+        check_solver_channels(context, parts.solver, selection, scenarios)
+    context.problems.raise_if_any()
+    study = Study(
+        name=settled(header).name,
+        description=settled(header).description,
+        file=context.file,
+        data=settled(header).data,
+        spots=spots,
+        loader=settled(parts.loader),
+        limb_source=parts.limb_source,
+        protocol=protocol,
+        space=space,
+        sampler=settled(parts.sampler),
+        n_sets=settled(sampling).n_sets,
+        refill=settled(sampling).refill,
+        seed=settled(sampling).seed,
+        filters=parts.filters,
+        solver=settled(parts.solver),
+        normaliser=settled(tables.scoring).normaliser,
+        weights=settled(tables.scoring).weights,
+        minimum_coverage=settled(tables.scoring).minimum_coverage,
+        rank_partial=settled(tables.scoring).partial,
+        scenarios=scenarios,
+        generalise_by=settled(selection).generalise_by or scenarios[0].name,
+        refine=settled(selection).refine,
+        rays=settled(selection).rays,
+        truth=truth,
+        n_workers=settled(tables.solver).n_workers,
+        time_limit_s=settled(tables.solver).time_limit,
+        plugin_files=context.plugins.files,
+        unscaled=frozenset(n for n, channel in context.plugins.channels.items() if channel.degree == 0),
+        one_frame=tables.limb is not None and tables.limb.one_frame,
+    )
+    return _with_executor(study, parts.executor, tables.executor or ExecutorTable())
+
+
+def _with_executor(study: Study, executor: Executor | None, table: ExecutorTable) -> Study:
+    """Add where the simulations run, and within which limits."""
+    return replace(
+        study,
+        executor=executor,
+        memory_limit_MB=table.memory_limit or 0.0,
+        n_attempts=table.attempts,
+        cache=study.folder / table.cache if table.cache else None,
+    )
+
+
+def _check_together(context: Context, tables: Tables, parts: Components, space: ParameterSpace) -> None:
+    """Note what each table allows by itself and another forbids."""
+    n_simulations = len(tables.spot) * (tables.sampling.n_sets if tables.sampling else 0)
+    if n_simulations > MOST_SIMULATIONS:
+        context.problems.add(
+            ("sampling", "n_sets"),
+            f"{n_simulations} simulations, and a study has at most {MOST_SIMULATIONS}; use fewer sets",
+        )
+    if tables.selection and tables.selection.rays:
+        check_rays(context, space)
+    if parts.solver:
+        check_solver_needs(context, parts.solver, tables)
+    if parts.executor:
+        check_limits(context, parts.executor, tables.executor or ExecutorTable())

@@ -1,0 +1,150 @@
+"""Materials of the regions: which parameters are searched, between what, and which are fixed."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.domain import FloatArray, Parameter, ParameterSpace, RegionMaterial
+from palpate.plugins.interfaces import Material
+from palpate.study.build import Context, build_component
+from palpate.study.model import ParameterTable, RegionTable, Tables
+from palpate.study.problems import Problems, choice
+from palpate.study.source_positions import Key
+from palpate.units import convert
+
+
+def build_space(context: Context, tables: Mapping[str, RegionTable]) -> ParameterSpace:
+    """Build the material of every region."""
+    built = [_region(context, name, table) for name, table in tables.items()]
+    regions = tuple(region for region in built if region is not None)
+    all_fixed = all(len(region.fixed) == len(region.material.parameters) for region in regions)
+    if regions and len(regions) == len(built) and all_fixed:
+        context.problems.add(
+            ("region",), 'no parameter is searched; give at least one as { lower = "…", upper = "…" }'
+        )
+    return ParameterSpace(regions=regions)
+
+
+def _region(context: Context, name: str, table: RegionTable) -> RegionMaterial | None:
+    key: Key = ("region", name)
+    material = build_component(
+        context, context.plugins.materials, table.material, table.settings, (*key, "material")
+    )
+    if material is None:
+        return None
+    defaults: dict[str, Parameter] = {}
+    with context.problems.at(*key, "convention"):
+        defaults = {p.name: p for p in _in_convention(material, table.convention)}
+    if not defaults:
+        return None
+    for unknown in table.parameters.keys() - defaults.keys():
+        context.problems.add(
+            (*key, "parameters", unknown),
+            choice(unknown, defaults, f"parameter of material '{material.name}'"),
+        )
+    fixed, searched = _split(context.problems, (*key, "parameters"), defaults, table.parameters)
+    return RegionMaterial(
+        region=name, material=material, searched=searched, fixed=fixed, convention=table.convention
+    )
+
+
+def _split(
+    problems: Problems, key: Key, defaults: Mapping[str, Parameter], given: Mapping[str, ParameterTable]
+) -> tuple[dict[str, float], tuple[Parameter, ...]]:
+    fixed: dict[str, float] = {}
+    searched: list[Parameter] = []
+    for name, default in defaults.items():
+        if name not in given:
+            searched.append(default)
+        elif given[name].value is not None:
+            with problems.at(*key, name):
+                fixed[name] = _value(default, given[name].value)
+        else:
+            searched.extend(_range(problems, (*key, name), default, given[name]))
+    return fixed, tuple(searched)
+
+
+def _value(parameter: Parameter, given: object) -> float:
+    value = convert(given, parameter.unit)
+    parameter.check(value)
+    return value
+
+
+def _range(problems: Problems, key: Key, default: Parameter, table: ParameterTable) -> Iterator[Parameter]:
+    ends = {}
+    for end, given in (("lower", table.lower), ("upper", table.upper)):
+        with problems.at(*key, end):
+            ends[end] = _value(default, given)
+    if len(ends) < 2:
+        return
+    if not ends["lower"] < ends["upper"]:
+        problems.add(
+            key,
+            f"lower {table.lower!r} is not less than upper {table.upper!r}; swap them, "
+            "or write one quantity to fix the parameter",
+        )
+        return
+    with problems.at(*key, "scale"):
+        yield replace(default, lower=ends["lower"], upper=ends["upper"], scale=table.scale)
+
+
+def _in_convention(material: Material, convention: str) -> Iterator[Parameter]:
+    """Parameters of a material with their ranges and limits as ``convention`` writes them.
+
+    Raises
+    ------
+    MaterialError
+        The material does not know the convention.
+    """
+
+    def written(*textbook: float) -> FloatArray:
+        return material.from_textbook(np.array(textbook), convention)
+
+    ranges = np.sort(
+        [written(*(p.lower for p in material.parameters)), written(*(p.upper for p in material.parameters))],
+        axis=0,
+    )
+    limits = np.sort(
+        [
+            written(*(p.physical_lower for p in material.parameters)),
+            written(*(p.physical_upper for p in material.parameters)),
+        ],
+        axis=0,
+    )
+    for index, parameter in enumerate(material.parameters):
+        yield replace(
+            parameter,
+            lower=float(ranges[0, index]),
+            upper=float(ranges[1, index]),
+            physical_lower=float(limits[0, index]),
+            physical_upper=float(limits[1, index]),
+        )
+
+
+def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict[str, float]:
+    """Read the known answer, by ``region.parameter``, in the region's convention."""
+    if tables.truth and tables.study and tables.study.data != "simulated":
+        context.problems.add(("truth",), 'only simulated data have a known answer; set data = "simulated"')
+    truth: dict[str, float] = {}
+    if not space.regions or len(space.regions) < len(tables.region):
+        return truth  # a region's own mistake is told already
+    known = {
+        f"{r.region}.{p.name}": p for r in space.regions for p in _in_convention(r.material, r.convention)
+    }
+    for key, value in _leaves(("truth",), tables.truth):
+        name = ".".join(str(part) for part in key[1:])
+        if name not in known:
+            context.problems.add(key, choice(name, known, "parameter"))
+            continue
+        with context.problems.at(*key):
+            truth[name] = _value(known[name], value)
+    return truth
+
+
+def _leaves(key: Key, table: Mapping[str, object]) -> Iterator[tuple[Key, object]]:
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _leaves((*key, name), value)
+        else:
+            yield (*key, name), value

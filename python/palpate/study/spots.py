@@ -1,0 +1,134 @@
+"""The spots of a study: their files, and what is done and read otherwise at one of them."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from palpate.domain import Indentation, Protocol, Sphere, Spot
+from palpate.plugins.interfaces import ExperimentLoader
+from palpate.study.build import Context, build_component
+from palpate.study.model import ExperimentTable, ProtocolTable, SpotTable, Tables
+from palpate.study.source_positions import Key
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudySpot:
+    """One spot with its files.
+
+    Parameters
+    ----------
+    spot : Spot
+    measured : mapping of channel name, or None for files that hold several channels, to paths
+        More than one path: repeated presses, which are averaged.
+    mesh : Path or None
+        None for a specimen in homogeneous tests.
+    protocol : Protocol or None
+        What is done here, where it is not what the study does everywhere.
+    loader : ExperimentLoader or None
+        What reads the files, where they need other settings than the study's.
+    """
+
+    spot: Spot
+    measured: Mapping[str | None, tuple[Path, ...]]
+    mesh: Path | None
+    protocol: Protocol | None = None
+    loader: ExperimentLoader | None = None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file of measured curves."""
+        return tuple(path for paths in self.measured.values() for path in paths)
+
+
+def build_spots(context: Context, tables: Tables, need_measured: bool = True) -> tuple[StudySpot, ...]:
+    """Build the spots; names are unique, files exist, channels are known."""
+    spots = []
+    for index, table in enumerate(tables.spot):
+        key: Key = ("spot", index)
+        if table.name in [earlier.name for earlier in tables.spot[:index]]:
+            context.problems.add(
+                (*key, "name"), f"a spot '{table.name}' already exists; give each spot its own name"
+            )
+        measured = _measured(context, table, key, need_measured)
+        mesh = None if table.mesh is None else _file(context, table.mesh, (*key, "mesh"))
+        protocol = _spot_protocol(context, tables.protocol, table, key)
+        loader = _spot_loader(context, tables.experiment, table, key)
+        with context.problems.at(*key, "normal"):
+            spot = Spot(name=table.name, position_mm=np.array(table.position), normal=np.array(table.normal))
+            spots.append(StudySpot(spot=spot, measured=measured, mesh=mesh, protocol=protocol, loader=loader))
+    return tuple(spots)
+
+
+def _measured(
+    context: Context, table: SpotTable, key: Key, needed: bool
+) -> dict[str | None, tuple[Path, ...]]:
+    for channel in table.measured:
+        with context.problems.at(*key, "measured", *([channel] if channel else [])):
+            _ = channel and context.plugins.channels[channel]
+    return {
+        channel or None: tuple(
+            _file(context, name, at, needed) for name, at in _named(context, names, channel, key)
+        )
+        for channel, names in table.measured.items()
+    }
+
+
+def _named(context: Context, names: list[str], channel: str, spot: Key) -> Iterator[tuple[str, Key]]:
+    """Each file with its key in study.toml; repeats are different presses."""
+    key: Key = (*spot, "measured", *([channel] if channel else []))
+    for place, name in enumerate(names):
+        at: Key = (*key, place) if len(names) > 1 else key
+        if name in names[:place]:
+            context.problems.add(at, f"'{name}' is listed twice; a repeat is another press, list each once")
+        yield name, at
+
+
+def _file(context: Context, name: str, key: Key, needed: bool = True) -> Path:
+    path = context.file.parent / name
+    if not context.is_copy and not path.is_file() and (needed or path.exists()):
+        reason = "is a folder, not a file" if path.is_dir() else "no such file"
+        context.problems.add(key, f"'{name}': {reason} (looked for {path}); paths are relative to study.toml")
+    return path
+
+
+def _spot_protocol(
+    context: Context, base: ProtocolTable | None, table: SpotTable, key: Key
+) -> Indentation | None:
+    if table.protocol is None:
+        return None
+    if base is None:
+        context.problems.add(
+            (*key, "protocol"), "changes a [protocol] that the study does not have; add the table"
+        )
+        return None
+    own = {name: getattr(table.protocol, name) for name in table.protocol.model_fields_set}
+    return build_protocol(context, base.model_copy(update=own), (*key, "protocol"))
+
+
+def _spot_loader(
+    context: Context, base: ExperimentTable | None, table: SpotTable, key: Key
+) -> ExperimentLoader | None:
+    if base is None or not table.settings:
+        return None
+    with context.problems.at("experiment", "loader"):
+        # A loader that is not there is told once, where it is named.
+        _ = context.plugins.loaders[base.loader]
+        return build_component(
+            context, context.plugins.loaders, base.loader, base.settings | table.settings, (*key, "settings")
+        )
+    return None
+
+
+def build_protocol(context: Context, table: ProtocolTable, key: Key = ("protocol",)) -> Indentation | None:
+    """Press to the depth, then twist to each rotation in turn."""
+    with context.problems.at(*key):
+        rotations = [0.0, 0.0, *table.twist]
+        depths = [0.0] + [table.depth] * (len(rotations) - 1)
+        return Indentation(
+            indenter=Sphere(radius_mm=table.indenter.radius),
+            path=np.column_stack([depths, rotations]),
+            friction=table.friction,
+        )
+    return None
