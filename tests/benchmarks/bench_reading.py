@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate_experiments.reading import ChannelMap, read_recording
+from palpate_robot_log.reading import ChannelMap, read_recording
 
 N_ROWS, N_ROUNDS, SHARE = 1_000_000, 3, 20
 CHANNELS = {

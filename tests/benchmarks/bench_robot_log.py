@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import FloatArray
-from palpate_experiments import RobotLogLoader, RobotLogSettings
+from palpate_robot_log import RobotLogLoader, RobotLogSettings
 
 N_ROWS, N_ROUNDS = 1_000_000, 3
 SETTINGS = {

@@ -68,7 +68,7 @@ def load(mesh: str) -> Any:
     """The limb of a mesh file, or of ``block:across:down``."""
     from palpate.domain import Spot
     from palpate.specimens import block
-    from palpate_forearm.mesh_source import MeshioSource
+    from palpate_indentation.mesh_source import MeshioSource
 
     if not mesh.startswith("block:"):
         return MeshioSource().load(Path(mesh), Spot(name="p2"))

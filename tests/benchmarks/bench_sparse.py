@@ -71,7 +71,7 @@ def tangent(limb: Limb, path: Path) -> int:
 
 def forearm() -> Limb:
     """The first limb of the forearm study."""
-    from palpate_forearm.mesh_source import MeshioSource
+    from palpate_indentation.mesh_source import MeshioSource
 
     folder = Path(str(files("palpate_forearm"))) / "studies" / "forearm" / "meshes"
     return MeshioSource().load(folder / "p2.vtu", Spot(name="p2"))

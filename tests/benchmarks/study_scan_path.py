@@ -15,7 +15,8 @@ from study_mesh_size import DEFAULT, RADIUS_MM, exact_segment, meshed, peaks, pr
 
 from palpate.cli.app import main as palpate
 from palpate.domain import Response, Spot
-from palpate_forearm import MeshioSettings, MeshioSource, Phantom, write_phantom
+from palpate_forearm import Phantom, write_phantom
+from palpate_indentation import MeshioSettings, MeshioSource
 
 
 def scale(measured: Response, simulated: Response) -> float:

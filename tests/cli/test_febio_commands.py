@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from palpate.domain import Curve, Response, Simulation, Status
-from palpate_febio.friction_memory import SCENARIOS, best_multiple, outcomes, recorded, resampled
 from palpate_febio.steps import steps_of
 from palpate_febio.verdict import response_of
+from palpate_validation.friction_memory import SCENARIOS, best_multiple, outcomes, recorded, resampled
 
 ROOT = Path(__file__).parents[1]
 
@@ -152,7 +152,7 @@ def elastic(self, job, limb):
 
 
 def test_with_febio_every_form_is_run_and_without_it_is_missed(call, fake_on_path, monkeypatch, tmp_path):
-    monkeypatch.setattr("palpate_febio.friction_command.DEMO", ("no such study", ""))
+    monkeypatch.setattr("palpate_validation.friction_command.DEMO", ("no such study", ""))
     monkeypatch.setattr("palpate_jax.solver.JaxSolver.simulate", elastic)
     with pytest.warns(UserWarning, match="no memory"):
         found = call("friction-memory", "--steps", "2", "--steps", "4", "--json", plugin=None).json

@@ -9,7 +9,7 @@ import pytest
 from palpate.domain import Response
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.testing import Expected, LoaderContract
-from palpate_experiments import CsvLoader, CsvSettings
+from palpate_indentation import CsvLoader, CsvSettings
 
 GOOD = "depth_mm,angle_deg,force_N,torque_Nmm\n0,0,0,0\n5,0,2,0\n10,0,7,0.5\n10,-9,6,-3\n10,9,6,3\n"
 

@@ -11,9 +11,9 @@ import pytest
 
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.testing import LoaderContract
-from palpate_experiments import RobotLogLoader, RobotLogSettings
+from palpate_robot_log import RobotLogLoader, RobotLogSettings
 
-LOG = Path(str(files("palpate_experiments") / "studies" / "robot-log" / "logs" / "simulated_p2.parquet"))
+LOG = Path(str(files("palpate_robot_log") / "studies" / "robot-log" / "logs" / "simulated_p2.parquet"))
 CHANNELS = {
     "time": "time_s",
     "position": {"columns": ["x_m", "y_m", "z_m"]},
@@ -52,6 +52,6 @@ class TestRobotLog(LoaderContract):
 
 def test_who_lists_the_loaders_waits_for_none_of_what_they_use() -> None:
     """Half a second of every command, ``--help`` too."""
-    code = "import sys, palpate_experiments as e; e.palpate_experiment_loaders(); print(*sys.modules)"
+    code = "import sys, palpate_robot_log as e; e.palpate_experiment_loaders(); print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"scipy", "polars", "matplotlib"} & set(found.stdout.split())

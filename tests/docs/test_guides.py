@@ -27,7 +27,7 @@ from palpate.stages.curve_checks import (
 )
 from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate.study.reading import read_study
-from palpate_experiments import CsvLoader, CsvSettings
+from palpate_indentation import CsvLoader, CsvSettings
 
 ROOT = Path(__file__).parents[2]
 GUIDES = [
@@ -35,7 +35,7 @@ GUIDES = [
     *sorted(ROOT.glob("plugins/*/README.md")),
     *sorted(ROOT.glob("*.md")),
 ]
-ROBOT_LOG = files("palpate_experiments") / "studies" / "robot-log"
+ROBOT_LOG = files("palpate_robot_log") / "studies" / "robot-log"
 
 
 def text_of(guide: Path) -> str:

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.plugins.catalogue import Plugins
 from palpate.study.model import ScoringTable, SpotTable
-from palpate_experiments import RobotLogLoader, RobotLogSettings
+from palpate_robot_log import RobotLogLoader, RobotLogSettings
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
 LOADER, CONTRACT = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
@@ -59,7 +59,7 @@ def test_the_steps_are_those_of_the_loader() -> None:
 
 def test_the_pictures_are_those_that_are_drawn() -> None:
     source = (
-        Path(__file__).parents[2] / "plugins/palpate-experiments/src/palpate_experiments/pictures.py"
+        Path(__file__).parents[2] / "plugins/palpate-robot-log/src/palpate_robot_log/pictures.py"
     ).read_text()
     listed = re.findall(r"^\| `(\d_\w+)`", GUIDE, flags=re.MULTILINE)
     assert listed == sorted(set(re.findall(r'folder / "(\d_\w+)\.png"', source)))

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.domain import Indentation, Job, Limb, Sphere, Spot, Status
 from palpate.specimens import block
-from palpate_forearm.mesh_source import MeshioSource
+from palpate_indentation.mesh_source import MeshioSource
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.yeoh import Yeoh

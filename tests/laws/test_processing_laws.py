@@ -7,16 +7,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.spot_frame import spot_axes
-from palpate_experiments.processing.alignment import shifted
-from palpate_experiments.processing.chain import process
-from palpate_experiments.processing.drift import Drift, find_drift, without_drift
-from palpate_experiments.processing.gravity import ToolLoad, fit_tool, without_weight
-from palpate_experiments.processing.rotation import turn_and_tilt
-from palpate_experiments.processing.smoothing import smoothed
-from palpate_experiments.processing.spot_frame import wrench_at_spot
-from palpate_experiments.processing.tare import find_bias, tared
-from palpate_experiments.processing.thinning import thinned
-from palpate_experiments.recording import Recording
+from palpate_robot_log.processing.alignment import shifted
+from palpate_robot_log.processing.chain import process
+from palpate_robot_log.processing.drift import Drift, find_drift, without_drift
+from palpate_robot_log.processing.gravity import ToolLoad, fit_tool, without_weight
+from palpate_robot_log.processing.rotation import turn_and_tilt
+from palpate_robot_log.processing.smoothing import smoothed
+from palpate_robot_log.processing.spot_frame import wrench_at_spot
+from palpate_robot_log.processing.tare import find_bias, tared
+from palpate_robot_log.processing.thinning import thinned
+from palpate_robot_log.recording import Recording
 
 from ..oracles import robot_logs as logs
 

@@ -12,14 +12,14 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
-from palpate_experiments.reading import Request
-from palpate_experiments.reading import text as text_reader
-from palpate_experiments.reading.formats import read_here
-from palpate_experiments.reading.header_units import BASE_UNITS, UNITS, factor_to_base, unit_in
-from palpate_experiments.reading.orientation import conjugate, product, quaternions, slerp, turned
-from palpate_experiments.reading.proposal import propose
-from palpate_experiments.reading.raw import RawLog
-from palpate_experiments.reading.text import read_text
+from palpate_robot_log.reading import Request
+from palpate_robot_log.reading import text as text_reader
+from palpate_robot_log.reading.formats import read_here
+from palpate_robot_log.reading.header_units import BASE_UNITS, UNITS, factor_to_base, unit_in
+from palpate_robot_log.reading.orientation import conjugate, product, quaternions, slerp, turned
+from palpate_robot_log.reading.proposal import propose
+from palpate_robot_log.reading.raw import RawLog
+from palpate_robot_log.reading.text import read_text
 
 from ..unit import log_writers as write
 

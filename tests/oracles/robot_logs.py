@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import FloatArray
-from palpate_experiments.processing.chain import process
-from palpate_experiments.processing.processed import Processed
-from palpate_experiments.processing.settings import ProcessingSettings
-from palpate_experiments.recording import Recording
+from palpate_robot_log.processing.chain import process
+from palpate_robot_log.processing.processed import Processed
+from palpate_robot_log.processing.settings import ProcessingSettings
+from palpate_robot_log.recording import Recording
 
 FOLDER = Path(__file__).parent.parent / "data" / "robot_logs"
 SPOTS = ("p1", "p2", "p3", "p4")

@@ -11,11 +11,11 @@ from palpate.errors import MaterialError
 from palpate.plugins.interfaces import Solver
 from palpate.specimens import block
 from palpate_febio.binary import find_binary
-from palpate_febio.certificate import Case, Certificate, Row, at, compared
-from palpate_febio.certificate_block import block_rows
-from palpate_febio.certificate_element import RECORDED_VALUES, one_element, recorded_deviation
-from palpate_febio.certificate_twist import TWIST_DEG, twist_rows
 from palpate_materials import NeoHookean, Ogden, Yeoh
+from palpate_validation.certificate import Case, Certificate, Row, at, compared
+from palpate_validation.certificate_block import block_rows
+from palpate_validation.certificate_element import RECORDED_VALUES, one_element, recorded_deviation
+from palpate_validation.certificate_twist import TWIST_DEG, twist_rows
 
 MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
 
@@ -221,7 +221,7 @@ def palpate_solvers():
 def test_a_solver_of_others_is_judged_when_it_is_asked_for(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr("palpate_febio.certificate_block.block_rows", lambda *_: iter(()))
+    monkeypatch.setattr("palpate_validation.certificate_block.block_rows", lambda *_: iter(()))
 
     def only_named(limb, material, theta, contenders, problem, references):
         assert references == ["jax"]
@@ -229,7 +229,7 @@ def test_a_solver_of_others_is_judged_when_it_is_asked_for(capsys, tmp_path, mon
             yield Row(problem=problem, material="", quantity="", solver=name, against="", tolerance=1.0,
                       difference=0.0 if name == "jax" else None)  # fmt: skip
 
-    monkeypatch.setattr("palpate_febio.certificate_twist.twist_rows", only_named)
+    monkeypatch.setattr("palpate_validation.certificate_twist.twist_rows", only_named)
     (tmp_path / "alien.py").write_text(ALIEN)
     call = ["--plugin", str(tmp_path / "alien.py"), "certify", "yeoh", "--json"]
     assert main(call) == 0

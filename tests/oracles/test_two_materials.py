@@ -25,7 +25,7 @@ from palpate.plugins.interfaces import LimbSource, Sampler
 from palpate.specimens import block
 from palpate.stages.synthesis import synthesise
 from palpate.study.reading import Study, StudySpot
-from palpate_experiments import CsvLoader
+from palpate_indentation import CsvLoader
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 

@@ -10,13 +10,13 @@ from palpate.domain import Spot
 from palpate.errors import MeshError, StudyError
 from palpate.specimens import block
 from palpate.testing import LimbSourceContract
-from palpate_febio import certify
 from palpate_febio.deck_reader import read_deck
 from palpate_febio.limb_source import FebioDeckSettings, FebioDeckSource
 from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver
-from palpate_forearm import MeshioSource
+from palpate_indentation import MeshioSource
 from palpate_limb.limb_files import write_limb
+from palpate_validation import certify
 
 from . import febio_fake
 from .test_febio_deck import SOLVER, job_of, mixed_limb

@@ -9,8 +9,9 @@ import pytest
 from palpate.domain import Mesh, Spot
 from palpate.errors import MeshError
 from palpate.stages.limb import check_limb
-from palpate_forearm import MeshioSettings, MeshioSource, Phantom, write_phantom
+from palpate_forearm import Phantom, write_phantom
 from palpate_forearm.phantom_files import write_stl
+from palpate_indentation import MeshioSettings, MeshioSource
 
 pytestmark = pytest.mark.usefixtures("meshes_here")
 

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from palpate.domain import Mesh, Spot
 from palpate.errors import MeshError
-from palpate_forearm import MeshioSettings, MeshioSource
+from palpate_indentation import MeshioSettings, MeshioSource
 
 pytestmark = pytest.mark.usefixtures("meshes_here")
 

@@ -14,16 +14,8 @@ from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError, PluginError
 from palpate.specimens import block
 from palpate.stages.limb import check_limb
-from palpate_forearm import (
-    InkMark,
-    MeshioSettings,
-    MeshioSource,
-    Phantom,
-    PhantomBone,
-    Scanner,
-    Section,
-    write_phantom,
-)
+from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, write_phantom
+from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan
 from palpate_limb.cli_options import axis_of, layers_of, radii_mm
 from palpate_limb.from_scan import sound_mesh

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from palpate.domain import Curve, FloatArray, Response
 from palpate.errors import CurveError
-from palpate_experiments import CsvLoader, CsvSettings
+from palpate_indentation import CsvLoader, CsvSettings
 
 finite = st.floats(-1e100, 1e100)
 moving = st.lists(st.tuples(finite, finite), min_size=2, max_size=20).filter(

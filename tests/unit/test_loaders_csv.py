@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
-from palpate_experiments import CsvLoader, CsvSettings
+from palpate_indentation import CsvLoader, CsvSettings
 
 finite = st.floats(-1e140, 1e140)
 curves = st.lists(st.tuples(finite, finite), min_size=2, max_size=30).filter(

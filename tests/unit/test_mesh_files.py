@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 from palpate.domain import Spot
 from palpate.errors import MeshError, PalpateError
 from palpate.stages.limb import check_limb
-from palpate_forearm import MeshioSettings, MeshioSource, mesh_files, mesh_source
-from palpate_forearm.mesh_files import read_here, read_mesh_file
+from palpate_indentation import MeshioSettings, MeshioSource, mesh_files, mesh_source
+from palpate_indentation.mesh_files import read_here, read_mesh_file
 
 INP = "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n"
 XDMF = '<Xdmf Version="3.0"><Domain><Grid><DataItem Format="HDF">{}:/points</DataItem></Grid></Domain></Xdmf>'

@@ -9,11 +9,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 from scipy.spatial.transform import Rotation
 
-from palpate_experiments import pictures
-from palpate_experiments.pictures import N_BUCKETS, draw_processed, draw_recording, envelope
-from palpate_experiments.processing.chain import process
-from palpate_experiments.processing.settings import ProcessingSettings
-from palpate_experiments.recording import Recording
+from palpate_robot_log import pictures
+from palpate_robot_log.pictures import N_BUCKETS, draw_processed, draw_recording, envelope
+from palpate_robot_log.processing.chain import process
+from palpate_robot_log.processing.settings import ProcessingSettings
+from palpate_robot_log.recording import Recording
 
 RATE_HZ = 100.0
 PHASES = [

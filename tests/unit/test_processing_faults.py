@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import CurveError
-from palpate_experiments.processing.chain import process
-from palpate_experiments.recording import Recording
+from palpate_robot_log.processing.chain import process
+from palpate_robot_log.recording import Recording
 
 from ..oracles import robot_logs as logs
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from palpate.errors import CurveError
-from palpate_experiments.reading import Request
-from palpate_experiments.reading.assembly import Reading, assemble, columns_of
-from palpate_experiments.reading.formats import read_here
-from palpate_experiments.reading.raw import Column, RawLog, Stream
+from palpate_robot_log.reading import Request
+from palpate_robot_log.reading.assembly import Reading, assemble, columns_of
+from palpate_robot_log.reading.formats import read_here
+from palpate_robot_log.reading.raw import Column, RawLog, Stream
 
 from . import log_writers as write
 

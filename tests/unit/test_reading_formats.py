@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from palpate.errors import CurveError
-from palpate_experiments.reading import ChannelMap, Request, read_log, read_recording
-from palpate_experiments.reading.assembly import assemble, columns_of
-from palpate_experiments.reading.formats import read_here
-from palpate_experiments.recording import Recording
+from palpate_robot_log.reading import ChannelMap, Request, read_log, read_recording
+from palpate_robot_log.reading.assembly import assemble, columns_of
+from palpate_robot_log.reading.formats import read_here
+from palpate_robot_log.recording import Recording
 
 from . import log_writers as write
 
@@ -298,5 +298,5 @@ def test_a_package_that_is_missing_is_named_with_how_to_get_it(
     write.write_matlab73(tmp_path / "matlab.mat", write.press(30))
     write.write_bag1(tmp_path / "ros.bag", write.press(30))
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(CurveError, match=rf"pip install 'palpate-experiments\[{kind}\]'"):
+    with pytest.raises(CurveError, match=rf"pip install 'palpate-robot-log\[{kind}\]'"):
         read_here(next(tmp_path.glob(f"{kind}.*")), Request())

@@ -9,11 +9,11 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from palpate.errors import CurveError
-from palpate_experiments.reading import Request
-from palpate_experiments.reading.assembly import assemble
-from palpate_experiments.reading.formats import read_here
-from palpate_experiments.reading.raw import Column, RawLog, Stream
-from palpate_experiments.recording import Recording
+from palpate_robot_log.reading import Request
+from palpate_robot_log.reading.assembly import assemble
+from palpate_robot_log.reading.formats import read_here
+from palpate_robot_log.reading.raw import Column, RawLog, Stream
+from palpate_robot_log.recording import Recording
 
 from . import log_writers as write
 

@@ -18,7 +18,7 @@ from palpate.plugins.catalogue import Plugins
 from palpate.stages.experiment import load_measured, measured_warnings
 from palpate.stages.limb import load_limbs
 from palpate.study.reading import Study, read_study
-from palpate_experiments.processing.settings import Gravity
+from palpate_robot_log.processing.settings import Gravity
 
 DATA = Path(__file__).parents[1] / "data" / "robot_logs"
 SPOTS = ("p1", "p2", "p3", "p4")

@@ -17,7 +17,7 @@ from palpate.pipeline import run_study
 from palpate.plugins.catalogue import Plugins
 from palpate.stages.synthesis import NOTE, synthesise
 from palpate.study.reading import Study, StudySpot, read_study
-from palpate_experiments import CsvLoader, CsvSettings
+from palpate_indentation import CsvLoader, CsvSettings
 
 ANSWER = (0.4, 20.0)
 TRUTH = {"soft_tissue.stiffness": ANSWER[0], "soft_tissue.grip": ANSWER[1]}

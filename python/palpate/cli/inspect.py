@@ -98,7 +98,7 @@ def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
         except CurveError as error:
             refusals.append(str(error) if len(asked) == 1 else f"{name}: {error}")
     if not refusals:
-        raise CurveError(f"{file}: no loader can inspect files; install palpate-experiments")
+        raise CurveError(f"{file}: no loader can inspect files; install palpate-robot-log")
     raise CurveError("; ".join(refusals))
 
 

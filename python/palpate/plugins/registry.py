@@ -41,7 +41,18 @@ GROUP = "palpate"
 """
 
 FIRST_PARTY = frozenset(
-    f"palpate-{name}" for name in ("dask", "experiments", "febio", "forearm", "jax", "limb", "materials")
+    f"palpate-{name}"
+    for name in (
+        "dask",
+        "febio",
+        "forearm",
+        "indentation",
+        "jax",
+        "limb",
+        "materials",
+        "robot-log",
+        "validation",
+    )
 )
 """Distributions that are released with the core; a name that two plugins claim is theirs."""
 

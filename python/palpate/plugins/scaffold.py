@@ -54,7 +54,7 @@ KITS: Mapping[str, Kit] = MappingProxyType(
             "scenario",
             "ScenarioContract",
             _named('scenarios = ["{}"]', "selection"),
-            needs=("palpate", "palpate-forearm"),  # declares force and torque
+            needs=("palpate", "palpate-indentation"),  # declares force and torque
         ),
         "limb": Kit("limb_sources", "limb source", "LimbSourceContract", _named('source = "{}"', "limb")),
         "executor": Kit("executors", "executor", "ExecutorContract", _named('name = "{}"', "executor")),
@@ -77,7 +77,7 @@ KITS: Mapping[str, Kit] = MappingProxyType(
             "study",
             "",
             "Copy it with `palpate init --study {}`.",
-            needs=("palpate", "palpate-experiments", "palpate-jax", "palpate-materials"),
+            needs=("palpate", "palpate-robot-log", "palpate-jax", "palpate-materials"),
             files=("study/study.toml", "study/strip.csv"),
         ),
     }

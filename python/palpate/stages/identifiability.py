@@ -142,8 +142,8 @@ def determine(
     swept : mapping of (spot, channel) to (n_sets, n_points) array
         As :func:`at_measured` returns it.
     scores, selection, generalisation : DataFrame
-        As :mod:`palpate.stages.scoring`, :mod:`palpate.stages.selection` and :mod:`palpate.stages.generalisation`
-        return them.
+        As :mod:`~palpate.stages.scoring`, :mod:`~palpate.stages.selection` and
+        :mod:`~palpate.stages.generalisation` return them.
     refined : Refined
         Where it has a row, that is the best set.
     """

@@ -1,4 +1,4 @@
-"""FEBio as a solver of palpate, decks as limbs, and a certificate that two solvers agree."""
+"""FEBio as a solver of palpate, and its decks as limbs."""
 
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
@@ -31,22 +31,14 @@ def palpate_solvers() -> "Iterable[type[Solver]]":
 
 @palpate.hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
-    """``certify``, ``friction-memory``, ``febio-deck`` and ``febio-prove``."""
+    """``febio-deck`` and ``febio-prove``."""
     from palpate.cli.listing import examples, name_of
-    from palpate_febio.certify import certify
     from palpate_febio.deck_command import febio_deck
-    from palpate_febio.friction_command import friction_memory
     from palpate_febio.prove_command import febio_prove
 
     calls: dict[Callable[..., None], tuple[str, ...]] = {
-        certify: (
-            "palpate certify",
-            "palpate certify yeoh --mesh limb.vtu --out runs/arm/certificate.json",
-            "palpate certify --solver my_solver",
-        ),
         febio_prove: ("palpate febio-prove arm", "palpate febio-prove arm --out /scratch/arm"),
         febio_deck: ("palpate febio-deck limb.feb",),
-        friction_memory: ("palpate friction-memory", "palpate friction-memory --steps 5 --steps 40"),
     }
     for command, lines in calls.items():
         app.command(name_of(command), rich_help_panel="FEBio", epilog=examples(*lines))(command)

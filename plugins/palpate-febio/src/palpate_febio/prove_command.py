@@ -91,7 +91,7 @@ def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
 
 def _differences(found: Simulation, kept: Simulation | None) -> dict[str, float | None]:
     """How far FEBio's force and torque are from those of the run, relative to the run's."""
-    from palpate_febio.friction_memory import first_extreme
+    from palpate_validation.friction_memory import first_extreme
 
     differences: dict[str, float | None] = {"force": None, "torque": None}
     if kept is None or kept.response is None or found.response is None:

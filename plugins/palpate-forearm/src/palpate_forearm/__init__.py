@@ -1,4 +1,4 @@
-"""The forearm study: its channels, scenarios, mesh source and ready studies.
+"""The paper's study: a simulated forearm, ready studies, and the command that repeats the paper.
 
 Names are imported when they are first used, so that finding the plugin costs nothing.
 """
@@ -12,16 +12,12 @@ from palpate.lazy_imports import deferred
 if TYPE_CHECKING:
     import typer
 
-    from palpate.domain import Channel, Scenario, StudyTemplate
-    from palpate.plugins.interfaces import LimbSource
-    from palpate_forearm.mesh_source import MeshioSettings, MeshioSource
+    from palpate.domain import StudyTemplate
     from palpate_forearm.phantom import InkMark, Phantom, PhantomBone, Scanner, Section, Surface, scan
     from palpate_forearm.phantom_files import write_phantom
 
 __all__ = [
     "InkMark",
-    "MeshioSettings",
-    "MeshioSource",
     "Phantom",
     "PhantomBone",
     "Scanner",
@@ -35,64 +31,12 @@ __all__ = [
 __getattr__ = deferred(
     __name__,
     {
-        "MeshioSettings": "mesh_source",
-        "MeshioSource": "mesh_source",
         "write_phantom": "phantom_files",
         **dict.fromkeys(
             ("InkMark", "Phantom", "PhantomBone", "Scanner", "Section", "Surface", "scan"), "phantom"
         ),
     },
 )
-
-
-@hookimpl
-def palpate_channels() -> "list[Channel]":
-    """Provide the paper's two variables."""
-    from palpate.domain import Channel
-
-    return [
-        Channel(
-            name="force",
-            abscissa="depth_mm",
-            ordinate="force_N",
-            abscissa_label="indentation depth (mm)",
-            ordinate_label="normal force (N)",
-            non_negative=True,
-            zero_at_start=True,
-            dissipative=True,
-            length_power=2,
-        ),
-        Channel(
-            name="torque",
-            abscissa="rotation_deg",
-            ordinate="torque_Nmm",
-            abscissa_label="rotation (degrees)",
-            ordinate_label="torque (N·mm)",
-            zero_at_start=True,
-            dissipative=True,
-            length_power=3,
-        ),
-    ]
-
-
-@hookimpl
-def palpate_scenarios() -> "list[Scenario]":
-    """Provide the paper's three scenarios."""
-    from palpate.domain import Scenario
-
-    return [
-        Scenario(name="I", weights={"force": 1.0, "torque": 1.0}, description="force and torque"),
-        Scenario(name="II", weights={"torque": 1.0}, description="torque alone"),
-        Scenario(name="III", weights={"force": 1.0}, description="force alone"),
-    ]
-
-
-@hookimpl
-def palpate_limb_sources() -> "list[type[LimbSource]]":
-    """Provide the reader of mesh files."""
-    from palpate_forearm.mesh_source import MeshioSource
-
-    return [MeshioSource]
 
 
 @hookimpl

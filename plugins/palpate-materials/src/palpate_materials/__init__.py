@@ -1,14 +1,16 @@
-"""Hyperelastic materials and the Drucker stability filter.
+"""Hyperelastic materials, the Drucker stability filter, and studies of real rubber and silicone.
 
 Names are imported when they are first used, so that finding the plugin costs nothing.
 """
 
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from palpate import hookimpl
 from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
+    from palpate.domain import StudyTemplate
     from palpate.plugins.interfaces import Material, SetFilter
     from palpate_materials.demiray import Demiray
     from palpate_materials.mooney_rivlin import MooneyRivlin
@@ -48,3 +50,26 @@ def palpate_set_filters() -> "list[type[SetFilter]]":
     from palpate_materials.stability import Drucker
 
     return [Drucker]
+
+
+@hookimpl
+def palpate_studies() -> "list[StudyTemplate]":
+    """Provide two studies on measured data."""
+    from palpate.domain import StudyTemplate
+
+    return [
+        StudyTemplate(
+            name="treloar",
+            summary="Treloar's rubber in three modes, one of which misleads; half a minute (measured)",
+            directory=_directory("treloar"),
+        ),
+        StudyTemplate(
+            name="ecoflex",
+            summary="compression of five Ecoflex 00-50 cylinders (measured)",
+            directory=_directory("ecoflex"),
+        ),
+    ]
+
+
+def _directory(name: str) -> str:
+    return str(files("palpate_materials") / "studies" / name)

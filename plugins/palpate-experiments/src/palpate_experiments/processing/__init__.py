@@ -1,5 +1,0 @@
-"""From a recording to curves: one step a module, each switchable, each recorded.
-
-:func:`palpate_experiments.processing.chain.process` does all of them in order; every step is a
-function of its own.
-"""

@@ -1,0 +1,85 @@
+"""The method's nouns: force and torque, the three scenarios, curves in files and meshes in files.
+
+Names are imported when they are first used, so that finding the plugin costs nothing.
+"""
+
+from typing import TYPE_CHECKING
+
+from palpate import hookimpl
+from palpate.lazy_imports import deferred
+
+if TYPE_CHECKING:
+    from palpate.domain import Channel, Scenario
+    from palpate.plugins.interfaces import ExperimentLoader, LimbSource
+    from palpate_indentation.csv_loader import CsvLoader, CsvSettings
+    from palpate_indentation.mesh_source import MeshioSettings, MeshioSource
+
+__all__ = ["CsvLoader", "CsvSettings", "MeshioSettings", "MeshioSource"]
+
+__getattr__ = deferred(
+    __name__,
+    {
+        "CsvLoader": "csv_loader",
+        "CsvSettings": "csv_loader",
+        "MeshioSettings": "mesh_source",
+        "MeshioSource": "mesh_source",
+    },
+)
+
+
+@hookimpl
+def palpate_channels() -> "list[Channel]":
+    """Provide the paper's two variables."""
+    from palpate.domain import Channel
+
+    return [
+        Channel(
+            name="force",
+            abscissa="depth_mm",
+            ordinate="force_N",
+            abscissa_label="indentation depth (mm)",
+            ordinate_label="normal force (N)",
+            non_negative=True,
+            zero_at_start=True,
+            dissipative=True,
+            length_power=2,
+        ),
+        Channel(
+            name="torque",
+            abscissa="rotation_deg",
+            ordinate="torque_Nmm",
+            abscissa_label="rotation (degrees)",
+            ordinate_label="torque (N·mm)",
+            zero_at_start=True,
+            dissipative=True,
+            length_power=3,
+        ),
+    ]
+
+
+@hookimpl
+def palpate_scenarios() -> "list[Scenario]":
+    """Provide the paper's three scenarios."""
+    from palpate.domain import Scenario
+
+    return [
+        Scenario(name="I", weights={"force": 1.0, "torque": 1.0}, description="force and torque"),
+        Scenario(name="II", weights={"torque": 1.0}, description="torque alone"),
+        Scenario(name="III", weights={"force": 1.0}, description="force alone"),
+    ]
+
+
+@hookimpl
+def palpate_experiment_loaders() -> "list[type[ExperimentLoader]]":
+    """Provide the loader of processed curves."""
+    from palpate_indentation.csv_loader import CsvLoader
+
+    return [CsvLoader]
+
+
+@hookimpl
+def palpate_limb_sources() -> "list[type[LimbSource]]":
+    """Provide the reader of mesh files."""
+    from palpate_indentation.mesh_source import MeshioSource
+
+    return [MeshioSource]

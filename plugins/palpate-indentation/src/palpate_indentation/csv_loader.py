@@ -1,0 +1,258 @@
+"""Loader of curves in delimited text files."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from palpate.domain import Curve, FloatArray, Response, moving_span
+from palpate.errors import CurveError
+from palpate.plugins.interfaces import ExperimentLoader, Settings
+from palpate_indentation.table import TextTable, read_table
+
+
+def _not_zero(scale: float) -> float:
+    if scale == 0.0:
+        raise ValueError("a scale of 0 erases the column; give another factor")
+    return scale
+
+
+class Column(Settings):
+    """A column of the file, and how its numbers become those of the channel."""
+
+    name: str = Field(min_length=1, description="Name of the column in the header line.")
+    scale: Annotated[float, AfterValidator(_not_zero)] = Field(
+        default=1.0, description="Factor from the file's unit to the channel's, not zero."
+    )
+    offset: float = Field(default=0.0, description="Added after scaling; 1 makes a stretch of a strain.")
+
+
+def _named(given: object) -> object:
+    return {"name": given} if isinstance(given, str) else given
+
+
+ColumnChoice = Annotated[Column, BeforeValidator(_named, json_schema_input_type=str | Column)]
+
+
+class ChannelColumns(Settings):
+    """The columns that make a channel's curve."""
+
+    abscissa: ColumnChoice = Field(description="Column name, or a table of name, scale and offset.")
+    ordinate: ColumnChoice = Field(description="Column name, or a table of name, scale and offset.")
+    std: ColumnChoice | None = Field(
+        default=None, description="Column of the ordinate's standard deviation; its offset is 0."
+    )
+
+    @property
+    def all(self) -> tuple[Column, ...]:
+        """Abscissa, ordinate and, where there is one, standard deviation."""
+        return (
+            (self.abscissa, self.ordinate) if self.std is None else (self.abscissa, self.ordinate, self.std)
+        )
+
+
+def _columns(abscissa: str, ordinate: str) -> ChannelColumns:
+    return ChannelColumns(abscissa=Column(name=abscissa), ordinate=Column(name=ordinate))
+
+
+FOREARM = MappingProxyType(
+    {"force": _columns("depth_mm", "force_N"), "torque": _columns("angle_deg", "torque_Nmm")}
+)
+"""Columns of one file with both of the forearm's channels."""
+
+HOMOGENEOUS = MappingProxyType(
+    {
+        **{
+            mode: _columns("stretch", "stress_MPa")
+            for mode in ("uniaxial", "equibiaxial", "pure_shear", "confined_compression")
+        },
+        "simple_shear": _columns("shear", "stress_MPa"),
+    }
+)
+"""Columns of a file with the one channel of a homogeneous test."""
+
+
+class CsvSettings(Settings):
+    """Settings of :class:`CsvLoader`."""
+
+    channels: dict[str, ChannelColumns] = Field(
+        default_factory=lambda: dict(FOREARM),
+        min_length=1,
+        description="Columns of each channel. A file that the study gives for one channel uses that entry.",
+    )
+    delimiter: Literal[",", ";", "\t"] | None = Field(
+        default=None, description="Between cells; guessed from the header line when left out."
+    )
+    decimal: Literal[".", ","] = Field(default=".", description="Decimal mark.")
+    skip_lines: int = Field(default=0, ge=0, description="Lines of preamble before the header line.")
+    comment: str = Field(default="#", description="Lines that start with it are passed over; empty: none.")
+
+
+class CsvLoader(ExperimentLoader):
+    """Processed curves in CSV, TSV or semicolon-separated text.
+
+    Rows stand in the order travelled. Each channel keeps the rows between the
+    first and the last movement of its abscissa: the force while the depth moves,
+    the torque while the rotation does.
+
+    Without further settings a file holds the columns ``depth_mm``, ``force_N``,
+    ``angle_deg`` and ``torque_Nmm``. A file that the study gives for one channel
+    holds that channel's columns: ``stretch`` and ``stress_MPa`` (``shear`` in
+    simple shear) for homogeneous tests. For a channel that neither the settings
+    nor this loader know, it has two columns in the channel's units, first the
+    abscissa, then the ordinate.
+    """
+
+    name = "csv"
+    summary = "processed curves in CSV or TSV, with an optional preamble and unit factors"
+    Settings = CsvSettings
+
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        """Read one file.
+
+        Parameters
+        ----------
+        path : Path
+        channel : str, optional
+            The one channel that the file holds; all channels of the settings when left out.
+
+        Raises
+        ------
+        CurveError
+            Naming file, line and column.
+        """
+        settings: CsvSettings = self.settings
+        table = read_table(
+            path,
+            delimiter=settings.delimiter,
+            decimal=settings.decimal,
+            skip_lines=settings.skip_lines,
+            comment=settings.comment,
+        )
+        wanted = settings.channels if channel is None else {channel: self._columns_of(channel, table)}
+        return Response(curves=_curves(table, wanted))
+
+    def save(self, path: Path, response: Response, channel: str | None = None) -> None:
+        """Write curves in the columns that the settings name.
+
+        Where one channel moves, the columns of the others rest at their last value, and
+        :meth:`load` passes over them there.
+
+        Parameters
+        ----------
+        path : Path
+        response : Response
+        channel : str, optional
+            The one channel that the file is to hold.
+
+        Raises
+        ------
+        CurveError
+            The settings name no columns for a channel, columns for one that the curves
+            lack, or one column for two of them.
+        """
+        settings: CsvSettings = self.settings
+        known: dict[str, ChannelColumns] = dict(settings.channels)
+        if channel is not None:
+            own = {channel: _columns("abscissa", "ordinate")}
+            known = {channel: (own | dict(HOMOGENEOUS) | known)[channel]}
+        header, rows = _rows(path, response, known)
+        delimiter = settings.delimiter or (";" if settings.decimal == "," else ",")
+        lines = [settings.comment or "preamble"] * settings.skip_lines + [delimiter.join(header)]
+        lines += [delimiter.join(repr(float(x)).replace(".", settings.decimal) for x in row) for row in rows]
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    def _columns_of(self, channel: str, table: TextTable) -> ChannelColumns:
+        known: dict[str, ChannelColumns] = {**HOMOGENEOUS, **self.settings.channels}
+        if channel in known:
+            return known[channel]
+        if len(table.header) != 2:
+            raise CurveError(
+                f"{table.path}: {len(table.header)} columns ({', '.join(table.header)}) for channel "
+                f"'{channel}', of which the loader knows no columns; keep two columns, or name them "
+                f"under channels.{channel} in the loader's settings"
+            )
+        return _columns(*table.header)
+
+
+def _curves(table: TextTable, wanted: Mapping[str, ChannelColumns]) -> dict[str, Curve]:
+    return {name: _curve(table, name, columns) for name, columns in wanted.items()}
+
+
+def _rows(
+    path: Path, response: Response, columns: Mapping[str, ChannelColumns]
+) -> tuple[list[str], FloatArray]:
+    """Header and rows: one block for each channel, in which only its own columns move."""
+    if set(response) != set(columns):
+        raise CurveError(
+            f"{path}: the curves are {', '.join(response)}, and the loader's settings name columns for "
+            f"{', '.join(columns)}; name the same channels under channels, or give each its own file"
+        )
+    # Abscissae first, then ordinates, then standard deviations: as one reads such a file.
+    places = [(k, c) for k in range(3) for c in response if k < len(columns[c].all)]
+    names = [columns[c].all[k].name for k, c in places]
+    if len(set(names)) < len(names):
+        raise CurveError(f"{path}: two curves need one column ({', '.join(names)}); give each its own file")
+    written = {c: _written(path, curve, columns[c]) for c, curve in response.curves.items()}
+    now = np.array([written[c][k, 0] for k, c in places])
+    blocks = []
+    for channel, values in written.items():
+        block = np.tile(now, (values.shape[1], 1))
+        for k in range(len(values)):
+            block[:, places.index((k, channel))] = values[k]
+        blocks.append(block)
+        now = block[-1]
+    return names, np.concatenate(blocks)
+
+
+def _written(path: Path, curve: Curve, columns: ChannelColumns) -> FloatArray:
+    """Values (n_columns, n) in the file's units, without the rest at both ends."""
+    if (curve.std is None) != (columns.std is None):
+        has, remedy = ("no", "remove") if curve.std is None else ("a", "name a column under")
+        raise CurveError(
+            f"{path}: channel '{curve.channel}' has {has} standard deviation; {remedy} "
+            f"channels.{curve.channel}.std in the loader's settings"
+        )
+    part = curve.cut(moving_span(curve.abscissa))
+    values = (part.abscissa, part.ordinate, part.std)
+    return np.stack(
+        [
+            (each - column.offset) / column.scale
+            for each, column in zip(values, columns.all, strict=False)
+            if each is not None
+        ]
+    )
+
+
+def _curve(table: TextTable, channel: str, columns: ChannelColumns) -> Curve:
+    abscissa, ordinate, *std = (_values(table, column) for column in columns.all)
+    try:
+        span = moving_span(abscissa)
+        return Curve(
+            channel=channel,
+            abscissa=abscissa[span],
+            ordinate=ordinate[span],
+            std=std[0][span] if std else None,
+        )
+    except CurveError as error:
+        raise CurveError(
+            f"{table.path}: channel '{channel}', column '{columns.abscissa.name}': {error}; "
+            "check that this is the column that was driven"
+        ) from None
+
+
+def _values(table: TextTable, column: Column) -> FloatArray:
+    numbers = np.array(table.column(column.name), dtype=np.float64)
+    with np.errstate(over="ignore"):
+        values: FloatArray = column.scale * numbers + column.offset
+    # Beyond this a square is no number any more, and every score is one of squares.
+    large = np.flatnonzero(~(np.abs(values) <= 1e150))
+    if large.size:
+        raise CurveError(
+            f"{table.path}: line {table.rows[int(large[0])][0]}, column '{column.name}': too large once "
+            f"scaled by {column.scale}; correct the scale or the row"
+        )
+    return values

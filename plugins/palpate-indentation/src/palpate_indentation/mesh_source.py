@@ -1,0 +1,255 @@
+"""Limbs from mesh files."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from palpate.domain import IntArray, Limb, Mesh, Spot
+from palpate.errors import MeshError
+from palpate.plugins.interfaces import LimbSource, Settings
+from palpate.topology import CELLS
+from palpate.units import convert
+from palpate_indentation.mesh_files import MeshFile, read_mesh_file
+from palpate_indentation.node_choices import Choice, check_whole, chosen
+
+LONGEST_MM = 3000.0
+
+KINDS: Mapping[str, str] = MappingProxyType({cell.meshio: kind for kind, cell in CELLS.items()})
+"""Volume elements: meshio's cell type to the kind of :class:`palpate.domain.Mesh`."""
+
+IGNORED = frozenset(
+    {
+        *("vertex", "line", "line3", "triangle", "triangle6", "triangle7"),
+        *("quad", "quad8", "quad9", "polygon"),
+    }
+)
+"""Points, edges and faces: a mesh generator leaves them in the file, no volume among them."""
+
+
+def _one_region() -> dict[str, int | str]:
+    return {"soft_tissue": 0}
+
+
+def _plain_names() -> dict[str, Choice | list[Choice]]:
+    return {"fixed": "fixed", "contact": "contact"}
+
+
+class MeshioSettings(Settings):
+    """Settings of :class:`MeshioSource`."""
+
+    unit: Literal["mm", "cm", "m", "um", "inch"] = Field(
+        default="mm", description="Unit of the file's coordinates."
+    )
+    region_data: str = Field(
+        default="region",
+        description="Cell data with a whole number per element; empty: the whole mesh is one region.",
+    )
+    regions: dict[str, int | str] = Field(
+        default_factory=_one_region,
+        min_length=1,
+        description="Number of each region in that data, by the region's name; or the group of elements "
+        "(physical group of Gmsh, element set of Abaqus) that it is.",
+    )
+    node_sets: dict[str, Choice | list[Choice]] = Field(
+        default_factory=_plain_names,
+        min_length=1,
+        description="What makes each node set: point data (not zero: in the set), a point set or a group of "
+        "elements by name; { normal, at, within } for a plane; { surface, within } for what is near a "
+        "bone; or a list of these.",
+    )
+
+    @field_validator("regions")
+    @classmethod
+    def _distinct_numbers(cls, regions: dict[str, int | str]) -> dict[str, int | str]:
+        if len(set(regions.values())) < len(regions):
+            raise ValueError("two regions have one number or group; give each region its own")
+        if len({type(source) for source in regions.values()}) > 1:
+            raise ValueError("regions by number and by group; name all of them in one way")
+        return regions
+
+
+class MeshioSource(LimbSource):
+    """Limbs from any mesh file that meshio reads: VTU, VTK, Gmsh, Abaqus, XDMF and more.
+
+    Elements ``tetra``, ``tetra10`` and ``hexahedron`` become ``tet4``, ``tet10``
+    and ``hex8`` with their nodes in the file's order as meshio gives it, that of
+    :mod:`palpate.topology`. Edges may be curved. Points, lines and faces are passed over; any
+    other element is refused. Cell data of one number or one vector for each element, such as the
+    direction of fibres, go to the materials that name them.
+    """
+
+    name = "meshio"
+    summary = "mesh files (VTU, Gmsh, Abaqus …) with regions in cell data and node sets in point data"
+    Settings = MeshioSettings
+
+    def load(self, path: Path, spot: Spot) -> Limb:
+        """Read the mesh of one spot.
+
+        Raises
+        ------
+        MeshError
+            The file cannot be read, or an array in it is missing or malformed;
+            the message names what the file has.
+        """
+        settings: MeshioSettings = self.settings
+        content = read_mesh_file(path)
+        points = _points(path, content) * convert(f"1 {settings.unit}", "mm")
+        _check_extent(path, points, settings.unit)
+        cells, ids = _volume(path, content, settings)
+        mesh = Mesh(
+            points_mm=points,
+            cells=cells,
+            cell_regions=ids,
+            regions=tuple(settings.regions),
+            node_sets={
+                name: chosen(path, content, points, choice if isinstance(choice, list) else [choice])
+                for name, choice in settings.node_sets.items()
+            },
+            cell_fields=_fields(content, settings.region_data),
+        )
+        return Limb(spot=spot, mesh=mesh)
+
+
+def _points(path: Path, content: MeshFile) -> NDArray[np.float64]:
+    points = content.points
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MeshError(f"{path}: points of shape {points.shape}; a limb's mesh has three coordinates each")
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if bad.size:
+        raise MeshError(
+            f"{path}: node {bad[0]} lies at {points[bad[0]].tolist()}; every coordinate must be finite, "
+            "write the mesh anew"
+        )
+    return points
+
+
+def _check_extent(path: Path, points_mm: NDArray[np.float64], unit: str) -> None:
+    longest = float(np.ptp(points_mm, axis=0).max()) if len(points_mm) else 0.0
+    if longest > LONGEST_MM:
+        raise MeshError(
+            f"{path}: {longest:.4g} mm long when read in {unit}, longer than any limb ({LONGEST_MM:g} mm); "
+            "set the unit of the file in the limb's settings"
+        )
+
+
+def _volume(
+    path: Path, content: MeshFile, settings: MeshioSettings
+) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+    """Cells and their index into the settings' regions by element kind, blocks of one kind joined."""
+    found = [cell_type for cell_type, _ in content.blocks]
+    other = sorted(set(found) - set(KINDS) - IGNORED)
+    if other:
+        raise MeshError(
+            f"{path}: elements of type {', '.join(other)}; palpate simulates {', '.join(KINDS)}, "
+            "so mesh the limb with those"
+        )
+    volume = [i for i, cell_type in enumerate(found) if cell_type in KINDS]
+    if not volume:
+        raise MeshError(
+            f"{path}: no volume elements (found: {', '.join(found) or 'none'}); "
+            f"export the volume mesh, of {', '.join(KINDS)}"
+        )
+    of_block = _by_group if isinstance(next(iter(settings.regions.values())), str) else _by_number
+    cells: dict[str, list[IntArray]] = {}
+    ids: dict[str, list[IntArray]] = {}
+    for i in volume:
+        cells.setdefault(KINDS[found[i]], []).append(content.blocks[i][1])
+        ids.setdefault(KINDS[found[i]], []).append(of_block(path, content, i, settings))
+    return (
+        {kind: np.concatenate(blocks) for kind, blocks in cells.items()},
+        {kind: np.concatenate(blocks) for kind, blocks in ids.items()},
+    )
+
+
+def _fields(content: MeshFile, region_data: str) -> dict[str, dict[str, NDArray[np.float64]]]:
+    """Cell data of one number or vector for each element, by name and kind."""
+    volume = [i for i, (cell_type, _) in enumerate(content.blocks) if cell_type in KINDS]
+    found: dict[str, dict[str, NDArray[np.float64]]] = {}
+    for name, blocks in content.cell_data.items():
+        own = [blocks[i] for i in volume]
+        if name == region_data or any(
+            b.dtype.kind not in "biuf" or b.shape[1:] not in ((), (3,)) for b in own
+        ):
+            continue
+        if len({block.shape[1:] for block in own}) == 1:
+            kinds = [KINDS[content.blocks[i][0]] for i in volume]
+            found[name] = {
+                kind: np.concatenate([b for k, b in zip(kinds, own, strict=True) if k == kind]).astype(
+                    np.float64
+                )
+                for kind in set(kinds)
+            }
+    return found
+
+
+def _by_group(path: Path, content: MeshFile, block: int, settings: MeshioSettings) -> IntArray:
+    """Index of the region of each element of a block, by the group that it belongs to."""
+    ids = np.full(len(content.blocks[block][1]), -1)
+    for index, (region, group) in enumerate(settings.regions.items()):
+        if group not in content.cell_sets:
+            continue  # the limb at another spot may have it
+        members = content.cell_sets[str(group)][block]
+        twice = members[ids[members] >= 0]
+        if twice.size:
+            other = list(settings.regions)[ids[twice[0]]]
+            raise MeshError(
+                f"{path}: element {twice[0]} belongs to the groups of '{other}' and of '{region}'; let each "
+                "element belong to one"
+            )
+        ids[members] = index
+    absent = [group for group in settings.regions.values() if group not in content.cell_sets]
+    if (ids < 0).any() and absent:
+        raise MeshError(
+            f"{path}: no group of elements '{absent[0]}' (there: {', '.join(content.cell_sets) or 'none'}); "
+            "name one of them, or give the regions by number"
+        )
+    if (ids < 0).any():
+        raise MeshError(
+            f"{path}: {np.count_nonzero(ids < 0)} elements belong to none of the groups that regions names, "
+            f"first element {np.flatnonzero(ids < 0)[0]}; name theirs too (there: "
+            f"{', '.join(content.cell_sets)})"
+        )
+    return ids
+
+
+def _by_number(path: Path, content: MeshFile, block: int, settings: MeshioSettings) -> IntArray:
+    """Index of the region of each element of a block, by its number in the cell data."""
+    region_data = settings.region_data
+    if not region_data:
+        return _region_ids(path, np.zeros(len(content.blocks[block][1])), settings)
+    if region_data not in content.cell_data:
+        groups = f", or name regions by group: {', '.join(content.cell_sets)}" if content.cell_sets else ""
+        raise MeshError(
+            f"{path}: no cell data '{region_data}' (there: {', '.join(content.cell_data) or 'none'}); "
+            f'set region_data to one of them, or to "" when the mesh is one region{groups}'
+        )
+    return _region_ids(path, content.cell_data[region_data][block], settings)
+
+
+def _region_ids(path: Path, numbers: NDArray[np.generic], settings: MeshioSettings) -> IntArray:
+    """Index into the names of the settings, for each element."""
+    names = list(settings.regions)
+    if not settings.region_data:
+        if len(names) != 1:
+            raise MeshError(
+                f'{path}: region_data = "" makes the mesh one region, but regions names {len(names)} '
+                f"({', '.join(names)}); name the cell data that tells them apart"
+            )
+        return np.zeros(len(numbers), dtype=np.int64)
+    check_whole(path, f"cell data '{settings.region_data}'", numbers)
+    ids = np.full(len(numbers), -1)
+    for index, number in enumerate(settings.regions.values()):
+        ids[numbers == number] = index
+    if (ids < 0).any():
+        unknown = sorted({int(n) for n in numbers[ids < 0].astype(np.float64)})
+        raise MeshError(
+            f"{path}: cell data '{settings.region_data}' holds {', '.join(map(str, unknown))} "
+            f"(first in element {int(np.flatnonzero(ids < 0)[0])}), which regions does not name; "
+            "add them to regions in the limb's settings"
+        )
+    return ids.astype(np.int64)

@@ -1,0 +1,52 @@
+"""The loader of a robot's logs, and a ready study on such logs.
+
+Names are imported when they are first used: the process that reads a stranger's log
+imports this package too, and needs neither the loaders nor what they are made of.
+"""
+
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+from palpate import hookimpl
+from palpate.lazy_imports import deferred
+
+if TYPE_CHECKING:
+    from palpate.domain import StudyTemplate
+    from palpate.plugins.interfaces import ExperimentLoader
+    from palpate_robot_log.robot_log import RobotLogLoader, RobotLogSettings
+
+__all__ = ["RobotLogLoader", "RobotLogSettings"]
+
+__getattr__ = deferred(
+    __name__,
+    {
+        "RobotLogLoader": "robot_log",
+        "RobotLogSettings": "robot_log",
+    },
+)
+
+
+@hookimpl
+def palpate_experiment_loaders() -> "list[type[ExperimentLoader]]":
+    """Provide the loader of a robot's log."""
+    from palpate_robot_log.robot_log import RobotLogLoader
+
+    return [RobotLogLoader]
+
+
+@hookimpl
+def palpate_studies() -> "list[StudyTemplate]":
+    """Provide a study on a robot's logs."""
+    from palpate.domain import StudyTemplate
+
+    return [
+        StudyTemplate(
+            name="robot-log",
+            summary="the forearm phantom at four spots, from a robot's logs (simulated)",
+            directory=_directory("robot-log"),
+        ),
+    ]
+
+
+def _directory(name: str) -> str:
+    return str(files("palpate_robot_log") / "studies" / name)

@@ -1,0 +1,298 @@
+"""Pictures of what was done to a log: as it was read, tared, cut into phases, and its curves."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, cast
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
+
+from palpate.domain import BoolArray, Curve, FloatArray, IntArray
+from palpate.report.style import STYLE
+from palpate_robot_log.processing.phases import Phase
+from palpate_robot_log.processing.processed import Processed
+from palpate_robot_log.processing.relaxation import SIGNIFICANT
+from palpate_robot_log.recording import Recording
+
+N_BUCKETS = 1000
+"""Stretches of a long signal of which a picture shows the least and the greatest value."""
+
+_ON_SCREEN = {
+    "figure.dpi": 160,
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "legend.fontsize": 8.0,
+}
+_AXES = (("x", "#0072B2"), ("y", "#E69F00"), ("z", "#009E73"))
+_FOUND = "#D55E00"
+_MEASURED = "#0072B2"
+_RAW = "0.7"
+_SHADES = {
+    "approach": "0.93",
+    "departure": "0.93",
+    "dwell": "#F5E9C8",
+    "press": "#D6E8F5",
+    "retract": "#E3DFF2",
+}
+_TWISTS = ("#D9F0E3", "#BFE3CF")
+
+
+def draw_recording(recording: Recording, folder: Path) -> Path:
+    """Draw ``1_as_read.png``: position, turn, force and moment over time, in the frames of the log."""
+    with _figure(recording, "as read", 4) as (figure, axes):
+        time = recording.time_s
+        _components(axes[0], time, recording.position_mm - recording.position_mm[0])
+        axes[0].set_ylabel("travel from\nthe first row [mm]")
+        _components(axes[1], time, _turned_deg(recording.quaternion))
+        axes[1].set_ylabel("turn from\nthe first row [°]")
+        _components(axes[2], time, recording.force_N)
+        axes[2].set_ylabel("force [N]\n(sensor)")
+        _components(axes[3], time, recording.moment_Nmm)
+        axes[3].set_ylabel("moment [N·mm]\n(sensor)")
+        _legend_above(axes[0])
+    return _save(figure, folder / "1_as_read.png")
+
+
+def draw_processed(processed: Processed, folder: Path) -> tuple[Path, ...]:
+    """Draw ``2_tared.png``, ``3_phases.png``, ``4_onset.png`` and ``5_curves.png``.
+
+    Parameters
+    ----------
+    processed : Processed
+    folder : Path
+    """
+    return (
+        _draw_tared(processed, folder),
+        _draw_phases(processed, folder),
+        _draw_onset(processed, folder),
+        _draw_curves(processed, folder),
+    )
+
+
+# ------------------------------------------------------------------- one picture each
+
+
+def _draw_tared(processed: Processed, folder: Path) -> Path:
+    """Wrench before and after weight, drift and bias were taken out, near zero where it is free."""
+    raw, tared = processed.raw, processed.tared
+    found = {"weight": processed.tool, "drift": processed.drift, "bias": processed.bias}
+    taken = [name for name, value in found.items() if value is not None]
+    with _figure(raw, f"without {', '.join(taken) or 'any correction'}", 4) as (figure, axes):
+        free = np.zeros(raw.n_rows, dtype=bool)
+        free[processed.free] = True
+        for k, (quantity, unit) in enumerate((("force_N", "N"), ("moment_Nmm", "N·mm"))):
+            before, after = getattr(raw, quantity), getattr(tared, quantity)
+            for axis, near in ((axes[2 * k], False), (axes[2 * k + 1], True)):
+                for j, (name, colour) in enumerate(_AXES):
+                    _line(axis, raw.time_s, before[:, j], color=colour, linewidth=0.6, alpha=0.4)
+                    _line(axis, raw.time_s, after[:, j], color=colour, label=f"{name}, after")
+                _shade_rows(axis, raw.time_s, free)
+                axis.axhline(0.0, color="0.3", linewidth=0.6)
+                if near:
+                    _near_zero(axis, np.concatenate([before[free], after[free]]))
+                axis.set_ylabel(
+                    f"{quantity.partition('_')[0]} [{unit}]\n" + ("(near zero)" if near else "(sensor)")
+                )
+        _legend_above(axes[0])
+        axes[0].set_title("pale: as read; grey: free air", loc="left", fontsize=8)
+    return _save(figure, folder / "2_tared.png")
+
+
+def _draw_phases(processed: Processed, folder: Path) -> Path:
+    time = processed.motion.time_s
+    signals = (
+        (processed.depth_mm, "depth [mm]"),
+        (processed.motion.turn_deg, "rotation [°]"),
+        (processed.wrench.pressing, "normal force [N]"),
+        (processed.wrench.twisting, "torque [N·mm]"),
+    )
+    with _figure(processed.raw, "phases, in the frame of the spot", len(signals)) as (figure, axes):
+        for axis, (values, label) in zip(axes, signals, strict=True):
+            _shade_phases(axis, processed.phases)
+            _line(axis, time, values, color="0.15")
+            axis.set_ylabel(label)
+        _name_phases(axes[0], processed.phases)
+        significant = [item for item in processed.relaxations if abs(item.fall) > SIGNIFICANT * item.fall_std]
+        for item in significant:
+            phase = processed.phase(item.phase)
+            axes[2 if item.channel == "force" else 3].annotate(
+                f"falls {100.0 * item.share:.1f} %",
+                ((phase.start.time_s + phase.stop.time_s) / 2.0, 0.04),
+                xycoords=("data", "axes fraction"),
+                ha="center", fontsize=7, color=_FOUND, rotation=90,
+            )  # fmt: skip
+    return _save(figure, folder / "3_phases.png")
+
+
+def _draw_onset(processed: Processed, folder: Path) -> Path:
+    """Force over depth about first contact, on both ways."""
+    time, depth, force = processed.motion.time_s, processed.depth_mm, processed.wrench.pressing
+    press = processed.phase("press")
+    way = time <= press.stop.time_s
+    near = np.abs(depth) < 0.25 * float(depth.max())
+    std = processed.onset.std_mm
+    with _styled():
+        figure = Figure(figsize=(5.2, 3.8))
+        axis = figure.subplots()
+        axis.plot(depth[near & ~way], force[near & ~way], ".", color="0.8", markersize=2, label="way out")
+        axis.plot(depth[near & way], force[near & way], ".", color="0.45", markersize=2, label="way in")
+        curve = processed.force
+        kept = curve.abscissa < 0.25 * float(depth.max())
+        axis.plot(curve.abscissa[kept], curve.ordinate[kept], color=_MEASURED, label="curve")
+        axis.axvline(0.0, color=_FOUND, label=f"first contact ± {std:.3f} mm")
+        axis.axvspan(-std, std, color=_FOUND, alpha=0.2, linewidth=0)
+        axis.set_xlabel("depth [mm]")
+        axis.set_ylabel("normal force [N]")
+        axis.legend(loc="upper left")
+        figure.suptitle(f"{Path(processed.raw.source).name}: first contact", fontsize=10)
+    return _save(figure, folder / "4_onset.png")
+
+
+def _draw_curves(processed: Processed, folder: Path) -> Path:
+    """Each curve on the rows of the log, and below it what smoothing left of them."""
+    time = processed.motion.time_s
+    rows = {
+        "force": [processed.phase("press").rows(time)],
+        "torque": [phase.rows(time) for phase in processed.phases if phase.name.startswith("twist")],
+    }
+    signals = {
+        "force": (processed.depth_mm, processed.wrench.pressing, "depth [mm]", "normal force [N]"),
+        "torque": (processed.motion.turn_deg, processed.wrench.twisting, "rotation [°]", "torque [N·mm]"),
+    }
+    curves = processed.response.curves
+    with _styled():
+        figure = Figure(figsize=(4.6 * len(curves), 5.6))
+        panels = figure.subplots(2, len(curves), squeeze=False, sharex="col", height_ratios=(2.0, 1.0))
+        for (above, below), (name, curve) in zip(panels.T, curves.items(), strict=True):
+            x, y, x_label, y_label = signals[name]
+            _draw_rows(above, below, [(x[part], y[part]) for part in rows[name]], curve)
+            above.set_ylabel(y_label)
+            below.set_ylabel(f"left over {y_label[y_label.index('[') :]}")
+            below.set_xlabel(x_label)
+            above.legend(loc="upper left", markerscale=3.0)
+            # Above the panel: what is left over fills all of it.
+            _legend_above(below, fontsize=7, markerscale=4.0)
+        figure.suptitle(f"{Path(processed.raw.source).name}: curves", fontsize=10)
+    return _save(figure, folder / "5_curves.png")
+
+
+def _draw_rows(
+    above: Axes, below: Axes, parts: Sequence[tuple[FloatArray, FloatArray]], curve: Curve
+) -> None:
+    """Rows of the log by branch, and how far they lie from the curve, with its band."""
+    for k, ((x, y), (start, stop)) in enumerate(zip(parts, curve.branches, strict=True)):
+        branch = curve.cut(slice(start, stop))
+        up = np.argsort(branch.abscissa)
+        at = branch.abscissa[up]
+        label = "_" if k else "rows of the log"
+        above.plot(x, y, ".", color=_RAW, markersize=1.5, label=label)
+        below.plot(x, y - np.interp(x, at, branch.ordinate[up]), ".", color=_RAW, markersize=1.0, label=label)
+        if branch.std is not None:
+            band = 3.0 * branch.std[up]
+            told = "_" if k else "± three standard deviations"
+            below.fill_between(at, -band, band, color=_FOUND, alpha=0.45, linewidth=0, label=told)
+    above.plot(curve.abscissa, curve.ordinate, color=_MEASURED, linewidth=1.0, label="curve")
+    below.axhline(0.0, color=_MEASURED, linewidth=0.8)
+
+
+# ------------------------------------------------------------------------ their parts
+
+
+@contextmanager
+def _styled() -> Iterator[None]:
+    """Use palpate's style, and leave everybody else's as it is."""
+    with mpl.rc_context(cast("Any", {**STYLE, **_ON_SCREEN})):
+        yield
+
+
+@contextmanager
+def _figure(recording: Recording, what: str, n_panels: int) -> Iterator[tuple[Figure, Sequence[Axes]]]:
+    """Panels over one axis of time."""
+    with _styled():
+        figure = Figure(figsize=(9.0, 1.6 * n_panels + 0.6))
+        axes = list(figure.subplots(n_panels, 1, sharex=True, squeeze=False)[:, 0])
+        yield figure, axes
+        axes[-1].set_xlabel("time [s]")
+        axes[-1].set_xlim(recording.time_s[0], recording.time_s[-1])
+        figure.suptitle(f"{Path(recording.source).name}: {what}", fontsize=10)
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    FigureCanvasAgg(figure).print_figure(path, dpi=130)
+    return path
+
+
+def _turned_deg(quaternion: FloatArray) -> FloatArray:
+    """Rotation vectors (n, 3) from the first orientation, in the tool's frame."""
+    orientation = Rotation.from_quat(np.array(quaternion))
+    turned: FloatArray = (orientation[0].inv() * orientation).as_rotvec(degrees=True)
+    return turned
+
+
+def _components(axis: Axes, time: FloatArray, values: FloatArray) -> None:
+    for k, (name, colour) in enumerate(_AXES):
+        _line(axis, time, values[:, k], color=colour, label=name)
+
+
+def _line(axis: Axes, time: FloatArray, values: FloatArray, **look: Any) -> None:  # noqa: ANN401 - as plot takes
+    rows = envelope(values)
+    axis.plot(time[rows], values[rows], **({"linewidth": 0.9} | look))
+
+
+def envelope(values: FloatArray) -> IntArray:
+    """Rows, in order, that draw a signal (n,) as all would: the extremes of ``N_BUCKETS`` stretches."""
+    size = values.size // N_BUCKETS
+    if size < 3:
+        return np.arange(values.size)
+    stretches = values[: size * N_BUCKETS].reshape(N_BUCKETS, size)
+    first = size * np.arange(N_BUCKETS)
+    rest = np.arange(size * N_BUCKETS, values.size)
+    return np.unique(
+        np.concatenate([first + stretches.argmin(axis=1), first + stretches.argmax(axis=1), rest])
+    )
+
+
+def _shade_rows(axis: Axes, time: FloatArray, chosen: BoolArray) -> None:
+    """Shade the stretches of time whose rows (n,) are chosen."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
+    for start, stop in edges.reshape(-1, 2):
+        axis.axvspan(time[start], time[stop - 1], color="0.88", linewidth=0, zorder=0)
+
+
+def _near_zero(axis: Axes, values: FloatArray) -> None:
+    reach = 1.3 * float(np.abs(values).max()) or 1.0
+    axis.set_ylim(-reach, reach)
+
+
+def _shade(phase: Phase) -> str:
+    kind, _, number = phase.name.partition("_")
+    return _TWISTS[int(number) % 2] if kind == "twist" else _SHADES[kind]
+
+
+def _shade_phases(axis: Axes, phases: Sequence[Phase]) -> None:
+    for phase in phases:
+        axis.axvspan(phase.start.time_s, phase.stop.time_s, color=_shade(phase), linewidth=0, zorder=0)
+
+
+def _name_phases(axis: Axes, phases: Sequence[Phase]) -> None:
+    whole = phases[-1].stop.time_s - phases[0].start.time_s
+    for phase in phases:
+        narrow = phase.stop.time_s - phase.start.time_s < 0.09 * whole
+        axis.annotate(
+            phase.name.replace("_", " "),
+            ((phase.start.time_s + phase.stop.time_s) / 2.0, 1.03),
+            xycoords=("data", "axes fraction"),
+            ha="center", va="bottom", fontsize=7, rotation=90 if narrow else 0,
+        )  # fmt: skip
+
+
+def _legend_above(axis: Axes, **look: Any) -> None:  # noqa: ANN401 - as legend takes
+    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, **look)

@@ -1,0 +1,256 @@
+"""The steps in their order: from a recording to curves, with a record of each."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.domain import Curve, FloatArray, IntArray
+from palpate.spot_frame import SpotWrench
+from palpate_robot_log.processing import checks, record
+from palpate_robot_log.processing.curves import branch, joined, with_shift_std
+from palpate_robot_log.processing.drift import Drift, find_drift, without_drift
+from palpate_robot_log.processing.gravity import (
+    ToolLoad,
+    check_plausible,
+    check_shown,
+    fit_tool,
+    without_weight,
+)
+from palpate_robot_log.processing.located import (
+    Located,
+    aligned,
+    free_rows,
+    instants,
+    locate,
+    onset_of,
+    raw_pressing,
+)
+from palpate_robot_log.processing.onset import Onset
+from palpate_robot_log.processing.phases import Phase, name_phases
+from palpate_robot_log.processing.processed import Processed
+from palpate_robot_log.processing.relaxation import Relaxation, relaxation
+from palpate_robot_log.processing.rotation import mean_orientation, unrotated
+from palpate_robot_log.processing.settings import ProcessingSettings, Window
+from palpate_robot_log.processing.smoothing import Smoothed, smoothed
+from palpate_robot_log.processing.spikes import without_spikes
+from palpate_robot_log.processing.spot_frame import unturned, wrench_at_spot
+from palpate_robot_log.processing.tare import Bias, find_bias, tared
+from palpate_robot_log.processing.thinning import thinned
+from palpate_robot_log.recording import Recording
+
+_ABSCISSA = 0.1
+"""What smoothing may do to depth and rotation, over what it may do to force and torque."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Clean:
+    """A recording without weight, drift and bias, and what these were."""
+
+    recording: Recording
+    free: IntArray
+    tool: ToolLoad | None
+    drift: Drift | None
+    bias: Bias | None
+
+
+def process(recording: Recording, settings: ProcessingSettings | None = None) -> Processed:
+    """Curves of one press.
+
+    Parameters
+    ----------
+    recording : Recording
+    settings : ProcessingSettings, optional
+        Which steps are done, and how.
+
+    Raises
+    ------
+    CurveError
+        The log is no complete press: naming file, rows, time stamps and what to do.
+    """
+    settings = settings or ProcessingSettings()
+    used, block = _used(recording, settings)
+    calm, spikes = without_spikes(used) if settings.spikes.enabled else (used, np.array([], dtype=np.int64))
+    located, lag, lag_taken = aligned(locate(calm, settings.normal), settings)
+    clean = _cleaned(located, settings)
+    wrench = _at_spot(located, clean.recording, settings)
+    checks.check_torque(calm, located.motion, wrench, located.strokes, weighed=clean.tool is not None)
+    onset = onset_of(located, wrench.pressing, settings.onset)
+    touch, leave = instants(located, onset)
+    phases = name_phases(located.motion.time_s, located.strokes, touch, leave)
+    depth = located.motion.travel_mm - onset.travel_mm
+    spread = _zero_std(located, clean)
+    force, force_smoothed = _force(located, settings, phases, depth, wrench.pressing, spread[0], onset)
+    torque, torque_smoothed = _torque(located, settings, phases, wrench.twisting, spread[1])
+    processed = Processed(
+        force=force,
+        torque=torque,
+        phases=phases,
+        raw=located.recording,
+        tared=clean.recording,
+        free=clean.free,
+        motion=located.motion,
+        depth_mm=depth,
+        wrench=wrench,
+        lag=lag,
+        normal=located.normal,
+        onset=onset,
+        relaxations=_relaxations(located, settings, phases, wrench),
+        tool=clean.tool,
+        drift=clean.drift,
+        bias=clean.bias,
+        record={},
+    )
+    smoothings = {"force": [force_smoothed], "torque": torque_smoothed}
+    counts = record.Counts(block, used.rows[spikes], lag_taken)
+    return record.with_record(processed, settings, counts, smoothings)
+
+
+def _used(recording: Recording, settings: ProcessingSettings) -> tuple[Recording, int]:
+    part = _windowed(recording, settings.window)
+    return thinned(part, settings.thinning.max_rows) if settings.thinning.enabled else (part, 1)
+
+
+def _windowed(recording: Recording, window: Window) -> Recording:
+    time = recording.time_s
+    start = -np.inf if window.start is None else window.start
+    stop = np.inf if window.stop is None else window.stop
+    first, last = (int(k) for k in np.searchsorted(time, [start, stop]))
+    if last - first < 2:
+        raise recording.fault(
+            f"the window from {window.start} to {window.stop} s holds {max(last - first, 0)} rows of "
+            f"a log from {time[0]:.3f} to {time[-1]:.3f} s; correct window.start and window.stop"
+        )
+    return recording if last - first == recording.n_rows else recording.part(slice(first, last))
+
+
+def _cleaned(located: Located, settings: ProcessingSettings) -> _Clean:
+    """Weight, drift and bias taken out, in this order."""
+    recording = located.recording
+    onset = onset_of(located, raw_pressing(located), settings.onset)
+    weighed = settings.gravity.method != "off"
+    before, after = free_rows(located, onset, *instants(located, onset), any_orientation=weighed)
+    free = np.concatenate([before, after]) if settings.drift.enabled else before
+    if free.size == 0:
+        raise recording.fault("no row in free air before the press; start the log earlier", 0)
+    tool = _tool(recording, free, settings)
+    if tool is not None:
+        recording = without_weight(recording, tool, np.array(settings.gravity.direction))
+    drift = find_drift(recording, before, after) if settings.drift.enabled else None
+    if drift is not None:
+        recording = without_drift(recording, drift)
+    bias = find_bias(recording, free) if settings.tare.enabled else None
+    if bias is not None:
+        recording = tared(recording, bias)
+    return _Clean(recording=recording, free=free, tool=tool, drift=drift, bias=bias)
+
+
+def _tool(recording: Recording, free: IntArray, settings: ProcessingSettings) -> ToolLoad | None:
+    gravity = settings.gravity
+    if gravity.method == "off":
+        return None
+    if gravity.weight is None:
+        return fit_tool(recording, free, np.array(gravity.direction))
+    tool = ToolLoad(weight_N=gravity.weight, centre_mm=np.array(gravity.centre))
+    check_plausible(recording, tool)
+    check_shown(recording, free, tool)
+    return tool
+
+
+def _at_spot(located: Located, clean: Recording, settings: ProcessingSettings) -> SpotWrench:
+    frame = settings.frame
+    if not frame.rotate:
+        return unturned(clean)
+    return wrench_at_spot(
+        clean,
+        located.motion.origin_mm,
+        located.normal.vector,
+        np.array(frame.sensor_to_tip),
+        transport=frame.transport,
+    )
+
+
+def _zero_std(located: Located, clean: _Clean) -> tuple[FloatArray, FloatArray]:
+    """Standard deviation (n,) of the zero of force and of torque, from bias and drift."""
+    time = located.recording.time_s
+    inside = np.abs(_in_sensor(located))
+    elapsed = np.abs(time - time[clean.free].mean())
+    spreads = []
+    for unit in ("_N", "_Nmm"):
+        quantity = "force" if unit == "_N" else "moment"
+        fixed = getattr(clean.bias, f"{quantity}_std{unit}") if clean.bias is not None else np.zeros(3)
+        rate = getattr(clean.drift, f"{quantity}_std{unit}_per_s") if clean.drift is not None else np.zeros(3)
+        spreads.append(np.hypot(np.linalg.norm(inside * fixed), elapsed * np.linalg.norm(inside * rate)))
+    return spreads[0], spreads[1]
+
+
+def _in_sensor(located: Located) -> FloatArray:
+    """The normal (3,) in the sensor's frame while the tool presses."""
+    rows = slice(located.contact.first, located.contact.last + 1)
+    orientation = mean_orientation(located.recording.quaternion[rows])
+    normal: FloatArray = unrotated(orientation[None, :], located.normal.vector)[0]
+    return normal
+
+
+def _smooth(settings: ProcessingSettings, time: FloatArray, values: FloatArray, peak: float) -> Smoothed:
+    choice = settings.smoothing
+    return smoothed(time, values, method=choice.method, peak=peak, window_s=choice.window, order=choice.order)
+
+
+def _force(
+    located: Located,
+    settings: ProcessingSettings,
+    phases: tuple[Phase, ...],
+    depth: FloatArray,
+    pressing: FloatArray,
+    zero_std: FloatArray,
+    onset: Onset,
+) -> tuple[Curve, Smoothed]:
+    """Force over depth of the press."""
+    time = located.recording.time_s
+    rows = next(phase for phase in phases if phase.name == "press").rows(time)
+    abscissa = _smooth(settings, time[rows], depth[rows], _ABSCISSA * float(np.ptp(depth[rows])))
+    ordinate = _smooth(settings, time[rows], pressing[rows], float(np.abs(pressing[rows]).max()))
+    points = settings.resampling.points if settings.resampling.enabled else None
+    part = branch(abscissa.values, ordinate, zero_std[rows], points, start=0.0)
+    return joined("force", [with_shift_std(part, onset.std_mm)]), ordinate
+
+
+def _torque(
+    located: Located,
+    settings: ProcessingSettings,
+    phases: tuple[Phase, ...],
+    twisting: FloatArray,
+    zero_std: FloatArray,
+) -> tuple[Curve | None, list[Smoothed]]:
+    """Torque over rotation of the twist's branches."""
+    twists = [phase for phase in phases if phase.name.startswith("twist")]
+    if not twists:
+        return None, []
+    time, turn = located.recording.time_s, located.motion.turn_deg
+    points = settings.resampling.points if settings.resampling.enabled else None
+    whole = slice(twists[0].rows(time).start, twists[-1].rows(time).stop)
+    peak, span = float(np.abs(twisting[whole]).max()), float(np.ptp(turn[whole]))
+    branches, smooths = [], []
+    for rows in (phase.rows(time) for phase in twists):
+        abscissa = _smooth(settings, time[rows], turn[rows], _ABSCISSA * span)
+        smooths.append(_smooth(settings, time[rows], twisting[rows], peak))
+        branches.append(branch(abscissa.values, smooths[-1], zero_std[rows], points))
+    return joined("torque", branches), smooths
+
+
+def _relaxations(
+    located: Located, settings: ProcessingSettings, phases: tuple[Phase, ...], wrench: SpotWrench
+) -> tuple[Relaxation, ...]:
+    if not settings.relaxation.enabled:
+        return ()
+    time = located.recording.time_s
+    signals = {"force": wrench.pressing, "torque": wrench.twisting}
+    found = [
+        relaxation(phase.name, channel, time[phase.rows(time)], values[phase.rows(time)])
+        for phase in phases
+        if phase.name.startswith("dwell")
+        for channel, values in signals.items()
+        # Before the twist there is no torque that could relax.
+        if channel == "force" or phase.start.time_s > located.strokes.press.stop.time_s
+    ]
+    return tuple(item for item in found if item is not None)

@@ -1,0 +1,125 @@
+"""The record of processing: each step's settings and findings in plain values, for the manifest."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from palpate.domain import IntArray
+from palpate_robot_log.processing.processed import Processed
+from palpate_robot_log.processing.settings import ProcessingSettings
+from palpate_robot_log.processing.smoothing import Smoothed
+
+UNITS = "mm, N, N·mm, s, degrees"
+"""Units of all numbers in the record."""
+
+_MOST_LISTED = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """Rows that thinning averaged, numbers of rows that had spikes, whether a lag was taken out."""
+
+    block: int
+    spiky_rows: IntArray
+    lag_taken: bool
+
+
+def with_record(
+    processed: Processed,
+    settings: ProcessingSettings,
+    counts: Counts,
+    smoothings: Mapping[str, Sequence[Smoothed]],
+) -> Processed:
+    """The same result with its record.
+
+    Parameters
+    ----------
+    processed : Processed
+    settings : ProcessingSettings
+    counts : Counts
+    smoothings : mapping of channel to sequence of Smoothed
+    """
+    found = {
+        "window": _window(processed),
+        "thinning": {"rows_averaged": counts.block},
+        "spikes": {"rows": counts.spiky_rows[:_MOST_LISTED], "count": counts.spiky_rows.size},
+        "alignment": {**asdict(processed.lag), "taken_out": counts.lag_taken},
+        "normal": _plain_fields(processed.normal),
+        "gravity": _plain_fields(processed.tool),
+        "drift": _plain_fields(processed.drift),
+        "tare": _plain_fields(processed.bias) | {"free_rows": int(processed.free.size)},
+        "frame": {"farthest_from_axis_mm": _farthest(processed)},
+        "onset": asdict(processed.onset),
+        "smoothing": {name: [_of_smoothing(s) for s in each] for name, each in smoothings.items()},
+        "resampling": {"points": _points(processed)},
+        "relaxation": {"dwells": [asdict(item) for item in processed.relaxations]},
+    }
+    steps = [
+        {"step": name, "settings": getattr(settings, name).model_dump(mode="json"), "found": found[name]}
+        for name in type(settings).model_fields
+        if name in found
+    ]
+    phases = [
+        {
+            "name": phase.name,
+            "start_s": phase.start.time_s,
+            "stop_s": phase.stop.time_s,
+            "start_std_s": phase.start.std_s,
+            "stop_std_s": phase.stop.std_s,
+        }
+        for phase in processed.phases
+    ]
+    return replace(processed, record=plain({"units": UNITS, "steps": steps, "phases": phases}))
+
+
+def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a finding holds
+    """The value in what JSON holds: arrays as lists, numbers that are not finite as None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return int(value) if isinstance(value, np.integer) else value
+
+
+def _plain_fields(found: Any) -> dict[str, Any]:  # noqa: ANN401 - the dataclass of any step
+    return {} if found is None else asdict(found)
+
+
+def _window(processed: Processed) -> dict[str, Any]:
+    raw = processed.raw
+    return {
+        "first_row": int(raw.rows[0]),
+        "last_row": int(raw.rows[-1]),
+        "from_s": float(raw.time_s[0]),
+        "to_s": float(raw.time_s[-1]),
+        "rate_hz": raw.rate_hz,
+    }
+
+
+def _farthest(processed: Processed) -> float:
+    """Largest distance of the tip from the contact axis while it presses [mm]."""
+    press, last = processed.phase("press"), processed.phases[-1]
+    stop = processed.motion.time_s[-1] if last.name != "departure" else last.start.time_s
+    time = processed.motion.time_s
+    during = (time >= press.start.time_s) & (time <= stop)
+    return float(processed.motion.lateral_mm[during].max())
+
+
+def _of_smoothing(smooth: Smoothed) -> dict[str, float]:
+    return {
+        "noise": smooth.noise,
+        "bias": smooth.bias,
+        "window_s": smooth.window_s,
+        "largest_std": float(smooth.std.max()),
+    }
+
+
+def _points(processed: Processed) -> dict[str, int]:
+    return {name: int(curve.abscissa.size) for name, curve in processed.response.curves.items()}

@@ -1,0 +1,194 @@
+"""Which reader a file needs, by its first bytes, and the process with limits that it works in."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from palpate.errors import CurveError
+from palpate.plugins.interfaces import Settings
+from palpate.sandbox import Limits, run_function
+from palpate.units import Quantity
+from palpate_robot_log.reading.raw import RawLog
+from palpate_robot_log.reading.text_layout import TextFormat
+
+_MOST_OUTPUT_BYTES = 10_000_000_000
+_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+_UNREADABLE = (
+    (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
+    (b"BZh", "is compressed by bzip2; unpack it first"),
+    (b"\x28\xb5\x2f\xfd", "is compressed by zstd; unpack it first"),
+    (b"\xfd7zXZ", "is compressed by xz; unpack it first"),
+    (b"\x80", "is a pickle, which could run code and is never read; save plain numbers"),
+    (b"\xd0\xcf\x11\xe0", "is a spreadsheet or document; save the table as CSV"),
+    (b"TDSm", "is a LabVIEW TDMS file; export it as CSV"),
+    (b"TDSh", "is a LabVIEW TDMS file; export it as CSV"),
+)
+
+
+Megabytes = Annotated[float, Quantity("MB")]
+
+
+class ReadingLimits(Settings):
+    """Limits on reading one file. A log of an hour at 1 kHz needs a tenth of them."""
+
+    file_size: Megabytes = Field(default=2000.0, gt=0.0, description="Largest file, or bag folder.")
+    memory: Megabytes = Field(
+        default=6000.0, ge=300.0, description="Most memory of the process that reads; kept on Linux alone."
+    )
+    time_limit: Annotated[float, Quantity("s")] = Field(
+        default=120.0, gt=0.0, description="Longest time that reading may take."
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What to read of a file.
+
+    Parameters
+    ----------
+    columns : tuple of str, optional
+        Columns of a table; all when left out.
+    streams : tuple of str, optional
+        Topics of a bag; all when left out.
+    text : TextFormat
+    limits : ReadingLimits
+    """
+
+    columns: tuple[str, ...] | None = None
+    streams: tuple[str, ...] | None = None
+    text: TextFormat = field(default_factory=TextFormat)
+    limits: ReadingLimits = field(default_factory=ReadingLimits)
+
+
+def check_size(path: Path, limits: ReadingLimits) -> None:
+    """Refuse what is not there, is no regular file, or is too large to be opened.
+
+    Raises
+    ------
+    CurveError
+    """
+    try:
+        if path.is_dir():
+            _check_folder(path)
+            n_bytes = sum(file.lstat().st_size for file in path.iterdir())
+        elif path.exists() and not path.is_file():
+            raise CurveError(f"{path}: not a regular file; give a log, or the folder of a ROS 2 bag")
+        else:
+            n_bytes = path.stat().st_size
+            if not os.access(path, os.R_OK):
+                raise CurveError(f"{path}: cannot be read (Permission denied); check its permissions")
+    except OSError as error:
+        raise CurveError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    if n_bytes > limits.file_size * 1e6:
+        raise CurveError(
+            f"{path}: {n_bytes / 1e6:.0f} MB where at most {limits.file_size:g} MB are read; cut the log, "
+            "or raise file_size under limits in the loader's settings"
+        )
+
+
+def _check_folder(path: Path) -> None:
+    if not (path / "metadata.yaml").is_file():
+        raise CurveError(f"{path}: a folder without metadata.yaml, so no ROS 2 bag; give the file of the log")
+
+
+def read_log(path: Path, request: Request) -> RawLog:
+    """Read a file in a process with limits: a damaged one can neither hang nor end this process.
+
+    Parameters
+    ----------
+    path : Path
+    request : Request
+
+    Raises
+    ------
+    CurveError
+    """
+    check_size(path, request.limits)
+    limits = Limits(
+        time_s=request.limits.time_limit, memory_mb=request.limits.memory, output_bytes=_MOST_OUTPUT_BYTES
+    )
+    try:
+        return run_function(limits, read_here, path, request)
+    except (ChildProcessError, MemoryError) as error:
+        raise _reading_failed(path, error) from None
+
+
+def read_here(path: Path, request: Request) -> RawLog:
+    """Read a file in this very process.
+
+    Raises
+    ------
+    CurveError
+    """
+    check_size(path, request.limits)
+    try:
+        return _read(path, request)
+    except MemoryError as error:
+        raise _reading_failed(path, error) from None
+
+
+def _reading_failed(path: Path, error: Exception) -> CurveError:
+    how = "too little memory" if isinstance(error, MemoryError) else str(error)
+    return CurveError(
+        f"{path}: reading failed ({how}); the file is damaged or too large: save it again, export fewer "
+        "columns, or raise memory and time_limit under limits in the loader's settings"
+    )
+
+
+def _read(path: Path, request: Request) -> RawLog:
+    if path.is_dir():
+        return _read_bag(path, request)
+    head = _head(path)
+    for magic, why in _UNREADABLE:
+        if head.startswith(magic):
+            raise CurveError(f"{path}: the file {why}")
+    if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
+        from palpate_robot_log.reading.numpy_files import read_numpy
+
+        return read_numpy(path)
+    if head.startswith(b"PAR1"):
+        from palpate_robot_log.reading.parquet import read_parquet
+
+        return read_parquet(path, request.columns)
+    if head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")):
+        return _read_bag(path, request)
+    return _read_matlab_or_text(path, head, request)
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return stream.read(1024)
+
+
+def _read_bag(path: Path, request: Request) -> RawLog:
+    from palpate_robot_log.reading.ros import read_bag
+
+    return read_bag(path, request.streams)
+
+
+def _read_matlab_or_text(path: Path, head: bytes, request: Request) -> RawLog:
+    if head.startswith(_HDF5_MAGIC) or head[512:520] == _HDF5_MAGIC:
+        from palpate_robot_log.reading.hdf5 import read_hdf5
+
+        return read_hdf5(path)
+    if len(head) >= 128 and head[126:128] in (b"IM", b"MI") and head.startswith(b"MATLAB"):
+        from palpate_robot_log.reading.matlab5 import read_matlab5
+
+        return read_matlab5(path)
+    if _is_binary_of(path, head):
+        raise CurveError(
+            f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"
+        )
+    from palpate_robot_log.reading.text import read_text
+
+    return read_text(path, request.columns, request.text)
+
+
+def _is_binary_of(path: Path, head: bytes) -> bool:
+    """Whether the ending promises another format than the text that the beginning looks like."""
+    binary: Sequence[str] = (".mat", ".npz", ".npy", ".parquet", ".bag", ".mcap", ".db3", ".h5", ".hdf5")
+    return path.suffix.lower() in binary and bool(head)

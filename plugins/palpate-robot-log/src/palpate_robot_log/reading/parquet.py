@@ -1,0 +1,139 @@
+"""Parquet, by polars: the columns of numbers."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.domain import FloatArray
+from palpate.errors import CurveError
+from palpate_robot_log.reading.raw import Column, RawLog, Stream, close_to, listed
+
+if TYPE_CHECKING:
+    import polars as pl
+
+_LONGEST_LIST = 16
+
+
+def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
+    """Read the columns of numbers and of time stamps; a list of fixed length counts as several.
+
+    Time stamps and durations become seconds, stamps since the first row.
+
+    Raises
+    ------
+    CurveError
+        The file is damaged, or lacks a column.
+    """
+    import polars as pl
+
+    try:
+        schema = pl.read_parquet_schema(path)
+        names = _wanted(path, schema, wanted)
+        # The path is taken as it is, not as a pattern of several files.
+        frame = pl.read_parquet(path, columns=names, glob=False)
+        columns = [column for name in names for column in _columns(path, frame[name])]
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        first_line = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise CurveError(
+            f"{path}: the Parquet file is damaged or cut off ({first_line}); export it again"
+        ) from None
+    n_rows = frame.height
+    if n_rows < 2 or not columns:
+        raise CurveError(f"{path}: {n_rows} rows and {len(columns)} columns of numbers; export the log again")
+    return RawLog(
+        source=str(path),
+        format="Parquet",
+        row_word="row",
+        streams=(
+            Stream(
+                name="",
+                rows=np.arange(n_rows, dtype=np.int64),
+                columns={column.name: column for column in columns},
+            ),
+        ),
+        notes=_notes(schema, names, wanted),
+    )
+
+
+def _base_name(name: str) -> str:
+    return name.split("[", 1)[0]
+
+
+def _wanted(path: Path, schema: Mapping[str, "pl.DataType"], wanted: Sequence[str] | None) -> list[str]:
+    if wanted is None:
+        return [name for name, dtype in schema.items() if _is_numeric(dtype)]
+    names = []
+    for name in wanted:
+        held = name if name in schema else _base_name(name)
+        if held not in schema:
+            raise CurveError(
+                f"{path}: no column '{name}'{close_to(name, schema)} (columns there: {listed(schema)}); "
+                "correct the channel map, or see 'palpate experiment inspect'"
+            )
+        if not _is_numeric(schema[held]):
+            raise CurveError(f"{path}: column '{held}' holds {schema[held]} and no numbers; choose another")
+        names.append(held)
+    return list(dict.fromkeys(names))
+
+
+def _notes(
+    schema: Mapping[str, "pl.DataType"], names: Sequence[str], wanted: Sequence[str] | None
+) -> tuple[str, ...]:
+    others = [f"{name} ({dtype})" for name, dtype in schema.items() if name not in names]
+    return (f"columns passed over: {listed(others)}",) if others and wanted is None else ()
+
+
+def _is_numeric(dtype: "pl.DataType") -> bool:
+    """Whether a column of this type gives numbers; a list of numbers gives several."""
+    import polars as pl
+
+    if isinstance(dtype, pl.Array | pl.List):
+        return isinstance(dtype.inner, pl.DataType) and dtype.inner.is_numeric()
+    return dtype.is_numeric() or isinstance(dtype, pl.Datetime | pl.Duration | pl.Boolean)
+
+
+def _columns(path: Path, series: "pl.Series") -> list[Column]:
+    import polars as pl
+
+    if isinstance(series.dtype, pl.List | pl.Array):
+        return _spread(path, series)
+    if isinstance(series.dtype, pl.Datetime | pl.Duration):
+        return [Column(name=series.name, values=_seconds(series), unit="s")]
+    return [Column(name=series.name, values=_floats(series))]
+
+
+def _floats(series: "pl.Series") -> FloatArray:
+    import polars as pl
+
+    values: FloatArray = series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
+    return values
+
+
+def _seconds(series: "pl.Series") -> FloatArray:
+    """Seconds of a duration, or since the first stamp."""
+    import polars as pl
+
+    counts = series.to_physical()
+    per_second = {"ns": 1e9, "us": 1e6, "ms": 1e3}[str(getattr(series.dtype, "time_unit", "us"))]
+    start = counts.drop_nulls().first() if isinstance(series.dtype, pl.Datetime) else 0
+    return _floats(counts - (start or 0)) / per_second
+
+
+def _spread(path: Path, series: "pl.Series") -> list[Column]:
+    """Columns ``name[0]``, ``name[1]`` … of lists that all have one length."""
+    import polars as pl
+
+    lists = series.arr.to_list() if isinstance(series.dtype, pl.Array) else series
+    lengths = lists.list.len().unique().to_list()
+    if len(lengths) != 1 or lengths[0] is None or not 0 < int(lengths[0]) <= _LONGEST_LIST:
+        raise CurveError(
+            f"{path}: the lists of column '{series.name}' have {len(lengths)} lengths; "
+            "give each number its own column"
+        )
+    width = int(lengths[0])
+    return [
+        Column(name=f"{series.name}[{index}]", values=_floats(lists.list.get(index)))
+        for index in range(width)
+    ]

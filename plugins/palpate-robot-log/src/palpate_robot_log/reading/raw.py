@@ -1,0 +1,152 @@
+"""What a reader makes of a file: named streams of named columns of numbers, as they stand there.
+
+A table has one stream. A bag has one for each topic, and a MATLAB file one for each
+length of its arrays. Nothing is converted here: units are those of the file, where
+the file says so, and a value that is missing is NaN.
+"""
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from palpate.domain import FloatArray, IntArray
+from palpate.errors import CurveError
+from palpate_robot_log.reading.header_units import unit_in
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Column:
+    """Numbers under a name.
+
+    Parameters
+    ----------
+    name : str
+        As the file writes it, without its unit where that stands in a line of its own.
+    values : (n,) array
+    unit : str
+        As found in the file; empty where it says nothing.
+    note : str
+        What a person should know about the column, such as cells that are no numbers.
+    """
+
+    name: str
+    values: FloatArray
+    unit: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stream:
+    """Columns with common rows.
+
+    Parameters
+    ----------
+    name : str
+        Topic of a bag; empty for the one table of a file.
+    rows : (n,) array of int
+        Line of a text file, message of a bag, else the row counted from 0.
+    columns : mapping of str to Column
+    """
+
+    name: str
+    rows: IntArray
+    columns: Mapping[str, Column]
+
+    @property
+    def label(self) -> str:
+        """How messages call it."""
+        return f"stream '{self.name}'" if self.name else "the file"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RawLog:
+    """Everything read from one file.
+
+    Parameters
+    ----------
+    source : str
+        The file, for messages.
+    format : str
+        Its format in words.
+    row_word : str
+        What its rows are called in messages: line, row or message.
+    streams : tuple of Stream
+    notes : tuple of str
+        What was passed over, and why.
+    layout : mapping of str to str
+        How the file was understood, in the words of the loader's settings.
+    """
+
+    source: str
+    format: str
+    row_word: str
+    streams: tuple[Stream, ...]
+    notes: tuple[str, ...] = ()
+    layout: Mapping[str, object] = field(default_factory=dict)
+
+    def stream(self, name: str) -> Stream:
+        """Stream by its name.
+
+        Raises
+        ------
+        CurveError
+        """
+        for stream in self.streams:
+            if stream.name == name:
+                return stream
+        known = [stream.name for stream in self.streams]
+        raise CurveError(
+            f"{self.source}: no stream '{name}'{close_to(name, known)} (streams there: {listed(known)}); "
+            "correct stream in the channel map"
+        )
+
+    def stream_of(self, columns: Iterable[str], stream: str | None = None) -> Stream:
+        """Return the one stream that has all these columns.
+
+        Raises
+        ------
+        CurveError
+            No stream has them, or several do.
+        """
+        wanted = list(columns)
+        among = self.streams if stream is None else (self.stream(stream),)
+        found = [s for s in among if all(name in s.columns for name in wanted)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            names = listed(s.name for s in found)
+            raise CurveError(
+                f"{self.source}: the columns {listed(wanted)} are in several streams ({names}); "
+                "say which with stream in the channel map"
+            )
+        raise CurveError(self._missing(wanted, among))
+
+    def _missing(self, wanted: list[str], among: tuple[Stream, ...]) -> str:
+        known = [name for stream in among for name in stream.columns]
+        missing = [name for name in wanted if name not in known]
+        if not missing:
+            return (
+                f"{self.source}: no one stream has all of {listed(wanted)}; "
+                "take the columns of one vector from one stream"
+            )
+        return (
+            f"{self.source}: no column '{missing[0]}'{close_to(missing[0], known)} "
+            f"(columns there: {listed(known)}); correct the channel map, "
+            "or see 'palpate experiment inspect'"
+        )
+
+
+def close_to(name: str, known: Iterable[str]) -> str:
+    """Suggest names like this one, for a message: first those that differ in case or unit alone."""
+    names = list(known)
+    label = unit_in(name)[0].casefold()
+    same = [each for each in names if unit_in(each)[0].casefold() == label]
+    close = same[:2] or difflib.get_close_matches(name, names, n=2, cutoff=0.5)
+    return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+
+
+def listed(names: Iterable[str], most: int = 24) -> str:
+    """Names on one line, of a long list the first ones."""
+    all_names = list(names)
+    shown = ", ".join(all_names[:most]) or "none"
+    return shown if len(all_names) <= most else f"{shown} … and {len(all_names) - most} more"

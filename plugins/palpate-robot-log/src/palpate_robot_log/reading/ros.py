@@ -1,0 +1,222 @@
+"""Bags of ROS 1 and ROS 2, by rosbags: one stream for each topic of a known type."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from operator import attrgetter
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import CurveError
+from palpate_robot_log.reading.raw import Column, RawLog, Stream, listed
+
+Fields = tuple[tuple[str, str], ...]
+
+
+def _axes(vector: str, unit: str, axes: str = "xyz") -> Fields:
+    return tuple((f"{vector}.{axis}", unit) for axis in axes)
+
+
+def _in(member: str, fields: Fields) -> Fields:
+    return tuple((f"{member}.{name}", unit) for name, unit in fields)
+
+
+_WRENCH = (*_axes("force", "N"), *_axes("torque", "N m"))
+_POSE = (*_axes("position", "m"), *_axes("orientation", "", "xyzw"))
+_TRANSFORM = (*_axes("transform.translation", "m"), *_axes("transform.rotation", "", "xyzw"))
+
+FIELDS: MappingProxyType[str, Fields] = MappingProxyType(
+    {
+        "geometry_msgs/msg/WrenchStamped": _in("wrench", _WRENCH),
+        "geometry_msgs/msg/Wrench": _WRENCH,
+        "geometry_msgs/msg/PoseStamped": _in("pose", _POSE),
+        "geometry_msgs/msg/Pose": _POSE,
+        "geometry_msgs/msg/PoseWithCovarianceStamped": _in("pose.pose", _POSE),
+        "nav_msgs/msg/Odometry": _in("pose.pose", _POSE),
+        "geometry_msgs/msg/TransformStamped": _TRANSFORM,
+        "tf2_msgs/msg/TFMessage": _TRANSFORM,
+        "geometry_msgs/msg/PointStamped": _axes("point", "m"),
+        "geometry_msgs/msg/Vector3Stamped": _axes("vector", ""),
+        "geometry_msgs/msg/QuaternionStamped": _axes("quaternion", "", "xyzw"),
+        "std_msgs/msg/Float64": (("data", ""),),
+    }
+)
+"""Numbers that are read of each message, with their units."""
+
+
+@dataclass(slots=True)
+class _Gathered:
+    """What has been read of one stream."""
+
+    fields: Fields
+    msgtype: str
+    frame: str
+    numbers_of: Callable[[Any], Any]
+    numbers: list[int] = field(default_factory=list)
+    received_ns: list[int] = field(default_factory=list)
+    stamp_ns: list[int] = field(default_factory=list)
+    values: list[Any] = field(default_factory=list)
+
+
+def read_bag(path: Path, topics: Sequence[str] | None = None) -> RawLog:
+    """Read a ROS 1 ``.bag``, a ROS 2 bag folder, or one ``.mcap`` or ``.db3`` of it.
+
+    Each stream has the columns ``received`` (when the message was recorded) and, for
+    messages with a header, ``stamp``: seconds since the first message of the bag.
+
+    Parameters
+    ----------
+    path : Path
+    topics : sequence of str, optional
+        Streams to read; all of known types when left out.
+
+    Raises
+    ------
+    CurveError
+        The bag is cut off, damaged, or has no topic of a known type.
+    """
+    try:
+        reader, deserialise = _reader(path)
+        with reader:
+            return _collected(path, reader, deserialise, topics)
+    except (CurveError, MemoryError):
+        raise
+    except Exception as error:  # rosbags raises whatever the damaged bytes lead it to
+        first_line = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise CurveError(
+            f"{path}: the bag is damaged or cut off ({first_line}); repair it with "
+            "'rosbag reindex', 'ros2 bag reindex' or 'mcap recover', or record again"
+        ) from None
+
+
+def _reader(path: Path) -> tuple[Any, Callable[[bytes, str], Any]]:
+    """Reader of the bag, not yet open, and what makes messages of its bytes."""
+    try:
+        from rosbags import rosbag1, rosbag2
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise CurveError(
+            f"{path}: ROS bags need rosbags; run: pip install 'palpate-robot-log[ros]'"
+        ) from None
+    # The bag's own definitions are not used: a topic that is not read may have any.
+    if path.is_file() and _begins_with(path, b"#ROSBAG V"):
+        return rosbag1.Reader(path), get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
+    if path.is_file() and path.suffix not in (".mcap", ".db3"):
+        raise CurveError(
+            f"{path}: a recording of ROS 2 that ends in '{path.suffix}'; rename it to .mcap or .db3"
+        )
+    for log in path.glob("*-wal") if path.is_dir() else [path.with_name(f"{path.name}-wal")]:
+        if log.is_file() and log.stat().st_size:
+            raise CurveError(
+                f"{log}: the recording was not closed; open the .db3 once with sqlite3 to finish it"
+            )
+    return rosbag2.Reader(path), get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+
+
+def _begins_with(path: Path, magic: bytes) -> bool:
+    with path.open("rb") as stream:
+        return stream.read(len(magic)) == magic
+
+
+def _collected(
+    path: Path,
+    reader: Any,  # noqa: ANN401 - one of two unrelated classes
+    deserialise: Callable[[bytes, str], Any],
+    topics: Sequence[str] | None,
+) -> RawLog:
+    known = [c for c in reader.connections if c.msgtype in FIELDS]
+    if topics is not None:
+        known = [c for c in known if any(t == c.topic or t.startswith(f"{c.topic} ") for t in topics)]
+    if not known:
+        found = listed(f"{c.topic} ({c.msgtype})" for c in reader.connections)
+        raise CurveError(
+            f"{path}: no topic {'of a type that is read' if topics is None else listed(topics)} "
+            f"(topics there: {found}); types that are read: {listed(FIELDS)}"
+        )
+    streams: dict[str, _Gathered] = {}
+    n_read = 0
+    for n_read, (connection, received_ns, raw) in enumerate(reader.messages(connections=known), start=1):
+        message = deserialise(raw, connection.msgtype)
+        for part in getattr(message, "transforms", (message,)):
+            _gather(path, streams, connection, part, n_read - 1, received_ns)
+    n_listed = sum(int(c.msgcount) for c in known)
+    if n_read != n_listed:
+        raise CurveError(
+            f"{path}: {n_read} messages found where the bag lists {n_listed}; it is damaged or cut off, "
+            "reindex it or record again"
+        )
+    notes = [
+        f"{c.topic}: {c.msgcount} messages of {c.msgtype}, a type that is not read"
+        for c in reader.connections
+        if c.msgtype not in FIELDS
+    ]
+    notes += [f"{name}: {s.msgtype} in frame '{s.frame}'" for name, s in streams.items() if s.frame]
+    start_ns = min((s.received_ns[0] for s in streams.values()), default=0)
+    return RawLog(
+        source=str(path),
+        format="ROS 2 bag" if "rosbag2" in type(reader).__module__ else "ROS 1 bag",
+        row_word="message",
+        streams=tuple(_stream(name, s, start_ns) for name, s in streams.items()),
+        notes=tuple(notes),
+    )
+
+
+def _gather(
+    path: Path,
+    streams: dict[str, _Gathered],
+    connection: Any,  # noqa: ANN401 - rosbags may be missing
+    part: Any,  # noqa: ANN401 - a message
+    number: int,
+    received_ns: int,
+) -> None:
+    """Add a message to the stream of its topic, a transform to that of its two frames."""
+    header = getattr(part, "header", None)
+    frame = header.frame_id if header else ""
+    is_listed = connection.msgtype == "tf2_msgs/msg/TFMessage"
+    name = f"{connection.topic} {frame}>{part.child_frame_id}" if is_listed else connection.topic
+    stream = streams.get(name)
+    if stream is None:
+        fields = FIELDS[connection.msgtype]
+        numbers_of = attrgetter(*(field_name for field_name, _ in fields))
+        stream = streams[name] = _Gathered(fields, connection.msgtype, frame, numbers_of)
+    if (connection.msgtype, frame) != (stream.msgtype, stream.frame):
+        raise CurveError(
+            f"{path}: message {number}, topic '{name}': type or frame change from {stream.msgtype}, "
+            f"'{stream.frame}' to {connection.msgtype}, '{frame}'; record one sensor per topic"
+        )
+    stream.numbers.append(number)
+    stream.received_ns.append(received_ns)
+    stream.values.append(stream.numbers_of(part))
+    if header:
+        stream.stamp_ns.append(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)
+
+
+def _stream(name: str, gathered: _Gathered, start_ns: int) -> Stream:
+    table = np.array(gathered.values, dtype=np.float64).reshape(-1, len(gathered.fields))
+    columns = [Column(name="received", values=_seconds(gathered.received_ns, start_ns), unit="s")]
+    if gathered.stamp_ns:
+        columns.insert(0, _stamp_column(gathered.stamp_ns, start_ns))
+    columns += [
+        Column(name=field_name, values=np.ascontiguousarray(table[:, index]), unit=unit)
+        for index, (field_name, unit) in enumerate(gathered.fields)
+    ]
+    return Stream(
+        name=name,
+        rows=np.array(gathered.numbers, dtype=np.int64),
+        columns={column.name: column for column in columns},
+    )
+
+
+def _stamp_column(stamp_ns: Sequence[int], start_ns: int) -> Column:
+    if not any(stamp_ns):
+        nothing = np.full(len(stamp_ns), math.nan)
+        return Column(name="stamp", values=nothing, unit="s", note="never set by the sender; use received")
+    return Column(name="stamp", values=_seconds(stamp_ns, start_ns), unit="s")
+
+
+def _seconds(times_ns: Iterable[int], start_ns: int) -> np.ndarray:
+    # Whole numbers first: seconds since 1970 would leave a double a quarter of a microsecond.
+    return np.array([time - start_ns for time in times_ns], dtype=np.float64) * 1e-9

@@ -1,0 +1,125 @@
+"""Loader of a robot's log: read, processed, and told in the manifest."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydantic import Field
+
+from palpate.domain import Response
+from palpate.errors import CurveError
+from palpate.plugins.inspection import Inspection
+from palpate.plugins.interfaces import ExperimentLoader
+from palpate_robot_log.processing.settings import ProcessingSettings
+from palpate_robot_log.reading import ChannelMap, ReadingLimits, TextFormat
+
+if TYPE_CHECKING:
+    from palpate_robot_log.processing.processed import Processed
+    from palpate_robot_log.reading import Reading
+
+# SciPy, polars and matplotlib are imported where they are used: who lists the plugins needs none of them.
+
+
+class RobotLogSettings(ProcessingSettings):
+    """Settings of :class:`RobotLogLoader`: how the log is read, then every step of processing."""
+
+    channels: ChannelMap = Field(description="Which columns are time, pose and wrench.")
+    text: TextFormat = Field(
+        default_factory=TextFormat, description="Layout of delimited text; guessed where left out."
+    )
+    limits: ReadingLimits = Field(
+        default_factory=ReadingLimits, description="Largest file, memory and time of reading."
+    )
+
+
+class RobotLogLoader(ExperimentLoader):
+    """A press as a robot and a six-axis sensor logged it.
+
+    The file gives the channels ``force`` (over depth) and, where the tool twists, ``torque``
+    (over rotation), each with standard deviations. A file that the study gives for one channel
+    gives that one alone.
+    """
+
+    name = "robot_log"
+    summary = "pose and wrench over time: text, Parquet, MATLAB, NumPy or ROS bag, to force and torque"
+    Settings = RobotLogSettings
+
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        """Read and process one log.
+
+        Parameters
+        ----------
+        path : Path
+        channel : str, optional
+            The one channel that is wanted.
+
+        Raises
+        ------
+        CurveError
+            Naming file, rows, time stamps and what to do.
+        """
+        from palpate_robot_log.processing.chain import process
+
+        reading = self._read(path)
+        processed = process(reading.recording, self.settings)
+        curves = processed.response.curves
+        if channel is not None and channel not in curves:
+            raise CurveError(
+                f"{path}: no channel '{channel}' comes of this log (found: {', '.join(curves)}); "
+                "log a twist, or leave the channel out"
+            )
+        wanted = curves if channel is None else {channel: curves[channel]}
+        record = {"reading": dict(reading.record), **processed.record}
+        if warnings := self._warnings(processed):
+            record["warnings"] = warnings
+        return Response(curves=wanted, record=record)
+
+    def _warnings(self, processed: "Processed") -> list[str]:
+        from palpate_robot_log.processing.gravity import weight_left_in
+
+        gravity = self.settings.gravity
+        if gravity.method != "off" or processed.bias is None:
+            return []
+        peak = float(abs(processed.force.ordinate).max())
+        found = weight_left_in(processed.raw, processed.bias.force_N, np.array(gravity.direction), peak)
+        return [found] if found else []
+
+    def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
+        """Draw the log as it was read, tared, in its phases, its first contact and its curves.
+
+        Parameters
+        ----------
+        path, folder : Path
+        channel : str, optional
+            Not needed: the pictures show all channels.
+
+        Raises
+        ------
+        CurveError
+            As for :meth:`load`; what could be read is drawn before.
+        """
+        from palpate_robot_log.pictures import draw_processed, draw_recording
+        from palpate_robot_log.processing.chain import process
+
+        reading = self._read(path)
+        first = draw_recording(reading.recording, folder)
+        return (first, *draw_processed(process(reading.recording, self.settings), folder))
+
+    @classmethod
+    def inspect(cls, path: Path) -> Inspection:
+        """Say what is in a log, and propose a channel map.
+
+        Raises
+        ------
+        CurveError
+            The file cannot be read at all.
+        """
+        from palpate_robot_log.reading.inspection import inspect_log
+
+        return inspect_log(path)
+
+    def _read(self, path: Path) -> "Reading":
+        from palpate_robot_log.reading import read_recording
+
+        settings: RobotLogSettings = self.settings
+        return read_recording(path, settings.channels, settings.text, settings.limits)

@@ -1,0 +1,123 @@
+"""Frictional twist: a solver must agree with itself, then with others; a record would be no reference."""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.domain import FloatArray, Limb, Simulation
+from palpate.plugins.interfaces import Material
+from palpate_validation.certificate import COUPLED, Case, Contender, Row, answer
+
+DEPTH_MM = 2.0
+TWIST_DEG = -22.5
+STEP_DEG = 4.5
+N_HELD = 5
+TORQUE_TOLERANCE = 0.02
+PAIR_TOLERANCE = {"force": 0.01, "torque": 0.05}
+"""Between two solvers, of which one has a faceted sphere and both another contact."""
+
+
+def _path(step_deg: float, n_held: int) -> FloatArray:
+    """Down, twist with a waypoint at each step, hold, and a little back so that the hold is on the curve."""
+    n = round(abs(TWIST_DEG) / step_deg)
+    down = [(0.0, 0.0), (DEPTH_MM / 2, 0.0), (DEPTH_MM, 0.0)]
+    twist = [(DEPTH_MM, TWIST_DEG * (k + 1) / n) for k in range(n)]
+    held = [(DEPTH_MM, TWIST_DEG)] * n_held
+    return np.array([*down, *twist, *held, (DEPTH_MM, TWIST_DEG + step_deg)])
+
+
+def twist_rows(
+    limb: Limb,
+    material: Material,
+    theta: FloatArray,
+    contenders: Mapping[str, Contender],
+    problem: str = "frictional twist",
+    references: Collection[str] = (),
+) -> Iterator[Row]:
+    """Step halving and a hold for every solver, and each against the first that agrees with itself.
+
+    Parameters
+    ----------
+    limb : Limb
+        Every region gets the same material.
+    problem : str
+        What the rows call it.
+    references : collection of str
+        Contenders that others may be compared with; any where it is empty.
+    """
+    case = Case(
+        problem=problem,
+        name=material.name,
+        limb=limb,
+        materials=dict.fromkeys(limb.mesh.regions, material),
+        thetas=dict.fromkeys(limb.mesh.regions, theta),
+        path=_path(STEP_DEG, 0),
+        friction=1.0,
+        mean_dilatation=material.name not in COUPLED,
+    )
+    answers: dict[str, Simulation] = {}
+    sound: list[str] = []
+    for name, make in contenders.items():
+        solver = make(case.mean_dilatation)
+        answers[name] = case.run(solver)
+        fine = replace(case, path=_path(STEP_DEG / 2, N_HELD)).run(solver)
+        rows = list(_with_itself(case, name, answers[name], fine))
+        yield from rows
+        if all(row.verdict == "agrees" for row in rows) and (not references or name in references):
+            sound.append(name)
+    for name in answers if sound else ():
+        if name != sound[0]:
+            yield from _with_other(case, name, answers, sound[0])
+
+
+def _with_itself(case: Case, name: str, coarse: Simulation, fine: Simulation) -> Iterator[Row]:
+    before, why = answer(coarse, "torque", [TWIST_DEG])
+    after, why_fine = answer(fine, "torque", [TWIST_DEG])
+    if before is not None and before[0] == 0.0:
+        before, why = None, "its torque is 0 at the end of the twist"
+    for what, change in _changes(fine, before, after).items():
+        yield Row(
+            problem=case.problem,
+            material=case.name,
+            solver=name,
+            quantity=f"torque: {what}",
+            against="itself",
+            difference=change,
+            tolerance=TORQUE_TOLERANCE,
+            note=why or why_fine,
+            refused="refused" in coarse.diagnostics,
+        )
+
+
+def _with_other(case: Case, name: str, answers: Mapping[str, Simulation], other: str) -> Iterator[Row]:
+    for channel, place in (("force", DEPTH_MM), ("torque", TWIST_DEG)):
+        values, _ = answer(answers[name], channel, [place])
+        expected, _ = answer(answers[other], channel, [place])
+        if values is None or expected is None:
+            continue
+        yield Row(
+            problem=case.problem,
+            material=case.name,
+            solver=name,
+            quantity=channel,
+            against=other,
+            difference=float(abs(values[0] / expected[0] - 1.0)),
+            tolerance=PAIR_TOLERANCE[channel],
+        )
+
+
+def _changes(
+    fine: Simulation, before: FloatArray | None, after: FloatArray | None
+) -> dict[str, float | None]:
+    """What halving the steps and holding change, relative to the torque."""
+    if before is None or after is None:
+        return {"steps halved": None, "hold": None}
+    assert fine.response is not None
+    curve = fine.response["torque"]
+    at_end = curve.ordinate[np.abs(curve.abscissa - TWIST_DEG) < 1e-6]
+    peak = abs(float(before[0]))
+    return {
+        "steps halved": abs(float(after[0] - before[0])) / peak,
+        "hold": abs(float(at_end[-1] - at_end[0])) / peak,
+    }

@@ -1,0 +1,237 @@
+"""``palpate certify``: whether the installed solvers agree with each other and with FEBio."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.cli.options import AsJson
+from palpate.cli.session import Session
+from palpate.errors import PalpateError, PluginError, StudyError
+from palpate.plugins.guard import answering_for
+from palpate.plugins.registry import FIRST_PARTY
+
+if TYPE_CHECKING:
+    from palpate.domain import Limb
+    from palpate.plugins.catalogue import Plugins
+    from palpate.plugins.interfaces import Material, Solver
+    from palpate_febio.solver import FebioSolver
+    from palpate_validation.certificate import Certificate
+
+FAILED = 1
+
+
+def certify(
+    context: typer.Context,
+    material: Annotated[
+        str | None, typer.Argument(help="A material; without it all that were recorded.")
+    ] = None,
+    mesh: Annotated[
+        Path | None,
+        typer.Option(
+            "--mesh",
+            metavar="FILE",
+            help="Also on this mesh (.feb, .vtu …): spot at the origin, normal +z, regions all of MATERIAL.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="FILE", help="Write the JSON there too; in a run's folder, its report shows it."
+        ),
+    ] = None,
+    solver: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--solver", metavar="NAME", help="A solver to judge; repeat for more. Default: palpate's own."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare solvers with FEBio's recorded curves, and with FEBio where it is installed."""
+    from palpate.run.result_files import write_atomically
+
+    session = Session.of(context)
+    certificate = _compare(session, material, mesh, solver or ())
+    if out is not None:
+        file = out / "certificate.json" if out.is_dir() else out
+        write_atomically(file, json.dumps(certificate.as_json(), indent=1).encode() + b"\n")
+    if as_json:
+        session.json(certificate.as_json())
+    else:
+        _show(session, certificate)
+    if not certificate.passed:
+        raise typer.Exit(FAILED)
+
+
+def _compare(
+    session: Session, material: str | None, mesh: Path | None, solvers: Sequence[str]
+) -> Certificate:
+    from palpate_validation.certificate import Certificate
+
+    judged, febio, contenders, missing = _contenders(session.plugins, solvers)
+    rows = []
+    for row in _rows(session, material, mesh, contenders, febio):
+        session.note(f"{row.problem}, {row.material}, {row.quantity}, {row.solver}: {row.verdict}")
+        rows.append(row)
+    versions = {name: _version(make(True)) for name, make in contenders.items()}
+    return Certificate(rows=tuple(rows), solvers=versions, missing=tuple(missing), judged=frozenset(judged))
+
+
+def _version(solver: Solver) -> str:
+    try:
+        with answering_for(solver, "asking for its version"):
+            return solver.version()
+    except PalpateError as error:
+        return str(error)
+
+
+def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any, dict[str, Any], list[str]]:
+    """Names to judge, the installed FEBio or None, a maker for each solver to run, and what is missing.
+
+    Palpate's own solvers come first: the others are judged against them, and never the other way round.
+    """
+    from palpate_febio.solver import FebioSolver
+
+    installed = FebioSolver()
+    febio: FebioSolver | None = installed
+    missing = []
+    try:
+        installed.binary()
+    except PalpateError as error:
+        if any(issubclass(plugins.solvers[name], FebioSolver) for name in asked):
+            raise
+        febio = None
+        missing.append(f"FEBio itself: {error}. Its recorded curves stand in for it")
+    for name in asked:
+        if not plugins.solvers[name].needs_limb:
+            raise PluginError(f"solver '{name}' takes no mesh, and every problem here has one")
+    able = {name: each for name, each in plugins.solvers.items() if each.needs_limb}
+    others = [name for name, each in able.items() if not _is_own(each)]
+    own = [name for name in able if name not in others]
+    judged = list(asked) or own
+    if unasked := [name for name in others if name not in judged]:
+        missing.append(f"not judged: {', '.join(unasked)}; name each with --solver")
+    is_other = any(not _is_own(plugins.solvers[name]) for name in judged)
+    wanted = own if is_other else [name for name in own if name in judged]
+    makers = {
+        name: _maker(plugins.solvers[name])
+        for name in (*wanted, *(name for name in judged if name not in wanted))
+        if febio is not None or not issubclass(plugins.solvers[name], FebioSolver)
+    }
+    return [name for name in judged if name in makers], febio, makers, missing
+
+
+def _is_own(solver: type[Solver]) -> bool:
+    """Whether a solver is released with palpate."""
+    return solver.__module__.split(".")[0].replace("_", "-") in FIRST_PARTY
+
+
+def _maker(solver: type[Solver]) -> Any:  # noqa: ANN401 -- a Contender
+    """Make the solver for a case; one with a choice of element formulation is given FEBio's."""
+
+    def make(mean_dilatation: bool | tuple[str, ...]) -> Solver:
+        if "mean_dilatation" in solver.Settings.model_fields:
+            return solver(solver.Settings.model_validate({"mean_dilatation": mean_dilatation or False}))
+        return solver()
+
+    return make
+
+
+def _rows(
+    session: Session,
+    wanted: str | None,
+    mesh: Path | None,
+    contenders: Mapping[str, Any],
+    febio: Any,  # noqa: ANN401
+) -> Iterator[Any]:
+    from palpate_validation.certificate_block import NAMES, block_rows
+    from palpate_validation.certificate_element import RECORDED_VALUES, one_element
+    from palpate_validation.certificate_twist import twist_rows
+
+    materials = session.plugins.materials
+    limb = None if mesh is None else _read(session.plugins, mesh)
+    names = list(RECORDED_VALUES) if wanted is None else [wanted]
+    for name in names:
+        yield from one_element(materials[name](), febio)
+    if contenders:
+        for case in NAMES if wanted is None else [n for n in NAMES if n == wanted]:
+            yield from block_rows(case, materials, contenders)
+        name = wanted or "ogden"
+        material = materials[name]()
+        own = [name for name in contenders if _is_own(session.plugins.solvers[name])]
+        problems = [("frictional twist", _twist_limb())]
+        if mesh is not None and limb is not None:
+            problems.append((f"twist of {mesh.name}", limb))
+        for problem, body in problems:
+            yield from twist_rows(body, material, _middle(material), contenders, problem, own)
+    elif mesh is not None:
+        raise StudyError(f"{mesh}: no solver that takes a mesh is installed; install palpate-jax")
+
+
+def _middle(material: Material) -> Any:  # noqa: ANN401 -- an array
+    from palpate_febio.probe import probe_theta
+
+    return probe_theta(material)
+
+
+def _twist_limb() -> Limb:
+    from palpate.specimens import block
+
+    return block(n_across=8, n_down=4, grading=1.3)
+
+
+def _read(plugins: Plugins, mesh: Path) -> Limb:
+    from palpate.domain import Spot
+
+    is_deck = mesh.suffix == ".feb"
+    source = plugins.limb_sources["febio_deck" if is_deck else "meshio"]
+    one_region = source.Settings.model_validate({} if is_deck else {"region_data": ""})
+    return source(one_region).load(mesh, Spot(name=mesh.stem))
+
+
+def _show(session: Session, certificate: Any) -> None:  # noqa: ANN401 -- a Certificate
+    from palpate_validation.certificate import ENERGIES
+
+    rows = [
+        [
+            row.problem,
+            row.material,
+            row.quantity,
+            row.solver,
+            row.against,
+            "" if row.difference is None else f"{row.difference:.1e}",
+            f"{row.tolerance:.0e}",
+            row.verdict,
+            row.note,
+        ]
+        for row in certificate.rows
+    ]
+    heads = [
+        "problem",
+        "material",
+        "quantity",
+        "solver",
+        "against",
+        "difference",
+        "tolerance",
+        "verdict",
+        "note",
+    ]
+    session.table("Certificate", heads, rows)
+    for name, version in certificate.solvers.items():
+        session.say(f"{name}: {version}")
+    for line in certificate.missing:
+        session.say(f"missing: {line}")
+    for name, sound in certificate.by_solver.items():
+        role = "" if name in certificate.judged or name == ENERGIES else ", as a reference"
+        session.say(f"{name}{role}: {'agrees' if sound else 'NOT certified'}")
+    if certificate.passed:
+        session.say("verdict: the solvers agree")
+        return
+    failed = [n for n, sound in certificate.by_solver.items() if not sound and certificate.counts(n)]
+    session.say(f"verdict: NOT certified ({', '.join(failed) or 'nothing was compared'})")
