@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import Curve, Response, Simulation, Status
+from palpate.spot_frame import indentation_response
 from palpate_febio.steps import steps_of
-from palpate_febio.verdict import response_of
 from palpate_validation.friction_memory import SCENARIOS, best_multiple, outcomes, recorded, resampled
 
 ROOT = Path(__file__).parents[1]
@@ -148,7 +148,7 @@ def elastic(self, job, limb):
     """What friction that remembers gives, by a formula."""
     rows = steps_of(job.protocol, 20, self.settings.rotation_step_deg)
     answers = np.column_stack([rows.depth_mm, rows.rotation_deg, rows.depth_mm**1.5, rows.rotation_deg])
-    return Simulation(job=job, status=Status.OK, response=response_of(answers))
+    return Simulation(job=job, status=Status.OK, response=indentation_response(*answers.T))
 
 
 def test_with_febio_every_form_is_run_and_without_it_is_missed(call, fake_on_path, monkeypatch, tmp_path):
