@@ -20,9 +20,9 @@ from scipy.optimize import least_squares
 from palpate.domain import Indentation, Job, Limb, Response, Sphere, Spot
 from palpate_forearm import Phantom
 from palpate_jax.solver import JaxSettings, JaxSolver
+from palpate_limb.first_contact import moved_to_contact
 from palpate_limb.meshing import SizeField
 from palpate_limb.quality import Quality, assess
-from palpate_limb.resting import rested
 from palpate_limb.segment import Segment, cut, limb_axis
 from palpate_limb.surfaces import Surface
 from palpate_limb.volume import MeshPlan, mesh_segment
@@ -53,7 +53,7 @@ def plan(ratio: float, kind: str = "tet10") -> MeshPlan:
 
 def meshed(segment: Segment, ratio: float) -> tuple[Limb, Quality]:
     """The segment's mesh, with the sphere at rest on it."""
-    limb, _ = rested(mesh_segment(segment, plan(ratio)), RADIUS_MM)
+    limb, _ = moved_to_contact(mesh_segment(segment, plan(ratio)), RADIUS_MM)
     return limb, assess(limb, segment, 1.2 * RADIUS_MM)
 
 

@@ -1,4 +1,4 @@
-"""The compiled element kernels beside those that JAX differentiates as a whole."""
+"""The compiled element kernels against those that JAX differentiates as a whole."""
 
 import jax
 import jax.numpy as jnp

@@ -138,7 +138,7 @@ def test_a_scan_without_colours_is_refused() -> None:
     with pytest.raises(MeshError, match="no colours"):
         find_marks(Surface(name="s", points_mm=s.points_mm, faces=s.faces))
     grey = np.full_like(s.points_mm, 0.5)
-    with pytest.raises(MeshError, match="one colour throughout"):
+    with pytest.raises(MeshError, match="single colour; no marks found"):
         find_marks(Surface(name="s", points_mm=s.points_mm, faces=s.faces, colours=grey))
 
 
@@ -193,14 +193,14 @@ def spoiled(kind: str) -> Surface:
     ("kind", "what"),
     [("hole", "holes"), ("part", "parts"), ("edge", "more than two"), ("crossing", "faces that intersect")],
 )
-def test_defects_are_named_with_a_place_and_mended(kind: str, what: str) -> None:
+def test_defects_are_named_with_a_place_and_repaired(kind: str, what: str) -> None:
     broken = spoiled(kind)
     found = [defect for defect in defects(broken) if what in defect.what]
     assert found, [str(defect) for defect in defects(broken)]
     assert "first near (" in str(found[0])
-    mended = repaired(broken)
-    assert not defects(mended)
-    assert mended.volume_mm3 == pytest.approx(bone("ulna").volume_mm3, rel=0.02)
+    fixed = repaired(broken)
+    assert not defects(fixed)
+    assert fixed.volume_mm3 == pytest.approx(bone("ulna").volume_mm3, rel=0.02)
 
 
 def test_a_sound_surface_is_left_alone() -> None:
@@ -317,7 +317,7 @@ MYO_SIM = Path(__file__).parents[1] / "data" / "myo_sim"
 
 
 @pytest.mark.parametrize(("name", "holes", "length_mm"), [("radius", 3, 246.0), ("ulna", 3, 259.7)])
-def test_bones_as_others_publish_them_are_closed_and_what_was_mended_is_told(
+def test_bones_as_others_publish_them_are_closed_and_repairs_are_reported(
     name: str, holes: int, length_mm: float
 ) -> None:
     """MyoSim's bones: in metres, with holes and edges of three faces. A forearm's bone has 20 to 60 cm³."""
@@ -325,9 +325,9 @@ def test_bones_as_others_publish_them_are_closed_and_what_was_mended_is_told(
         read_bone(MYO_SIM / f"{name}.stl")
     read = read_bone(MYO_SIM / f"{name}.stl", "m")
     assert not defects(read)
-    assert f"{holes} holes" in read.mended
-    assert "edges of more than two faces" in read.mended
-    assert "changed by" in read.mended
+    assert f"{holes} holes" in read.repairs
+    assert "edges of more than two faces" in read.repairs
+    assert "changed by" in read.repairs
     assert np.ptp(read.points_mm, axis=0).max() == pytest.approx(length_mm, abs=0.1)
     assert 20e3 < read.volume_mm3 < 60e3
 

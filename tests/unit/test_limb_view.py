@@ -1,4 +1,4 @@
-"""What is shown of a limb is its surface: closed, outward, in parts that are told apart."""
+"""What is shown of a limb is its surface: closed, outward, in separate parts."""
 
 import json
 

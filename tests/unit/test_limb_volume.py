@@ -18,11 +18,11 @@ from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, wri
 from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan
 from palpate_limb.cli_options import axis_of, layers_of, radii_mm
+from palpate_limb.first_contact import moved_to_contact
 from palpate_limb.from_scan import sound_mesh
 from palpate_limb.layers import below_skin
 from palpate_limb.meshing import Mesher, MeshingTask, SizeField, run_mesher
 from palpate_limb.quality import assess, cell_volumes, check_quality, dihedral_angles_deg, scaled_jacobians
-from palpate_limb.resting import rested
 from palpate_limb.segment import Segment, cut
 from palpate_limb.surfaces import Surface
 from palpate_limb.volume import MeshPlan
@@ -122,7 +122,7 @@ def test_a_layered_mesh_lies_on_its_surfaces_and_can_be_simulated() -> None:
     below = below_skin(segment(), 2.5)
     middles = mesh.points_mm[mesh.cells["tet10"][:, :4]].mean(axis=1)
     astray = middles[below.contains(middles) != mesh.cell_regions["tet10"]]
-    assert len(astray) < 0.03 * len(middles), "flat elements beside the border, whose edges are bent"
+    assert len(astray) < 0.03 * len(middles), "flat elements next to the border, whose edges are bent"
     assert below.nearest(astray)[1].max() < 0.5
     # Skin of 2.5 mm around 40 mm of limb, from the half-axes at its middle; 5 % are 0.12 mm of thickness.
     outer, inner = 17.0 * 14.0, 14.5 * 11.5
@@ -130,9 +130,9 @@ def test_a_layered_mesh_lies_on_its_surfaces_and_can_be_simulated() -> None:
 
 
 def test_the_sphere_rests_on_the_mesh() -> None:
-    limb, rise = rested(layered(), 7.5)
+    limb, rise = moved_to_contact(layered(), 7.5)
     assert abs(rise) < 0.1
-    again, more = rested(limb, 7.5)
+    again, more = moved_to_contact(limb, 7.5)
     assert abs(more) < 1e-9
     assert again.mesh.points_mm[again.mesh.node_sets["contact"], 2].max() == pytest.approx(0.0, abs=0.05)
 
@@ -266,7 +266,7 @@ def test_the_command_refuses_what_it_cannot_do(
     assert message in capsys.readouterr().err
 
 
-def test_a_poor_mesh_is_made_anew_as_long_as_that_may_help(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_poor_mesh_is_made_again_as_long_as_that_may_help(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Limb] = []
     poor = replace(layered(), mesh=block("tet10", n_across=2, n_down=1, width_mm=40.0, height_mm=9.0).mesh)
 

@@ -1,4 +1,4 @@
-"""What was written beside a mesh goes into the run's manifest, the mesh's own error above all."""
+"""The note of a mesh goes into the run's manifest, the mesh's error above all."""
 
 import json
 from dataclasses import replace
@@ -17,9 +17,9 @@ def test_the_note_beside_a_mesh_stands_in_the_manifest(make_study, plugins, tmp_
     (tmp_path / "p1.json").write_text(json.dumps(note))
     study = make_study()
     spots = tuple(replace(spot, mesh=tmp_path / f"{spot.spot.name}.vtu") for spot in study.spots)
-    told = manifest(replace(study, spots=spots), plugins.channels)["spots"]
-    assert told["p1"]["mesh"] == note
-    assert all("mesh" not in spot for name, spot in told.items() if name != "p1")
+    found = manifest(replace(study, spots=spots), plugins.channels)["spots"]
+    assert found["p1"]["mesh"] == note
+    assert all("mesh" not in spot for name, spot in found.items() if name != "p1")
 
 
 @pytest.mark.parametrize("text", ["{", "[1]", "\ud7ff" * 400_000])
@@ -34,10 +34,10 @@ def test_a_mesh_without_a_note_has_none(tmp_path):
 
 
 def test_the_default_size_keeps_force_within_2_and_torque_within_3_percent():
-    told = mesh_error(DEFAULT_SIZE * 7.5, 7.5, "tet10")
-    assert 0.0 < told["force"] < 0.02
-    assert 0.0 < told["torque"] < 0.03
-    assert "phantom" in told["measured_on"]
+    found = mesh_error(DEFAULT_SIZE * 7.5, 7.5, "tet10")
+    assert 0.0 < found["force"] < 0.02
+    assert 0.0 < found["torque"] < 0.03
+    assert "phantom" in found["measured_on"]
 
 
 def test_nothing_is_said_of_meshes_that_were_not_studied():

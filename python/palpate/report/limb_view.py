@@ -1,8 +1,8 @@
 """A limb as something to look at: its surfaces as triangles, its spot, the normal and the sphere.
 
-A face that one element alone has lies on the outside, one between two regions on an
+A face that one element alone has is on the outside, one between two regions on an
 interface. A face belongs to the smallest node set that holds all of its corners, so
-that a bone is told from the other nodes that are held still.
+that a bone is separate from the other nodes that are held still.
 """
 
 from collections.abc import Iterator, Mapping
@@ -63,7 +63,7 @@ class LimbView:
     spot : str
     parts : tuple of ViewPart
     mark_mm : (3,) array
-        Where the spot lies.
+        Position of the spot.
     normal_mm : (2, 3) array
         Both ends of an arrow along the outward normal.
     """

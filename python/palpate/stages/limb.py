@@ -87,27 +87,27 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
 
 
 def mesh_note(mesh: Path) -> dict[str, Any] | None:
-    """What whoever made a mesh wrote beside it, as ``<mesh>.json``; None where nothing lies there.
+    """The note of a mesh by whoever made it, ``<mesh>.json``; None without one.
 
     Raises
     ------
     MeshError
         It is no JSON object, larger than 1 MB, or holds what JSON or a terminal does not take.
     """
-    beside = mesh.with_suffix(".json")
-    if not beside.is_file():
+    note_file = mesh.with_suffix(".json")
+    if not note_file.is_file():
         return None
     try:
-        if beside.stat().st_size > MOST_BYTES:
+        if note_file.stat().st_size > MOST_BYTES:
             raise ValueError("larger than 1 MB")
-        note = json.loads(beside.read_text(encoding="utf-8"))
+        note = json.loads(note_file.read_text(encoding="utf-8"))
         if not isinstance(note, dict):
             raise ValueError("not an object")
         check_plain(note)
         json.dumps(note, allow_nan=False)
     except (ValueError, RecursionError, OSError) as error:
         raise MeshError(
-            f"{beside}: not a note on the mesh of that name ({error}); write it again, or move it away"
+            f"{note_file}: not a note on the mesh of that name ({error}); write it again, or move it away"
         ) from error
     return note
 
@@ -191,7 +191,7 @@ def _index_problems(what: str, indices: IntArray, n: int, noun: str = "node") ->
     if bad.size:
         place = tuple(int(i) for i in bad[0])
         row = ", ".join(map(str, place))
-        yield f"mesh: {what}[{row}] names {noun} {indices[place]}, but there are {n}; write the mesh anew"
+        yield f"mesh: {what}[{row}] names {noun} {indices[place]}, but there are {n}; write the mesh again"
 
 
 def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:

@@ -123,7 +123,7 @@ def _points(path: Path, content: MeshFile) -> NDArray[np.float64]:
     if bad.size:
         raise MeshError(
             f"{path}: node {bad[0]} lies at {points[bad[0]].tolist()}; every coordinate must be finite, "
-            "write the mesh anew"
+            "write the mesh again"
         )
     return points
 

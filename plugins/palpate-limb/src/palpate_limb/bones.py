@@ -93,7 +93,7 @@ def by_landmarks(source_mm: FloatArray, target_mm: FloatArray) -> Placement:
     for points in (source_mm, target_mm):
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if not spread[1] > 1e-3 * spread[0]:
-            raise MeshError("landmarks: all on one line, so the bones could turn about it; add one beside it")
+            raise MeshError("landmarks: all on one line, so the bones could turn about it; add one off it")
     motion, _, _ = procrustes(source_mm, target_mm, reflection=False, scale=False)
     motion = np.asarray(motion, dtype=np.float64)
     off = source_mm @ motion[:3, :3].T + motion[:3, 3] - target_mm

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from palpate_limb.volume import MeshPlan
 
 DEFAULT_SIZE = 0.28
-"""Edge length under the indenter over its radius; ``mesh_error`` tells what it costs."""
+"""Edge length under the indenter over its radius; ``mesh_error`` has what it costs."""
 DEFAULT_MARKS = ("p1=red", "p2=green", "p3=blue", "p4=yellow")
 
 
@@ -140,8 +140,8 @@ def _show(
         "shape: least scaled Jacobian of an element; volume: its error; ±: standard deviation of the spot's "
         "position and normal; force, torque: error by the mesh, as measured on a phantom"
     )
-    for name, mended in notes[0]["mended"].items():
-        session.say(f"{name}: {mended}")
+    for name, repairs in notes[0]["repairs"].items():
+        session.say(f"{name}: {repairs}")
     regions = (*plan.mesh.layers_mm, "soft_tissue")
     session.say("\n" + study_tables([n["spot"] for n in notes], regions, out))
     session.next("limb STUDY", "put these tables into a study.toml; ")

@@ -61,7 +61,7 @@ Reference: TypeAlias = Annotated[
     typer.Option(metavar="FILE", help="Skin or mould in the bones' frame, laid onto the scan."),
 ]
 Repair: TypeAlias = Annotated[
-    bool, typer.Option("--repair", help="Close holes and mend crossings of the scan.")
+    bool, typer.Option("--repair", help="Close holes and remove crossing faces of the scan.")
 ]
 Smoothing: TypeAlias = Annotated[
     int, typer.Option(min=0, max=200, help="Rounds of Taubin's filter against the scan's noise; 0: none.")

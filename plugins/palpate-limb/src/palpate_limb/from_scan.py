@@ -11,9 +11,9 @@ from palpate.domain import FloatArray, Limb
 from palpate.errors import MeshError
 from palpate.stages.limb import check_limb
 from palpate_limb.bones import IN_PLACE, Placement, by_icp, read_bone, read_landmarks, read_motion
+from palpate_limb.first_contact import moved_to_contact
 from palpate_limb.marks import find_marks, name_marks
 from palpate_limb.quality import Quality, assess, check_quality
-from palpate_limb.resting import rested
 from palpate_limb.segment import Segment, cut, limb_axis
 from palpate_limb.spots import FoundSpot, locate
 from palpate_limb.surface_checks import LIMB_MM, check_size, defects, outwards, repaired
@@ -27,7 +27,7 @@ MOST_MESHES = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BonePlaces:
-    """Where the bones lie: at most one of these, or a reference that may start from one of them.
+    """Where the bones are: at most one of these, or a reference that may start from one of them.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class ScanPlan:
     axis : (3,) array, optional
         Along the limb, if its long principal axis is not it.
     repair : bool
-        Mend the scan's holes and crossings instead of refusing them.
+        Repair the scan's holes and crossings instead of refusing them.
     mark_radii_mm : tuple of float
         Least and largest radius of a mark.
     n_smoothing : int
@@ -144,7 +144,7 @@ def limbs_of(scan: ReadScan, plan: ScanPlan) -> Iterator[ScannedLimb]:
     """
     for found in scan.spots.values():
         segment = cut(scan.surface, scan.bones, found.spot, scan.axis, plan.length_mm)
-        limb, rise = rested(sound_mesh(segment, plan.mesh), plan.indenter_radius_mm)
+        limb, rise = moved_to_contact(sound_mesh(segment, plan.mesh), plan.indenter_radius_mm)
         quality = assess(limb, segment, plan.mesh.size.radius_mm)
         check_quality(quality, found.spot.name, plan.mesh.size.fine_mm)
         check_limb(limb, limb.mesh.regions)
@@ -175,12 +175,12 @@ def _axis(scan: Surface, plan: ScanPlan) -> FloatArray:
 
 
 def _closed(scan: Surface, plan: ScanPlan) -> Surface:
-    """The scan, mended where that was asked for."""
+    """The scan, repaired where that was asked for."""
     if not (found := defects(scan)):
         return scan
     if not plan.repair:
         raise MeshError(
-            f"{scan.name}: {'; '.join(map(str, found))}. Mend the scan, or let palpate close it with --repair"
+            f"{scan.name}: {'; '.join(map(str, found))}. Fix the scan, or let palpate close it with --repair"
         )
     return repaired(scan)
 

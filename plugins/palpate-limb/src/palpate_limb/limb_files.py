@@ -30,7 +30,7 @@ def write_limb(path: Path, limb: Limb) -> None:
 
 
 def note(scan: ReadScan, made: ScannedLimb, radius_mm: float) -> dict[str, Any]:
-    """What is known of a limb beside its mesh, as plain values."""
+    """What is known of a limb apart from its mesh, as plain values."""
     (kind,) = made.limb.mesh.cells
     found = made.found
     return {
@@ -43,7 +43,7 @@ def note(scan: ReadScan, made: ScannedLimb, radius_mm: float) -> dict[str, Any]:
         "scan_to_mesh": made.segment.to_spot.tolist(),
         "moved_to_touch_mm": made.rise_mm,
         "bones": [bone.name for bone in made.segment.bones],
-        "mended": {s.name: s.mended for s in (scan.surface, *scan.bones) if s.mended},
+        "repairs": {s.name: s.repairs for s in (scan.surface, *scan.bones) if s.repairs},
         "bones_to_scan": scan.placement.motion.tolist(),
         "bones_residual_mm": scan.placement.residual_mm,
         "quality": made.quality.record(),
@@ -52,7 +52,7 @@ def note(scan: ReadScan, made: ScannedLimb, radius_mm: float) -> dict[str, Any]:
 
 
 def write_note(path: Path, content: dict[str, Any]) -> None:
-    """Write a note beside a mesh."""
+    """Write the note of a mesh."""
     path.write_text(json.dumps(content, indent=1) + "\n")
 
 

@@ -141,12 +141,19 @@ def name_marks(
     if any(colour is None for colour in colours):
         order = np.argsort([mark.centre_mm @ along for mark in marks])
         return {name: marks[i] for name, i in zip(wanted, order, strict=True)}
+    columns = _by_colour(marks, wanted, where, found)
+    return {name: marks[column] for name, column in zip(wanted, columns, strict=True)}
+
+
+def _by_colour(marks: tuple[Mark, ...], wanted: dict[str, str | None], where: str, found: str) -> list[int]:
+    """Number of the mark of each name, by hue."""
     from scipy.optimize import linear_sum_assignment
 
+    colours = [colour for colour in wanted.values() if colour is not None]
     for colour in colours:
         if colour not in HUES:
             raise MeshError(f"{where}: mark colour '{colour}'; use {', '.join(HUES)}")
-    cost = np.array([[_apart(m.hue_deg, hue_of(HUES[c])) for m in marks] for c in colours if c is not None])
+    cost = np.array([[_apart(m.hue_deg, hue_of(HUES[c])) for m in marks] for c in colours])
     rows, columns = linear_sum_assignment(cost)
     for row, column in zip(rows, columns, strict=True):
         if cost[row, column] > 45.0:
@@ -160,7 +167,7 @@ def name_marks(
                 f"{where}: several marks are {colour}. Found: {found}. Name them all, or change the radii "
                 "between which ink is a mark (--mark-radii)"
             )
-    return {name: marks[column] for name, column in zip(wanted, columns, strict=True)}
+    return [int(column) for column in columns]
 
 
 def _apart(a: float, b: float) -> float:
@@ -178,7 +185,7 @@ def _chroma(surface: Surface) -> FloatArray:
             f"{surface.name}: no colours; export the scan with vertex colours or with its texture"
         )
     if float(np.ptp(colours, axis=0).max()) < 1.0 / 255.0:
-        raise MeshError(f"{surface.name}: one colour throughout, so no mark can be told; export its colours")
+        raise MeshError(f"{surface.name}: the scan has a single colour; no marks found. Export its colours")
     lab = rgb2lab(colours[None])[0]
     links = adjacency(len(colours), surface.faces)
     degree = np.asarray(links.sum(axis=1)).ravel() + 1.0

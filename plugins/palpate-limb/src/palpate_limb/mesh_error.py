@@ -1,8 +1,8 @@
 """How far force and torque are off because of the mesh, as measured on the forearm phantom.
 
 ``tests/benchmarks/study_mesh_size.py`` presses and twists the phantom's spot p2 on meshes of
-several sizes and extrapolates y(h) = y₀ + c hᵖ to h = 0. What it found stands here, and is kept
-beside every mesh.
+several sizes and extrapolates y(h) = y₀ + c hᵖ to h = 0. Its results are here, and in the
+note of every mesh.
 """
 
 from typing import Any

@@ -19,7 +19,7 @@ BONE_MM = (10.0, 1500.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Defect:
-    """One kind of defect: what it is, how many, and where the first one lies."""
+    """One kind of defect: what it is, how many, and where the first one is."""
 
     what: str
     count: int
@@ -69,7 +69,7 @@ def _defects(surface: Surface) -> Iterator[Defect]:
     if labels.max() > 0:
         sizes = np.bincount(labels)
         other = int(np.flatnonzero(labels != sizes.argmax())[0])
-        yield _defect("parts beside the largest", len(sizes) - 1, points[other])
+        yield _defect("parts besides the largest", len(sizes) - 1, points[other])
     if (counts <= 2).all():
         crossing = _intersecting(surface)
         if crossing.size:
@@ -119,7 +119,7 @@ def _intersecting(surface: Surface) -> IntArray:
 def repaired(surface: Surface) -> Surface:
     """The largest part of a surface, closed and without crossing faces, by MeshFix.
 
-    Colours are lost; ``mended`` says what was wrong and how far points moved or fell away. A
+    Colours are lost; ``repairs`` says what was wrong and how far points moved or fell away. A
     surface without defects comes back as it is.
 
     Raises
@@ -133,30 +133,30 @@ def repaired(surface: Surface) -> Surface:
         import pymeshfix
     except ModuleNotFoundError:
         raise MeshError(
-            f"{surface.name}: {'; '.join(map(str, found))}; mend it in a mesh editor, or let MeshFix (AGPL) "
+            f"{surface.name}: {'; '.join(map(str, found))}; fix it in a mesh editor, or let MeshFix (AGPL) "
             'do it: pip install "palpate-limb[repair]"'
         ) from None
     fixer = pymeshfix.MeshFix(surface.points_mm, surface.faces.astype(np.int32))
     with _silenced():
         fixer.repair()
     points, faces = np.asarray(fixer.points, dtype=np.float64), np.asarray(fixer.faces, dtype=np.int64)
-    mended = Surface(name=surface.name, points_mm=points, faces=faces)
-    left = defects(mended) if len(faces) else found
-    if left or mended.volume_mm3 <= 0.0:
+    fixed = Surface(name=surface.name, points_mm=points, faces=faces)
+    left = defects(fixed) if len(faces) else found
+    if left or fixed.volume_mm3 <= 0.0:
         raise MeshError(
             f"{surface.name}: cannot be repaired ({'; '.join(map(str, left)) or 'it is inside out'}); "
-            "mend it in a mesh editor"
+            "fix it in a mesh editor"
         )
-    return replace(mended, mended=_told(surface, found, mended))
+    return replace(fixed, repairs=_repairs(surface, found, fixed))
 
 
-def _told(surface: Surface, found: list[Defect], mended: Surface) -> str:
-    """What was mended, and the place of the old surface that is furthest from the new one."""
+def _repairs(surface: Surface, found: list[Defect], fixed: Surface) -> str:
+    """What was repaired, and the place of the old surface that is furthest from the new one."""
     corners = surface.points_mm[np.unique(surface.faces)]
-    _, gaps = mended.nearest(corners)
+    _, gaps = fixed.nearest(corners)
     x, y, z = corners[gaps.argmax()]
     return (
-        f"{'; '.join(map(str, found))}; mended, and changed by {gaps.max():.2g} mm at most, near "
+        f"{'; '.join(map(str, found))}; repaired, and changed by {gaps.max():.2g} mm at most, near "
         f"({x:.4g}, {y:.4g}, {z:.4g}) mm"
     )
 

@@ -23,7 +23,7 @@ def read_surface(path: Path, unit: str = "mm") -> Surface:
     ----------
     path : Path
         .ply, .obj, .glb, .stl or .off. Nothing but this file (and its own
-        material and texture beside it) is read.
+        material and texture next to it) is read.
     unit : str
         Of the file's coordinates.
 
@@ -76,7 +76,7 @@ def _loaded(path: Path) -> Any:  # noqa: ANN401 - a Trimesh
     except Exception as error:  # its readers raise whatever a broken file trips over
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise MeshError(
-            f"{path}: cannot be read ({reason}); export it anew, as binary PLY for example"
+            f"{path}: cannot be read ({reason}); export it again, as binary PLY for example"
         ) from error
     finally:
         complaints.disabled = was_disabled
@@ -90,7 +90,7 @@ def _refuse_outside(path: Path) -> None:
                 named = Path(line[6:].strip().decode(errors="replace"))
                 if named.is_absolute() or ".." in named.parts:
                     raise MeshError(
-                        f"{path}: its material file '{named}' lies outside of its folder; move it there"
+                        f"{path}: its material file '{named}' is outside of its folder; move it there"
                     )
 
 
@@ -101,12 +101,12 @@ def _check(path: Path, points: FloatArray, faces: Any) -> None:  # noqa: ANN401 
         raise MeshError(f"{path}: {len(faces)} triangles, and palpate takes {MOST_FACES}; reduce the scan")
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
-        raise MeshError(f"{path}: point {bad[0]} lies at {points[bad[0]].tolist()}; export it anew")
+        raise MeshError(f"{path}: point {bad[0]} lies at {points[bad[0]].tolist()}; export it again")
     if faces.min() < 0 or faces.max() >= len(points):
         row = int(np.flatnonzero((faces < 0).any(axis=1) | (faces >= len(points)).any(axis=1))[0])
         raise MeshError(
             f"{path}: triangle {row} names points {faces[row].tolist()}, but there are {len(points)}; "
-            "export it anew"
+            "export it again"
         )
 
 

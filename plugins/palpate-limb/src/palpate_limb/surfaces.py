@@ -24,15 +24,15 @@ class Surface:
     faces : (m, 3) integer array
     colours : (n, 3) array, optional
         sRGB of each point, 0 to 1.
-    mended : str
-        What was wrong with it and has been mended; empty where nothing was.
+    repairs : str
+        What was wrong with it and has been repaired; empty where nothing was.
     """
 
     name: str
     points_mm: FloatArray
     faces: IntArray
     colours: FloatArray | None = None
-    mended: str = ""
+    repairs: str = ""
 
     def moved(self, motion: FloatArray) -> "Surface":
         """The surface after a rigid motion (4, 4)."""

@@ -11,9 +11,9 @@ from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError
 from palpate.specimens.blocks import with_midpoints
 from palpate.topology import CELLS, outer_faces
-from palpate_limb.curving import curved
 from palpate_limb.layers import below_skin
 from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, run_mesher, run_mmg
+from palpate_limb.midside_nodes import curved
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface, solid, surface_of
 

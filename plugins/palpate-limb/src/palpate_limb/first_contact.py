@@ -1,4 +1,4 @@
-"""Lets the indenter rest on the mesh: depth 0 is where it first touches, as in an experiment."""
+"""Moves a mesh to where the indenter first touches it, so that depth 0 is first contact."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from palpate.domain import FloatArray, Limb
 from palpate.topology import CELLS
 
 
-def rested(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
+def moved_to_contact(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
     """The limb, moved along the spot's normal until a sphere there just touches it, and how far [mm].
 
     Parameters
