@@ -10,16 +10,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
+from palpate.delimited import BASE_UNITS, UNITS, TextTable, factor_to_base, unit_in
+from palpate.delimited import table as text_reader
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
 from palpate_robot_log.reading import Request
-from palpate_robot_log.reading import text as text_reader
 from palpate_robot_log.reading.formats import read_here
-from palpate_robot_log.reading.header_units import BASE_UNITS, UNITS, factor_to_base, unit_in
 from palpate_robot_log.reading.orientation import conjugate, product, quaternions, slerp, turned
 from palpate_robot_log.reading.proposal import propose
 from palpate_robot_log.reading.raw import RawLog
-from palpate_robot_log.reading.text import read_text
 
 from ..unit import log_writers as write
 
@@ -39,9 +38,9 @@ def _written(rows: list[list[float]], delimiter: str, decimal: str, ending: str 
     return ending.join(lines) + ending
 
 
-def _columns(log: RawLog) -> FloatArray:
-    (stream,) = log.streams
-    return np.column_stack([column.values for column in stream.columns.values()])
+def _columns(path: Path, wanted: list[str] | None = None) -> FloatArray:
+    _, columns = TextTable(path).read(wanted)
+    return np.column_stack([column.values for column in columns.values()])
 
 
 # ------------------------------------------------------------------------- text
@@ -54,7 +53,7 @@ def test_what_is_written_as_text_is_read_to_the_last_bit(
 ) -> None:
     path = tmp_path_factory.mktemp("text") / "t.csv"
     path.write_text(_written(rows, *mark, ending), newline="")
-    np.testing.assert_array_equal(_columns(read_text(path)), np.array(rows))
+    np.testing.assert_array_equal(_columns(path), np.array(rows))
 
 
 cells = st.one_of(
@@ -95,7 +94,7 @@ def test_the_fast_reader_never_differs_from_the_slow_one(
 
     def outcome() -> str | FloatArray:
         try:
-            return _columns(read_text(path, ["a", "b", "c"]))
+            return _columns(path, ["a", "b", "c"])
         except CurveError as error:
             return str(error)
 

@@ -148,7 +148,10 @@ def test_quoted_names_may_hold_the_delimiter(file: Path) -> None:
 # ------------------------------------------------------------------- bad files
 
 BAD = {
-    "nan": (GOOD.replace("5,0,2,0", "5,0,nan,0"), "line 3, column 'force_N': nan is not a finite number"),
+    "nan": (
+        GOOD.replace("5,0,2,0", "5,0,nan,0"),
+        "line 3, column 'force_N': no number, the cell is",
+    ),
     "infinity": (GOOD.replace("10,9,", "10,-inf,"), "line 6, column 'angle_deg': -inf is not a finite"),
     "overflow": (GOOD.replace("5,0,2", "5,0,1e999"), "line 3, column 'force_N': 1e999 is too large"),
     "square too large": (
@@ -159,25 +162,28 @@ BAD = {
     "text": (GOOD.replace("5,0,2,0", "5,0,two,0"), "line 3, column 'force_N': 'two' is not a number"),
     "unit in a cell": (GOOD.replace("5,0,2", "5 mm,0,2"), "line 3, column 'depth_mm': '5 mm' is not a"),
     "underscore": (GOOD.replace("10,0,7", "1_0,0,7"), "line 4, column 'depth_mm': '1_0' is not a number"),
-    "empty cell": (GOOD.replace("5,0,2,0", "5,0,,0"), "line 3, column 'force_N': the cell is empty"),
+    "empty cell": (
+        GOOD.replace("5,0,2,0", "5,0,,0"),
+        "line 3, column 'force_N': no number, the cell is",
+    ),
     "missing column": (
         GOOD.replace("angle_deg", "angel_deg"),
-        "line 1 has no column 'angle_deg'; did you mean 'angel_deg'",
+        "no column 'angle_deg'; did you mean 'angel_deg'",
     ),
     "column twice": (GOOD.replace("torque_Nmm", "force_N"), "line 1 names column 'force_N' more than once"),
-    "ragged": (GOOD.replace("5,0,2,0", "5,0,2"), "line 3 has 3 cells where the header has 4"),
-    "long row": (GOOD.replace("5,0,2,0", "5,0,2,0,"), "line 3 has 5 cells where the header has 4"),
+    "ragged": (GOOD.replace("5,0,2,0", "5,0,2"), "line 3 has 3 cells where there are 4 columns"),
+    "long row": (GOOD.replace("5,0,2,0", "5,0,2,0,"), "line 3 has 5 cells where there are 4 columns"),
     "empty": ("", "the file is empty"),
     "blank": (" \n\n", "the file is empty"),
-    "comments only": ("# nothing\n", "no header and no rows"),
-    "header only": (GOOD.splitlines()[0] + "\n", "a header and no data"),
-    "one row": ("".join(GOOD.splitlines(keepends=True)[:2]), "only one row of data"),
+    "comments only": ("# nothing\n", "no names and no rows"),
+    "header only": (GOOD.splitlines()[0] + "\n", "a line of names and no data"),
+    "one row": ("".join(GOOD.splitlines(keepends=True)[:2]), "only 1 row of data"),
     "no header": (GOOD.split("\n", 1)[1], "line 1 holds numbers where column names belong"),
     "never moves": (GOOD.replace("-9", "0").replace("9,", "0,"), "column 'angle_deg': the abscissa never"),
     "open quote": (GOOD.replace("5,0", '"5,0'), "line 3: unexpected end of data; close the quotation marks"),
     "decimal comma": (
         GOOD.replace(",", ";").replace("0.5", "0,5"),
-        "line 4, column 'torque_Nmm': '0,5' is not a number; its decimal mark is not",
+        "line 4, column 'torque_Nmm': '0,5' is not a number with decimal mark '.'",
     ),
 }
 
@@ -195,8 +201,8 @@ def test_a_bad_file_is_told_by_line_and_column(file: Path, text: str, message: s
 @pytest.mark.parametrize(
     ("raw", "message"),
     [
-        (GOOD.encode().replace(b"force", b"f\xf6rce"), "byte 20 is not UTF-8 text"),
-        (GOOD.encode("utf-16"), "byte 0 is not UTF-8 text"),
+        (GOOD.encode().replace(b"force", b"f\xf6rce"), "byte 20 is not utf-8 text"),
+        (GOOD.encode("utf-16"), "byte 0 is not utf-8 text"),
         (b"depth_mm,force_N\n1,2\n\0\0", "byte 21 is zero, so this is no text"),
     ],
     ids=["latin-1", "utf-16", "binary"],
@@ -209,7 +215,7 @@ def test_bytes_that_are_no_text_are_refused(file: Path, raw: bytes, message: str
 
 def test_a_point_that_groups_thousands_is_not_a_decimal_mark(file: Path) -> None:
     file.write_text("x;y\n0;0\n1.500;2\n")
-    with pytest.raises(CurveError, match=r"line 3, column 'x': '1.500' is not a number; .*decimal = \"\.\""):
+    with pytest.raises(CurveError, match=r"line 3, column 'x': '1.500' is .*decimal = \"\.\""):
         loader(decimal=",").load(file, "pull")
 
 
@@ -218,7 +224,7 @@ def test_a_point_that_groups_thousands_is_not_a_decimal_mark(file: Path) -> None
 )
 def test_the_words_of_a_file_that_is_no_table_are_not_repeated(file: Path, text: str) -> None:
     file.write_text(text)
-    with pytest.raises(CurveError, match="no cell holds a number, so this is no table of curves") as caught:
+    with pytest.raises(CurveError, match="no cell holds a number, so this is no table of numbers") as caught:
         CsvLoader().load(file)
     assert not any(word in str(caught.value).removeprefix(str(file)) for word in ("hash", "secret"))
 
@@ -230,6 +236,20 @@ def test_a_missing_file_is_told(tmp_path: Path) -> None:
         loader().load(tmp_path)
 
 
+def test_a_line_of_units_is_refused_since_scales_are_settings(file: Path) -> None:
+    file.write_text("depth_mm,force\nmm,kN\n0,0\n1,2\n")
+    with pytest.raises(CurveError, match="column 'depth_mm' has the unit 'mm' in a line of its own; remove"):
+        loader().load(file, "pull")
+
+
+def test_names_encoding_and_other_separators_can_be_set(file: Path) -> None:
+    file.write_text("0 0\n1  2\n", encoding="utf-16")
+    chosen = {"names": ["x", "y"], "encoding": "utf-16", "delimiter": "blanks"}
+    np.testing.assert_array_equal(loader(**chosen).load(file, "pull")["pull"].ordinate, [0, 2])
+    with pytest.raises(CurveError, match="remove the setting names"):
+        loader(**chosen).save(file, loader(**chosen).load(file, "pull"), "pull")
+
+
 def test_a_channel_without_known_columns_needs_exactly_two(file: Path) -> None:
     file.write_text(GOOD)
     with pytest.raises(CurveError, match=r"4 columns .* for channel 'pull'.*channels\.pull"):
@@ -238,7 +258,7 @@ def test_a_channel_without_known_columns_needs_exactly_two(file: Path) -> None:
 
 def test_skipping_past_the_end_says_which_setting_to_lower(file: Path) -> None:
     file.write_text(GOOD)
-    with pytest.raises(CurveError, match="no header and no rows after line 99; lower skip_lines"):
+    with pytest.raises(CurveError, match="no names and no rows after line 99; lower skip_lines"):
         loader(skip_lines=99).load(file)
 
 
@@ -256,7 +276,7 @@ def test_a_scale_that_overflows_is_told_by_line(file: Path) -> None:
         {"channels": {"c": {"abscissa": "x"}}},
         {"channels": {"c": {"abscissa": "x", "ordinate": {"name": "y", "scale": 0.0}}}},
         {"channels": {"c": {"abscissa": "", "ordinate": "y"}}},
-        {"delimiter": "|"},
+        {"delimiter": "/"},
         {"decimal": "·"},
         {"skip_lines": -1},
         {"separator": ","},

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.delimited import Column
 from palpate.errors import CurveError
 from palpate_robot_log.reading import Request
 from palpate_robot_log.reading.assembly import Reading, assemble, columns_of
 from palpate_robot_log.reading.formats import read_here
-from palpate_robot_log.reading.raw import Column, RawLog, Stream
+from palpate_robot_log.reading.raw import RawLog, Stream
 
 from . import log_writers as write
 
@@ -206,7 +207,7 @@ def test_the_sensors_own_range_is_kept_to() -> None:
 
 TEXT = "time_s,x_m\n" + "".join(f"{i},0.{i}\n" for i in range(30))
 LINES = {
-    "cut in a row": (TEXT + "30", "line 32 has 1 cells where there are 2 columns; the log may be cut off"),
+    "cut in a row": (TEXT + "30", "line 32 has 1 cells where there are 2 columns; the file may be cut off"),
     "text in a cell": (TEXT.replace("\n7,0.7", "\n7,ERR"), "line 9, column 'x_m': 'ERR' is not a number"),
     "infinity": (TEXT.replace("\n7,0.7", "\n7,-inf"), "line 9, column 'x_m': -inf is not a finite"),
     "overflow": (TEXT.replace("\n7,0.7", "\n7,1e999"), "line 9, column 'x_m': 1e999 is too large"),

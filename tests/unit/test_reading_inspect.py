@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.delimited import Column, TextFormat
 from palpate.plugins.inspection import Inspection
 from palpate_indentation import CsvLoader, CsvSettings
-from palpate_robot_log.reading import ChannelMap, Request, TextFormat, read_recording
+from palpate_robot_log.reading import ChannelMap, Request, read_recording
 from palpate_robot_log.reading.grouping import words_of
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.proposal import propose
 from palpate_robot_log.reading.proposal_toml import channel_map, study_text
-from palpate_robot_log.reading.raw import Column, RawLog, Stream
+from palpate_robot_log.reading.raw import RawLog, Stream
 
 from . import log_writers as write
 

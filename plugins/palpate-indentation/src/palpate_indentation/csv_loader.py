@@ -8,10 +8,14 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from palpate.domain import Curve, FloatArray, Response, moving_span
+from palpate import delimited
+from palpate.delimited import TextFormat, TextTable
+from palpate.delimited.layout import DELIMITERS
+from palpate.domain import Curve, FloatArray, IntArray, Response, moving_span
 from palpate.errors import CurveError
 from palpate.plugins.interfaces import ExperimentLoader, Settings
-from palpate_indentation.table import TextTable, read_table
+
+_LARGEST = 1e150
 
 
 def _not_zero(scale: float) -> float:
@@ -75,7 +79,7 @@ HOMOGENEOUS = MappingProxyType(
 """Columns of a file with the one channel of a homogeneous test."""
 
 
-class CsvSettings(Settings):
+class CsvSettings(TextFormat):
     """Settings of :class:`CsvLoader`."""
 
     channels: dict[str, ChannelColumns] = Field(
@@ -83,18 +87,14 @@ class CsvSettings(Settings):
         min_length=1,
         description="Columns of each channel. A file that the study gives for one channel uses that entry.",
     )
-    delimiter: Literal[",", ";", "\t"] | None = Field(
-        default=None, description="Between cells; guessed from the header line when left out."
-    )
-    decimal: Literal[".", ","] = Field(default=".", description="Decimal mark.")
-    skip_lines: int = Field(default=0, ge=0, description="Lines of preamble before the header line.")
-    comment: str = Field(default="#", description="Lines that start with it are passed over; empty: none.")
+    decimal: Literal[".", ","] | None = Field(default=".", description="Decimal mark.")
+    skip_lines: int | None = Field(default=0, ge=0, description="Lines of preamble before the line of names.")
 
 
 class CsvLoader(ExperimentLoader):
     """Processed curves in CSV, TSV or semicolon-separated text.
 
-    Rows stand in the order travelled. Each channel keeps the rows between the
+    Rows are in the order travelled. Each channel keeps the rows between the
     first and the last movement of its abscissa: the force while the depth moves,
     the torque while the rotation does.
 
@@ -124,15 +124,8 @@ class CsvLoader(ExperimentLoader):
         CurveError
             Naming file, line and column.
         """
-        settings: CsvSettings = self.settings
-        table = read_table(
-            path,
-            delimiter=settings.delimiter,
-            decimal=settings.decimal,
-            skip_lines=settings.skip_lines,
-            comment=settings.comment,
-        )
-        wanted = settings.channels if channel is None else {channel: self._columns_of(channel, table)}
+        table = TextTable(path, self.settings)
+        wanted = self.settings.channels if channel is None else {channel: self._columns_of(channel, table)}
         return Response(curves=_curves(table, wanted))
 
     def save(self, path: Path, response: Response, channel: str | None = None) -> None:
@@ -160,26 +153,33 @@ class CsvLoader(ExperimentLoader):
             own = {channel: _columns("abscissa", "ordinate")}
             known = {channel: (own | dict(HOMOGENEOUS) | known)[channel]}
         header, rows = _rows(path, response, known)
-        delimiter = settings.delimiter or (";" if settings.decimal == "," else ",")
-        lines = [settings.comment or "preamble"] * settings.skip_lines + [delimiter.join(header)]
-        lines += [delimiter.join(repr(float(x)).replace(".", settings.decimal) for x in row) for row in rows]
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        decimal = settings.decimal or "."
+        delimiter = DELIMITERS[settings.delimiter or (";" if decimal == "," else ",")]
+        if settings.names is not None:
+            raise CurveError(f"{path}: curves are written with a line of names; remove the setting names")
+        lines = [settings.comment or "preamble"] * (settings.skip_lines or 0) + [delimiter.join(header)]
+        lines += [delimiter.join(repr(float(x)).replace(".", decimal) for x in row) for row in rows]
+        path.write_text("\n".join(lines) + "\n", encoding=settings.encoding)
 
     def _columns_of(self, channel: str, table: TextTable) -> ChannelColumns:
         known: dict[str, ChannelColumns] = {**HOMOGENEOUS, **self.settings.channels}
+        names = table.layout.names
         if channel in known:
             return known[channel]
-        if len(table.header) != 2:
+        if len(names) != 2:
             raise CurveError(
-                f"{table.path}: {len(table.header)} columns ({', '.join(table.header)}) for channel "
+                f"{table.path}: {len(names)} columns ({', '.join(names)}) for channel "
                 f"'{channel}', of which the loader knows no columns; keep two columns, or name them "
                 f"under channels.{channel} in the loader's settings"
             )
-        return _columns(*table.header)
+        return _columns(*names)
 
 
 def _curves(table: TextTable, wanted: Mapping[str, ChannelColumns]) -> dict[str, Curve]:
-    return {name: _curve(table, name, columns) for name, columns in wanted.items()}
+    columns = [column for channel in wanted.values() for column in channel.all]
+    rows, read = table.read([column.name for column in columns])
+    values = {column: _values(table.path, rows, read[column.name], column) for column in columns}
+    return {name: _curve(table.path, name, columns, values) for name, columns in wanted.items()}
 
 
 def _rows(
@@ -227,8 +227,8 @@ def _written(path: Path, curve: Curve, columns: ChannelColumns) -> FloatArray:
     )
 
 
-def _curve(table: TextTable, channel: str, columns: ChannelColumns) -> Curve:
-    abscissa, ordinate, *std = (_values(table, column) for column in columns.all)
+def _curve(path: Path, channel: str, columns: ChannelColumns, values: Mapping[Column, FloatArray]) -> Curve:
+    abscissa, ordinate, *std = (values[column] for column in columns.all)
     try:
         span = moving_span(abscissa)
         return Curve(
@@ -239,20 +239,25 @@ def _curve(table: TextTable, channel: str, columns: ChannelColumns) -> Curve:
         )
     except CurveError as error:
         raise CurveError(
-            f"{table.path}: channel '{channel}', column '{columns.abscissa.name}': {error}; "
+            f"{path}: channel '{channel}', column '{columns.abscissa.name}': {error}; "
             "check that this is the column that was driven"
         ) from None
 
 
-def _values(table: TextTable, column: Column) -> FloatArray:
-    numbers = np.array(table.column(column.name), dtype=np.float64)
-    with np.errstate(over="ignore"):
-        values: FloatArray = column.scale * numbers + column.offset
-    # Beyond this a square is no number any more, and every score is one of squares.
-    large = np.flatnonzero(~(np.abs(values) <= 1e150))
-    if large.size:
+def _values(path: Path, rows: IntArray, read: delimited.Column, column: Column) -> FloatArray:
+    """Numbers of a column in the channel's unit, all finite."""
+    if read.unit:
         raise CurveError(
-            f"{table.path}: line {table.rows[int(large[0])][0]}, column '{column.name}': too large once "
-            f"scaled by {column.scale}; correct the scale or the row"
+            f"{path}: column '{column.name}' has the unit '{read.unit}' in a line of its own; remove that "
+            "line, and give scale in the loader's settings"
         )
+    with np.errstate(over="ignore"):
+        values: FloatArray = column.scale * read.values + column.offset
+    # The square of a larger number is infinite, and every score is one of squares.
+    bad = np.flatnonzero(~(np.abs(values) <= _LARGEST))
+    if bad.size:
+        where = f"{path}: line {rows[bad[0]]}, column '{column.name}'"
+        if np.isnan(read.values[bad[0]]):
+            raise CurveError(f"{where}: no number, the cell is empty or NaN; fill it or remove the row")
+        raise CurveError(f"{where}: too large once scaled by {column.scale}; correct the scale or the row")
     return values

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field
 
+from palpate.delimited import TextFormat
 from palpate.domain import Response
 from palpate.errors import CurveError
 from palpate.plugins.inspection import Inspection
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate_robot_log.processing.settings import ProcessingSettings
-from palpate_robot_log.reading import ChannelMap, ReadingLimits, TextFormat
+from palpate_robot_log.reading import ChannelMap, ReadingLimits
 
 if TYPE_CHECKING:
     from palpate_robot_log.processing.processed import Processed

@@ -13,9 +13,8 @@ if TYPE_CHECKING:
     from palpate_robot_log.reading.assembly import Reading, read_recording
     from palpate_robot_log.reading.channel_map import ChannelMap
     from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
-    from palpate_robot_log.reading.text_layout import TextFormat
 
-__all__ = ["ChannelMap", "Reading", "ReadingLimits", "Request", "TextFormat", "read_log", "read_recording"]
+__all__ = ["ChannelMap", "Reading", "ReadingLimits", "Request", "read_log", "read_recording"]
 
 __getattr__ = deferred(
     __name__,
@@ -24,7 +23,6 @@ __getattr__ = deferred(
         "ReadingLimits": "formats",
         "Reading": "assembly",
         "Request": "formats",
-        "TextFormat": "text_layout",
         "read_log": "formats",
         "read_recording": "assembly",
     },

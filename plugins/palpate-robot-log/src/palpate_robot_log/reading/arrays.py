@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.delimited import Column, unit_in
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
-from palpate_robot_log.reading.header_units import unit_in
-from palpate_robot_log.reading.raw import Column, RawLog, Stream
+from palpate_robot_log.reading.raw import RawLog, Stream
 
 MOST_COLUMNS = 64
 """Widest matrix that counts as columns side by side; a wider one is an image or a result."""

@@ -6,16 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.delimited import Kind, TextFormat
 from palpate.domain import FloatArray, IntArray
 from palpate.errors import CurveError
 from palpate_robot_log.reading import checks, orientation
 from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Source, bare
 from palpate_robot_log.reading.common_time import are_together, interpolated, overlap, turned_between
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
-from palpate_robot_log.reading.header_units import Kind
 from palpate_robot_log.reading.raw import RawLog
 from palpate_robot_log.reading.series import Series, pick
-from palpate_robot_log.reading.text_layout import TextFormat
 from palpate_robot_log.reading.time_checks import checked_time
 from palpate_robot_log.recording import Recording
 

@@ -8,12 +8,12 @@ from typing import Annotated
 
 from pydantic import Field
 
+from palpate.delimited import TextFormat, TextTable
 from palpate.errors import CurveError
 from palpate.plugins.interfaces import Settings
 from palpate.sandbox import Limits, run_function
 from palpate.units import Quantity
-from palpate_robot_log.reading.raw import RawLog
-from palpate_robot_log.reading.text_layout import TextFormat
+from palpate_robot_log.reading.raw import RawLog, Stream
 
 _MOST_OUTPUT_BYTES = 10_000_000_000
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -183,9 +183,20 @@ def _read_matlab_or_text(path: Path, head: bytes, request: Request) -> RawLog:
         raise CurveError(
             f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"
         )
-    from palpate_robot_log.reading.text import read_text
+    return _read_text(path, request)
 
-    return read_text(path, request.columns, request.text)
+
+def _read_text(path: Path, request: Request) -> RawLog:
+    table = TextTable(path, request.text)
+    rows, columns = table.read(request.columns)
+    return RawLog(
+        source=str(path),
+        format="delimited text",
+        row_word="line",
+        streams=(Stream(name="", rows=rows, columns=columns),),
+        notes=table.notes(),
+        layout=table.settings(),
+    )
 
 
 def _is_binary_of(path: Path, head: bytes) -> bool:

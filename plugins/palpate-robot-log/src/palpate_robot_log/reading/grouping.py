@@ -4,8 +4,8 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from palpate_robot_log.reading.header_units import unit_in
-from palpate_robot_log.reading.raw import Column, Stream
+from palpate.delimited import Column, unit_in
+from palpate_robot_log.reading.raw import Stream
 
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöüß]+|\d+")
 _AXES = ("x", "y", "z", "w")

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from palpate.delimited import Column, kind_of, unit_in
 from palpate.errors import CurveError
 from palpate.plugins.inspection import InspectedTable, Inspection
 from palpate_robot_log.reading import processed_curves
 from palpate_robot_log.reading.assembly import assemble
 from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.formats import Request, read_log
-from palpate_robot_log.reading.header_units import kind_of, unit_in
 from palpate_robot_log.reading.proposal import QUANTITIES, Proposal, propose
 from palpate_robot_log.reading.proposal_toml import channel_map, study_text
-from palpate_robot_log.reading.raw import Column, RawLog, Stream
+from palpate_robot_log.reading.raw import RawLog, Stream
 
 _GAP_STEPS = 10.0
 _SHORTEST_GAP_S = 0.02

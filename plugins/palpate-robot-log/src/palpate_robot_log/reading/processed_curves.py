@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate import units
+from palpate.delimited import Column, Kind, factor_to_base, kind_of, unit_in
 from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS
 from palpate_robot_log.reading.grouping import words_of
-from palpate_robot_log.reading.header_units import Kind, factor_to_base, kind_of, unit_in
-from palpate_robot_log.reading.raw import Column, RawLog
+from palpate_robot_log.reading.raw import RawLog
 
 _LAYOUT = {"decimal": ".", "skip_lines": 0, "comment": "#"}
 _DEGREES_PER_RADIAN = 57.29577951308232

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from palpate.delimited import Column, Kind, kind_of, unit_in
 from palpate.domain import FloatArray
 from palpate_robot_log.reading.grouping import Group, groups_of, words_of
-from palpate_robot_log.reading.header_units import Kind, kind_of, unit_in
-from palpate_robot_log.reading.raw import Column, RawLog, Stream
+from palpate_robot_log.reading.raw import RawLog, Stream
 
 QUANTITIES = ("position", "orientation", "force", "moment")
 

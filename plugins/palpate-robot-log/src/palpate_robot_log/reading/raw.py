@@ -1,38 +1,16 @@
-"""What a reader makes of a file: named streams of named columns of numbers, as they stand there.
+"""What a reader makes of a file: named streams of named columns of numbers, as in the file.
 
 A table has one stream. A bag has one for each topic, and a MATLAB file one for each
 length of its arrays. Nothing is converted here: units are those of the file, where
-the file says so, and a value that is missing is NaN.
+the file shows them, and a value that is missing is NaN.
 """
 
-import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from palpate.domain import FloatArray, IntArray
+from palpate.delimited import Column, close_to, listed
+from palpate.domain import IntArray
 from palpate.errors import CurveError
-from palpate_robot_log.reading.header_units import unit_in
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Column:
-    """Numbers under a name.
-
-    Parameters
-    ----------
-    name : str
-        As the file writes it, without its unit where that stands in a line of its own.
-    values : (n,) array
-    unit : str
-        As found in the file; empty where it says nothing.
-    note : str
-        What a person should know about the column, such as cells that are no numbers.
-    """
-
-    name: str
-    values: FloatArray
-    unit: str = ""
-    note: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,19 +112,3 @@ class RawLog:
             f"(columns there: {listed(known)}); correct the channel map, "
             "or see 'palpate experiment inspect'"
         )
-
-
-def close_to(name: str, known: Iterable[str]) -> str:
-    """Suggest names like this one, for a message: first those that differ in case or unit alone."""
-    names = list(known)
-    label = unit_in(name)[0].casefold()
-    same = [each for each in names if unit_in(each)[0].casefold() == label]
-    close = same[:2] or difflib.get_close_matches(name, names, n=2, cutoff=0.5)
-    return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
-
-
-def listed(names: Iterable[str], most: int = 24) -> str:
-    """Names on one line, of a long list the first ones."""
-    all_names = list(names)
-    shown = ", ".join(all_names[:most]) or "none"
-    return shown if len(all_names) <= most else f"{shown} … and {len(all_names) - most} more"

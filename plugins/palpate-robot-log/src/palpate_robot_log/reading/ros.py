@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from palpate.delimited import Column, listed
 from palpate.errors import CurveError
-from palpate_robot_log.reading.raw import Column, RawLog, Stream, listed
+from palpate_robot_log.reading.raw import RawLog, Stream
 
 Fields = tuple[tuple[str, str], ...]
 

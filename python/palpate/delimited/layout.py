@@ -1,4 +1,4 @@
-"""How a delimited text file is laid out: guessed from its first lines, or as the study says."""
+"""Layout of a delimited text file: guessed from its first lines, or as the study gives it."""
 
 import csv
 import re
@@ -9,13 +9,14 @@ from typing import Literal
 
 from pydantic import Field
 
+from palpate.delimited.header_units import UNITS
 from palpate.errors import CurveError
 from palpate.plugins.interfaces import Settings
-from palpate_robot_log.reading.header_units import UNITS
 
 BLANKS = "blanks"
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
-_DELIMITERS: dict[str, str] = {",": ",", ";": ";", "tab": "\t", "|": "|", BLANKS: BLANKS}
+DELIMITERS: dict[str, str] = {",": ",", ";": ";", "tab": "\t", "\t": "\t", "|": "|", BLANKS: BLANKS}
+"""What is between cells, by its word in the settings."""
 _NOT_A_NUMBER = re.compile(r"[+-]?(nan|inf|infinity)|", re.IGNORECASE)
 _COMMA_DECIMAL = re.compile(r"[+-]?(\d+,\d*|,\d+|\d+)([eE][+-]?\d+)?")
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?(Z|\+00:00)?")
@@ -25,18 +26,18 @@ _LONGEST_LINE = 100_000
 
 
 class TextFormat(Settings):
-    """How to take a text file apart; whatever is left out is guessed from its first lines."""
+    """Layout of a text file; whatever is left out is guessed from its first lines."""
 
-    delimiter: Literal[",", ";", "tab", "|", "blanks"] | None = Field(
+    delimiter: Literal[",", ";", "tab", "\t", "|", "blanks"] | None = Field(
         default=None, description="Between cells; blanks means any run of blanks and tabs."
     )
     decimal: Literal[".", ","] | None = Field(default=None, description="Decimal mark.")
     skip_lines: int | None = Field(
         default=None, ge=0, description="Lines of preamble before the line of names."
     )
-    comment: str = Field(default="#", max_length=4, description="Starts a line to pass over; empty: none.")
+    comment: str = Field(default="#", description="Lines that start with it are passed over; empty: none.")
     encoding: Literal["utf-8", "utf-16", "latin-1", "cp1252"] = Field(
-        default="utf-8", description="How characters are written."
+        default="utf-8", description="Encoding of the characters."
     )
     names: list[str] | None = Field(
         default=None, min_length=1, description="Names of the columns, for a file without a line of names."
@@ -45,7 +46,7 @@ class TextFormat(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """How one file is laid out.
+    """Layout of one file.
 
     Parameters
     ----------
@@ -70,19 +71,9 @@ class Layout:
     kinds: tuple[str, ...]
     comment: str
 
-    def cells(self, line: str) -> list[str]:
-        """Cells of a line, without surrounding blanks.
-
-        Raises
-        ------
-        csv.Error
-            Quotation marks do not match.
-        """
-        return split(line, self.delimiter)
-
 
 def split(line: str, delimiter: str) -> list[str]:
-    """Cells of a line, without surrounding blanks.
+    """Cells of a line, without surrounding blanks; a carriage return is a blank.
 
     Raises
     ------
@@ -91,8 +82,14 @@ def split(line: str, delimiter: str) -> list[str]:
     """
     if delimiter == BLANKS:
         return line.split()
-    (cells,) = csv.reader([line.strip(" \r\n")], delimiter=delimiter, strict=True) if line.strip() else ([],)
+    plain = line.replace("\r", " ").strip(" \n")
+    (cells,) = csv.reader([plain], delimiter=delimiter, strict=True) if plain else ([],)
     return [cell.strip() for cell in cells]
+
+
+def is_passed_over(line: str, comment: str) -> bool:
+    """Whether a line is blank or a comment."""
+    return not line.strip() or bool(comment and line.lstrip().startswith(comment))
 
 
 def is_date(cell: str) -> bool:
@@ -119,7 +116,7 @@ def find_layout(source: str, lines: Iterator[str], wanted: TextFormat) -> Layout
     numbered = [
         (number, line)
         for number, line in enumerate(islice(lines, _SNIFFED_LINES), start=1)
-        if line.strip() and not (wanted.comment and line.lstrip().startswith(wanted.comment))
+        if not is_passed_over(line, wanted.comment)
     ]
     if any(len(line) > _LONGEST_LINE for _, line in numbered):
         raise CurveError(
@@ -129,17 +126,12 @@ def find_layout(source: str, lines: Iterator[str], wanted: TextFormat) -> Layout
     delimiter, decimal = _marks(source, [line for _, line in body], wanted)
     rows = [(n, _tolerant_split(line, delimiter)) for n, line in body]
     if rows[1:] and not any(is_number(c, decimal) or is_date(c) for _, cells in rows for c in cells):
-        # Any other file is none of a message's business.
-        raise CurveError(f"{source}: no cell holds a number, so this is no log; check the path")
+        # What another file holds does not belong into a message.
+        raise CurveError(f"{source}: no cell holds a number, so this is no table of numbers; check the path")
     start = 0 if wanted.skip_lines is not None or wanted.names is not None else _header_index(rows, decimal)
-    if start >= len(rows):
-        raise CurveError(
-            f"{source}: no names and no rows after line {wanted.skip_lines or 0}; "
-            "lower skip_lines, or export the log anew"
-        )
     names, units, data = _names_and_units(source, rows[start:], wanted, decimal)
     if not data:
-        raise CurveError(f"{source}: a line of names and no data; export the log anew")
+        raise CurveError(f"{source}: a line of names and no data; export the file again")
     return Layout(
         delimiter=delimiter,
         decimal=decimal,
@@ -161,8 +153,13 @@ def _tolerant_split(line: str, delimiter: str) -> list[str]:
 def _marks(source: str, lines: Sequence[str], wanted: TextFormat) -> tuple[str, Literal[".", ","]]:
     """Delimiter and decimal mark under which most lines are rows of numbers of one length."""
     if not lines:
-        raise CurveError(f"{source}: no names and no rows; lower skip_lines, or export the log anew")
-    delimiters = [_DELIMITERS[wanted.delimiter]] if wanted.delimiter else list(_DELIMITERS.values())
+        raise CurveError(
+            f"{source}: no names and no rows after line {wanted.skip_lines or 0}; "
+            "lower skip_lines, or export the file again"
+        )
+    delimiters = (
+        [DELIMITERS[wanted.delimiter]] if wanted.delimiter else list(dict.fromkeys(DELIMITERS.values()))
+    )
     decimals: list[Literal[".", ","]] = [wanted.decimal] if wanted.decimal else [".", ","]
     sample = lines[-60:] if len(lines) < _SNIFFED_LINES else lines[-60:-1]
     best = max(
