@@ -70,7 +70,7 @@ def test_what_was_stored_comes_back_to_the_last_bit(tmp_path):
         same(simulation.response, response(1.0 + i))
     assert found["key5"].response is None
     with Ledger(tmp_path) as ledger:
-        assert ledger.entries()["key5"] == Entry(Status.CRASHED, 5.5, quarantined=2, rung=0)
+        assert ledger.entries()["key5"] == Entry(Status.CRASHED, 5.5, quarantined=2)
 
 
 def test_curves_of_many_keys_share_a_file_and_stay_apart():
@@ -109,13 +109,12 @@ def test_rows_that_cannot_be_used_are_unreadable_and_block_nothing(tmp_path):
 
 def test_each_attempt_stays_on_record_and_the_last_counts(tmp_path):
     write(tmp_path, finished(1, Status.DIVERGED))
-    write(tmp_path, finished(1, Status.OK, rung=1, settings='{"steps": 40}'))
+    write(tmp_path, finished(1, Status.OK))
     with Ledger(tmp_path) as ledger:
         (row,) = ledger.frame("simulations").to_dicts()
         attempts = ledger.frame("attempts").sort("attempt")
-    assert (row["state"], row["n_attempts"], row["rung"]) == ("ok", 2, 1)
+    assert (row["state"], row["n_attempts"]) == ("ok", 2)
     assert attempts["state"].to_list() == ["diverged", "ok"]
-    assert attempts["settings"].to_list() == ["", '{"steps": 40}']
     assert pl.read_parquet(tmp_path / "curves" / row["curves"]).height == 100
     assert pl.read_parquet(tmp_path / "curves" / "*.parquet").height == 200
 
@@ -363,7 +362,7 @@ def test_what_is_no_ledger_or_another_version_is_refused(tmp_path):
         connection.execute("PRAGMA user_version = 99")
     connection.close()
     for use in (write, read):
-        with pytest.raises(LedgerError, match="of version 99, while this palpate reads version 2"):
+        with pytest.raises(LedgerError, match="of version 99, while this palpate reads version 3"):
             use(tmp_path)
 
 

@@ -125,9 +125,9 @@ def test_failures_keep_their_partial_curves_and_crashes_are_tried_again(sweep, t
 
 
 def test_more_time_gives_a_timed_out_job_another_chance(make_study):
-    kept = Entry(Status.TIMED_OUT, 60.5, quarantined=0, rung=0)
-    assert is_final(kept, make_study(time_limit_s=60.0), 1)
-    assert not is_final(kept, make_study(time_limit_s=120.0), 1)
+    kept = Entry(Status.TIMED_OUT, 60.5, quarantined=0)
+    assert is_final(kept, make_study(time_limit_s=60.0))
+    assert not is_final(kept, make_study(time_limit_s=120.0))
 
 
 def test_odd_diagnostics_are_kept_as_text(sweep, tissue):

@@ -7,7 +7,7 @@ checks: every field there needs a description.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
@@ -383,13 +383,6 @@ class Solver(Component):
 
     def ignored(self, material: Material) -> tuple[str, ...]:
         """Names of the material's parameters that cannot change an answer; a study has to fix them."""
-        return ()
-
-    def ladder(self) -> Sequence[BaseModel]:
-        """Settings to try in turn on a job that diverged, such as smaller steps; none by itself.
-
-        Together with :meth:`version` they decide a result, so a change of them is a new version.
-        """
         return ()
 
     @abstractmethod

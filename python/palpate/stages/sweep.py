@@ -1,7 +1,7 @@
 """Every job that is not done yet: through an executor, into the ledger, each key once.
 
-Only this process writes results. A job that diverged climbs the solver's ladder of settings;
-one that crashed is tried again by the next run; one that is quarantined only with more attempts.
+Only this process writes results. A job that crashed is tried again by the next run; one that is
+quarantined only with more attempts.
 """
 
 import shutil
@@ -54,11 +54,10 @@ class Sweep:
 
 @dataclass(slots=True)
 class _State:
-    """Where each key stands: done, or on which rung of the ladder it is to be tried."""
+    """Keys that are done; the simulation is None where the ledger has it."""
 
     done: dict[str, Simulation | None] = field(default_factory=dict)
     statuses: dict[str, Status] = field(default_factory=dict)
-    rungs: dict[str, int] = field(default_factory=dict)
 
 
 def run_sweep(sweep: Sweep) -> dict[str, Simulation]:
@@ -74,17 +73,15 @@ def run_sweep(sweep: Sweep) -> dict[str, Simulation]:
     by_key: dict[str, Job] = {}
     for key, job in zip(sweep.keys, sweep.jobs, strict=True):
         by_key.setdefault(key, job)
-    solvers = _ladder(sweep.study.solver)
     with Writer(sweep.folder, sweep.check) as writer:
         if writer.repaired:
             sweep.progress.note(writer.repaired)
         writer.plan(sweep.keys, sweep.jobs)
-        state = _found(sweep, by_key, len(solvers))
+        state = _found(sweep, by_key)
         _tell(sweep, state)
-        _warn_of_full_disk(sweep, len(state.rungs))
+        _warn_of_full_disk(sweep, len(by_key) - len(state.done))
         _take_from_cache(sweep, by_key, state, writer)
-        for rung, solver in enumerate(solvers):
-            _climb(sweep, by_key, state, writer, rung, solver, is_last=rung + 1 == len(solvers))
+        _simulate_missing(sweep, by_key, state, writer)
     if len(state.done) < len(by_key):
         raise StoppedError(
             f"stopped with {len(state.done)} of {len(by_key)} simulations finished and kept; "
@@ -93,40 +90,34 @@ def run_sweep(sweep: Sweep) -> dict[str, Simulation]:
     return _complete(sweep, by_key, state)
 
 
-def is_final(entry: Entry, study: Study, n_rungs: int) -> bool:
+def is_final(entry: Entry, study: Study) -> bool:
     """Whether a finished simulation stays as it is, rather than being tried again."""
     match entry.status:
         case Status.TIMED_OUT:
             return study.time_limit_s <= entry.seconds
         case Status.CRASHED:
             return entry.quarantined >= study.n_attempts
-        case Status.DIVERGED:
-            return entry.rung + 1 >= n_rungs
         case _:
             return True
 
 
-def _ladder(solver: Solver) -> list[Solver]:
-    with answering_for(solver, "asking for its ladder of settings"):
-        return [solver, *(type(solver)(settings) for settings in solver.ladder())]
-
-
-def _found(sweep: Sweep, by_key: Mapping[str, Job], n_rungs: int) -> _State:
-    """Read from the ledger what is done, and where the rest goes on."""
+def _found(sweep: Sweep, by_key: Mapping[str, Job]) -> _State:
+    """Read from the ledger what is done."""
     with Ledger(sweep.folder) as ledger:
         entries, gone = ledger.entries(), ledger.without_curves()
     state = _State()
     for key in by_key:
         entry = entries.get(key)
-        if entry is not None and key not in gone and is_final(entry, sweep.study, n_rungs):
+        if entry is not None and key not in gone and is_final(entry, sweep.study):
             state.done[key] = None
             state.statuses[key] = entry.status
-        else:
-            diverged = entry is not None and entry.status is Status.DIVERGED and key not in gone
-            state.rungs[key] = entry.rung + 1 if entry is not None and diverged else 0
     if lost := len(gone & by_key.keys()):
         sweep.progress.note(f"curves of {lost} simulations are missing or cut short; they are done again")
     return state
+
+
+def _missing(by_key: Mapping[str, Job], state: _State) -> list[str]:
+    return [key for key in by_key if key not in state.done]
 
 
 def _tell(sweep: Sweep, state: _State) -> None:
@@ -152,46 +143,25 @@ def _take_from_cache(sweep: Sweep, by_key: Mapping[str, Job], state: _State, wri
     if sweep.study.cache is None:
         return
     cache, n_jobs = ResultCache(sweep.study.cache), Counter(sweep.keys)
-    for key in list(state.rungs):
+    for key in _missing(by_key, state):
         if (simulation := cache.load(key, by_key[key])) is not None:
             writer.store(Finished(key=key, simulation=simulation))
             _settle(sweep, state, key, simulation, n_jobs[key])
 
 
-def _climb(
-    sweep: Sweep,
-    by_key: Mapping[str, Job],
-    state: _State,
-    writer: Writer,
-    rung: int,
-    solver: Solver,
-    *,
-    is_last: bool,
-) -> None:
-    """Try the jobs that stand on one rung of the ladder."""
-    keys = [key for key, at in state.rungs.items() if at == rung]
+def _simulate_missing(sweep: Sweep, by_key: Mapping[str, Job], state: _State, writer: Writer) -> None:
+    keys, n_jobs = _missing(by_key, state), Counter(sweep.keys)
     if not keys or not sweep.progress.going_on():
         return
-    settings, n_jobs = solver.settings.model_dump_json() if rung else "", Counter(sweep.keys)
     # Results of code that is only trusted to equal its key's are for this run alone.
     shared = sweep.study.cache if not sweep.study.trusted else None
     cache = ResultCache(shared) if shared else None
     jobs = [by_key[key] for key in keys]
-    for outcome in outcomes(sweep.study, solver, jobs, sweep.limbs, sweep.progress):
+    for outcome in outcomes(sweep.study, sweep.study.solver, jobs, sweep.limbs, sweep.progress):
         key = keys[outcome.index]
         simulation = outcome.simulation(by_key[key])
-        writer.store(
-            Finished(
-                key=key,
-                simulation=simulation,
-                quarantined=sweep.study.n_attempts if outcome.quarantined else 0,
-                rung=rung,
-                settings=settings,
-            )
-        )
-        if simulation.status is Status.DIVERGED and not is_last:
-            state.rungs[key] = rung + 1
-            continue
+        quarantined = sweep.study.n_attempts if outcome.quarantined else 0
+        writer.store(Finished(key=key, simulation=simulation, quarantined=quarantined))
         if cache is not None:
             cache.store(key, simulation)
         _settle(sweep, state, key, simulation, n_jobs[key])
@@ -199,7 +169,6 @@ def _climb(
 
 def _settle(sweep: Sweep, state: _State, key: str, simulation: Simulation, n_jobs: int) -> None:
     state.done[key] = simulation
-    del state.rungs[key]
     for _ in range(n_jobs):
         sweep.progress.step(simulation.status.value)
 

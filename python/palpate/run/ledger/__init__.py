@@ -3,7 +3,7 @@
 ::
 
     ledger.sqlite    simulations   one row per key: state, message, seconds, attempts …
-                     attempts      one row per attempt: state, message, seconds, settings
+                     attempts      one row per attempt: state, message, seconds
                      jobs          spot and set_id → key, for the sweep begun last
                      curve_files   size and SHA-256 of each file in curves/
     curves/<n>.parquet             curves of one or more simulations, by key

@@ -12,7 +12,7 @@ from pathlib import Path
 from palpate.errors import LedgerError
 from palpate.run.ownership import KEPT, reason
 
-VERSION = 2
+VERSION = 3
 """Version of the tables; a ledger of another one is refused."""
 
 APPLICATION = 0x70616C70
@@ -24,11 +24,11 @@ TABLES = f"""
 CREATE TABLE simulations (
     key TEXT PRIMARY KEY, state TEXT NOT NULL, spot TEXT NOT NULL, set_id INTEGER NOT NULL,
     message TEXT NOT NULL, seconds REAL NOT NULL, n_attempts INTEGER NOT NULL,
-    quarantined INTEGER NOT NULL, rung INTEGER NOT NULL, diagnostics TEXT NOT NULL, curves TEXT,
+    quarantined INTEGER NOT NULL, diagnostics TEXT NOT NULL, curves TEXT,
     finished_at TEXT NOT NULL, digest TEXT NOT NULL);
 CREATE TABLE attempts (
     key TEXT NOT NULL, attempt INTEGER NOT NULL, state TEXT NOT NULL, message TEXT NOT NULL,
-    seconds REAL NOT NULL, settings TEXT NOT NULL, PRIMARY KEY (key, attempt)) WITHOUT ROWID;
+    seconds REAL NOT NULL, PRIMARY KEY (key, attempt)) WITHOUT ROWID;
 CREATE TABLE jobs (
     spot TEXT NOT NULL, set_id INTEGER NOT NULL, key TEXT NOT NULL, PRIMARY KEY (spot, set_id)) WITHOUT ROWID;
 CREATE TABLE curve_files (

@@ -40,14 +40,11 @@ class Entry(NamedTuple):
     ----------
     quarantined : int
         How often it had ended its worker when it was given up; 0: it was not.
-    rung : int
-        Which settings of the solver's ladder were tried last; 0: the study's own.
     """
 
     status: Status
     seconds: float
     quarantined: int
-    rung: int
 
 
 class Ledger:
@@ -104,11 +101,10 @@ class Ledger:
     def entries(self) -> dict[str, Entry]:
         """How each finished simulation ended, by key."""
         statuses = {status.value: status for status in Status}
-        rows = self._all("SELECT key, state, seconds, quarantined, rung FROM simulations")
+        rows = self._all("SELECT key, state, seconds, quarantined FROM simulations")
         try:
             return {
-                key: Entry(statuses[state], seconds, quarantined, rung)
-                for key, state, seconds, quarantined, rung in rows
+                key: Entry(statuses[state], seconds, quarantined) for key, state, seconds, quarantined in rows
             }
         except KeyError as error:
             raise damaged(self.path, f"a row of 'simulations' has the state {error}") from None

@@ -35,17 +35,11 @@ class Finished:
     ----------
     quarantined : int
         Attempts after which the job was given up; 0: it was not.
-    rung : int
-        Which settings of the solver's ladder it was done with; 0: the study's own.
-    settings : str
-        These settings.
     """
 
     key: str
     simulation: Simulation
     quarantined: int = 0
-    rung: int = 0
-    settings: str = ""
 
 
 class Writer:
@@ -194,14 +188,13 @@ def _insert(transaction: sqlite3.Connection, finished: Finished, curves: str) ->
         seconds,
         n_before + 1,
         finished.quarantined,
-        finished.rung,
         json.dumps(plain(simulation.diagnostics), allow_nan=False),
         None if simulation.response is None else curves,
         datetime.now(UTC).isoformat(timespec="milliseconds"),
     )
-    transaction.execute(f"REPLACE INTO simulations VALUES ({_marks(13)})", (*row, digest(row)))
-    attempt = (key, n_before + 1, state, simulation.message, seconds, finished.settings)
-    transaction.execute(f"INSERT INTO attempts VALUES ({_marks(6)})", attempt)
+    transaction.execute(f"REPLACE INTO simulations VALUES ({_marks(12)})", (*row, digest(row)))
+    attempt = (key, n_before + 1, state, simulation.message, seconds)
+    transaction.execute(f"INSERT INTO attempts VALUES ({_marks(5)})", attempt)
 
 
 def _marks(n: int) -> str:
