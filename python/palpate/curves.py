@@ -161,6 +161,11 @@ class Curve:
         """Maximal monotone runs as (start, stop), neighbours sharing the turning point."""
         return tuple((int(a), int(b)) for a, b in _core.branches(self.abscissa))
 
+    @property
+    def first_turn(self) -> float:
+        """Ordinate where the path first turns back, or at its end."""
+        return float(self.ordinate[self.branches[0][1] - 1])
+
 
 def moving_span(abscissa: FloatArray) -> slice:
     """Rows between the first and the last movement of an abscissa, both ends included.

@@ -91,12 +91,10 @@ def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
 
 def _differences(found: Simulation, kept: Simulation | None) -> dict[str, float | None]:
     """How far FEBio's force and torque are from those of the run, relative to the run's."""
-    from palpate_validation.friction_memory import first_extreme
-
     differences: dict[str, float | None] = {"force": None, "torque": None}
     if kept is None or kept.response is None or found.response is None:
         return differences
     ours, theirs = found.response.curves, kept.response.curves
     for channel in differences.keys() & ours.keys() & theirs.keys():
-        differences[channel] = first_extreme(ours[channel]) / first_extreme(theirs[channel]) - 1.0
+        differences[channel] = ours[channel].first_turn / theirs[channel].first_turn - 1.0
     return differences

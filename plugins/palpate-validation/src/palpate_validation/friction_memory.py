@@ -85,7 +85,7 @@ def outcomes(
     right : Response
         Of a solver whose friction remembers, finely cut.
     """
-    truth = first_extreme(right["torque"])
+    truth = right["torque"].first_turn
     for (form, n_steps), (response, why) in runs.items():
         if response is None or "torque" not in response:
             yield Outcome(
@@ -98,7 +98,7 @@ def outcomes(
                 note=why,
             )
             continue
-        torque = first_extreme(response["torque"])
+        torque = response["torque"].first_turn
         yield Outcome(
             problem=problem,
             form=form,
@@ -107,12 +107,6 @@ def outcomes(
             relative=torque / truth,
             stiffness={name: best_multiple(response, right, w) for name, w in SCENARIOS.items()},
         )
-
-
-def first_extreme(curve: Curve) -> float:
-    """Ordinate where the path first turns back, or at its end."""
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(curve.abscissa))))
-    return float(curve.ordinate[turns[0] + 1] if turns.size else curve.ordinate[-1])
 
 
 def recorded() -> Sequence[Outcome]:

@@ -1,0 +1,44 @@
+"""Every distribution declares the libraries that it imports, and no others."""
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FOLDERS = (ROOT, *sorted(path.parent for path in ROOT.glob("plugins/*/pyproject.toml")))
+PARTS = {"dask": "distributed", "markupsafe": "jinja2", "pydantic-core": "pydantic"}
+"""Libraries that come with the one that is declared."""
+LOADED_BY_NAME = {"embreex": "by trimesh", "pytetwild": "in a child process", "rtree": "by trimesh"}
+
+
+def plain(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", name)[0]).lower()
+
+
+def modules(folder: Path) -> Iterator[str]:
+    """Top-level modules that the sources of a distribution import."""
+    for path in (folder / ("python" if folder == ROOT else "src")).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                names = [node.module or ""]
+            yield from (name.split(".")[0] for name in names)
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_it_declares_what_it_imports(folder: Path) -> None:
+    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needed = set(map(plain, project["dependencies"]))
+    optional = {plain(name) for names in project.get("optional-dependencies", {}).values() for name in names}
+    homes = packages_distributions()
+    used = {plain(homes.get(name, [name])[0]) for name in set(modules(folder)) - sys.stdlib_module_names}
+    used = {PARTS.get(name, name) for name in used} - {project["name"]}
+    assert not used - needed - optional, "declare these in pyproject.toml"
+    libraries = {name for name in needed if not name.startswith("palpate")}
+    assert not libraries - used - LOADED_BY_NAME.keys(), "remove these from pyproject.toml"
