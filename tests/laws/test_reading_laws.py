@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from palpate.delimited import BASE_UNITS, UNITS, TextTable, factor_to_base, unit_in
 from palpate.delimited import table as text_reader
@@ -16,7 +16,7 @@ from palpate.domain import FloatArray
 from palpate.errors import CurveError
 from palpate_robot_log.reading import Request
 from palpate_robot_log.reading.formats import read_here
-from palpate_robot_log.reading.orientation import conjugate, product, quaternions, slerp, turned
+from palpate_robot_log.reading.orientation import quaternions
 from palpate_robot_log.reading.proposal import propose
 from palpate_robot_log.reading.raw import RawLog
 
@@ -152,41 +152,6 @@ def test_every_form_of_a_turn_gives_the_same_quaternion(turn: Rotation, sequence
     for form, values in forms.items():
         found = quaternions(form, values, sequence)
         np.testing.assert_allclose(np.abs(np.einsum("ij,ij->i", found, q)), 1.0, atol=1e-12)
-
-
-@settings(deadline=None, max_examples=40)
-@given(first=turns, second=turns)
-def test_products_and_turned_vectors_are_those_of_scipy(first: Rotation, second: Rotation) -> None:
-    p, q = first.as_quat(), second.as_quat()
-    together = product(p, q)
-    np.testing.assert_allclose(
-        np.abs(np.einsum("ij,ij->i", together, (first * second).as_quat())), 1.0, atol=1e-12
-    )
-    vectors = np.random.default_rng(1).standard_normal((9, 3))
-    np.testing.assert_allclose(turned(p, vectors), first.apply(vectors), atol=1e-12)
-    np.testing.assert_allclose(turned(conjugate(p), turned(p, vectors)), vectors, atol=1e-12)
-
-
-@settings(deadline=None, max_examples=40)
-@given(turn=turns, flips=st.lists(st.booleans(), min_size=9, max_size=9), seed=st.integers(0, 999))
-def test_interpolated_turns_are_those_of_scipy_whatever_the_sign_of_a_quaternion(
-    turn: Rotation, flips: list[bool], seed: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    times = np.cumsum(rng.uniform(0.1, 1.0, 9))
-    at = np.sort(rng.uniform(times[0], times[-1], 20))
-    at[[0, -1]] = times[[0, -1]]
-    q = turn.as_quat() * np.where(flips, -1.0, 1.0)[:, None]
-    expected = Slerp(times, turn)(at).as_quat()
-    found = slerp(times, q, at)
-    np.testing.assert_allclose(np.abs(np.einsum("ij,ij->i", found, expected)), 1.0, atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, atol=1e-12)
-
-
-def test_turns_that_hardly_differ_are_interpolated_without_dividing_by_zero() -> None:
-    q = np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 5e-10, 1.0]])
-    found = slerp(np.array([0.0, 1.0]), q, np.array([0.5]))
-    assert found[0, 2] == pytest.approx(2.5e-10)
 
 
 # --------------------------------------------------------------------- mutations

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 FOLDERS = (ROOT, *sorted(path.parent for path in ROOT.glob("plugins/*/pyproject.toml")))
 PARTS = {"dask": "distributed", "markupsafe": "jinja2", "pydantic-core": "pydantic"}
 """Libraries that come with the one that is declared."""
-LOADED_BY_NAME = {"embreex": "by trimesh", "pytetwild": "in a child process", "rtree": "by trimesh"}
+LOADED_BY_NAME = {"embreex": "by trimesh", "pytetwild": "in a process of its own", "rtree": "by trimesh"}
 
 
 def plain(name: str) -> str:

@@ -5,13 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from palpate.delimited import Kind, TextFormat
 from palpate.domain import FloatArray, IntArray
 from palpate.errors import CurveError
+from palpate_robot_log.processing.rotation import rotated, unrotated
 from palpate_robot_log.reading import checks, orientation
 from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Source, bare
-from palpate_robot_log.reading.common_time import are_together, interpolated, overlap, turned_between
+from palpate_robot_log.reading.common_time import are_together, interpolated, overlap
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
 from palpate_robot_log.reading.raw import RawLog
 from palpate_robot_log.reading.series import Series, pick
@@ -97,7 +99,7 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
         source=log.source,
         row_word=log.row_word,
         time_s=time_s,
-        position_mm=values["position"] + orientation.turned(pose_q, np.array(channels.tip))
+        position_mm=values["position"] + rotated(pose_q, np.array(channels.tip))
         if any(channels.tip)
         else values["position"],
         quaternion=q,
@@ -161,7 +163,7 @@ def _with_quaternions(series: Mapping[str, Series], channels: ChannelMap) -> dic
     given, form = series["orientation"], channels.orientation
     q = orientation.quaternions(form.form, given.values, form.sequence)
     if form.inverse:
-        q = orientation.conjugate(q)
+        q = q * np.array([-1.0, -1.0, -1.0, 1.0])
     return {**series, "orientation": given.with_values(q)}
 
 
@@ -182,7 +184,11 @@ def _at_common_time(
             values[name] = one.values[kept_rows]
             continue
         resampled.append(name)
-        values[name] = turned_between(one, time_s) if name == "orientation" else interpolated(one, time_s)
+        values[name] = (
+            orientation.interpolated_turns(one.time_s, one.values, time_s)
+            if name == "orientation"
+            else interpolated(one, time_s)
+        )
     return time_s, kept.rows[kept_rows], values, resampled
 
 
@@ -202,8 +208,9 @@ def _sensor_turns(pose_q: FloatArray, channels: ChannelMap) -> FloatArray:
     """Turns of the sensor's frame into the base."""
     if not any(channels.sensor_turned):
         return pose_q
-    mount = orientation.quaternions("euler", np.radians([channels.sensor_turned]), "xyz")
-    return orientation.product(pose_q, np.broadcast_to(mount, pose_q.shape))
+    mount = Rotation.from_euler("xyz", channels.sensor_turned, degrees=True)
+    turned: FloatArray = (Rotation.from_quat(pose_q) * mount).as_quat()
+    return turned
 
 
 def _wrench(
@@ -211,8 +218,7 @@ def _wrench(
 ) -> tuple[FloatArray, FloatArray]:
     """Force and moment of the tissue on the tool, in the sensor's frame."""
     if channels.wrench_frame == "base":
-        back = orientation.conjugate(q)
-        force, moment = orientation.turned(back, force), orientation.turned(back, moment)
+        force, moment = unrotated(q, force), unrotated(q, moment)
     return (-force, -moment) if channels.acts_on == "tissue" else (force, moment)
 
 

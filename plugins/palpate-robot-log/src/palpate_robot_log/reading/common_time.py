@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.domain import FloatArray
-from palpate_robot_log.reading.orientation import slerp
 from palpate_robot_log.reading.series import Series
 
 _LEAST_OVERLAP = 0.5
@@ -41,8 +40,3 @@ def overlap(kept: Series, others: Sequence[Series]) -> slice:
 def interpolated(series: Series, at: FloatArray) -> FloatArray:
     """Values between rows, column by column along straight lines."""
     return np.column_stack([np.interp(at, series.time_s, column) for column in series.values.T])
-
-
-def turned_between(series: Series, at: FloatArray) -> FloatArray:
-    """Unit quaternions between rows, at constant angular speed."""
-    return slerp(series.time_s, series.values, at)

@@ -40,26 +40,20 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
         raise CurveError(
             f"{path}: the Parquet file is damaged or cut off ({first_line}); export it again"
         ) from None
-    n_rows = frame.height
-    if n_rows < 2 or not columns:
-        raise CurveError(f"{path}: {n_rows} rows and {len(columns)} columns of numbers; export the log again")
+    if frame.height < 2 or not columns:
+        raise CurveError(
+            f"{path}: {frame.height} rows and {len(columns)} columns of numbers; export the log again"
+        )
+    others = [f"{name} ({dtype})" for name, dtype in schema.items() if name not in names]
+    rows = np.arange(frame.height, dtype=np.int64)
+    stream = Stream(name="", rows=rows, columns={column.name: column for column in columns})
     return RawLog(
         source=str(path),
         format="Parquet",
         row_word="row",
-        streams=(
-            Stream(
-                name="",
-                rows=np.arange(n_rows, dtype=np.int64),
-                columns={column.name: column for column in columns},
-            ),
-        ),
-        notes=_notes(schema, names, wanted),
+        streams=(stream,),
+        notes=(f"columns passed over: {listed(others)}",) if others and wanted is None else (),
     )
-
-
-def _base_name(name: str) -> str:
-    return name.split("[", 1)[0]
 
 
 def _wanted(path: Path, schema: Mapping[str, "pl.DataType"], wanted: Sequence[str] | None) -> list[str]:
@@ -67,7 +61,7 @@ def _wanted(path: Path, schema: Mapping[str, "pl.DataType"], wanted: Sequence[st
         return [name for name, dtype in schema.items() if _is_numeric(dtype)]
     names = []
     for name in wanted:
-        held = name if name in schema else _base_name(name)
+        held = name if name in schema else name.split("[", 1)[0]
         if held not in schema:
             raise CurveError(
                 f"{path}: no column '{name}'{close_to(name, schema)} (columns there: {listed(schema)}); "
@@ -77,13 +71,6 @@ def _wanted(path: Path, schema: Mapping[str, "pl.DataType"], wanted: Sequence[st
             raise CurveError(f"{path}: column '{held}' holds {schema[held]} and no numbers; choose another")
         names.append(held)
     return list(dict.fromkeys(names))
-
-
-def _notes(
-    schema: Mapping[str, "pl.DataType"], names: Sequence[str], wanted: Sequence[str] | None
-) -> tuple[str, ...]:
-    others = [f"{name} ({dtype})" for name, dtype in schema.items() if name not in names]
-    return (f"columns passed over: {listed(others)}",) if others and wanted is None else ()
 
 
 def _is_numeric(dtype: "pl.DataType") -> bool:
@@ -96,13 +83,29 @@ def _is_numeric(dtype: "pl.DataType") -> bool:
 
 
 def _columns(path: Path, series: "pl.Series") -> list[Column]:
+    """Column of numbers or of seconds; ``name[0]``, ``name[1]`` … of lists that all have one length."""
     import polars as pl
 
-    if isinstance(series.dtype, pl.List | pl.Array):
-        return _spread(path, series)
-    if isinstance(series.dtype, pl.Datetime | pl.Duration):
-        return [Column(name=series.name, values=_seconds(series), unit="s")]
-    return [Column(name=series.name, values=_floats(series))]
+    name, dtype = series.name, series.dtype
+    if isinstance(dtype, pl.List | pl.Array):
+        lists = series.cast(pl.List(pl.Float64))
+        lengths = lists.list.len().unique().to_list()
+        if len(lengths) != 1 or lengths[0] is None or not 0 < int(lengths[0]) <= _LONGEST_LIST:
+            raise CurveError(
+                f"{path}: the lists of column '{name}' have {len(lengths)} lengths; "
+                "give each number its own column"
+            )
+        return [
+            Column(name=f"{name}[{index}]", values=_floats(lists.list.get(index)))
+            for index in range(int(lengths[0]))
+        ]
+    if isinstance(dtype, pl.Datetime | pl.Duration):
+        # A stamp's own count is since 1970.
+        counts = series.to_physical()
+        start = counts.drop_nulls().first() if isinstance(dtype, pl.Datetime) else 0
+        per_second = {"ns": 1e9, "us": 1e6, "ms": 1e3}[dtype.time_unit or "us"]
+        return [Column(name=name, values=_floats(counts - (start or 0)) / per_second, unit="s")]
+    return [Column(name=name, values=_floats(series))]
 
 
 def _floats(series: "pl.Series") -> FloatArray:
@@ -110,31 +113,3 @@ def _floats(series: "pl.Series") -> FloatArray:
 
     values: FloatArray = series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
     return values
-
-
-def _seconds(series: "pl.Series") -> FloatArray:
-    """Seconds of a duration, or since the first stamp."""
-    import polars as pl
-
-    counts = series.to_physical()
-    per_second = {"ns": 1e9, "us": 1e6, "ms": 1e3}[str(getattr(series.dtype, "time_unit", "us"))]
-    start = counts.drop_nulls().first() if isinstance(series.dtype, pl.Datetime) else 0
-    return _floats(counts - (start or 0)) / per_second
-
-
-def _spread(path: Path, series: "pl.Series") -> list[Column]:
-    """Columns ``name[0]``, ``name[1]`` … of lists that all have one length."""
-    import polars as pl
-
-    lists = series.arr.to_list() if isinstance(series.dtype, pl.Array) else series
-    lengths = lists.list.len().unique().to_list()
-    if len(lengths) != 1 or lengths[0] is None or not 0 < int(lengths[0]) <= _LONGEST_LIST:
-        raise CurveError(
-            f"{path}: the lists of column '{series.name}' have {len(lengths)} lengths; "
-            "give each number its own column"
-        )
-    width = int(lengths[0])
-    return [
-        Column(name=f"{series.name}[{index}]", values=_floats(lists.list.get(index)))
-        for index in range(width)
-    ]
