@@ -15,7 +15,7 @@ class Progress(Protocol):
     def note(self, text: str) -> None:
         """Take notice of something that happened on the way and was dealt with."""
 
-    def going_on(self) -> bool:
+    def should_continue(self) -> bool:
         """Whether to begin another simulation; False finishes those begun and stops."""
 
 
@@ -39,7 +39,7 @@ class Silent:
     def note(self, text: str) -> None:
         """Say nothing."""
 
-    def going_on(self) -> bool:
+    def should_continue(self) -> bool:
         """Go on to the end."""
         return True
 

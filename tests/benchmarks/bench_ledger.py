@@ -133,7 +133,7 @@ class UntilBegun:
     def note(self, text: str) -> None:
         """Nothing to tell."""
 
-    def going_on(self) -> bool:
+    def should_continue(self) -> bool:
         """Stop here."""
         raise BegunError
 

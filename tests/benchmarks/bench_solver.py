@@ -251,11 +251,11 @@ def with_slopes(mesh: str) -> dict[str, Any]:
 
 def two_workers(mesh: str, n_sets: int) -> dict[str, Any]:
     """All sets on two worker processes, each with a warm start, by wall clock."""
-    from palpate.executors import Limits, Processes, Work
+    from palpate.executors import Batch, Limits, Processes
     from palpate_jax.solver import JaxSettings, JaxSolver
 
     limb = load(mesh)
-    work = Work(
+    batch = Batch(
         solver=JaxSolver(JaxSettings(warm_start=True)),
         jobs=jobs(designed(n_sets), limb),
         limbs={limb.spot.name: limb},
@@ -263,7 +263,7 @@ def two_workers(mesh: str, n_sets: int) -> dict[str, Any]:
         n_workers=2,
     )
     started = time.perf_counter()
-    found = list(Processes().outcomes(work))
+    found = list(Processes().results(batch))
     return {"wall_s": time.perf_counter() - started, "n": len(found)}
 
 

@@ -148,34 +148,34 @@ class Forgetful(Executor):
 
     name, summary, holds_limits = "forgetful", "loses failures", False
 
-    def outcomes(self, work):
-        yield from (o for o in InProcess().outcomes(work) if o.status is Status.OK)
+    def results(self, batch):
+        yield from (o for o in InProcess().results(batch) if o.status is Status.OK)
 
 
 class Silent(Forgetful):
     """Keeps that a job failed, and not why."""
 
-    def outcomes(self, work):
-        yield from (replace(outcome, message="") for outcome in InProcess().outcomes(work))
+    def results(self, batch):
+        yield from (replace(result, message="") for result in InProcess().results(batch))
 
 
 class Muddled(Forgetful):
-    """Counts the outcomes instead of reading whose they are."""
+    """Counts the results instead of reading whose they are."""
 
-    def outcomes(self, work):
-        turned = replace(work, jobs=work.jobs[::-1])
-        yield from InProcess().outcomes(turned)
+    def results(self, batch):
+        turned = replace(batch, jobs=batch.jobs[::-1])
+        yield from InProcess().results(turned)
 
 
 class Doubling(Forgetful):
-    def outcomes(self, work):
-        for outcome in InProcess().outcomes(work):
-            yield from (outcome, outcome)
+    def results(self, batch):
+        for result in InProcess().results(batch):
+            yield from (result, result)
 
 
 class Unstoppable(Forgetful):
-    def outcomes(self, work):
-        yield from InProcess().outcomes(replace(work, going_on=lambda: True))
+    def results(self, batch):
+        yield from InProcess().results(replace(batch, should_continue=lambda: True))
 
 
 class Claiming(Forgetful):
@@ -183,19 +183,19 @@ class Claiming(Forgetful):
 
     holds_limits = True
 
-    def outcomes(self, work):
-        yield from InProcess().outcomes(work)
+    def results(self, batch):
+        yield from InProcess().results(batch)
 
 
 @pytest.mark.parametrize(
     ("test", "executor", "said"),
     [
-        ("every_job_has_one_outcome", Forgetful(), r"no outcome for the jobs at \[2, 8\]"),
-        ("every_job_has_one_outcome", Doubling(), "24 outcomes for 12 jobs"),
-        ("outcomes_are_those_of_their_jobs", Silent(), "why it failed is lost"),
-        ("outcomes_are_those_of_their_jobs", Muddled(), "holds the answer of another job"),
+        ("every_job_has_one_result", Forgetful(), r"no result for the jobs at \[2, 8\]"),
+        ("every_job_has_one_result", Doubling(), "24 results for 12 jobs"),
+        ("results_are_those_of_their_jobs", Silent(), "why it failed is lost"),
+        ("results_are_those_of_their_jobs", Muddled(), "holds the answer of another job"),
         ("begins_nothing_when_told_to_stop", Unstoppable(), "goes on although"),
-        ("outcomes_are_those_of_their_jobs", Claiming(), "set holds_limits = False"),
+        ("results_are_those_of_their_jobs", Claiming(), "set holds_limits = False"),
     ],
 )
 def test_an_executors_fault_is_told(test, executor, said):

@@ -1,4 +1,4 @@
-"""Workers: every job has one outcome, whatever becomes of the process that it ran in."""
+"""Workers: every job has one result, whatever becomes of the process that it ran in."""
 
 import os
 import time
@@ -9,15 +9,15 @@ import pytest
 
 from palpate.domain import Status
 from palpate.errors import PluginError
-from palpate.executors import InProcess, Limits, Processes, Work, n_cores, thread_limits
+from palpate.executors import Batch, InProcess, Limits, Processes, n_cores, thread_limits
 from palpate.plugins.interfaces import Settings, Solver
 from palpate.stages.simulation import jobs
 
 HOW = {1: Status.CRASHED, 2: Status.TIMED_OUT, 3: Status.CRASHED, 4: Status.DIVERGED, 5: Status.UNREADABLE}
 
 
-def work_of(study, to_do, n_workers=2, limit_s=1.5):
-    return Work(
+def batch_of(study, to_do, n_workers=2, limit_s=1.5):
+    return Batch(
         solver=study.solver,
         jobs=to_do,
         limbs={},
@@ -27,17 +27,17 @@ def work_of(study, to_do, n_workers=2, limit_s=1.5):
     )
 
 
-def outcomes(study, executor, n_sets=8, limit_s=1.5):
+def results(study, executor, n_sets=8, limit_s=1.5):
     design = SimpleNamespace(n_sets=n_sets, values=np.linspace([0.2, 10.0], [0.8, 40.0], n_sets))
     to_do = jobs(study, design, {})
-    found = list(executor.outcomes(work_of(study, to_do, limit_s=limit_s)))
+    found = list(executor.results(batch_of(study, to_do, limit_s=limit_s)))
     assert sorted(o.index for o in found) == list(range(len(to_do)))
     return to_do, {o.index: o for o in found}
 
 
 @pytest.mark.parametrize("solver", ["Faulty", "Batch"])
 def test_failures_stay_with_their_job(make_study, solver):
-    to_do, found = outcomes(make_study(solver), Processes())
+    to_do, found = results(make_study(solver), Processes())
     for index, job in enumerate(to_do):
         assert found[index].status is HOW.get(job.set_id, Status.OK), (index, found[index])
     assert "exit code 17" in found[1].message
@@ -49,13 +49,11 @@ def test_failures_stay_with_their_job(make_study, solver):
 
 def test_processes_and_one_process_give_the_same_bits(make_study):
     study = make_study()
-    _, alone = outcomes(study, InProcess())
-    _, spread = outcomes(study, Processes())
-    for index, outcome in alone.items():
+    _, alone = results(study, InProcess())
+    _, spread = results(study, Processes())
+    for index, result in alone.items():
         for channel in ("force", "torque"):
-            assert np.array_equal(
-                outcome.response[channel].ordinate, spread[index].response[channel].ordinate
-            )
+            assert np.array_equal(result.response[channel].ordinate, spread[index].response[channel].ordinate)
 
 
 def test_an_exception_in_this_process_is_a_row(make_study, tissue):
@@ -67,7 +65,7 @@ def test_an_exception_in_this_process_is_a_row(make_study, tissue):
                 raise SystemExit(3)
             return super().behave(job)
 
-    _, found = outcomes(make_study(solver=Raising()), InProcess())
+    _, found = results(make_study(solver=Raising()), InProcess())
     assert found[3].message == "ZeroDivisionError: stretch of zero"
     assert found[4].message == "SystemExit: 3"
     assert [o.status for i, o in found.items() if i % 8 not in (3, 4)] == [Status.OK] * 12
@@ -83,7 +81,7 @@ def test_a_solver_that_swallows_a_job_leaves_it_unreadable(make_study, tissue):
                     return
                 yield self.simulate(job, limb)
 
-    _, found = outcomes(make_study(solver=Forgetful()), InProcess())
+    _, found = results(make_study(solver=Forgetful()), InProcess())
     statuses = [found[i].status for i in range(8)]
     assert [i for i, s in enumerate(statuses) if s is not Status.OK] == [2, 6, 7]
     assert "without a result" in found[2].message
@@ -93,7 +91,7 @@ def test_workers_stay_warm(make_study, tissue, tmp_path):
     log = tmp_path / "log.txt"
     study = make_study(solver="Analytic")
     solver = tissue.Analytic(tissue.Analytic.Settings(log=str(log)))
-    outcomes(make_study(solver=solver), Processes(), n_sets=10)
+    results(make_study(solver=solver), Processes(), n_sets=10)
     lines = [line.split() for line in log.read_text().splitlines()]
     assert len(lines) == 20
     assert len({pid for *_, pid in lines}) <= 2
@@ -106,14 +104,14 @@ def test_a_solver_of_no_importable_module_is_refused(make_study, tissue):
         pass
 
     with pytest.raises(PluginError, match=r"solver 'analytic' cannot be sent.*plugin file"):
-        outcomes(make_study(solver=Local()), Processes())
+        results(make_study(solver=Local()), Processes())
 
 
 def test_a_worker_that_cannot_load_the_plugins_says_why(make_study, tmp_path):
     broken = tmp_path / "broken.py"
     broken.write_text("raise RuntimeError('no licence')")
     with pytest.raises(PluginError, match="RuntimeError: no licence"):
-        outcomes(make_study(plugin_files=(broken,)), Processes())
+        results(make_study(plugin_files=(broken,)), Processes())
 
 
 def test_what_a_solver_prints_does_not_garble_the_answers(make_study, tmp_path, tissue):
@@ -134,7 +132,7 @@ def test_what_a_solver_prints_does_not_garble_the_answers(make_study, tmp_path, 
 
     solver = load_file(talkative).Talkative()
     study = make_study(solver=solver, plugin_files=(*make_study().plugin_files, talkative))
-    _, found = outcomes(study, Processes())
+    _, found = results(study, Processes())
     assert {o.status for o in found.values()} == {Status.OK}
 
 
@@ -145,7 +143,7 @@ def test_closing_the_sweep_stops_the_workers(make_study, tmp_path, tissue):
     design = SimpleNamespace(n_sets=3, values=np.tile([0.4, 20.0], (3, 1)))
     every = {(job.spot, job.set_id): job for job in jobs(study, design, {})}
     hangs_then_works = [every["p1", 2], every["p2", 0]]
-    sweep = Processes().outcomes(work_of(study, hangs_then_works, limit_s=600.0))
+    sweep = Processes().results(batch_of(study, hangs_then_works, limit_s=600.0))
     next(sweep)
     for _ in range(1500):
         if " 2 " in log.read_text():  # a job that hangs has begun
@@ -186,5 +184,5 @@ def test_a_worker_sees_its_thread_limit(make_study, tmp_path):
 
     solver: Solver = load_file(curious).Curious(Settings())
     files = (*make_study().plugin_files, curious)
-    _, found = outcomes(make_study(solver=solver, plugin_files=files), Processes())
+    _, found = results(make_study(solver=solver, plugin_files=files), Processes())
     assert {int(o.message) for o in found.values()} == {max(1, n_cores() // 2)}

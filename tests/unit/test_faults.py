@@ -18,7 +18,7 @@ import pytest
 
 from palpate.domain import Curve, Response, Simulation, Status
 from palpate.errors import ExecutorError, PluginError, StudyError
-from palpate.executors import InProcess, Limits, Outcome, Processes, Work, machine, pool
+from palpate.executors import Batch, InProcess, JobResult, Limits, Processes, machine, pool
 from palpate.executors.attempts import LONGEST_TRACEBACK
 from palpate.plugins.interfaces import Executor
 from palpate.plugins.registry import load_file
@@ -35,9 +35,9 @@ def sweep(study, folder):
     return simulation.simulate(study, design, {}, {spot.spot.name: None for spot in study.spots}, folder)
 
 
-def work_for(study, n_sets, **limits):
+def batch_for(study, n_sets, **limits):
     design = SimpleNamespace(n_sets=n_sets, values=np.linspace([0.2, 10.0], [0.8, 40.0], n_sets))
-    return Work(
+    return Batch(
         solver=study.solver,
         jobs=simulation.jobs(replace(study, spots=study.spots[:1]), design, {}),
         limbs={},
@@ -251,7 +251,7 @@ def test_whatever_a_job_does_to_its_worker_it_has_one_outcome(hard, tmp_path, mo
         sizes.append(os.fstat(self._output.fileno()).st_size)
 
     monkeypatch.setattr(pool._Worker, "heard", watched)
-    found = {o.index: o for o in Processes().outcomes(work_for(hard, 6, time_s=2.0))}
+    found = {o.index: o for o in Processes().results(batch_for(hard, 6, time_s=2.0))}
     assert sorted(found) == list(range(6))
     assert [found[i].status.value for i in range(6)] == ["ok", "timed_out", "ok", "crashed", "crashed", "ok"]
     assert "signal SIGKILL (killed from outside, or for its memory)" in found[3].message
@@ -266,10 +266,10 @@ def test_whatever_a_job_does_to_its_worker_it_has_one_outcome(hard, tmp_path, mo
 
 
 def test_a_worker_that_somebody_kills_costs_no_job(hard, tmp_path):
-    work = work_for(hard, 40)
+    batch = batch_for(hard, 40)
     found, hit = [], {}
-    for outcome in Processes().outcomes(replace(work, jobs=work.jobs[10:])):
-        found.append(outcome)
+    for result in Processes().results(replace(batch, jobs=batch.jobs[10:])):
+        found.append(result)
         set_id, pid = (tmp_path / "pids").read_text().splitlines()[-1].split()
         if len(found) in (3, 9, 15) and set_id not in hit and pid not in hit.values():
             os.kill(int(pid), signal.SIGKILL)
@@ -294,13 +294,13 @@ if len(starts.read_text()) <= {n_killed}:
 def test_a_worker_that_dies_while_it_starts_is_replaced_a_few_times(make_study, tmp_path, n_killed, name):
     path = tmp_path / "starts.py"
     path.write_text(STARTS.format(starts=str(tmp_path / "starts"), n_killed=n_killed, name=name))
-    work = work_for(make_study(), 2)
-    work = replace(work, plugin_files=(*work.plugin_files, path), n_workers=1)
+    batch = batch_for(make_study(), 2)
+    batch = replace(batch, plugin_files=(*batch.plugin_files, path), n_workers=1)
     if n_killed == 2:
-        assert {o.status for o in Processes().outcomes(work)} == {Status.OK}
+        assert {o.status for o in Processes().results(batch)} == {Status.OK}
     else:
         with pytest.raises(PluginError, match=r"3 worker processes in a row ended before .* signal SIGSEGV"):
-            list(Processes().outcomes(work))
+            list(Processes().results(batch))
 
 
 def test_a_stop_of_the_whole_machine_ends_no_job(hard, tmp_path, monkeypatch):
@@ -320,10 +320,10 @@ def test_a_stop_of_the_whole_machine_ends_no_job(hard, tmp_path, monkeypatch):
     monkeypatch.setattr(pool, "monotonic", lambda: true() + stood_still)
     monkeypatch.setattr(pool, "TICK_S", 0.02)
     monkeypatch.setattr(pool.queue, "SimpleQueue", Frozen)
-    work = work_for(hard, 14)
-    sweep = pool.Pool(work, 1)
+    batch = batch_for(hard, 14)
+    sweep = pool.Pool(batch, 1)
     with contextlib.closing(sweep):
-        assert {o.status for o in sweep.outcomes(work.jobs[10:])} == {Status.OK}
+        assert {o.status for o in sweep.results(batch.jobs[10:])} == {Status.OK}
     assert stood_still > 0.0
 
 
@@ -333,7 +333,7 @@ def test_a_machine_that_starts_no_worker_is_an_error(make_study, monkeypatch):
 
     monkeypatch.setattr(pool, "_Worker", refused)
     with pytest.raises(ExecutorError, match="Too many open files; raise the limit"):
-        list(Processes().outcomes(work_for(make_study(), 2)))
+        list(Processes().results(batch_for(make_study(), 2)))
 
 
 # ----------------------------------------------------------------- executors
@@ -342,40 +342,40 @@ def test_a_machine_that_starts_no_worker_is_an_error(make_study, monkeypatch):
 class Idle(Executor):
     name, summary = "idle", "does nothing"
 
-    def outcomes(self, work):
+    def results(self, batch):
         return iter(())
 
 
 class Junk(Executor):
-    name, summary = "junk", "yields what is no outcome"
+    name, summary = "junk", "yields what is no result"
 
-    def outcomes(self, work):
+    def results(self, batch):
         yield 3
 
 
 class Twice(Executor):
-    name, summary = "twice", "yields an outcome twice"
+    name, summary = "twice", "yields a result twice"
 
-    def outcomes(self, work):
-        for outcome in InProcess().outcomes(work):
-            yield outcome
-            yield outcome
+    def results(self, batch):
+        for result in InProcess().results(batch):
+            yield result
+            yield result
 
 
 class Careless(Executor):
     name, summary = "careless", "hands on whatever a solver answers"
 
-    def outcomes(self, work):
-        for index, _ in enumerate(work.jobs):
-            yield Outcome(index=index, status=Status.OK, response=None, seconds=0.1)
+    def results(self, batch):
+        for index, _ in enumerate(batch.jobs):
+            yield JobResult(index=index, status=Status.OK, response=None, seconds=0.1)
 
 
 @pytest.mark.parametrize(
     ("executor", "said"),
     [
-        (Idle, "executor 'idle' ended without an outcome for 3 of 3 jobs"),
-        (Junk, "'junk' .* yielded 3, not the Outcome of a job that was waiting"),
-        (Twice, "'twice' .* not the Outcome of a job that was waiting"),
+        (Idle, "executor 'idle' ended without a result for 3 of 3 jobs"),
+        (Junk, "'junk' .* yielded 3, not the JobResult of a job that was waiting"),
+        (Twice, "'twice' .* not the JobResult of a job that was waiting"),
     ],
 )
 def test_an_executor_that_breaks_its_contract_is_named(make_study, tmp_path, executor, said):
@@ -445,7 +445,7 @@ def test_a_clock_that_jumps_ends_no_job_and_no_lock(make_study, tissue, tmp_path
     true = time.time
     monkeypatch.setattr(time, "time", lambda: true() + next(jumps))
     with locked(tmp_path) as check:
-        found = list(Processes().outcomes(work_for(make_study(), 20)))
+        found = list(Processes().results(batch_for(make_study(), 20)))
         check()
     assert {o.status for o in found} == {Status.OK}
     assert all(0.0 <= o.seconds < 60.0 for o in found)

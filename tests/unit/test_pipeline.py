@@ -41,7 +41,7 @@ class Recorder:
     def note(self, text):
         self.notes.append(text)
 
-    def going_on(self):
+    def should_continue(self):
         return True
 
 

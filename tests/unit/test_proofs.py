@@ -93,7 +93,7 @@ def test_a_stop_keeps_what_is_proved(doubting, make_study, plugins, tmp_path):
     class Impatient:
         begin = step = note = lambda *_: None
 
-        def going_on(self):
+        def should_continue(self):
             return not doubting.asked
 
     with pytest.raises(StoppedError, match="palpate resume"):
@@ -108,7 +108,7 @@ def test_a_stop_keeps_what_an_earlier_run_has_proved(doubting, make_study, plugi
         def __init__(self, n):
             self.left = iter([True] * n)
 
-        def going_on(self):
+        def should_continue(self):
             return next(self.left, False)
 
     study, run = make_study(doubting()), RunDirectory(tmp_path / "run")

@@ -155,7 +155,7 @@ class Stopping(Silent):
     def step(self, note=""):
         self.n_steps += 1
 
-    def going_on(self):
+    def should_continue(self):
         return self.n_steps < 3
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.domain import Status
 from palpate.errors import StoppedError
-from palpate.executors import Limits, Processes, Work
+from palpate.executors import Batch, Limits, Processes
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger
 from palpate.stages import simulation
@@ -32,7 +32,7 @@ class Following:
     def note(self, text):
         self.notes.append(text)
 
-    def going_on(self):
+    def should_continue(self):
         return len(self.steps) < self.n_steps
 
 
@@ -99,16 +99,16 @@ def jobs_for(study, n_sets):
 def test_the_attempts_are_the_study_s_to_say(make_study, tissue, tmp_path):
     log = tmp_path / "log.txt"
     study = make_study(solver=tissue.Faulty(tissue.Faulty.Settings(log=str(log))))
-    work = Work(
+    batch = Batch(
         solver=study.solver,
         jobs=jobs_for(study, 2)[1:],
         limbs={},
         limits=Limits(time_s=30.0, n_attempts=1),
         plugin_files=study.plugin_files,
     )
-    (outcome,) = Processes().outcomes(work)
-    assert outcome.quarantined
-    assert "ended once" in outcome.message
+    (result,) = Processes().results(batch)
+    assert result.quarantined
+    assert "ended once" in result.message
     assert len(log.read_text().splitlines()) == 1
 
 
@@ -130,7 +130,7 @@ def test_a_job_that_takes_too_much_memory_fails_alone(make_study, tmp_path):
     path = tmp_path / "greedy.py"
     path.write_text(GREEDY)
     study = make_study(solver=load_file(path).Greedy())
-    work = Work(
+    batch = Batch(
         solver=study.solver,
         jobs=jobs_for(study, 3),
         limbs={},
@@ -138,7 +138,7 @@ def test_a_job_that_takes_too_much_memory_fails_alone(make_study, tmp_path):
         n_workers=1,
         plugin_files=(*study.plugin_files, path),
     )
-    found = {o.index: o for o in Processes().outcomes(work)}
+    found = {o.index: o for o in Processes().results(batch)}
     assert [found[i].status for i in range(3)] == [Status.CRASHED, Status.OK, Status.OK]
     assert "MemoryError" in found[0].message
 
@@ -147,17 +147,17 @@ def test_workers_finish_what_they_began_and_begin_nothing_more(make_study, tissu
     log = tmp_path / "log.txt"
     study = make_study(solver=tissue.Analytic(tissue.AnalyticSettings(log=str(log))))
     ended = []
-    work = Work(
+    batch = Batch(
         solver=study.solver,
         jobs=jobs_for(study, 200),
         limbs={},
         limits=Limits(time_s=30.0),
         n_workers=2,
         plugin_files=study.plugin_files,
-        going_on=lambda: len(ended) < 5,
+        should_continue=lambda: len(ended) < 5,
     )
-    for outcome in Processes().outcomes(work):
-        ended.append(outcome)  # noqa: PERF402 - going_on looks at how many there are
+    for result in Processes().results(batch):
+        ended.append(result)  # noqa: PERF402 - should_continue looks at how many there are
     assert 5 <= len(ended) < 100
     assert {o.status for o in ended} == {Status.OK}
     for pid in {int(line.split()[-1]) for line in log.read_text().splitlines()}:

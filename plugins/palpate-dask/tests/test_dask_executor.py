@@ -27,7 +27,7 @@ from palpate.domain import (
     Status,
 )
 from palpate.errors import ExecutorError, PluginError
-from palpate.executors import InProcess, Limits, Processes, Work
+from palpate.executors import Batch, InProcess, Limits, Processes
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger
@@ -36,7 +36,7 @@ from palpate.stages.samplers import LatinHypercube
 from palpate.stages.sampling import draw_design
 from palpate.study.reading import Study, StudySpot
 from palpate_dask import cluster as dask_cluster
-from palpate_dask import station
+from palpate_dask import worker_runtime
 from palpate_dask.executor import DaskExecutor
 from palpate_dask.settings import DaskSettings
 
@@ -94,9 +94,9 @@ def study(file, tmp_path):
     )  # fmt: skip
 
 
-def work_of(study, **limits):
+def batch_of(study, **limits):
     design = SimpleNamespace(n_sets=8, values=np.linspace([0.2], [0.8], 8))
-    return Work(
+    return Batch(
         solver=study.solver,
         jobs=simulation.jobs(study, design, {}),
         limbs={},
@@ -130,15 +130,15 @@ def test_what_cannot_be_sent_is_refused_before_there_is_a_cluster(study, monkeyp
 
     monkeypatch.setattr("palpate_dask.flow.connected", None)
     region = replace(study.space.regions[0], material=Local())
-    work = work_of(replace(study, space=ParameterSpace(regions=(region,))))
+    batch = batch_of(replace(study, space=ParameterSpace(regions=(region,))))
     with pytest.raises(PluginError, match="a material of the study cannot be sent"):
-        list(DaskExecutor().outcomes(work))
+        list(DaskExecutor().results(batch))
 
 
 def test_a_cluster_of_this_machine_holds_limits_and_gives_the_same_bits(study, tmp_path):
     study = hurting(study, tmp_path)
-    found = {o.index: o for o in DaskExecutor().outcomes(work_of(study, time_s=1.5))}
-    expected = {o.index: o for o in Processes().outcomes(work_of(study, time_s=1.5))}
+    found = {o.index: o for o in DaskExecutor().results(batch_of(study, time_s=1.5))}
+    expected = {o.index: o for o in Processes().results(batch_of(study, time_s=1.5))}
     assert sorted(found) == list(range(8))
     assert [found[i].status for i in range(8)] == [expected[i].status for i in range(8)]
     assert found[1].status is Status.CRASHED
@@ -161,12 +161,12 @@ def test_a_cluster_of_this_machine_opens_no_port():
 
 
 def test_workers_stay_warm_and_what_is_not_to_go_on_is_drained(study, tmp_path):
-    outcomes = []
-    work = replace(work_of(study), going_on=lambda: len(outcomes) < 3)
-    for outcome in DaskExecutor().outcomes(work):
-        outcomes.append(outcome)  # noqa: PERF402 - going_on looks at how many there are
-    assert 3 <= len(outcomes) < 8
-    assert len(started(tmp_path)) == len(outcomes)
+    results = []
+    batch = replace(batch_of(study), should_continue=lambda: len(results) < 3)
+    for result in DaskExecutor().results(batch):
+        results.append(result)  # noqa: PERF402 - should_continue looks at how many there are
+    assert 3 <= len(results) < 8
+    assert len(started(tmp_path)) == len(results)
     assert len({pid for _, pid in started(tmp_path)}) <= 2
 
 
@@ -176,19 +176,19 @@ def test_workers_stay_warm_and_what_is_not_to_go_on_is_drained(study, tmp_path):
 def test_nobody_at_the_address_is_told(study):
     executor = DaskExecutor(DaskSettings(address="tcp://127.0.0.1:9", timeout="1 s"))
     with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9 within 1 s"):
-        list(executor.outcomes(work_of(study)))
+        list(executor.results(batch_of(study)))
 
 
 def test_workers_of_other_versions_are_refused_with_both(study, monkeypatch):
-    here = station.versions
+    here = worker_runtime.versions
     told = iter([here(study.solver, ()) | {"palpate": "9.9", "extra": "1"}])
-    monkeypatch.setattr(station, "versions", lambda *given: next(told, None) or here(*given))
+    monkeypatch.setattr(worker_runtime, "versions", lambda *given: next(told, None) or here(*given))
     with pytest.raises(ExecutorError, match=r"versions: palpate .* instead of 9\.9; extra absent instead"):
-        list(DaskExecutor().outcomes(work_of(study)))
+        list(DaskExecutor().results(batch_of(study)))
 
 
 def test_the_code_of_installed_plugins_is_among_the_versions(study):
-    found = station.versions(study.solver, ())
+    found = worker_runtime.versions(study.solver, ())
     assert re.fullmatch(r"\d+\.\d+\.\d+, source [0-9a-f]{16}", found["palpate-materials"])
 
 
@@ -261,7 +261,7 @@ def test_the_scheduler_s_death_loses_nothing_and_the_sweep_goes_on_elsewhere(stu
 
         def note(self, text): ...
 
-        def going_on(self):
+        def should_continue(self):
             return True
 
         def step(self, note=""):
@@ -305,7 +305,7 @@ def test_jobs_of_a_batch_system_work_over_tls_and_end_with_the_run(study, tmp_pa
         "memory": "1 GB",
         "options": {"interface": "lo", "shared_temp_directory": str(tmp_path), "queue": "short"},
     }
-    found = list(DaskExecutor(DaskSettings(jobqueue=queue)).outcomes(work_of(study)))
+    found = list(DaskExecutor(DaskSettings(jobqueue=queue)).results(batch_of(study)))
     assert sorted(o.index for o in found) == list(range(8))
     assert {o.status for o in found} == {Status.OK}
     job = (tmp_path / "job.sh").read_text()
@@ -329,6 +329,6 @@ def until_ended(pid):
 def test_a_plugin_file_that_a_worker_cannot_load_is_told(study, tmp_path):
     broken = tmp_path / "broken.py"
     broken.write_text("raise RuntimeError('no licence')")
-    work = replace(work_of(study), plugin_files=(*study.plugin_files, broken))
+    batch = replace(batch_of(study), plugin_files=(*study.plugin_files, broken))
     with pytest.raises((ExecutorError, PluginError), match="no licence"):
-        list(DaskExecutor().outcomes(work))
+        list(DaskExecutor().results(batch))

@@ -132,7 +132,7 @@ class StageProgress:
             self.warnings.append(text.removeprefix(WARNING))
         self._console.print(text, markup=False)
 
-    def going_on(self) -> bool:
+    def should_continue(self) -> bool:
         """Go on until the user asks to stop."""
         return not self._stopping
 

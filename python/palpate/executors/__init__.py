@@ -4,18 +4,18 @@ import contextlib
 from collections.abc import Iterator
 
 from palpate.executors.attempts import attempt
+from palpate.executors.batch import Batch, JobResult, Limits
 from palpate.executors.machine import n_cores, n_fitting, thread_limits
 from palpate.executors.pool import Pool, by_spot
-from palpate.executors.work import Limits, Outcome, Work
 from palpate.plugins.interfaces import Executor
 
 __all__ = [
+    "Batch",
     "InProcess",
+    "JobResult",
     "Limits",
-    "Outcome",
     "Pool",
     "Processes",
-    "Work",
     "attempt",
     "n_cores",
     "thread_limits",
@@ -33,15 +33,15 @@ class InProcess(Executor):
     holds_limits = False
     summary = "one after the other in palpate's own process; no time or memory limit holds there"
 
-    def outcomes(self, work: Work) -> Iterator[Outcome]:
-        """Yield the outcome of each job as it ends."""
+    def results(self, batch: Batch) -> Iterator[JobResult]:
+        """Yield the result of each job as it ends."""
 
         def started(index: int) -> None:
-            work.running(1)
+            batch.running(1)
 
-        for spot, indices in by_spot(work.jobs).items():
-            tasks = [(i, work.jobs[i]) for i in indices]
-            yield from attempt(work.solver, work.limbs.get(spot), tasks, started, work.going_on)
+        for spot, indices in by_spot(batch.jobs).items():
+            tasks = [(i, batch.jobs[i]) for i in indices]
+            yield from attempt(batch.solver, batch.limbs.get(spot), tasks, started, batch.should_continue)
 
 
 class Processes(Executor):
@@ -50,16 +50,16 @@ class Processes(Executor):
     name = "processes"
     summary = "worker processes of this machine, each held to its share of the cores"
 
-    def outcomes(self, work: Work) -> Iterator[Outcome]:
-        """Yield the outcome of each job as it comes.
+    def results(self, batch: Batch) -> Iterator[JobResult]:
+        """Yield the result of each job as it comes.
 
         Raises
         ------
         PluginError
             The solver or a material cannot be sent to a worker, or a worker cannot start.
         """
-        if not work.jobs:
+        if not batch.jobs:
             return
-        n_processes = min(work.n_workers or n_fitting(work.limits.memory_MB), len(work.jobs))
-        with contextlib.closing(Pool(work, n_processes)) as pool:
-            yield from pool.outcomes(work.jobs)
+        n_processes = min(batch.n_workers or n_fitting(batch.limits.memory_MB), len(batch.jobs))
+        with contextlib.closing(Pool(batch, n_processes)) as pool:
+            yield from pool.results(batch.jobs)

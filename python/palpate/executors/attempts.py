@@ -8,7 +8,7 @@ from time import perf_counter
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import CurveError
 from palpate.executors.answers import believable, checked, storable
-from palpate.executors.work import Outcome
+from palpate.executors.batch import JobResult
 from palpate.plugins.interfaces import Solver
 
 LONGEST_TRACEBACK = 20_000
@@ -22,23 +22,23 @@ class _InFlight:
     """The jobs that a solver has taken and not yet answered, in order."""
 
     def __init__(
-        self, tasks: Sequence[Task], started: Callable[[int], None], going_on: Callable[[], bool]
+        self, tasks: Sequence[Task], started: Callable[[int], None], should_continue: Callable[[], bool]
     ) -> None:
         self._waiting = list(tasks)
         self._started = started
-        self._going_on = going_on
+        self._should_continue = should_continue
         self.taken: dict[tuple[str, int], tuple[int, Job, float]] = {}
         self.n_answered = 0
 
     def feed(self) -> Iterator[Job]:
-        while self._waiting and self._going_on():
+        while self._waiting and self._should_continue():
             index, job = self._waiting.pop(0)
             self.taken[job.spot, job.set_id] = (index, job, perf_counter())
             self._started(index)
             yield job
 
-    def answer(self, answer: object) -> Outcome | None:
-        """Outcome of a simulation, or None for one that nobody asked for."""
+    def answer(self, answer: object) -> JobResult | None:
+        """Result of a simulation, or None for one that nobody asked for."""
         if not isinstance(answer, Simulation):
             checked(answer)
             return None
@@ -47,7 +47,7 @@ class _InFlight:
             return None
         index, job, begun = self.taken.pop(name)
         self.n_answered += 1
-        return outcome_of(index, job, answer, perf_counter() - begun)
+        return job_result(index, job, answer, perf_counter() - begun)
 
     @property
     def left(self) -> list[Task]:
@@ -59,9 +59,9 @@ def attempt(
     limb: Limb | None,
     tasks: Sequence[Task],
     started: Callable[[int], None],
-    going_on: Callable[[], bool] = lambda: True,
-) -> Iterator[Outcome]:
-    """Outcomes of jobs of one limb, each as it ends and exactly one for each job.
+    should_continue: Callable[[], bool] = lambda: True,
+) -> Iterator[JobResult]:
+    """Results of jobs of one limb, each as it ends and exactly one for each job.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ def attempt(
     tasks : sequence of (index, Job)
     started : callable
         Told the index of a job when the solver takes it.
-    going_on : callable
-        Asked before the solver takes a job; where it says no the rest has no outcome.
+    should_continue : callable
+        Asked before the solver takes a job; where it says no the rest has no result.
 
     Notes
     -----
@@ -79,12 +79,12 @@ def attempt(
     the others go on. If it worked on several, each is tried alone to find the culprit.
     """
     left = list(tasks)
-    while left and going_on():
-        flight = _InFlight(left, started, going_on)
+    while left and should_continue():
+        flight = _InFlight(left, started, should_continue)
         try:
             for simulation in solver.simulate_many(flight.feed(), limb):
-                if (outcome := flight.answer(simulation)) is not None:
-                    yield outcome
+                if (result := flight.answer(simulation)) is not None:
+                    yield result
         except (Exception, SystemExit) as error:
             culprits = list(flight.taken.values())
             if len(culprits) == 1:
@@ -98,7 +98,7 @@ def attempt(
             left = flight.left
         else:
             unanswered = [(index, job) for index, job, _ in flight.taken.values()]
-            if going_on():
+            if should_continue():
                 unanswered += flight.left
             yield from (_unanswered(index) for index, _ in unanswered)
             return
@@ -109,7 +109,9 @@ def simulate_alone(solver: Solver, job: Job, limb: Limb | None) -> Simulation:
     return _attempt_alone(solver, limb, (0, job), lambda index: None).simulation(job)
 
 
-def _attempt_alone(solver: Solver, limb: Limb | None, task: Task, started: Callable[[int], None]) -> Outcome:
+def _attempt_alone(
+    solver: Solver, limb: Limb | None, task: Task, started: Callable[[int], None]
+) -> JobResult:
     flight = _InFlight([task], started, lambda: True)
     job = next(flight.feed())
     begun = perf_counter()
@@ -119,14 +121,14 @@ def _attempt_alone(solver: Solver, limb: Limb | None, task: Task, started: Calla
         return _failed(task[0], error, begun)
 
 
-def outcome_of(index: int, job: Job, answer: object, seconds: float) -> Outcome:
-    """Outcome of a job from an answer: ``unreadable`` with the reason where it cannot be used."""
+def job_result(index: int, job: Job, answer: object, seconds: float) -> JobResult:
+    """Result of a job from an answer: ``unreadable`` with the reason where it cannot be used."""
     try:
         simulation = believable(replace(checked(answer), job=job))
         took = 0.0 < simulation.seconds < float("inf")
     except Exception as error:
         return _failed(index, error, perf_counter() - seconds)
-    return Outcome(
+    return JobResult(
         index=index,
         status=simulation.status,
         response=simulation.response,
@@ -136,10 +138,10 @@ def outcome_of(index: int, job: Job, answer: object, seconds: float) -> Outcome:
     )
 
 
-def _failed(index: int, error: BaseException, begun: float) -> Outcome:
-    """Outcome of a job that raised: curves that cannot be used are unreadable, anything else is a crash."""
+def _failed(index: int, error: BaseException, begun: float) -> JobResult:
+    """Result of a job that raised: curves that cannot be used are unreadable, anything else is a crash."""
     whole = "".join(traceback.format_exception(error))
-    return Outcome(
+    return JobResult(
         index=index,
         status=Status.UNREADABLE if isinstance(error, CurveError) else Status.CRASHED,
         message=storable(traceback.format_exception_only(error)[-1].strip()),
@@ -148,7 +150,7 @@ def _failed(index: int, error: BaseException, begun: float) -> Outcome:
     )
 
 
-def _unanswered(index: int) -> Outcome:
-    return Outcome(
+def _unanswered(index: int) -> JobResult:
+    return JobResult(
         index=index, status=Status.UNREADABLE, message="the solver ended without a result for this job"
     )

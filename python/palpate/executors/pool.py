@@ -20,8 +20,8 @@ from typing import Any
 
 from palpate.domain import Job, Status
 from palpate.errors import ExecutorError, PluginError
+from palpate.executors.batch import Batch, JobResult
 from palpate.executors.machine import n_cores, thread_limits
-from palpate.executors.work import Outcome, Work
 from palpate.executors.worker import packed, receive, send
 
 LARGEST_CHUNK = 16
@@ -59,8 +59,8 @@ class Pool:
 
     Parameters
     ----------
-    work : Work
-        Its jobs are not begun by themselves: see :meth:`outcomes`.
+    batch : Batch
+        Its jobs are not begun by themselves: see :meth:`results`.
     n_processes : int
         Most workers at a time.
     n_threads : int, optional
@@ -72,16 +72,16 @@ class Pool:
         The solver cannot be sent to a worker.
     """
 
-    def __init__(self, work: Work, n_processes: int, n_threads: int | None = None) -> None:
+    def __init__(self, batch: Batch, n_processes: int, n_threads: int | None = None) -> None:
         self._jobs: Sequence[Job] = ()
-        self._limbs = work.limbs
-        self._limits = work.limits
-        self._going_on = work.going_on
-        self._tell_running = work.running
+        self._limbs = batch.limbs
+        self._limits = batch.limits
+        self._should_continue = batch.should_continue
+        self._tell_running = batch.running
         self._n_processes = n_processes
         self._n_threads = n_threads or max(1, n_cores() // n_processes)
-        solver = packed_or_refused(work.solver, f"solver '{work.solver.name}'")
-        self._setup = (tuple(work.plugin_files), solver, work.limits.memory_MB)
+        solver = packed_or_refused(batch.solver, f"solver '{batch.solver.name}'")
+        self._setup = (tuple(batch.plugin_files), solver, batch.limits.memory_MB)
         self._pending: dict[str, deque[int]] = {}
         self._alone: deque[int] = deque()
         self._n_failed_starts = 0
@@ -90,8 +90,8 @@ class Pool:
         self._events: queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]] = queue.SimpleQueue()
         self._workers: list[_Worker] = []
 
-    def outcomes(self, jobs: Sequence[Job]) -> Iterator[Outcome]:
-        """Outcomes as they come, one for each job; fewer once the work is not to go on.
+    def results(self, jobs: Sequence[Job]) -> Iterator[JobResult]:
+        """Results as they come, one for each job; fewer if the batch is stopped.
 
         Raises
         ------
@@ -108,13 +108,13 @@ class Pool:
             if worker.has_ended:  # while it had nothing to do: no job of these is to blame
                 self._dismiss(worker)
         while n_left:
-            if self._going_on():
+            if self._should_continue():
                 self._staff()
             elif not self._let_go():
                 return
-            for outcome in self._next_outcomes():
+            for result in self._next_results():
                 n_left -= 1
-                yield outcome
+                yield result
 
     def _let_go(self) -> bool:
         """Dismiss the workers that are between two jobs; returns whether any is left."""
@@ -130,7 +130,7 @@ class Pool:
         self._workers = []
 
     def kill(self) -> None:
-        """End every worker process, from any thread; whoever waits for outcomes sees them gone."""
+        """End every worker process, from any thread; whoever waits for results sees them gone."""
         for worker in list(self._workers):
             worker.kill()
 
@@ -184,7 +184,7 @@ class Pool:
 
     # ------------------------------------------------------------------ listening
 
-    def _next_outcomes(self) -> list[Outcome]:
+    def _next_results(self) -> list[JobResult]:
         """Wait for one message, or for the next time limit to pass, and act on it."""
         late = min(self._workers, key=self._deadline)
         asked = monotonic()
@@ -203,7 +203,7 @@ class Pool:
         worker.heard()
         return self._handle(worker, *message)
 
-    def _handle(self, worker: "_Worker", kind: str, *content: Any) -> list[Outcome]:  # noqa: ANN401 - each kind has its own
+    def _handle(self, worker: "_Worker", kind: str, *content: Any) -> list[JobResult]:  # noqa: ANN401 - each kind has its own
         if kind == "ready":
             worker.ready = True
             self._n_failed_starts = 0
@@ -211,10 +211,10 @@ class Pool:
             worker.started.add(content[0])
             self._tell_running(sum(len(each.started) for each in self._workers))
         elif kind == "done":
-            (outcome,) = content
-            worker.started.discard(outcome.index)
-            worker.assigned.remove(outcome.index)
-            return [outcome]
+            (result,) = content
+            worker.started.discard(result.index)
+            worker.assigned.remove(result.index)
+            return [result]
         elif kind == "unable":
             raise PluginError(f"a worker process cannot load the study's plugins: {content[0]}")
         elif kind == "gone":
@@ -230,7 +230,7 @@ class Pool:
 
     # -------------------------------------------------------------------- failing
 
-    def _timed_out(self, worker: "_Worker") -> list[Outcome]:
+    def _timed_out(self, worker: "_Worker") -> list[JobResult]:
         suspects = self._dismiss(worker)
         if not worker.ready:
             raise PluginError(
@@ -243,11 +243,11 @@ class Pool:
         seconds = monotonic() - worker.last_heard
         message = f"stopped after {seconds:.1f} s (limit {self._limits.time_s:g} s)"
         return [
-            Outcome(index=index, status=Status.TIMED_OUT, message=message, seconds=seconds)
+            JobResult(index=index, status=Status.TIMED_OUT, message=message, seconds=seconds)
             for index in suspects
         ]
 
-    def _gone(self, worker: "_Worker") -> list[Outcome]:
+    def _gone(self, worker: "_Worker") -> list[JobResult]:
         """Try the jobs of a worker that died again, alone, before they are quarantined."""
         worker.await_end()
         had_begun = bool(worker.started)
@@ -271,7 +271,7 @@ class Pool:
         final = [index for index in suspects if self._crashes[index] >= n_attempts]
         self._alone.extend(index for index in suspects if self._crashes[index] < n_attempts)
         return [
-            Outcome(
+            JobResult(
                 index=index,
                 status=Status.CRASHED,
                 message=f"the worker process ended {_times(n_attempts)} on this job: {worker.how_it_ended()}",

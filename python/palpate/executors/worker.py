@@ -120,8 +120,8 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
         else:
             tasks = pickle.loads(content[0])
             limb, started = limbs.get(tasks[0][1].spot), partial(tell, "started")
-            for outcome in attempt(solver, limb, tasks, started):
-                tell("done", outcome)
+            for result in attempt(solver, limb, tasks, started):
+                tell("done", result)
             tell("idle")
 
 

@@ -107,7 +107,7 @@ def palpate_executors() -> "Iterable[type[Executor]]":  # type: ignore[empty-bod
     """Places where jobs can run.
 
     A study names one under ``[executor]``. Results are stored by the process that asks for them,
-    so an executor only hands outcomes back, one for each job, in any order.
+    so an executor only hands results back, one for each job, in any order.
     """
 
 

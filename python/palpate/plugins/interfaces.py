@@ -32,7 +32,7 @@ from palpate.plugins.fingerprints import CORE, code_fingerprint
 from palpate.plugins.inspection import Inspection
 
 if TYPE_CHECKING:
-    from palpate.executors.work import Outcome, Work
+    from palpate.executors.batch import Batch, JobResult
 
 Array = Any
 """An array of the array API: numpy in checks, JAX under differentiation."""
@@ -434,16 +434,16 @@ class Solver(Component):
 
 
 class Executor(Component):
-    """Runs jobs somewhere, and hands every outcome back to this process, which alone keeps them."""
+    """Runs jobs somewhere, and hands every result back to this process, which alone keeps them."""
 
     holds_limits: ClassVar[bool] = True
     """False where a job cannot be held to a memory limit; a study that asks for one is refused."""
 
     @abstractmethod
-    def outcomes(self, work: "Work") -> "Iterator[Outcome]":
-        """Yield the outcome of each job as it comes, exactly one for each.
+    def results(self, batch: "Batch") -> "Iterator[JobResult]":
+        """Yield the result of each job as it comes, exactly one for each.
 
-        A job that fails, hangs or ends its worker has an outcome too. When ``work.going_on()``
+        A job that fails, hangs or ends its worker has a result too. When ``batch.should_continue()``
         turns false no further job is begun, and those begun are finished.
 
         Raises

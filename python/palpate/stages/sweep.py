@@ -12,8 +12,8 @@ from pathlib import Path
 
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import PluginError, StoppedError
-from palpate.executors import Limits, Outcome, Processes, Work
-from palpate.executors.attempts import outcome_of
+from palpate.executors import Batch, JobResult, Limits, Processes
+from palpate.executors.attempts import job_result
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT, CountsRunning, Progress
@@ -151,16 +151,16 @@ def _take_from_cache(sweep: Sweep, by_key: Mapping[str, Job], state: _State, wri
 
 def _simulate_missing(sweep: Sweep, by_key: Mapping[str, Job], state: _State, writer: Writer) -> None:
     keys, n_jobs = _missing(by_key, state), Counter(sweep.keys)
-    if not keys or not sweep.progress.going_on():
+    if not keys or not sweep.progress.should_continue():
         return
     # Results of code that is only trusted to equal its key's are for this run alone.
     shared = sweep.study.cache if not sweep.study.trusted else None
     cache = ResultCache(shared) if shared else None
     jobs = [by_key[key] for key in keys]
-    for outcome in outcomes(sweep.study, sweep.study.solver, jobs, sweep.limbs, sweep.progress):
-        key = keys[outcome.index]
-        simulation = outcome.simulation(by_key[key])
-        quarantined = sweep.study.n_attempts if outcome.quarantined else 0
+    for result in results(sweep.study, sweep.study.solver, jobs, sweep.limbs, sweep.progress):
+        key = keys[result.index]
+        simulation = result.simulation(by_key[key])
+        quarantined = sweep.study.n_attempts if result.quarantined else 0
         writer.store(Finished(key=key, simulation=simulation, quarantined=quarantined))
         if cache is not None:
             cache.store(key, simulation)
@@ -173,14 +173,14 @@ def _settle(sweep: Sweep, state: _State, key: str, simulation: Simulation, n_job
         sweep.progress.step(simulation.status.value)
 
 
-def outcomes(
+def results(
     study: Study,
     solver: Solver,
     jobs: Sequence[Job],
     limbs: Mapping[str, Limb],
     progress: Progress = SILENT,
-) -> Iterator[Outcome]:
-    """Outcomes of jobs where the study lets them run, each as it comes; nothing is kept.
+) -> Iterator[JobResult]:
+    """Results of jobs where the study lets them run, each as it comes; nothing is kept.
 
     Raises
     ------
@@ -189,33 +189,33 @@ def outcomes(
     """
     limits = Limits(time_s=study.time_limit_s, memory_MB=study.memory_limit_MB, n_attempts=study.n_attempts)
     executor = study.executor or Processes()
-    work = Work(
+    batch = Batch(
         solver=solver,
         jobs=jobs,
         limbs=limbs,
         limits=limits,
         n_workers=study.n_workers,
         plugin_files=study.plugin_files,
-        going_on=progress.going_on,
+        should_continue=progress.should_continue,
         running=progress.running if isinstance(progress, CountsRunning) else lambda n_running: None,
     )
     waiting = set(range(len(jobs)))
     with answering_for(executor, "starting the simulations"):
-        found = iter(executor.outcomes(work))
+        found = iter(executor.results(batch))
     while True:
         with answering_for(executor, "running the simulations"):
-            outcome = next(found, None)
-            if outcome is None:
+            result = next(found, None)
+            if result is None:
                 break
-            if not isinstance(outcome, Outcome) or outcome.index not in waiting:
-                raise ValueError(f"it yielded {outcome!r:.200}, not the Outcome of a job that was waiting")
-        waiting.discard(outcome.index)
-        job = jobs[outcome.index]
-        sound = outcome_of(outcome.index, job, outcome.simulation(job), outcome.seconds)
-        yield replace(sound, quarantined=outcome.quarantined)
-    if waiting and progress.going_on():
+            if not isinstance(result, JobResult) or result.index not in waiting:
+                raise ValueError(f"it yielded {result!r:.200}, not the JobResult of a job that was waiting")
+        waiting.discard(result.index)
+        job = jobs[result.index]
+        sound = job_result(result.index, job, result.simulation(job), result.seconds)
+        yield replace(sound, quarantined=result.quarantined)
+    if waiting and progress.should_continue():
         raise PluginError(
-            f"executor '{executor.name}' ended without an outcome for {len(waiting)} of {len(jobs)} jobs; "
+            f"executor '{executor.name}' ended without a result for {len(waiting)} of {len(jobs)} jobs; "
             "what is finished is kept; set executor.name = 'processes', or report it to the plugin's author"
         )
 

@@ -26,7 +26,7 @@ from palpate.stages.experiment import load_measured
 from palpate.stages.keys import job_key
 from palpate.stages.limb import load_limbs
 from palpate.stages.simulation import check_jobs, homogeneous_tests
-from palpate.stages.sweep import outcomes
+from palpate.stages.sweep import results
 from palpate.study.reading import Study, StudySpot
 
 NOTE = "origin.json"
@@ -197,15 +197,15 @@ def _simulated(
 ) -> dict[str, Response]:
     progress.begin("synthesise", len(jobs))
     found: dict[str, Response] = {}
-    for outcome in outcomes(study, study.solver, jobs, limbs):
-        progress.step(outcome.status.value)
-        spot = jobs[outcome.index].spot
-        if outcome.status is not Status.OK or outcome.response is None:
+    for result in results(study, study.solver, jobs, limbs):
+        progress.step(result.status.value)
+        spot = jobs[result.index].spot
+        if result.status is not Status.OK or result.response is None:
             raise StudyError(
-                f"spot '{spot}': the simulation of the truth ended {outcome.status.value} "
-                f"({outcome.message or 'no message'}); {outcome.status.remedy}, or change [truth]"
+                f"spot '{spot}': the simulation of the truth ended {result.status.value} "
+                f"({result.message or 'no message'}); {result.status.remedy}, or change [truth]"
             )
-        found[spot] = _without_rest(outcome.response)
+        found[spot] = _without_rest(result.response)
     return {job.spot: found[job.spot] for job in jobs}
 
 

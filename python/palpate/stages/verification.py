@@ -61,7 +61,7 @@ def prove(
     rows: list[dict[str, Any]] = []
     progress.begin("prove", len(found))
     for simulation in found:
-        if not progress.going_on():
+        if not progress.should_continue():
             raise StoppedError(
                 f"stopped while proving the chosen sets; `palpate resume {run.folder}` goes on from there"
             )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Curve, HomogeneousTests, Job, Limb, Parameter, Response, Simulation, Status
-from palpate.executors.work import Limits, Outcome, Work
+from palpate.executors.batch import Batch, JobResult, Limits
 from palpate.plugins.interfaces import Array, Component, Executor, Material, Solver
 from palpate.testing.components import ComponentContract, missing
 
@@ -93,53 +93,60 @@ class ExecutorContract(ComponentContract):
             for set_id in range(self.n_sets)
         ]
 
-    def work(self, jobs: list[Job], n_before_stop: int | None = None) -> Work:
-        """Build the work of these jobs; it stops going on when asked for the n-th time."""
+    def batch(self, jobs: list[Job], n_before_stop: int | None = None) -> Batch:
+        """Build a batch of these jobs; it stops when asked for the n-th time."""
         asked = iter(range(10**9))
 
-        def going_on() -> bool:
+        def should_continue() -> bool:
             return n_before_stop is None or next(asked) < n_before_stop
 
         limits = Limits(time_s=self.time_s)
-        return Work(solver=LinearSolver(), jobs=jobs, limbs={}, limits=limits, n_workers=2, going_on=going_on)
+        return Batch(
+            solver=LinearSolver(),
+            jobs=jobs,
+            limbs={},
+            limits=limits,
+            n_workers=2,
+            should_continue=should_continue,
+        )
 
-    def test_every_job_has_one_outcome(self, executor: Executor, jobs: list[Job]) -> None:
-        found = list(executor.outcomes(self.work(jobs)))
+    def test_every_job_has_one_result(self, executor: Executor, jobs: list[Job]) -> None:
+        found = list(executor.results(self.batch(jobs)))
         missed = sorted(set(range(len(jobs))) - {o.index for o in found})
-        assert not missed, f"no outcome for the jobs at {missed}: a failed job has one too"
-        assert len(found) == len(jobs), f"{len(found)} outcomes for {len(jobs)} jobs: exactly one for each"
+        assert not missed, f"no result for the jobs at {missed}: a failed job has one too"
+        assert len(found) == len(jobs), f"{len(found)} results for {len(jobs)} jobs: exactly one for each"
 
-    def test_outcomes_are_those_of_their_jobs(self, executor: Executor, jobs: list[Job]) -> None:
-        for outcome in executor.outcomes(self.work(jobs)):
-            job = jobs[outcome.index]
+    def test_results_are_those_of_their_jobs(self, executor: Executor, jobs: list[Job]) -> None:
+        for result in executor.results(self.batch(jobs)):
+            job = jobs[result.index]
             if job.set_id == FAILING:
-                self.assert_failed(outcome)
+                self.assert_failed(result)
                 continue
-            assert outcome.status is Status.OK, outcome.message
-            assert outcome.response is not None, "status ok without a response"
-            stress = outcome.response["uniaxial"].ordinate
+            assert result.status is Status.OK, result.message
+            assert result.response is not None, "status ok without a response"
+            stress = result.response["uniaxial"].ordinate
             expected = job.thetas["tissue"][0] * np.linspace(0.0, 0.5, 6)
-            said = f"outcome {outcome.index} holds the answer of another job"
+            said = f"result {result.index} holds the answer of another job"
             np.testing.assert_allclose(stress, expected, rtol=1e-12, atol=1e-15, err_msg=said)
-            here = outcome.diagnostics.get("process") == os.getpid()
+            here = result.diagnostics.get("process") == os.getpid()
             assert not (here and executor.holds_limits), (
                 "jobs run in palpate's own process, which no memory limit can end: set holds_limits = False"
             )
 
-    def assert_failed(self, outcome: Outcome) -> None:
+    def assert_failed(self, result: JobResult) -> None:
         """Assert that a job whose simulation raised is told so."""
-        assert outcome.status is Status.CRASHED, f"a simulation that raises is '{outcome.status.value}'"
-        assert "a stretch of zero" in outcome.message, f"why it failed is lost: {outcome.message!r}"
+        assert result.status is Status.CRASHED, f"a simulation that raises is '{result.status.value}'"
+        assert "a stretch of zero" in result.message, f"why it failed is lost: {result.message!r}"
 
     def test_begins_nothing_when_told_to_stop(self, executor: Executor, jobs: list[Job]) -> None:
-        found = [o.index for o in executor.outcomes(self.work(jobs, n_before_stop=1))]
-        assert len(found) == len(set(found)), "two outcomes of one job"
-        assert len(found) < len(jobs), "goes on although `going_on` said no"
+        found = [o.index for o in executor.results(self.batch(jobs, n_before_stop=1))]
+        assert len(found) == len(set(found)), "two results of one job"
+        assert len(found) < len(jobs), "goes on although `should_continue` said no"
 
     def test_no_jobs_are_done_at_once(self, executor: Executor) -> None:
-        assert list(executor.outcomes(self.work([]))) == []
+        assert list(executor.results(self.batch([]))) == []
 
     def test_a_caller_may_leave_early(self, executor: Executor, jobs: list[Job]) -> None:
-        outcomes = executor.outcomes(self.work(jobs))
-        with contextlib.closing(outcomes) as open_ones:  # type: ignore[type-var]
+        results = executor.results(self.batch(jobs))
+        with contextlib.closing(results) as open_ones:  # type: ignore[type-var]
             next(open_ones)

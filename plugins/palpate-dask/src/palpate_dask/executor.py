@@ -1,8 +1,8 @@
-"""The executor: jobs to a Dask cluster, outcomes back as they come."""
+"""The executor: jobs to a Dask cluster, results back as they come."""
 
 from collections.abc import Iterator
 
-from palpate.executors import Outcome, Work, n_cores
+from palpate.executors import Batch, JobResult, n_cores
 from palpate.executors.pool import packed_or_refused
 from palpate.plugins.interfaces import Executor
 from palpate_dask.settings import DaskSettings
@@ -13,7 +13,7 @@ class DaskExecutor(Executor):
 
     Notes
     -----
-    Every outcome is its own answer, so what is finished is kept whatever becomes of the cluster.
+    Every result is its own answer, so what is finished is kept whatever becomes of the cluster.
     Where the scheduler ends the sweep stops with an error, and the next run goes on.
     """
 
@@ -21,8 +21,8 @@ class DaskExecutor(Executor):
     summary = "a Dask cluster: this machine, an address, or the nodes of a batch system"
     Settings = DaskSettings
 
-    def outcomes(self, work: Work) -> Iterator[Outcome]:
-        """Yield the outcome of each job as it comes.
+    def results(self, batch: Batch) -> Iterator[JobResult]:
+        """Yield the result of each job as it comes.
 
         Raises
         ------
@@ -31,11 +31,11 @@ class DaskExecutor(Executor):
         PluginError
             The solver or a material cannot be sent, or a worker process cannot start.
         """
-        if not work.jobs:
+        if not batch.jobs:
             return
-        packed_or_refused(work.solver, f"solver '{work.solver.name}'")
-        packed_or_refused(work.jobs[0], "a material of the study")
-        n_workers = min(work.n_workers or n_cores(), len(work.jobs))
-        from palpate_dask.flow import outcomes_on_cluster  # here: who lists plugins needs no Dask
+        packed_or_refused(batch.solver, f"solver '{batch.solver.name}'")
+        packed_or_refused(batch.jobs[0], "a material of the study")
+        n_workers = min(batch.n_workers or n_cores(), len(batch.jobs))
+        from palpate_dask.flow import results_on_cluster  # here: who lists plugins needs no Dask
 
-        yield from outcomes_on_cluster(self.settings, work, n_workers)
+        yield from results_on_cluster(self.settings, batch, n_workers)

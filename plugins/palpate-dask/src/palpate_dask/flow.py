@@ -1,4 +1,4 @@
-"""Jobs on their way to a Dask cluster, and outcomes on their way back."""
+"""Jobs on their way to a Dask cluster, and results on their way back."""
 
 import contextlib
 import pickle
@@ -12,28 +12,28 @@ from distributed.scheduler import KilledWorker
 
 from palpate.domain import Status
 from palpate.errors import ExecutorError, PalpateError
-from palpate.executors import Outcome, Work
+from palpate.executors import Batch, JobResult
 from palpate.executors.worker import packed
 from palpate_dask.cluster import connected
 from palpate_dask.settings import DaskSettings
-from palpate_dask.station import Station, run_tasks, shared_by
+from palpate_dask.worker_runtime import WorkerRuntime, run_tasks, shared_by
 
 WAITING_PER_THREAD = 1
 """Jobs that wait on the cluster for each that runs there, so that no worker is ever idle."""
 
 
-def outcomes_on_cluster(settings: DaskSettings, work: Work, n_workers: int) -> Iterator[Outcome]:
-    """Yield the outcome of each job as it comes from the cluster that the settings name."""
-    with connected(settings, n_workers) as client, _stationed(client, work) as station:
-        yield from _Flow(client, station, work).outcomes()
+def results_on_cluster(settings: DaskSettings, batch: Batch, n_workers: int) -> Iterator[JobResult]:
+    """Yield the result of each job as it comes from the cluster that the settings name."""
+    with connected(settings, n_workers) as client, _runtime_on_workers(client, batch) as runtime:
+        yield from _Flow(client, runtime, batch).results()
 
 
 @contextlib.contextmanager
-def _stationed(client: Client, work: Work) -> Iterator[str]:
-    """Set up a station on every worker, those that come later included, and take all down at the end."""
+def _runtime_on_workers(client: Client, batch: Batch) -> Iterator[str]:
+    """Install the runtime on every worker, those that come later included, and take all down at the end."""
     name = f"palpate-{secrets.token_hex(6)}"
     try:
-        client.register_plugin(Station(shared_by(work), name), name=name)
+        client.register_plugin(WorkerRuntime(shared_by(batch), name), name=name)
     except PalpateError:
         raise
     except Exception as error:
@@ -53,14 +53,14 @@ def _stationed(client: Client, work: Work) -> Iterator[str]:
 class _Flow:
     """Keeps as many jobs on the cluster as it can work on, and one more for each."""
 
-    def __init__(self, client: Client, station: str, work: Work) -> None:
+    def __init__(self, client: Client, runtime: str, batch: Batch) -> None:
         self._client = client
-        self._station = station
-        self._work = work
-        self._waiting = deque(range(len(work.jobs)))
+        self._runtime = runtime
+        self._batch = batch
+        self._waiting = deque(range(len(batch.jobs)))
         self._sent: dict[Future, int] = {}
 
-    def outcomes(self) -> Iterator[Outcome]:
+    def results(self) -> Iterator[JobResult]:
         answers = as_completed(loop=self._client.loop, raise_errors=False)
         while True:
             try:
@@ -75,21 +75,21 @@ class _Flow:
             yield from found
 
     def _send(self) -> list[Future]:
-        """Hand out what the cluster has room for; nothing more once the work is not to go on."""
+        """Hand out what the cluster has room for; nothing once the batch is stopped."""
         sent: list[Future] = []
         n_room = (1 + WAITING_PER_THREAD) * max(1, sum(self._client.nthreads().values()))
-        while self._waiting and len(self._sent) < n_room and self._work.going_on():
+        while self._waiting and len(self._sent) < n_room and self._batch.should_continue():
             index = self._waiting.popleft()
-            tasks = packed([(index, self._work.jobs[index])])
-            future = self._client.submit(run_tasks, self._station, tasks, pure=False)
+            tasks = packed([(index, self._batch.jobs[index])])
+            future = self._client.submit(run_tasks, self._runtime, tasks, pure=False)
             self._sent[future] = index
             sent.append(future)
-            self._work.running(min(len(self._sent), n_room // (1 + WAITING_PER_THREAD)))
+            self._batch.running(min(len(self._sent), n_room // (1 + WAITING_PER_THREAD)))
         return sent
 
-    def _answer(self, future: Future, index: int) -> list[Outcome]:
+    def _answer(self, future: Future, index: int) -> list[JobResult]:
         if future.status == "finished":
-            found: list[Outcome] = pickle.loads(future.result())
+            found: list[JobResult] = pickle.loads(future.result())
             return found
         if future.status == "error":
             error = future.exception()
@@ -106,8 +106,8 @@ def _gone() -> ExecutorError:
     )
 
 
-def _killed(index: int, error: KilledWorker) -> Outcome:
-    return Outcome(
+def _killed(index: int, error: KilledWorker) -> JobResult:
+    return JobResult(
         index=index,
         status=Status.CRASHED,
         message=f"the machines that Dask put this job on were lost, the last one {error.last_worker}",

@@ -10,7 +10,7 @@ from palpate.plugins.interfaces import Solver
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class JobResult:
     """What became of the job at ``index``; a :class:`Simulation` that can leave its process.
 
     Parameters
@@ -28,7 +28,7 @@ class Outcome:
     quarantined: bool = False
 
     def simulation(self, job: Job) -> Simulation:
-        """Put the outcome together with its job."""
+        """Put the result together with its job."""
         return Simulation(
             job=job,
             status=self.status,
@@ -67,7 +67,7 @@ def _ignored(n_running: int) -> None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Work:
+class Batch:
     """Jobs to be done.
 
     Parameters
@@ -78,7 +78,7 @@ class Work:
         0 means one per core.
     plugin_files : sequence of Path
         One-file plugins that each worker loads before anything else.
-    going_on : callable
+    should_continue : callable
         Asked before a job is begun; where it says no, those begun are finished and the rest left.
     running : callable
         Told how many jobs are running, as far as the executor knows, whenever that changes.
@@ -90,5 +90,5 @@ class Work:
     limits: Limits
     n_workers: int = 0
     plugin_files: Sequence[Path] = ()
-    going_on: Callable[[], bool] = _always
+    should_continue: Callable[[], bool] = _always
     running: Callable[[int], None] = _ignored

@@ -18,8 +18,8 @@ from typing import Any
 from distributed import Worker, WorkerPlugin, get_worker
 
 from palpate.errors import ExecutorError
-from palpate.executors import Limits, Pool, Work, n_cores
-from palpate.executors.work import Outcome
+from palpate.executors import Batch, Limits, Pool, n_cores
+from palpate.executors.batch import JobResult
 from palpate.executors.worker import packed
 from palpate.plugins.fingerprints import installed_code
 from palpate.plugins.interfaces import Solver
@@ -48,18 +48,18 @@ class Shared:
     versions: Mapping[str, str]
 
 
-def shared_by(work: Work) -> Shared:
+def shared_by(batch: Batch) -> Shared:
     """Collect what all jobs have in common."""
     return Shared(
-        solver=packed(work.solver),
-        limbs=packed(dict(work.limbs)),
-        limits=work.limits,
-        plugin_files=tuple(path.resolve() for path in work.plugin_files),
-        versions=versions(work.solver, work.plugin_files),
+        solver=packed(batch.solver),
+        limbs=packed(dict(batch.limbs)),
+        limits=batch.limits,
+        plugin_files=tuple(path.resolve() for path in batch.plugin_files),
+        versions=versions(batch.solver, batch.plugin_files),
     )
 
 
-class Station(WorkerPlugin):  # type: ignore[misc]
+class WorkerRuntime(WorkerPlugin):  # type: ignore[misc]
     """Runs jobs on one Dask worker, each in a process that outlives it."""
 
     def __init__(self, shared: Shared, name: str) -> None:
@@ -79,13 +79,13 @@ class Station(WorkerPlugin):  # type: ignore[misc]
         solver = pickle.loads(self.shared.solver)
         refuse_others(worker.address, self.shared.versions, versions(solver, self.shared.plugin_files))
         self._ended = threading.Event()
-        self._work = Work(
+        self._batch = Batch(
             solver=solver,
             jobs=(),
             limbs=pickle.loads(self.shared.limbs),
             limits=self.shared.limits,
             plugin_files=self.shared.plugin_files,
-            going_on=lambda: not self._ended.is_set(),
+            should_continue=lambda: not self._ended.is_set(),
         )
         self._n_threads = max(1, n_cores() // worker.state.nthreads)
         self._lock = threading.Lock()
@@ -101,18 +101,18 @@ class Station(WorkerPlugin):  # type: ignore[misc]
             pool.kill()
         self._close_idle()
 
-    def run(self, tasks: Sequence[tuple[int, Any]]) -> list[Outcome]:
-        """Outcomes of jobs of one limb, each with its index in the sweep."""
+    def run(self, tasks: Sequence[tuple[int, Any]]) -> list[JobResult]:
+        """Results of jobs of one limb, each with its index in the sweep."""
         pool = self._take()
         try:
             jobs = [job for _, job in tasks]
-            return [replace(each, index=tasks[each.index][0]) for each in pool.outcomes(jobs)]
+            return [replace(each, index=tasks[each.index][0]) for each in pool.results(jobs)]
         finally:
             self._give_back(pool)
 
     def _take(self) -> Pool:
         with self._lock:
-            pool = self._idle.pop() if self._idle else Pool(self._work, 1, self._n_threads)
+            pool = self._idle.pop() if self._idle else Pool(self._batch, 1, self._n_threads)
             self._busy.add(pool)
         return pool
 
@@ -140,17 +140,17 @@ class Station(WorkerPlugin):  # type: ignore[misc]
             pool.close()
 
 
-def run_tasks(station: str, tasks: bytes) -> bytes:
+def run_tasks(runtime: str, tasks: bytes) -> bytes:
     """Run jobs where Dask put them; what a Dask worker is asked to do.
 
     Parameters
     ----------
-    station : str
-        Name of the :class:`Station` of the sweep.
+    runtime : str
+        Name of the :class:`WorkerRuntime` of the sweep.
     tasks : bytes
         Packed pairs of index and Job.
     """
-    found: Station = get_worker().plugins[station]
+    found: WorkerRuntime = get_worker().plugins[runtime]
     return packed(found.run(pickle.loads(tasks)))
 
 
