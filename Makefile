@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PLUGINS := indentation materials jax robot-log forearm limb febio validation dask
+PLUGINS := $(dir $(wildcard plugins/*/pyproject.toml))
 EDITABLE := $(addprefix -e ,$(PLUGINS))
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
