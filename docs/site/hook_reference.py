@@ -85,9 +85,9 @@ def _component(base: type[Component]) -> Iterator[str]:
     yield f"| `{base.__name__}` | | |"
     yield "|---|---|---|"
     for name, kind in inspect.get_annotations(base).items():
-        told = kind if isinstance(kind, str) else inspect.formatannotation(kind)
-        told = re.sub(r"(typing\.)?ClassVar\[(.*)\]", r"\2", told)
-        yield f"| {'may set' if hasattr(base, name) else 'set'} | `{name}` | `{_short(told)}` |"
+        shown = kind if isinstance(kind, str) else inspect.formatannotation(kind)
+        shown = re.sub(r"(typing\.)?ClassVar\[(.*)\]", r"\2", shown)
+        yield f"| {'may set' if hasattr(base, name) else 'set'} | `{name}` | `{_short(shown)}` |"
     for name, member in vars(base).items():
         if name.startswith("_") or not callable(getattr(base, name)) or inspect.isclass(member):
             continue

@@ -24,15 +24,15 @@ def test_the_reference_is_current(tmp_path: Path) -> None:
     assert stale.read_text() == README
 
 
-def test_it_tells_every_hook_in_pipeline_order_with_what_to_define() -> None:
-    told = reference()
-    hooks = re.findall(r"^### `(palpate_\w+)`$", told, flags=re.MULTILINE)
+def test_it_lists_every_hook_in_pipeline_order_with_what_to_define() -> None:
+    text = reference()
+    hooks = re.findall(r"^### `(palpate_\w+)`$", text, flags=re.MULTILINE)
     assert set(hooks) == HOOKS
     assert hooks.index("palpate_experiment_loaders") < hooks.index("palpate_solvers")
-    assert "| define | `simulate(job, limb)` | Simulate one job." in told
-    assert "| set | `parameters` | `tuple[Parameter, ...]` |" in told
-    assert "| `weights` | `Mapping[str, float]` |" in told
-    assert not re.search(r":\w+:`|``", told)
+    assert "| define | `simulate(job, limb)` | Simulate one job." in text
+    assert "| set | `parameters` | `tuple[Parameter, ...]` |" in text
+    assert "| `weights` | `Mapping[str, float]` |" in text
+    assert not re.search(r":\w+:`|``", text)
 
 
 @pytest.mark.parametrize("text", ["", BEGIN, f"{END}\n{BEGIN}"])
@@ -41,7 +41,7 @@ def test_a_text_without_marks_is_refused(text: str) -> None:
         written(text, "x.md")
 
 
-def test_every_contract_is_told_with_its_laws() -> None:
+def test_every_contract_is_listed_with_its_laws() -> None:
     contracts = {name for name in testing.__all__ if name.endswith("Contract")} - {"ComponentContract"}
     table = README.split("| contract | tells |")[1].split("## Hooks")[0]
     assert set(re.findall(r"`(\w+Contract)`", table)) == contracts
@@ -49,12 +49,12 @@ def test_every_contract_is_told_with_its_laws() -> None:
     assert contracts == set(re.findall(r"palpate\.testing\.(\w+)", reference()))
 
 
-def test_every_plugin_of_the_folder_is_told() -> None:
-    told = set(re.findall(r"^\| \[([\w-]+)\]", README, flags=re.MULTILINE))
-    assert told == {path.parent.name for path in FOLDER.glob("*/pyproject.toml")}
+def test_every_plugin_of_the_folder_is_listed() -> None:
+    listed = set(re.findall(r"^\| \[([\w-]+)\]", README, flags=re.MULTILINE))
+    assert listed == {path.parent.name for path in FOLDER.glob("*/pyproject.toml")}
 
 
-def test_every_kind_of_new_plugin_is_told() -> None:
+def test_every_kind_of_new_plugin_is_listed() -> None:
     listed = README[README.index("palpate new-plugin") :].split("\n    cd ")[0]
     assert set(KITS) <= set(re.findall(r"\w+", listed))
 
