@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -228,7 +228,9 @@ class Parameter:
                 f"{self.unit}; swap them"
             )
         if self.scale == "log" and self.lower <= 0.0 <= self.upper:
-            raise SamplingError(f"'{self.name}': no log scale spans {self.lower} to {self.upper}; keep 0 out")
+            raise SamplingError(
+                f"'{self.name}': log scale needs bounds > 0, got {self.lower:g} to {self.upper:g}"
+            )
         for bound in (self.lower, self.upper):
             self.check(bound)
 
@@ -380,6 +382,13 @@ class Status(StrEnum):
         }[self]
 
 
+class SimulationId(NamedTuple):
+    """Which simulation of a study: the set ``set_id`` of its design at a spot."""
+
+    spot: str
+    set_id: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Job:
     """One simulation to do: a parameter set at a spot.
@@ -394,6 +403,11 @@ class Job:
     thetas: Mapping[str, FloatArray]
     protocol: Protocol
 
+    @property
+    def id(self) -> SimulationId:
+        """Which simulation of its study this is."""
+        return SimulationId(self.spot, self.set_id)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Simulation:
@@ -405,6 +419,11 @@ class Simulation:
     message: str = ""
     seconds: float = 0.0
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def id(self) -> SimulationId:
+        """Which simulation of its study this is."""
+        return self.job.id
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 Each verb reads what the verbs before it left in the run directory and leaves
 its own result there, so any of them can run alone; :func:`run_study` is all of
-them in a row. Whatever can be checked is checked before the first file is
+them in a row. Whatever can be inputs is inputs before the first file is
 written.
 """
 
@@ -30,7 +30,7 @@ from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
 from palpate.run.manifest import manifest
 from palpate.run.ownership import drawing_in
-from palpate.run.result import Checked, Report, RunResult, Selected
+from palpate.run.result import Report, RunResult, SelectionResult, StudyInputs
 from palpate.run.stage_records import design_from, measured_from, scores_from, selection_from
 from palpate.run.study_diff import Changed, changed
 from palpate.stages import scoring, selection, simulation
@@ -40,15 +40,15 @@ from palpate.stages.generalisation import generalise
 from palpate.stages.identifiability import at_measured, determine
 from palpate.stages.keys import answers_key
 from palpate.stages.limb import limb_warnings, load_limbs
-from palpate.stages.refinement import Refined, refine
-from palpate.stages.stiffness_scaling import best_on_rays
+from palpate.stages.refinement import FitResult, refine
+from palpate.stages.stiffness_scaling import best_scaled_sets
 from palpate.stages.study_design import draw_study
-from palpate.stages.verification import prove
+from palpate.stages.verification import verify
 from palpate.study.checks import odd_settings
 from palpate.study.reading import Study
 
 
-def check(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -> Checked:
+def check(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -> StudyInputs:
     """Read and check every input of the study without writing or simulating anything.
 
     Parameters
@@ -68,7 +68,7 @@ def check(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -
     design = draw_study(study, earlier)
     simulation.check_jobs(study, simulation.jobs(study, design, measured), limbs)
     warnings = (*odd_settings(study), *measured_warnings(measured), *limb_warnings(study, limbs))
-    return Checked(measured=measured, limbs=limbs, design=design, warnings=warnings)
+    return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings)
 
 
 def run_study(
@@ -112,42 +112,42 @@ def run_study(
     run.refuse_other(study, adopt=adopt)
     progress.begin("check", 1)
     made_from = measured_from(study)  # before the files are read: a later change is then noticed
-    checked = check(study, plugins, before)
+    inputs = check(study, plugins, before)
     progress.step()
-    for text in checked.warnings:
+    for text in inputs.warnings:
         progress.note(f"warning: {text}")
     study = before.trusting(study, trust)
-    confirm(_changed(study, checked, before, plugins))
-    with run.held(study, plugins.channels, adopt=adopt) as check_lock:
+    confirm(_changed(study, inputs, before, plugins))
+    with run.locked(study, plugins.channels, adopt=adopt) as check_lock:
         if forked_from is not None:
             with Ledger(forked_from) as ledger:
                 ledger.copy_to(run_folder)
-        run.begin(study, plugins.channels, simulating=True)
-        run.write_measured(checked.measured, made_from)
+        run.initialise(study, plugins.channels, simulating=True)
+        run.write_measured(inputs.measured, made_from)
         run.records.check("measured", measured_from(study))
-        run.write_design(checked.design, design_from(study))
-        if n_kept := checked.design.n_kept:
+        run.write_design(inputs.design, design_from(study))
+        if n_kept := inputs.design.n_kept:
             progress.note(f"the design begins with {n_kept} sets of an earlier one with wider ranges")
-        simulations = _simulate(study, run, checked, progress, check_lock)
-        scores = _score(study, run, checked, simulations)
-        selected = _select(study, run, checked, scores, progress)
+        simulations = _simulate(study, run, inputs, progress, check_lock)
+        scores = _score(study, run, inputs, simulations)
+        selected = _select(study, run, inputs, scores, progress)
         return RunResult(
             folder=run_folder,
-            measured=checked.measured,
-            design=checked.design,
+            measured=inputs.measured,
+            design=inputs.design,
             simulations=simulations,
             scores=scores,
             selected=selected,
-            report=_report(study, run, checked, plugins, progress),
+            report=_report(study, run, inputs, plugins, progress),
         )
 
 
-def _changed(study: Study, checked: Checked, run: RunDirectory, plugins: Plugins) -> Changed:
+def _changed(study: Study, inputs: StudyInputs, run: RunDirectory, plugins: Plugins) -> Changed:
     """How the study differs from the one that a folder was written for."""
-    if not run.is_begun:
+    if not run.exists:
         return Changed(changes=(), n_finished=0, n_valid=0)
-    to_do = simulation.jobs(study, checked.design, checked.measured)
-    keys = simulation.keys(study, to_do, checked.limbs)
+    to_do = simulation.jobs(study, inputs.design, inputs.measured)
+    keys = simulation.keys(study, to_do, inputs.limbs)
     with Ledger(run.folder) as ledger:
         return changed(ledger, run.manifest(), manifest(study, plugins.channels), keys)
 
@@ -173,7 +173,7 @@ def measure(
     with contextlib.ExitStack() as drawn:
         folders: dict[str, Path] = {}
         if plots:
-            drawn.enter_context(run.held(study, plugins.channels))
+            drawn.enter_context(run.locked(study, plugins.channels))
             for name in (spot.spot.name for spot in study.spots):
                 folders[name] = drawn.enter_context(drawing_in(run.plots(name)))
         for spot in study.spots if plots else ():
@@ -183,8 +183,8 @@ def measure(
         measured = {spot: mean(found) for spot, found in presses.items()}
         scoring.check_scorable(measured, study.normaliser, study.weights)
         if not plots:  # a file that is refused leaves no folder behind
-            drawn.enter_context(run.held(study, plugins.channels))
-        run.begin(study, plugins.channels)
+            drawn.enter_context(run.locked(study, plugins.channels))
+        run.initialise(study, plugins.channels)
         run.write_measured(measured, made_from)
         for name, folder in folders.items():
             draw_presses(presses[name], measured[name], plugins.channels, study.notice, folder)
@@ -198,9 +198,9 @@ def sample(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     """Draw the parameter sets into ``design.parquet``."""
     progress.begin("sample", 1)
     run = RunDirectory(run_folder)
-    with run.held(study, plugins.channels):
+    with run.locked(study, plugins.channels):
         design = draw_study(study, run)
-        run.begin(study, plugins.channels)
+        run.initialise(study, plugins.channels)
         run.write_design(design, design_from(study))
     progress.step()
     return design
@@ -212,12 +212,12 @@ def simulate(
     """Simulate every set at every spot, keeping each result as it comes."""
     run = RunDirectory(run_folder)
     run.require("design")
-    with run.held(study, plugins.channels) as check_lock:
+    with run.locked(study, plugins.channels) as check_lock:
         study = run.trusting(study)
-        checked = _from_files(study, run)
-        simulation.check_jobs(study, simulation.jobs(study, checked.design, checked.measured), checked.limbs)
-        run.begin(study, plugins.channels, simulating=True)
-        return _simulate(study, run, checked, progress, check_lock)
+        inputs = _from_files(study, run)
+        simulation.check_jobs(study, simulation.jobs(study, inputs.design, inputs.measured), inputs.limbs)
+        run.initialise(study, plugins.channels, simulating=True)
+        return _simulate(study, run, inputs, progress, check_lock)
 
 
 def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simulation:
@@ -231,37 +231,37 @@ def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simu
         The study has no such spot, or the design no such set.
     """
     run = RunDirectory(run_folder)
-    checked = _from_files(run.trusting(study), run)
-    spots, n_sets = [each.spot.name for each in study.spots], checked.design.n_sets
+    inputs = _from_files(run.trusting(study), run)
+    spots, n_sets = [each.spot.name for each in study.spots], inputs.design.n_sets
     if spot not in spots or not 0 <= set_id < n_sets:
         raise StudyError(
             f"{run_folder}: no job '{spot}/{set_id}'; name one of the spots {', '.join(spots)} and a set "
             f"from 0 to {n_sets - 1}"
         )
-    job = simulation.job_for(study, spot, set_id, checked.design.values[set_id], checked.measured)
-    return simulate_alone(study.solver, job, checked.limbs.get(spot))
+    job = simulation.job_for(study, spot, set_id, inputs.design.values[set_id], inputs.measured)
+    return simulate_alone(study.solver, job, inputs.limbs.get(spot))
 
 
 def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:
     """Compare simulated with measured curves into ``scores.parquet``."""
     run = RunDirectory(run_folder)
     run.require("design")
-    with run.held(study, plugins.channels):
+    with run.locked(study, plugins.channels):
         study = run.trusting(study)
-        checked = _from_files(study, run)
-        scoring.check_scorable(checked.measured, study.normaliser, study.weights)
+        inputs = _from_files(study, run)
+        scoring.check_scorable(inputs.measured, study.normaliser, study.weights)
         progress.begin("score", 1)
-        simulations = _stored(study, run, checked)
+        simulations = _stored(study, run, inputs)
         if not simulations:
             raise StudyError(f"{run_folder}: holds no simulation of this study; run `palpate simulate` first")
-        run.begin(study, plugins.channels)
-        scores = _score(study, run, checked, simulations)
-        _warn_of_missing(study, checked.design, scores, progress)
+        run.initialise(study, plugins.channels)
+        scores = _score(study, run, inputs, simulations)
+        _warn_of_missing(study, inputs.design, scores, progress)
     progress.step()
     return scores
 
 
-def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> Selected:
+def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> SelectionResult:
     """Choose the best set by scenario and over all spots, and refine if the study says so.
 
     Raises
@@ -271,14 +271,14 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     """
     run = RunDirectory(run_folder)
     run.require("scores")
-    with run.held(study, plugins.channels):
+    with run.locked(study, plugins.channels):
         study = run.trusting(study)
-        checked = _from_files(study, run)
-        scores = _scores_of(study, run, _stored(study, run, checked))
+        inputs = _from_files(study, run)
+        scores = _scores_of(study, run, _stored(study, run, inputs))
         progress.begin("select", 1)
-        run.begin(study, plugins.channels)
-        selected = _select(study, run, checked, scores, progress)
-        _warn_of_missing(study, checked.design, scores, progress)
+        run.initialise(study, plugins.channels)
+        selected = _select(study, run, inputs, scores, progress)
+        _warn_of_missing(study, inputs.design, scores, progress)
     progress.step()
     return selected
 
@@ -293,10 +293,10 @@ def report(
     """
     run = RunDirectory(run_folder)
     run.require("design")
-    with run.held(study, plugins.channels):
+    with run.locked(study, plugins.channels):
         study = run.trusting(study)
-        checked = _from_run(study, run, progress) if as_run else _from_files(study, run)
-        return _report(study, run, checked, plugins, progress)
+        inputs = _from_run(study, run, progress) if as_run else _from_files(study, run)
+        return _report(study, run, inputs, plugins, progress)
 
 
 def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progress: Progress) -> None:
@@ -308,88 +308,88 @@ def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progres
 # ------------------------------------------------------------------- what they do
 
 
-def _from_files(study: Study, run: RunDirectory) -> Checked:
+def _from_files(study: Study, run: RunDirectory) -> StudyInputs:
     """Read what the earlier verbs left, and refuse what was not made from this study."""
     design = run.design()
     measured = run.measured(tuple(spot.spot.name for spot in study.spots))
     run.records.check("design", design_from(study))
     run.records.check("measured", measured_from(study))
-    return Checked(measured=measured, limbs=load_limbs(study), design=design)
+    return StudyInputs(measured=measured, limbs=load_limbs(study), design=design)
 
 
-def _from_run(study: Study, run: RunDirectory, progress: Progress) -> Checked:
+def _from_run(study: Study, run: RunDirectory, progress: Progress) -> StudyInputs:
     """Read what the earlier verbs left, and those of the study's meshes that are there."""
     design, measured = run.design(), run.measured(study.spot_names)
     limbs = load_limbs(study, missing_ok=True)
     for name in study.spot_names if study.solver.needs_limb else ():
         if name not in limbs:
             progress.note(f"warning: no limb is shown at spot '{name}': its mesh is missing")
-    return Checked(measured=measured, limbs=limbs, design=design, of_last_sweep=True)
+    return StudyInputs(measured=measured, limbs=limbs, design=design, of_last_sweep=True)
 
 
 def _simulate(
-    study: Study, run: RunDirectory, checked: Checked, progress: Progress, check_lock: Callable[[], None]
+    study: Study, run: RunDirectory, inputs: StudyInputs, progress: Progress, check_lock: Callable[[], None]
 ) -> tuple[Simulation, ...]:
     return simulation.simulate(
-        study, checked.design, checked.limbs, checked.measured, run.folder, progress, check_lock
+        study, inputs.design, inputs.limbs, inputs.measured, run.folder, progress, check_lock
     )
 
 
-def _stored(study: Study, run: RunDirectory, checked: Checked) -> tuple[Simulation, ...]:
-    limbs = None if checked.of_last_sweep else checked.limbs
-    return simulation.stored(study, checked.design, limbs, checked.measured, run.folder)
+def _stored(study: Study, run: RunDirectory, inputs: StudyInputs) -> tuple[Simulation, ...]:
+    limbs = None if inputs.of_last_sweep else inputs.limbs
+    return simulation.stored(study, inputs.design, limbs, inputs.measured, run.folder)
 
 
 def _score(
-    study: Study, run: RunDirectory, checked: Checked, simulations: tuple[Simulation, ...]
+    study: Study, run: RunDirectory, inputs: StudyInputs, simulations: tuple[Simulation, ...]
 ) -> pl.DataFrame:
-    scores = scoring.score_as_studied(study, simulations, checked.measured)
+    scores = scoring.score_as_studied(study, simulations, inputs.measured)
     run.write_scores(scores, scores_from(study, run.records, answers_key(simulations)))
     return scores
 
 
 def _select(
-    study: Study, run: RunDirectory, checked: Checked, scores: pl.DataFrame, progress: Progress
-) -> Selected:
-    chosen = selection.select(scores, study.scenarios, checked.design)
+    study: Study, run: RunDirectory, inputs: StudyInputs, scores: pl.DataFrame, progress: Progress
+) -> SelectionResult:
+    chosen = selection.select(scores, study.scenarios, inputs.design)
     for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
-    generalisation = generalise(scores, for_all, checked.design, study.spot_names)
-    refined = Refined(table=pl.DataFrame(), responses={})
+    generalisation = generalise(scores, for_all, inputs.design, study.spot_names)
+    refined = FitResult(table=pl.DataFrame(), responses={})
     if study.refine:
-        refined = refine(study, chosen, checked.design, checked.limbs, checked.measured, progress)
-    rays = _rays(study, run, checked, progress)
-    run.write_selection(chosen, generalisation, refined, rays, selection_from(study, run.records))
-    return Selected(
+        refined = refine(study, chosen, inputs.design, inputs.limbs, inputs.measured, progress)
+    scaled = _scaled_sets(study, run, inputs, progress)
+    run.write_selection(chosen, generalisation, refined, scaled, selection_from(study, run.records))
+    return SelectionResult(
         selection=chosen,
         generalisation=generalisation,
         refinement=refined.table,
-        rays=rays,
-        proofs=prove(study, run, checked.design, checked.limbs, checked.measured, progress),
+        stiffness_scaling=scaled,
+        verification=verify(study, run, inputs.design, inputs.limbs, inputs.measured, progress),
         without_result=without_result(scores, chosen, study.scenarios, study.spot_names),
     )
 
 
-def _rays(study: Study, run: RunDirectory, checked: Checked, progress: Progress) -> pl.DataFrame:
-    if not study.rays:
+def _scaled_sets(study: Study, run: RunDirectory, inputs: StudyInputs, progress: Progress) -> pl.DataFrame:
+    if not study.stiffness_scaling:
         return pl.DataFrame()
-    swept = _stored(study, run, checked)
-    return best_on_rays(study, swept, checked.design, checked.limbs, checked.measured, progress)
+    swept = _stored(study, run, inputs)
+    return best_scaled_sets(study, swept, inputs.design, inputs.limbs, inputs.measured, progress)
 
 
 def _report(
-    study: Study, run: RunDirectory, checked: Checked, plugins: Plugins, progress: Progress
+    study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, progress: Progress
 ) -> Report:
     progress.begin("report", 1)
-    content = _content(study, run, checked, plugins)
+    content = _content(study, run, inputs, plugins)
     tables = make_tables(content)
     files = write_report(content, run.report)
     progress.step()
     return Report(tables=tables, files=files, verdict=make_verdict(content, tables))
 
 
-def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins) -> Content:
-    design, limbs, measured = checked.design, checked.limbs, checked.measured
-    found = _stored(study, run, checked)
+def _content(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plugins) -> Content:
+    design, limbs, measured = inputs.design, inputs.limbs, inputs.measured
+    found = _stored(study, run, inputs)
     scores, chosen, refined = _scores_of(study, run, found), run.selection(), run.refinement()
     run.records.check("selection", selection_from(study, run.records))
     swept = at_measured(found, measured, design.n_sets)
@@ -404,7 +404,7 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
         selection=chosen,
         generalisation=generalisation,
         refined=refined,
-        rays=run.rays(),
+        stiffness_scaling=run.stiffness_scaling(),
         responses={(s.job.spot, s.job.set_id): s.response for s in found if s.response is not None},
         swept=swept,
         determination=determined.table,
@@ -413,7 +413,7 @@ def _content(study: Study, run: RunDirectory, checked: Checked, plugins: Plugins
         contact=contact_along(found),
         limbs=limbs,
         manifest=run.manifest(),
-        proofs=run.proofs(),
+        verification=run.verification(),
         certificates=run.certificates(),
     )
 

@@ -87,7 +87,7 @@ def study(tmp_path, monkeypatch):
 def test_a_run_proves_what_it_chose_and_febio_says_what_it_thinks_of_it(call, study, tmp_path):
     ran = call("run", study, "--json", plugin=None)
     assert ran.code == 0, ran.err
-    (row,) = ran.json["proofs"]
+    (row,) = ran.json["verification"]
     assert (row["spot"], row["passed"]) == ("p1", True)
     assert abs(row["halving"]) < 1e-6
     assert (tmp_path / "count").read_text().count("run") == 4  # three sets, and one proof

@@ -70,7 +70,7 @@ def test_the_toml_of_the_readme_is_read() -> None:
     table = SamplingTable.model_validate(sampling["sampling"])
     sampler = Plugins.load(entry_points=False).samplers[table.sampler]
     assert sampler.Settings.model_validate(table.settings).criterion == "maximin"
-    assert SelectionTable.model_validate(selection["selection"]).rays
+    assert SelectionTable.model_validate(selection["selection"]).stiffness_scaling
 
 
 def test_the_readme_lists_the_samplers() -> None:

@@ -10,13 +10,13 @@ from palpate.domain import Response, Status
 from palpate.stages.experiment import load_measured
 from palpate.stages.generalisation import generalise
 from palpate.stages.identifiability import at_measured, determine
-from palpate.stages.refinement import Refined
+from palpate.stages.refinement import FitResult
 from palpate.stages.sampling import draw_design
 from palpate.stages.scoring import score
 from palpate.stages.selection import select
 from palpate.stages.simulation import simulate
 
-NOT_REFINED = Refined(table=pl.DataFrame(), responses={})
+NOT_REFINED = FitResult(table=pl.DataFrame(), responses={})
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_a_refined_set_takes_the_place_of_the_sweeps(determined):
         {"spot": ["p1"], "scenario": ["III"], "fopt": [1e-4], "soft_tissue.stiffness": [0.404],
          "soft_tissue.grip": [20.0]}
     )  # fmt: skip
-    row = _row(determined(refined=Refined(table=table, responses={})), "III", "stiffness")
+    row = _row(determined(refined=FitResult(table=table, responses={})), "III", "stiffness")
     assert row["value"] == 0.404
     assert row["limit"] == pytest.approx(2e-4)
     assert row["lower"] < 0.4 < row["upper"] < 0.41
@@ -102,7 +102,7 @@ def test_a_start_that_was_not_refined_stays_what_the_sweep_found(determined):
         {"spot": ["p1"], "scenario": ["III"], "message": ["could not"]}
         | {"fopt": [None], "soft_tissue.stiffness": [None], "soft_tissue.grip": [None]}
     )
-    assert determined(refined=Refined(table=table, responses={})).equals(determined())
+    assert determined(refined=FitResult(table=table, responses={})).equals(determined())
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
@@ -123,7 +123,7 @@ def test_what_a_channel_cannot_see_is_not_determined_even_by_exact_curves(determ
         {"spot": ["p1"], "scenario": ["III"], "fopt": [1e-29], "soft_tissue.stiffness": [0.4],
          "soft_tissue.grip": [45.0]}
     )  # fmt: skip
-    refined = Refined(table=table, responses={}) if is_refined else NOT_REFINED
+    refined = FitResult(table=table, responses={}) if is_refined else NOT_REFINED
     frame = determined(change=lambda simulations: tuple(bent(simulations)), refined=refined)
     assert _row(frame, "III", "grip")["determined"] == "not"
     seen = _row(frame, "III", "stiffness")

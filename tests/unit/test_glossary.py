@@ -81,7 +81,7 @@ def test_an_unknown_word_that_a_text_has_names_the_terms():
         "well",
         "poorly",
         "not",
-        "proof",
+        "verification",
         "certificate",
         "torque",
         "depth",

@@ -17,7 +17,7 @@ from palpate.report.figures import generalised, nmse_distribution, responses
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, parameter_space
 from palpate.report.style import STYLE, save
 from palpate.run.ownership import keep_only
-from palpate.stages.refinement import Refined
+from palpate.stages.refinement import FitResult
 from palpate.stages.scoring import score
 from palpate.stages.selection import select
 from palpate.stages.simulation import simulate
@@ -269,7 +269,7 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
     made = Content(
         study=study, channels=channels, measured=measured, design=design, scores=scores, selection=chosen,
         generalisation=generalise(scores, scenarios[0], design, list(measured)),
-        refined=Refined(table=chosen.clear(), responses={}),
+        refined=FitResult(table=chosen.clear(), responses={}),
         responses={(s.job.spot, s.job.set_id): s.response for s in swept},
     )  # fmt: skip
     assert len(write_report(made, tmp_path / "report")) == 3 * 6 + 3 * 6 + 1

@@ -170,10 +170,10 @@ def test_headings_go_down_one_by_one_and_every_table_and_control_has_a_name(page
 
 def test_every_table_of_a_full_run_is_on_the_page(content):
     made = content(refine=True, truth={"soft_tissue.stiffness": 0.4})
-    proofs = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [True], "message": [""]})
+    verification = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [True], "message": [""]})
     failed = made.scores.with_columns(nmse=pl.when(pl.col("set_id") > 1).then("nmse"))
-    rays = made.refined.table.head(1).select("spot", "scenario", "message")
-    tables = make_tables(replace(made, proofs=proofs, scores=failed, rays=rays))
+    scaled = made.refined.table.head(1).select("spot", "scenario", "message")
+    tables = make_tables(replace(made, verification=verification, scores=failed, stiffness_scaling=scaled))
     assert set(tables) == set(TITLES) - {"convergence"}
     captions = [text for tag, _, text in Page(render(made, tables, [])).elements if tag == "caption"]
     shown = {"determination": "Intervals in scenario I"}

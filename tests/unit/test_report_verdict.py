@@ -259,11 +259,11 @@ def test_searches_conventions_certificates_and_unfinished_sets_are_named(content
     doubtful = replace(
         made, study=study, refined=replace(made.refined, table=table),
         certificates={"certificate.json": {"passed": False}, "certificate-good.json": {"passed": True}},
-        rays=pl.DataFrame({"message": ["kept", "the ray promised more"]}),
+        stiffness_scaling=pl.DataFrame({"message": ["as expected", "expected more"]}),
         selection=made.selection.with_columns(partial=pl.lit(True)),
     )  # fmt: skip
     assert about(doubtful, "local search") == "stopped after 40 steps."
-    assert about(doubtful, "multiple") == "the ray promised more."
+    assert about(doubtful, "multiple") == "expected more."
     assert "close to zero" in about(doubtful, "mean of the measured")
     assert about(doubtful, "convention 'febio4'")
     assert "certificate.json" in about(doubtful, "solvers")
@@ -274,8 +274,10 @@ def test_searches_conventions_certificates_and_unfinished_sets_are_named(content
 
 @pytest.mark.parametrize("passed", [True, False])
 def test_a_proof_that_failed_is_named(content, passed):
-    proofs = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [passed], "message": ["x"], "key": ["k"]})
-    assert (about(replace(content(), proofs=proofs), "proof") is None) is passed
+    verification = pl.DataFrame(
+        {"spot": ["p1"], "set_id": [3], "passed": [passed], "message": ["x"], "key": ["k"]}
+    )
+    assert (about(replace(content(), verification=verification), "verification") is None) is passed
 
 
 def test_the_guide_tells_the_limits_that_are_applied():

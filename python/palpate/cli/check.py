@@ -14,7 +14,7 @@ from palpate.errors import StudyError
 if TYPE_CHECKING:
     from palpate.cli.output import CheckOutput
     from palpate.domain import Curve
-    from palpate.run.result import Checked
+    from palpate.run.result import StudyInputs
     from palpate.study.reading import Study
 
 
@@ -57,7 +57,7 @@ def check(
     session.next(f"run {study}")
 
 
-def _as_json(study: "Study", checked: "Checked") -> "CheckOutput":
+def _as_json(study: "Study", checked: "StudyInputs") -> "CheckOutput":
     return {
         "study": study.name,
         "data": study.data,
@@ -74,7 +74,7 @@ def _as_json(study: "Study", checked: "Checked") -> "CheckOutput":
     }
 
 
-def _show(session: Session, study: "Study", checked: "Checked") -> None:
+def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
     odd = f", warnings on stderr: {len(checked.warnings)}" if checked.warnings else ""
     session.say(f"{study.name}: no mistakes found{odd}; {data_notice(study)}")
     session.table(

@@ -59,8 +59,8 @@ class RunOutput(TypedDict):
     selection: list[Row]
     generalisation: list[Row]
     refinement: list[Row]
-    rays: list[Row]
-    proofs: list[Row]
+    stiffness_scaling: list[Row]
+    verification: list[Row]
     verdict: list[str]
     warnings: list[str]
     tables: dict[str, list[Row]]
@@ -107,8 +107,8 @@ class SelectOutput(TypedDict):
     selection: list[Row]
     generalisation: list[Row]
     refinement: list[Row]
-    rays: list[Row]
-    proofs: list[Row]
+    stiffness_scaling: list[Row]
+    verification: list[Row]
     warnings: list[str]
 
 

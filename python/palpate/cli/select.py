@@ -21,8 +21,8 @@ def select(context: typer.Context, study: StudyPath, out: OutFolder = None, as_j
         "selection": selected.selection,
         "generalisation": selected.generalisation,
         "refinement": selected.refinement,
-        "rays": selected.rays,
-        "proofs": selected.proofs,
+        "stiffness_scaling": selected.stiffness_scaling,
+        "verification": selected.verification,
     }
     if as_json:
         tables = {name: frame.to_dicts() for name, frame in frames.items()}

@@ -402,10 +402,10 @@ class Solver(Component):
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job. A failure is a status, never an exception."""
 
-    def prove(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
-        """Doubt one's own answer to a set that was chosen, for instance by halved steps.
+    def verify(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
+        """Verify the result of a selected set, for instance with halved steps.
 
-        Called for chosen sets only, so it may cost as much as the answer did. Override it where
+        Called for selected sets only, so it may cost as much as the simulation did. Override it where
         an answer may be wrong and look right.
 
         Parameters
@@ -418,7 +418,7 @@ class Solver(Component):
         Returns
         -------
         mapping of str to bool, float or str
-            ``passed``, ``message`` and any figures; empty where there is nothing to prove.
+            ``passed``, ``message`` and any figures; empty where there is nothing to verify.
         """
         return {}
 

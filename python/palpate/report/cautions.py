@@ -304,7 +304,7 @@ def _about_failures(content: Content) -> Iterator[Caution]:
 def _about_searches(content: Content) -> Iterator[Caution]:
     for table, expected, what in (
         (content.refined.table, "converged", "Not every local search converged"),
-        (content.rays, "kept", "Not every multiple of a set was what it promised"),
+        (content.stiffness_scaling, "as expected", "Not every multiple of a set is as expected"),
     ):
         messages = [row["message"] for row in table.iter_rows(named=True) if row["message"] != expected]
         if messages:
@@ -326,10 +326,10 @@ def _about_conventions(content: Content) -> Iterator[Caution]:
 
 
 def _about_proofs(content: Content) -> Iterator[Caution]:
-    doubtful = [row for row in content.proofs.iter_rows(named=True) if not row["passed"]]
+    doubtful = [row for row in content.verification.iter_rows(named=True) if not row["passed"]]
     if doubtful:
         yield Caution(
-            what=f"{len(doubtful)} of {len(content.proofs)} chosen sets failed the solver's own proof",
+            what=f"{len(doubtful)} of {len(content.verification)} selected sets failed verification",
             why=_some([f"{row['spot']}, set {row['set_id']}: {row['message']}" for row in doubtful]),
         )
 

@@ -10,7 +10,7 @@ from palpate.domain import Channel, Design, Limb, Response, Scenario
 from palpate.report.convergence import Contact
 from palpate.stages.completeness import Completeness, completeness, without_result
 from palpate.stages.identifiability import Swept
-from palpate.stages.refinement import Refined
+from palpate.stages.refinement import FitResult
 from palpate.study.reading import Study
 
 
@@ -28,9 +28,9 @@ class Content:
     scores, selection, generalisation : DataFrame
         As :mod:`palpate.stages.scoring`, :mod:`palpate.stages.selection` and
         :mod:`palpate.stages.generalisation` return them.
-    refined : Refined
-    rays : DataFrame
-        As :func:`palpate.stages.stiffness_scaling.best_on_rays` returns it.
+    refined : FitResult
+    stiffness_scaling : DataFrame
+        As :func:`palpate.stages.stiffness_scaling.best_scaled_sets` returns it.
     responses : mapping of (spot, set_id) to Response
         Simulated curves of every selected and of the generalised set.
     swept : mapping of (spot, channel) to (n_sets, n_points) array
@@ -47,8 +47,8 @@ class Content:
         Empty where there is no mesh.
     manifest : mapping
         What the numbers depended on, as :func:`palpate.run.manifest.manifest` tells it.
-    proofs : DataFrame
-        As :func:`palpate.stages.verification.prove` returns it; empty where the solver has no proof.
+    verification : DataFrame
+        As :func:`palpate.stages.verification.verify` returns it; empty where the solver has none.
     certificates : mapping of file name to its content
         What ``palpate certify`` has written to the run directory.
     """
@@ -60,9 +60,9 @@ class Content:
     scores: pl.DataFrame
     selection: pl.DataFrame
     generalisation: pl.DataFrame
-    refined: Refined
+    refined: FitResult
     responses: Mapping[tuple[str, int], Response]
-    rays: pl.DataFrame = field(default_factory=pl.DataFrame)
+    stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
     swept: Swept = field(default_factory=dict)
     determination: pl.DataFrame = field(default_factory=pl.DataFrame)
     disagreements: pl.DataFrame = field(default_factory=pl.DataFrame)
@@ -70,7 +70,7 @@ class Content:
     contact: Mapping[tuple[str, int], Contact] = field(default_factory=dict)
     limbs: Mapping[str, Limb] = field(default_factory=dict)
     manifest: Mapping[str, Any] = field(default_factory=dict)
-    proofs: pl.DataFrame = field(default_factory=pl.DataFrame)
+    verification: pl.DataFrame = field(default_factory=pl.DataFrame)
     certificates: Mapping[str, Any] = field(default_factory=dict)
 
     @property

@@ -21,10 +21,10 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "generalised": "One set for all spots",
         "cost_of_one_set": "What one set for all spots costs at each",
         "refined": "Local search from the selected sets",
-        "rays": "Best multiple of a set, all moduli scaled together",
+        "stiffness_scaling": "Best multiple of a set, all moduli scaled together",
         "distance_to_truth": "Distance to the known answer",
         "convergence": "How the simulations ended",
-        "proofs": "What the solver could prove of the chosen sets",
+        "verification": "Verification of the selected sets by their solver",
         "failures": "Sets that could not be ranked, by reason",
     }
 )
@@ -52,9 +52,9 @@ def make_tables(content: Content) -> dict[str, pl.DataFrame]:
         "generalised": generalised(content),
         "cost_of_one_set": cost_of_one_set(content),
         "refined": content.refined.table,
-        "rays": content.rays,
+        "stiffness_scaling": content.stiffness_scaling,
         "distance_to_truth": distance_to_truth(content),
-        "proofs": content.proofs.drop("key", strict=False),
+        "verification": content.verification.drop("key", strict=False),
         "failures": failures_by_reason(content.scores),
     }
     found = content.completeness

@@ -9,7 +9,7 @@
     ledger.sqlite  curves/  simulations: states, attempts, timings, reasons, and their curves
     scores.parquet  selection.parquet  generalisation.parquet
     refinement.parquet  refined/<spot>/<scenario>.parquet
-    rays.parquet  proofs.parquet
+    stiffness_scaling.parquet  verification.parquet
     stages.json             checksums of these files, and what each stage was made from
     report/
 
@@ -37,7 +37,7 @@ from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, wr
 from palpate.run.result_files import frame_of, plain, response_of, write_atomically, write_frame
 from palpate.run.stage_records import COMMANDS, StageRecords
 from palpate.run.trust import IN_KEYS, fingerprints, recorded, trusting
-from palpate.stages.refinement import Refined
+from palpate.stages.refinement import FitResult
 from palpate.study.reading import Study
 
 
@@ -61,7 +61,7 @@ class RunDirectory:
 
     # ------------------------------------------------------------------ beginning
 
-    def begin(self, study: Study, channels: Mapping[str, Channel], *, simulating: bool = False) -> None:
+    def initialise(self, study: Study, channels: Mapping[str, Channel], *, simulating: bool = False) -> None:
         """Write ``manifest.json`` and the study as run.
 
         ``simulating`` says that simulations follow; otherwise those of earlier code stay on record
@@ -82,11 +82,11 @@ class RunDirectory:
 
     def trusting(self, study: Study, names: Collection[str] = ()) -> Study:
         """The study with the results of earlier code that this run accepts, and those of ``names``."""
-        return trusting(study, self.manifest() if self.is_begun else {}, names)
+        return trusting(study, self.manifest() if self.exists else {}, names)
 
     def _trusted(self, study: Study, *, simulating: bool) -> dict[str, Any]:
         """Which code the simulations are of, and which is accepted as the same."""
-        before = self.manifest() if self.is_begun else {}
+        before = self.manifest() if self.exists else {}
         now, earlier = fingerprints(study), before.get("fingerprints", {})
         if not simulating:
             now |= {name: earlier[name] for name in now if name.startswith(IN_KEYS) and name in earlier}
@@ -100,7 +100,7 @@ class RunDirectory:
         }
 
     @contextlib.contextmanager
-    def held(
+    def locked(
         self, study: Study, channels: Mapping[str, Channel], *, adopt: bool = False
     ) -> Iterator[Callable[[], None]]:
         """Keep every other process out of the folder; yields what raises where the lock is lost.
@@ -135,11 +135,11 @@ class RunDirectory:
         StudyError
         """
         check_claimable(self.folder)
-        if not adopt and self.is_begun:
+        if not adopt and self.exists:
             refuse_other(self.folder, self.folder / self.manifest()["study_file"], study.file)
 
     @property
-    def is_begun(self) -> bool:
+    def exists(self) -> bool:
         """Whether a study was run here, or began to be."""
         return (self.folder / "manifest.json").exists()
 
@@ -228,11 +228,11 @@ class RunDirectory:
         self,
         selection: pl.DataFrame,
         generalisation: pl.DataFrame,
-        refined: Refined,
-        rays: pl.DataFrame,
+        refined: FitResult,
+        stiffness_scaling: pl.DataFrame,
         made_from: Mapping[str, str],
     ) -> None:
-        """Write what was chosen: ``selection``, ``generalisation``, ``refinement`` and ``rays.parquet``.
+        """Write the tables of the selection.
 
         The last two are removed where there is none, and ``refined/<spot>/<scenario>.parquet``
         has the curves of the refinement.
@@ -241,12 +241,12 @@ class RunDirectory:
             "selection": selection,
             "generalisation": generalisation,
             "refinement": refined.table,
-            "rays": rays,
+            "stiffness_scaling": stiffness_scaling,
         }
         files = []
         for name, frame in frames.items():
             path = self.folder / f"{name}.parquet"
-            if name in ("refinement", "rays") and frame.is_empty():
+            if name in ("refinement", "stiffness_scaling") and frame.is_empty():
                 path.unlink(missing_ok=True)
                 continue
             write_frame(path, frame)
@@ -264,12 +264,12 @@ class RunDirectory:
         """Read the set for all spots."""
         return self._frame("selection", "generalisation")
 
-    def refinement(self) -> Refined:
+    def refinement(self) -> FitResult:
         """Where the local searches ended; empty when there were none."""
         table = self._optional("selection", "refinement")
         keys = [(row["spot"], row["scenario"]) for row in table.iter_rows(named=True)]
         found = {key: self._refined(*key) for key in keys}
-        return Refined(
+        return FitResult(
             table=table,
             responses={
                 key: self.records.read("selection", path, _response)
@@ -278,23 +278,23 @@ class RunDirectory:
             },
         )
 
-    def rays(self) -> pl.DataFrame:
+    def stiffness_scaling(self) -> pl.DataFrame:
         """Best multiple by spot and scenario; empty when none was looked for."""
-        return self._optional("selection", "rays")
+        return self._optional("selection", "stiffness_scaling")
 
-    def write_proofs(self, proofs: pl.DataFrame) -> None:
-        """Write ``proofs.parquet``, or remove that of an earlier selection where there are none."""
-        path = self.folder / "proofs.parquet"
-        if proofs.is_empty():
+    def write_verification(self, verification: pl.DataFrame) -> None:
+        """Write ``verification.parquet``, or remove that of an earlier selection where there are none."""
+        path = self.folder / "verification.parquet"
+        if verification.is_empty():
             path.unlink(missing_ok=True)
-            self.records.write("proofs", (), {})
+            self.records.write("verification", (), {})
         else:
-            write_frame(path, proofs)
-            self.records.write("proofs", [path], {})
+            write_frame(path, verification)
+            self.records.write("verification", [path], {})
 
-    def proofs(self) -> pl.DataFrame:
-        """What the solver proved of the chosen sets; empty where it proves nothing."""
-        return self._optional("proofs", "proofs")
+    def verification(self) -> pl.DataFrame:
+        """Verification of the selected sets; empty where the solver has none."""
+        return self._optional("verification", "verification")
 
     def certificates(self) -> dict[str, Any]:
         """Read what was kept here as ``certificate*.json``, by file name; not JSON is its error."""

@@ -65,7 +65,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "scenarios": {scenario.name: dict(scenario.weights) for scenario in study.scenarios},
         "generalise_by": study.generalise_by,
         "refine": study.refine,
-        "rays": study.rays,
+        "stiffness_scaling": study.stiffness_scaling,
         "truth": plain(study.truth),
         "channels": {name: asdict(channel) for name, channel in channels.items() if name in weighted},
     }

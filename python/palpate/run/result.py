@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Checked:
+class StudyInputs:
     """A study whose files have been read and found usable.
 
     Parameters
@@ -36,7 +36,7 @@ class Checked:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Selected:
+class SelectionResult:
     """What identification chose.
 
     Parameters
@@ -49,12 +49,12 @@ class Selected:
         when no set succeeded at every spot.
     refinement : DataFrame
         Rows of the local search that started from each selected set; empty without one.
-    rays : DataFrame
+    stiffness_scaling : DataFrame
         Best multiple of any set by spot and scenario, as
-        :func:`palpate.stages.stiffness_scaling.best_on_rays` returns it; empty unless asked for.
-    proofs : DataFrame
-        Which chosen sets passed the solver's own proof, as :func:`palpate.stages.verification.prove`
-        returns it; empty where the solver has none.
+        :func:`palpate.stages.stiffness_scaling.best_scaled_sets` returns it; empty unless asked for.
+    verification : DataFrame
+        Which selected sets passed the solver's verification, as
+        :func:`palpate.stages.verification.verify` returns it; empty where the solver has none.
     without_result : mapping of (spot, scenario) to str
         Why no set could be selected there; empty where every scenario has a set at every spot.
     """
@@ -62,8 +62,8 @@ class Selected:
     selection: pl.DataFrame
     generalisation: pl.DataFrame
     refinement: pl.DataFrame
-    rays: pl.DataFrame = field(default_factory=pl.DataFrame)
-    proofs: pl.DataFrame = field(default_factory=pl.DataFrame)
+    stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
+    verification: pl.DataFrame = field(default_factory=pl.DataFrame)
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
@@ -94,7 +94,7 @@ class RunResult:
     design: Design
     simulations: tuple[Simulation, ...]
     scores: pl.DataFrame
-    selected: Selected
+    selected: SelectionResult
     report: Report
 
     def __repr__(self) -> str:

@@ -31,7 +31,7 @@ COMMANDS = MappingProxyType(
         "design": "sample",
         "scores": "score",
         "selection": "select",
-        "proofs": "select",
+        "verification": "select",
     }
 )
 """The command that makes the files of a stage."""
@@ -179,7 +179,9 @@ def selection_from(study: Study, records: StageRecords) -> dict[str, str]:
     return {
         "scores": records.fingerprint("scores"),
         "scenarios": fingerprint(scenarios),
-        "generalise_by, refine or rays": fingerprint([study.generalise_by, study.refine, study.rays]),
+        "generalise_by, refine or stiffness_scaling": fingerprint(
+            [study.generalise_by, study.refine, study.stiffness_scaling]
+        ),
     }
 
 

@@ -17,7 +17,7 @@ import polars as pl
 
 from palpate import _core
 from palpate.domain import Design, FloatArray, IntArray, Parameter, Response, Scenario, Simulation
-from palpate.stages.refinement import Refined
+from palpate.stages.refinement import FitResult
 from palpate.stages.scoring import compare, point_weights
 from palpate.stages.selection import objectives
 from palpate.stages.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
@@ -130,7 +130,7 @@ def determine(
     scores: pl.DataFrame,
     selection: pl.DataFrame,
     generalisation: pl.DataFrame,
-    refined: Refined,
+    refined: FitResult,
 ) -> Determination:
     """Find the interval of every parameter at every spot in every scenario, and over all spots.
 
@@ -144,7 +144,7 @@ def determine(
     scores, selection, generalisation : DataFrame
         As :mod:`~palpate.stages.scoring`, :mod:`~palpate.stages.selection` and
         :mod:`~palpate.stages.generalisation` return them.
-    refined : Refined
+    refined : FitResult
         Where it has a row, that is the best set.
     """
     curves = _Curves(study=study, measured=measured, swept=swept, ranked=objectives(scores, study.scenarios))

@@ -42,7 +42,7 @@ MOST_STEPS = 40
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Refined:
+class FitResult:
     """Where the local searches ended.
 
     Parameters
@@ -66,7 +66,7 @@ def refine(
     limbs: Mapping[str, Limb],
     measured: Mapping[str, Response],
     progress: Progress = SILENT,
-) -> Refined:
+) -> FitResult:
     """Search locally, within the ranges, from each selected set.
 
     Parameters
@@ -97,7 +97,7 @@ def refine(
             responses[spot, name] = search.best.response
         progress.step(message)
     table = pl.concat(rows, how="diagonal") if rows else pl.DataFrame()
-    return Refined(table=table, responses=MappingProxyType(responses))
+    return FitResult(table=table, responses=MappingProxyType(responses))
 
 
 @dataclass(kw_only=True)
@@ -155,7 +155,7 @@ class _Search:
         return "converged" if found.status > 0 else f"stopped after {MOST_STEPS} steps; the best set stands"
 
     def row(self, start: Mapping[str, Any], message: str) -> pl.DataFrame:
-        """Make the row of :class:`Refined` for the best simulation seen."""
+        """Make the row of :class:`FitResult` for the best simulation seen."""
         begin = pl.DataFrame(
             {"spot": [self.spot], "scenario": [self.scenario.name]}
             | {"start_set_id": [start["set_id"]], "start_fopt": [start["fopt"]], "message": [message]}

@@ -1,10 +1,10 @@
-"""The best multiple of each simulated set: one simulation scores a whole ray of sets.
+"""Stiffness scaling: one simulation scores all multiples of its set.
 
 Multiply every modulus by s, and with the same motion, friction and a contact
 penalty in proportion to the stiffness, force and torque are multiplied by s; a
 channel of degree 0, such as a displacement, stays as it is.
 So Fopt is a parabola in s whose least value is known from the simulation at
-s = 1. The set that this promises is simulated before it is reported.
+s = 1. The set found so is simulated before it is reported.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,6 +22,7 @@ from palpate.domain import (
     Response,
     Scenario,
     Simulation,
+    SimulationId,
     Status,
 )
 from palpate.executors.attempts import simulate_alone
@@ -36,12 +37,12 @@ LEAST_SCALE = 1e-3
 """Smallest multiple that is tried where a range reaches down to 0."""
 
 SAME = 1e-3
-"""Difference of curves, as a share of the normaliser, up to which a promise is kept."""
+"""Difference of curves, over the normaliser, up to which a simulation is as expected."""
 
 _KEYS = ("spot", "scenario", "set_id")
 
 
-def along_rays(
+def best_scales(
     study: Study, simulations: Sequence[Simulation], design: Design, measured: Mapping[str, Response]
 ) -> pl.DataFrame:
     """Find the multiple of every set at which it fits best, within the ranges.
@@ -78,7 +79,7 @@ def along_rays(
     return together.select(_KEYS).with_columns(scale=pl.Series(scale), fopt=pl.Series(fopt))
 
 
-def best_on_rays(
+def best_scaled_sets(
     study: Study,
     simulations: Sequence[Simulation],
     design: Design,
@@ -99,25 +100,25 @@ def best_on_rays(
     Returns
     -------
     DataFrame
-        One row per spot and scenario: spot, scenario, set_id, scale, fopt_on_ray (of the
+        One row per spot and scenario: spot, scenario, set_id, scale, fopt_scaled (of the
         multiplied curves), fopt, nmse_<channel> and r2_<channel> (of the simulation of that
-        set), message and <region.parameter>. Ties go to the lower set_id. Where the solver
-        does not keep the promise, the message says so.
+        set), message and <region.parameter>. Ties go to the lower set_id. Where the simulation
+        differs from what is expected, the message reports it.
     """
-    rays = along_rays(study, simulations, design, measured)
-    best = rays.sort("fopt", "set_id").group_by("spot", "scenario", maintain_order=True).first()
-    keys = rays.select("spot", "scenario").unique(maintain_order=True)
+    multiples = best_scales(study, simulations, design, measured)
+    best = multiples.sort("fopt", "set_id").group_by("spot", "scenario", maintain_order=True).first()
+    keys = multiples.select("spot", "scenario").unique(maintain_order=True)
     best = keys.join(best, on=["spot", "scenario"], maintain_order="left")
-    swept = {(s.job.spot, s.job.set_id): s for s in simulations}
+    swept = {s.id: s for s in simulations}
     scenarios = {scenario.name: scenario for scenario in study.scenarios}
-    progress.begin("rays", len(best))
+    progress.begin("stiffness_scaling", len(best))
     rows = []
     for row in best.iter_rows(named=True):
         spot, set_id = row["spot"], row["set_id"]
         winner = _Winner(
             study=study,
             scenario=scenarios[row["scenario"]],
-            simulation=swept[spot, set_id],
+            simulation=swept[SimulationId(spot, set_id)],
             measured={spot: measured[spot]},
             scale=row["scale"],
             values=scaled_sets(design.parameters, design.values[[set_id]], np.array([row["scale"]]))[0],
@@ -139,12 +140,12 @@ class _Winner:
     values: FloatArray
 
     def row(self, found: Mapping[str, Any], limb: Limb | None) -> pl.DataFrame:
-        promised = self._scored(next(_scaled(self.study, [self.simulation], self.scale)))
+        expected = self._scored(next(_scaled(self.study, [self.simulation], self.scale)))
         again = job_for(self.study, found["spot"], NO_ROW, self.values, self.measured)
         simulation = simulate_alone(self.study.solver, again, limb)
         kept = self._scored(simulation)
         head = {name: found[name] for name in (*_KEYS, "scale")}
-        head |= {"fopt_on_ray": promised["fopt"][0], "message": self._message(promised, kept, simulation)}
+        head |= {"fopt_scaled": expected["fopt"][0], "message": self._message(expected, kept, simulation)}
         values = {p.name: float(v) for p, v in zip(self.study.space.parameters, self.values, strict=True)}
         end = [] if kept.is_empty() else [kept.drop(_KEYS)]
         return pl.concat([pl.DataFrame([head]), *end, pl.DataFrame([values])], how="horizontal")
@@ -152,18 +153,18 @@ class _Winner:
     def _scored(self, simulation: Simulation) -> pl.DataFrame:
         return objectives(score_as_studied(self.study, [simulation], self.measured), [self.scenario])
 
-    def _message(self, promised: pl.DataFrame, kept: pl.DataFrame, simulation: Simulation) -> str:
+    def _message(self, expected: pl.DataFrame, kept: pl.DataFrame, simulation: Simulation) -> str:
         if kept.is_empty():
             why = simulation.message or simulation.status.remedy
             why = why if simulation.status is not Status.OK else "its curves do not reach far enough"
             return f"this multiple could not be simulated ({simulation.status}: {why})"
-        on_ray, fopt = promised["fopt"][0], kept["fopt"][0]
+        scaled, fopt = expected["fopt"][0], kept["fopt"][0]
         # Curves that differ by δ normalisers change a sum of squares F by at most 2 δ √F + δ².
         weight = sum(self.scenario.weights.values())
-        if abs(fopt - on_ray) <= 2.0 * SAME * np.sqrt(weight * on_ray) + weight * SAME**2:
-            return "kept"
+        if abs(fopt - scaled) <= 2.0 * SAME * np.sqrt(weight * scaled) + weight * SAME**2:
+            return "as expected"
         return (
-            f"the ray promised Fopt = {on_ray:.4g}: the response of solver '{self.study.solver.name}' is "
+            f"expected Fopt = {scaled:.4g}: the response of solver '{self.study.solver.name}' is "
             "not in proportion to the moduli (is its contact penalty?)"
         )
 

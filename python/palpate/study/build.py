@@ -192,12 +192,13 @@ def _check_channels(
             )
 
 
-def check_rays(context: Context, space: ParameterSpace) -> None:
-    """Refuse rays of sets that would leave the study: every modulus has to move with the others."""
+def check_stiffness_scaling(context: Context, space: ParameterSpace) -> None:
+    """Refuse stiffness scaling where a modulus does not move with the others."""
     if fixed := space.fixed_moduli:
+        is_ = "is" if len(fixed) == 1 else "are"
         context.problems.add(
-            ("selection", "rays"),
-            f"a ray scales every modulus, but {', '.join(fixed)} cannot move; search it or leave rays out",
+            ("selection", "stiffness_scaling"),
+            f"stiffness scaling needs every modulus free, but {', '.join(fixed)} {is_} fixed",
         )
 
 

@@ -299,7 +299,7 @@ class SelectionTable(Table):
         default=None, description="Scenario whose mean over the spots decides; the first one if left out."
     )
     refine: bool = Field(default=False, description="Follow the sweep by a local search.")
-    rays: bool = Field(
+    stiffness_scaling: bool = Field(
         default=False,
         description="Also find each set's best multiple: all moduli scaled together, within their ranges.",
     )

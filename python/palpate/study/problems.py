@@ -185,7 +185,7 @@ def read_tables(raw: Mapping[str, Any], problems: Problems) -> Tables:
     return Tables(written=frozenset(raw), **valid)
 
 
-def settled(value: T | None) -> T:
+def require(value: T | None) -> T:
     """Give back a part that no problem was found with."""
     assert value is not None, "a part that is missing must have been reported as a problem"
     return value

@@ -18,12 +18,12 @@ from palpate.study.build import (
     build_components,
     build_scenarios,
     check_limits,
-    check_rays,
     check_solver_channels,
     check_solver_needs,
+    check_stiffness_scaling,
 )
 from palpate.study.model import ExecutorTable, Tables
-from palpate.study.problems import Problems, read_tables, settled
+from palpate.study.problems import Problems, read_tables, require
 from palpate.study.regions import build_space, build_truth
 from palpate.study.source_positions import KeyLines
 from palpate.study.spots import StudySpot, build_protocol, build_spots
@@ -54,7 +54,7 @@ class Study:
         Name of the scenario whose mean over the spots decides the generalised set.
     refine : bool
         Whether a local search follows the sweep.
-    rays : bool
+    stiffness_scaling : bool
         Whether the best multiple of each set is found too.
     truth : mapping of full parameter name to value
         Known answer of a simulated experiment, in the region's convention; empty otherwise.
@@ -102,7 +102,7 @@ class Study:
     scenarios: tuple[Scenario, ...]
     generalise_by: str
     refine: bool
-    rays: bool = False
+    stiffness_scaling: bool = False
     truth: Mapping[str, float]
     n_workers: int
     time_limit_s: float
@@ -281,32 +281,32 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         check_solver_channels(context, parts.solver, selection, scenarios)
     context.problems.raise_if_any()
     study = Study(
-        name=settled(header).name,
-        description=settled(header).description,
+        name=require(header).name,
+        description=require(header).description,
         file=context.file,
-        data=settled(header).data,
+        data=require(header).data,
         spots=spots,
-        loader=settled(parts.loader),
+        loader=require(parts.loader),
         limb_source=parts.limb_source,
         protocol=protocol,
         space=space,
-        sampler=settled(parts.sampler),
-        n_sets=settled(sampling).n_sets,
-        refill=settled(sampling).refill,
-        seed=settled(sampling).seed,
+        sampler=require(parts.sampler),
+        n_sets=require(sampling).n_sets,
+        refill=require(sampling).refill,
+        seed=require(sampling).seed,
         filters=parts.filters,
-        solver=settled(parts.solver),
-        normaliser=settled(tables.scoring).normaliser,
-        weights=settled(tables.scoring).weights,
-        minimum_coverage=settled(tables.scoring).minimum_coverage,
-        rank_partial=settled(tables.scoring).partial,
+        solver=require(parts.solver),
+        normaliser=require(tables.scoring).normaliser,
+        weights=require(tables.scoring).weights,
+        minimum_coverage=require(tables.scoring).minimum_coverage,
+        rank_partial=require(tables.scoring).partial,
         scenarios=scenarios,
-        generalise_by=settled(selection).generalise_by or scenarios[0].name,
-        refine=settled(selection).refine,
-        rays=settled(selection).rays,
+        generalise_by=require(selection).generalise_by or scenarios[0].name,
+        refine=require(selection).refine,
+        stiffness_scaling=require(selection).stiffness_scaling,
         truth=truth,
-        n_workers=settled(tables.solver).n_workers,
-        time_limit_s=settled(tables.solver).time_limit,
+        n_workers=require(tables.solver).n_workers,
+        time_limit_s=require(tables.solver).time_limit,
         plugin_files=context.plugins.files,
         unscaled=frozenset(n for n, channel in context.plugins.channels.items() if channel.degree == 0),
         one_frame=tables.limb is not None and tables.limb.one_frame,
@@ -333,8 +333,8 @@ def _check_together(context: Context, tables: Tables, parts: Components, space: 
             ("sampling", "n_sets"),
             f"{n_simulations} simulations, and a study has at most {MOST_SIMULATIONS}; use fewer sets",
         )
-    if tables.selection and tables.selection.rays:
-        check_rays(context, space)
+    if tables.selection and tables.selection.stiffness_scaling:
+        check_stiffness_scaling(context, space)
     if parts.solver:
         check_solver_needs(context, parts.solver, tables)
     if parts.executor:

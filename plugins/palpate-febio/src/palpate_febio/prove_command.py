@@ -77,7 +77,7 @@ def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
         job = job_for(study, spot, set_id, design.values[set_id], measured)
         solver.check(job, limbs[spot])
         simulation = solver.simulate(job, limbs[spot])
-        found = solver.prove(job, limbs[spot], simulation)
+        found = solver.verify(job, limbs[spot], simulation)
         yield {
             "spot": spot,
             "set_id": set_id,

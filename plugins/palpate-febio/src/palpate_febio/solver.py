@@ -254,7 +254,7 @@ class FebioSolver(Solver):
 
     def _proved(self, simulation: Simulation, limb: Limb) -> Simulation:
         """The simulation with its proof, and a message where that fails."""
-        found = self.prove(simulation.job, limb, simulation)
+        found = self.verify(simulation.job, limb, simulation)
         marked = replace(simulation, diagnostics={**simulation.diagnostics, "gates": dict(found)})
         return replace(marked, message=found["message"]) if found and not found["passed"] else marked
 
@@ -303,7 +303,7 @@ class FebioSolver(Solver):
         )
         return judge(ended, log, record, problem.steps, problem.radius_mm)
 
-    def prove(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
+    def verify(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
         """Whether the torque of a sound run stays when steps are halved, and in a hold.
 
         Empty where nothing twists, nothing rubs, or the setting ``gates`` wants no proof. A run that

@@ -240,7 +240,7 @@ def sets_of(folder: Path, materials: Sequence[str], plugins: Plugins) -> int:
         file, run_folder = folder / "study" / f"{material}.toml", RunDirectory(folder / material)
         if file.exists():
             most = max(most, read_study(file, plugins).n_sets)
-        if run_folder.is_begun:
+        if run_folder.exists:
             most = max(most, run_folder.manifest()["n_total"])
     return most
 

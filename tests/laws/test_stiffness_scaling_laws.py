@@ -18,7 +18,7 @@ from palpate.run.directory import RunDirectory
 from palpate.stages import scoring, selection, simulation
 from palpate.stages.experiment import load_measured
 from palpate.stages.sampling import draw_design
-from palpate.stages.stiffness_scaling import along_rays, best_on_rays, scale_bounds, scaled_sets
+from palpate.stages.stiffness_scaling import best_scaled_sets, best_scales, scale_bounds, scaled_sets
 from palpate.study.reading import read_study
 
 TOY = Path(__file__).parents[1] / "data" / "toy"
@@ -34,11 +34,11 @@ class Swept:
         jobs = simulation.jobs(study, self.design, self.measured)
         self.simulations = [study.solver.simulate(job, None) for job in jobs]
 
-    def rays(self):
-        return along_rays(self.study, self.simulations, self.design, self.measured)
+    def stiffness_scaling(self):
+        return best_scales(self.study, self.simulations, self.design, self.measured)
 
     def best(self):
-        return best_on_rays(self.study, self.simulations, self.design, {}, self.measured)
+        return best_scaled_sets(self.study, self.simulations, self.design, {}, self.measured)
 
     def objectives(self, values):
         """Fopt of other sets, from simulations of their own."""
@@ -60,7 +60,7 @@ def swept(make_study, plugins):
 
 def test_fopt_on_the_ray_is_that_of_a_simulation_there(swept):
     of = swept()
-    for row in of.rays().iter_rows(named=True):
+    for row in of.stiffness_scaling().iter_rows(named=True):
         scale = np.full(of.design.n_sets, row["scale"])
         values = scaled_sets(of.design.parameters, of.design.values, scale)
         there = of.objectives(values).filter(**{key: row[key] for key in KEYS})
@@ -74,7 +74,7 @@ def test_no_other_multiple_within_the_ranges_is_better(swept, share):
     lower, upper = scale_bounds(of.design)
     other = lower + share * (upper - lower)
     there = of.objectives(scaled_sets(of.design.parameters, of.design.values, other))
-    both = of.rays().join(there, on=KEYS, suffix="_there")
+    both = of.stiffness_scaling().join(there, on=KEYS, suffix="_there")
     assert both.height == 6 * of.design.n_sets
     assert (both["fopt"] <= both["fopt_there"] + 1e-12).all()
 
@@ -86,7 +86,7 @@ def test_the_scale_of_a_single_channel_is_the_core_s_closed_form(swept):
     sims = [s.response["torque"] for s in of.simulations if s.job.spot == "p1"]
     path = _core.Measured(curve.abscissa, curve.ordinate).along(sims[0].abscissa)
     scale, _ = path.best_scale(np.stack([c.ordinate for c in sims]))
-    rows = of.rays().filter(spot="p1", scenario="II")
+    rows = of.stiffness_scaling().filter(spot="p1", scenario="II")
     np.testing.assert_allclose(rows["scale"], np.clip(scale, lower, upper), rtol=1e-12)
 
 
@@ -97,7 +97,7 @@ def test_a_set_on_the_ray_of_the_truth_finds_the_truth(swept):
         of.study.solver.simulate(job, None) for job in simulation.jobs(of.study, of.design, of.measured)
     ]
     row = of.best().row(by_predicate=(pl.col("spot") == "p1") & (pl.col("scenario") == "I"), named=True)
-    assert (row["set_id"], row["message"]) == (0, "kept")
+    assert (row["set_id"], row["message"]) == (0, "as expected")
     assert row["scale"] == pytest.approx(2.0, rel=1e-12)
     assert row["soft_tissue.stiffness"] == pytest.approx(0.4)
     assert row["soft_tissue.grip"] == pytest.approx(20)
@@ -115,7 +115,7 @@ def test_a_channel_of_degree_0_stays_as_it_is_along_a_ray(swept, tissue):
             return replace(whole, response=Response(curves={**whole.response.curves, "torque": ratio}))
 
     messages = [swept(solver=Ratio(), unscaled=names).best()["message"] for names in ({"torque"}, set())]
-    assert [(m == "kept").all() for m in messages] == [True, False]
+    assert [(m == "as expected").all() for m in messages] == [True, False]
 
 
 def test_the_best_is_never_worse_than_the_sweep(swept):
@@ -125,8 +125,8 @@ def test_the_best_is_never_worse_than_the_sweep(swept):
     both = best.join(chosen, on=["spot", "scenario"], suffix="_swept")
     assert both.height == 6
     assert (both["fopt"] <= both["fopt_swept"] + 1e-12).all()
-    assert (both["message"] == "kept").all()
-    np.testing.assert_allclose(both["fopt"], both["fopt_on_ray"], rtol=1e-9, atol=1e-14)
+    assert (both["message"] == "as expected").all()
+    np.testing.assert_allclose(both["fopt"], both["fopt_scaled"], rtol=1e-9, atol=1e-14)
 
 
 positive = st.floats(1e-6, 1e6)
@@ -177,7 +177,7 @@ class Soft(SetFilter):
 
 def test_a_multiple_that_a_filter_refuses_is_left_alone(swept):
     of = swept()
-    free, held = of.rays(), swept(filters=(Soft(),)).rays()
+    free, held = of.stiffness_scaling(), swept(filters=(Soft(),)).stiffness_scaling()
     stiffness = of.design.values[free["set_id"].to_numpy(), 0] * free["scale"].to_numpy()
     refused = stiffness > 0.3
     assert refused.any()
@@ -196,7 +196,7 @@ def test_a_solver_out_of_proportion_is_told(swept, tissue):
 
     best = swept(solver=Offset(), scenarios=(Scenario(name="III", weights={"force": 1.0}),)).best()
     assert all("not in proportion" in message for message in best["message"])
-    assert (best["fopt"] > best["fopt_on_ray"]).all()
+    assert (best["fopt"] > best["fopt_scaled"]).all()
 
 
 def test_a_multiple_does_not_take_the_number_of_its_set(swept, tissue):
@@ -239,26 +239,30 @@ def test_a_solver_that_raises_leaves_a_row_with_its_reason(swept, tissue):
 
 
 def test_a_run_with_rays_reports_them_and_one_without_drops_them(make_study, plugins, tmp_path, one_figure):
-    result = pipeline.run_study(make_study(rays=True), tmp_path / "run", plugins)
-    rays = result.selected.rays
-    assert (rays["fopt"] <= result.selected.selection["fopt"] + 1e-12).all()
-    assert result.report.tables["rays"].equals(rays)
-    assert RunDirectory(tmp_path / "run").manifest()["rays"] is True
-    assert pipeline.select(make_study(rays=True), tmp_path / "run", plugins).rays.equals(rays)
+    result = pipeline.run_study(make_study(stiffness_scaling=True), tmp_path / "run", plugins)
+    scaled = result.selected.stiffness_scaling
+    assert (scaled["fopt"] <= result.selected.selection["fopt"] + 1e-12).all()
+    assert result.report.tables["stiffness_scaling"].equals(scaled)
+    assert RunDirectory(tmp_path / "run").manifest()["stiffness_scaling"] is True
+    assert pipeline.select(
+        make_study(stiffness_scaling=True), tmp_path / "run", plugins
+    ).stiffness_scaling.equals(scaled)
     without = pipeline.run_study(make_study(), tmp_path / "run", plugins)
-    assert "rays" not in without.report.tables
-    assert not (tmp_path / "run" / "rays.parquet").exists()
+    assert "stiffness_scaling" not in without.report.tables
+    assert not (tmp_path / "run" / "stiffness_scaling.parquet").exists()
 
 
-def test_a_fixed_modulus_leaves_no_ray(tmp_path):
+def test_a_fixed_modulus_leaves_no_scaling(tmp_path):
     toy = Plugins.load([TOY / "toy_plugin.py"], entry_points=False)
     for name in ("s1.txt", "s2.txt"):
         (tmp_path / name).write_bytes((TOY / name).read_bytes())
-    text = (TOY / "study.toml").read_text().replace("[selection]\n", "[selection]\nrays = true\n")
+    text = (
+        (TOY / "study.toml").read_text().replace("[selection]\n", "[selection]\nstiffness_scaling = true\n")
+    )
     (tmp_path / "study.toml").write_text(text)
-    assert read_study(tmp_path, toy).rays is True
+    assert read_study(tmp_path, toy).stiffness_scaling is True
     searched = 'k = { lower = "1000 kPa", upper = "3 MPa" }\na = 0.5'
     assert searched in text
     (tmp_path / "study.toml").write_text(text.replace(searched, 'k = "2 MPa"'))
-    with pytest.raises(StudyError, match=r"rays: .*rubber\.k cannot move"):
+    with pytest.raises(StudyError, match=r"stiffness_scaling: .*rubber\.k is fixed"):
         read_study(tmp_path, toy)

@@ -1,4 +1,4 @@
-"""What a run chose is put to its solver's own proof, once."""
+"""Selected sets are verified by their solver, once."""
 
 from typing import ClassVar
 
@@ -29,7 +29,7 @@ def doubting(tissue):
         asked: ClassVar[list] = []
         is_away = False
 
-        def prove(self, job, limb, simulation):
+        def verify(self, job, limb, simulation):
             if self.is_away:
                 raise StudyError("the oracle is away; wait")
             self.asked.append(job.set_id)
@@ -54,17 +54,17 @@ def test_every_chosen_set_is_proved_once(doubting, make_study, plugins, tmp_path
     selected = run_to_selection(study, folder, plugins)
     chosen = pl.concat([selected.selection, selected.generalisation], how="diagonal")
     expected = set(chosen.select("spot", "set_id").iter_rows())
-    assert set(selected.proofs.select("spot", "set_id").iter_rows()) == expected
+    assert set(selected.verification.select("spot", "set_id").iter_rows()) == expected
     # A set is the same job at both spots here, for they have no meshes.
     assert sorted(doubting.asked) == sorted({set_id for _, set_id in expected})
     stiffness = dict(chosen.select("set_id", "soft_tissue.stiffness").iter_rows())
-    for row in selected.proofs.iter_rows(named=True):
+    for row in selected.verification.iter_rows(named=True):
         assert row["passed"] == (stiffness[row["set_id"]] < 0.45)
-    assert set(selected.proofs["passed"]) == {True, False}
-    assert set(selected.proofs["change"]) == {0.1}
+    assert set(selected.verification["passed"]) == {True, False}
+    assert set(selected.verification["change"]) == {0.1}
     again = pipeline.select(study, folder, plugins)
-    assert_frame_equal(again.proofs, selected.proofs)
-    assert_frame_equal(RunDirectory(folder).proofs(), selected.proofs)
+    assert_frame_equal(again.verification, selected.verification)
+    assert_frame_equal(RunDirectory(folder).verification(), selected.verification)
     assert len(doubting.asked) == len(set(doubting.asked))
 
 
@@ -81,11 +81,11 @@ def test_a_proof_that_cannot_be_had_is_a_failed_one_and_is_tried_again(
 ):
     study, folder = make_study(doubting()), tmp_path / "run"
     doubting.is_away = True
-    proofs = run_to_selection(study, folder, plugins).proofs
-    assert set(proofs["message"]) == {"the oracle is away; wait"}
-    assert not proofs["passed"].any()
+    verification = run_to_selection(study, folder, plugins).verification
+    assert set(verification["message"]) == {"the oracle is away; wait"}
+    assert not verification["passed"].any()
     doubting.is_away = False
-    again = pipeline.select(study, folder, plugins).proofs
+    again = pipeline.select(study, folder, plugins).verification
     assert set(again["message"]) == {MESSAGE}
 
 
@@ -98,7 +98,7 @@ def test_a_stop_keeps_what_is_proved(doubting, make_study, plugins, tmp_path):
 
     with pytest.raises(StoppedError, match="palpate resume"):
         run_to_selection(make_study(doubting()), tmp_path / "run", plugins, Impatient())
-    assert len(RunDirectory(tmp_path / "run").proofs()) == 1
+    assert len(RunDirectory(tmp_path / "run").verification()) == 1
 
 
 def test_a_stop_keeps_what_an_earlier_run_has_proved(doubting, make_study, plugins, tmp_path):
@@ -112,25 +112,25 @@ def test_a_stop_keeps_what_an_earlier_run_has_proved(doubting, make_study, plugi
             return next(self.left, False)
 
     study, run = make_study(doubting()), RunDirectory(tmp_path / "run")
-    proved = run_to_selection(study, run.folder, plugins).proofs
+    verified = run_to_selection(study, run.folder, plugins).verification
     with pytest.raises(StoppedError):
         pipeline.select(study, run.folder, plugins, Gone(1))
-    assert set(run.proofs()["key"]) == set(proved["key"])
+    assert set(run.verification()["key"]) == set(verified["key"])
     n_asked = len(doubting.asked)
-    assert_frame_equal(pipeline.select(study, run.folder, plugins).proofs, proved)
+    assert_frame_equal(pipeline.select(study, run.folder, plugins).verification, verified)
     assert len(doubting.asked) == n_asked
 
 
 def test_a_solver_without_a_proof_leaves_none(doubting, make_study, plugins, tmp_path):
     run_to_selection(make_study(doubting()), tmp_path / "run", plugins)
-    assert run_to_selection(make_study(), tmp_path / "run", plugins).proofs.is_empty()
-    assert not (tmp_path / "run" / "proofs.parquet").exists()
+    assert run_to_selection(make_study(), tmp_path / "run", plugins).verification.is_empty()
+    assert not (tmp_path / "run" / "verification.parquet").exists()
 
 
 def test_the_report_shows_every_proof_and_distrusts_what_failed(doubting, content):
     found = content(solver=doubting())
-    table = make_tables(found)["proofs"]
+    table = make_tables(found)["verification"]
     assert "key" not in table.columns
     n_failed = table.height - table["passed"].sum()
     text = render(found, make_tables(found), ())
-    assert f"{n_failed} of {table.height} chosen sets failed the solver&#39;s own proof" in text
+    assert f"{n_failed} of {table.height} selected sets failed verification" in text
