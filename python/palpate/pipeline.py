@@ -18,12 +18,10 @@ from palpate.executors.attempts import simulate_alone
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.report import (
-    Content,
+    ReportData,
     by_spot,
     contact_along,
     draw_presses,
-    make_tables,
-    make_verdict,
     write_report,
 )
 from palpate.run.directory import RunDirectory
@@ -380,14 +378,12 @@ def _report(
     study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, progress: Progress
 ) -> Report:
     progress.begin("report", 1)
-    content = _content(study, run, inputs, plugins)
-    tables = make_tables(content)
-    files = write_report(content, run.report)
+    made = write_report(_report_data(study, run, inputs, plugins), run.report)
     progress.step()
-    return Report(tables=tables, files=files, verdict=make_verdict(content, tables))
+    return made
 
 
-def _content(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plugins) -> Content:
+def _report_data(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plugins) -> ReportData:
     design, limbs, measured = inputs.design, inputs.limbs, inputs.measured
     found = _stored(study, run, inputs)
     scores, chosen, refined = _scores_of(study, run, found), run.selection(), run.refinement()
@@ -395,7 +391,7 @@ def _content(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plug
     swept = at_measured(found, measured, design.n_sets)
     generalisation = run.generalisation()
     determined = determine(study, design, measured, swept, scores, chosen, generalisation, refined)
-    return Content(
+    return ReportData(
         study=study,
         channels=plugins.channels,
         measured=measured,

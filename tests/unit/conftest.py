@@ -7,7 +7,7 @@ from palpate import pipeline
 
 @pytest.fixture
 def content(make_study, plugins, tmp_path, monkeypatch):
-    """Content of a run of the analytic tissue."""
+    """ReportData of a run of the analytic tissue."""
 
     def made(**changes):
         kept = []

@@ -1,10 +1,10 @@
-"""A report's content under names that try to be markup, script, or a key with a meaning."""
+"""A report's report_data under names that try to be markup, script, or a key with a meaning."""
 
 from dataclasses import replace
 
 import polars as pl
 
-from palpate.report import Content
+from palpate.report import ReportData
 from palpate.specimens import block
 
 ATTACK = '</script><script>window.pwned = 1</script><img src=x onerror="window.pwned = 1"><marquee>'
@@ -15,11 +15,11 @@ REASON = f"{ATTACK} at step 3"
 NAMES = (*SPOTS.values(), *SCENARIOS.values(), REGION)
 
 
-def renamed(content: Content) -> Content:
+def renamed(report_data: ReportData) -> ReportData:
     """The same results under hostile names, some of them failed for a hostile reason."""
-    study, measured = content.study, content.measured
-    parameters = tuple(replace(p, name=_parameter(p.name)) for p in content.design.parameters)
-    scores = _frame(content.scores).with_columns(
+    study, measured = report_data.study, report_data.measured
+    parameters = tuple(replace(p, name=_parameter(p.name)) for p in report_data.design.parameters)
+    scores = _frame(report_data.scores).with_columns(
         nmse=pl.when(pl.col("set_id") < 9).then(None).otherwise(pl.col("nmse")),
         message=pl.when(pl.col("set_id") < 9).then(pl.lit(REASON)).otherwise(pl.col("message")),
         status=pl.when(pl.col("set_id") < 9).then(pl.lit("diverged")).otherwise(pl.col("status")),
@@ -29,7 +29,7 @@ def renamed(content: Content) -> Content:
     space = replace(study.space, regions=tuple(replace(r, region=REGION) for r in study.space.regions))
     limb = block("tet4", n_across=4, n_down=3, layers_mm={REGION: 6.0})
     return replace(
-        content,
+        report_data,
         study=replace(
             study,
             name=ATTACK,
@@ -40,16 +40,16 @@ def renamed(content: Content) -> Content:
             generalise_by=SCENARIOS["I"],
         ),
         measured={SPOTS[spot]: response for spot, response in measured.items()},
-        design=replace(content.design, parameters=parameters),
+        design=replace(report_data.design, parameters=parameters),
         scores=scores,
-        selection=_frame(content.selection),
-        generalisation=_frame(content.generalisation),
-        determination=_frame(content.determination).with_columns(
+        selection=_frame(report_data.selection),
+        generalisation=_frame(report_data.generalisation),
+        determination=_frame(report_data.determination).with_columns(
             pl.col("parameter", "moves_with").map_elements(_parameter, return_dtype=pl.String)
         ),
-        convergence=_frame(content.convergence),
-        responses={(SPOTS[spot], set_id): r for (spot, set_id), r in content.responses.items()},
-        swept={(SPOTS[spot], channel): values for (spot, channel), values in content.swept.items()},
+        convergence=_frame(report_data.convergence),
+        responses={(SPOTS[spot], set_id): r for (spot, set_id), r in report_data.responses.items()},
+        swept={(SPOTS[spot], channel): values for (spot, channel), values in report_data.swept.items()},
         limbs=dict.fromkeys(SPOTS.values(), limb),
         manifest={"name": ATTACK, "inputs": {ATTACK: "0" * 64}},
         certificates={f"certificate{ATTACK}.json": {"passed": False, "rows": [{"problem": ATTACK}]}},

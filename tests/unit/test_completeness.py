@@ -8,9 +8,10 @@ import pytest
 from palpate import pipeline
 from palpate.domain import Response
 from palpate.progress import SILENT
-from palpate.report import make_tables, make_verdict
+from palpate.report import make_tables
 from palpate.report.figures import nmse_distribution, responses
 from palpate.report.space import parameter_space
+from palpate.report.verdict import make_verdict
 from palpate.stages import simulation
 from palpate.stages.completeness import described
 
@@ -51,12 +52,12 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
     for note in notes.notes:
         assert note.startswith(f"warning: incomplete sweep, {n_done} of 24 simulations (")
         assert missing in note
-    (why,) = [each.why for each in report.verdict.cautions[:2] if each.what == "Incomplete sweep"]
+    (why,) = [each.why for each in report.verdict.warnings[:2] if each.what == "Incomplete sweep"]
     assert missing in why
     for table in report.tables.values():
         assert "simulated" in table.columns
     assert f"Incomplete sweep: {n_done} of 24" in (folder / "report" / "index.html").read_text()
-    assert any("thin sweep" in each.what for each in report.verdict.cautions)
+    assert any("thin sweep" in each.what for each in report.verdict.warnings)
     if n_done > 12:
         assert report.tables["table2_nmse"]["simulated"].to_list() == ["12 of 12", "8 of 12"]
         assert not selected.without_result
@@ -65,7 +66,7 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
         assert {spot for spot, _ in selected.without_result} == {"p2"}
         assert "no simulation was scored" in described(selected.without_result)
         assert any(
-            each.what == "No result for 3 of 6 spots and scenarios" for each in report.verdict.cautions
+            each.what == "No result for 3 of 6 spots and scenarios" for each in report.verdict.warnings
         )
 
 
@@ -123,7 +124,7 @@ def test_a_scenario_that_no_set_can_be_ranked_in_is_named_with_the_reason(
     missing = result.selected.without_result
     assert set(missing) == {(spot, name) for spot in ("p1", "p2") for name in ("I", "II")}
     assert "no curve 'torque'" in missing["p1", "I"]
-    named = {each.what: each.why for each in result.report.verdict.cautions}
+    named = {each.what: each.why for each in result.report.verdict.warnings}
     assert "p1, scenario I" in named["No result for 4 of 6 spots and scenarios"]
     assert "torque at p1" in named["A measured channel could not be compared with any simulation"]
     assert "NaN" not in (tmp_path / "run" / "report" / "index.html").read_text().split("<script")[0]

@@ -12,7 +12,7 @@ from matplotlib import rc_context, rcParams
 from matplotlib.image import imread
 
 from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario
-from palpate.report import Content, figures, finding, make_tables, write_report
+from palpate.report import ReportData, figures, finding, make_tables, write_report
 from palpate.report.figures import generalised, nmse_distribution, responses
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, parameter_space
 from palpate.report.style import STYLE, save
@@ -134,7 +134,7 @@ def test_an_earlier_report_leaves_nothing_behind(content, tmp_path, outlined):
         (folder / old).touch()
     keep_only(folder, [path for path in folder.rglob("*") if path.is_file()])
     (folder / "tables" / "mine.csv").touch()
-    files = write_report(made, folder)
+    files = write_report(made, folder).files
     found = {p for p in folder.rglob("*") if p.is_file()}
     assert found == {*files, folder / "files.json", folder / "tables" / "mine.csv"}
 
@@ -266,13 +266,13 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
     scores = score(swept, measured, normaliser=study.normaliser, minimum_coverage=1.0)
     chosen = select(scores, scenarios, design)
     assert chosen.select("spot", "scenario").rows() == [("p1", "UT"), ("p1", "all"), ("p2", "UT")]
-    made = Content(
+    made = ReportData(
         study=study, channels=channels, measured=measured, design=design, scores=scores, selection=chosen,
         generalisation=generalise(scores, scenarios[0], design, list(measured)),
         refined=FitResult(table=chosen.clear(), responses={}),
         responses={(s.job.spot, s.job.set_id): s.response for s in swept},
     )  # fmt: skip
-    assert len(write_report(made, tmp_path / "report")) == 3 * 6 + 3 * 6 + 1
+    assert len(write_report(made, tmp_path / "report").files) == 3 * 6 + 3 * 6 + 1
     assert len(responses(made, "p1").axes) == 3
     assert len(responses(made, "p2").axes) == 1
     assert make_tables(made)["table2_nmse"]["all"].to_list()[1] is None

@@ -9,6 +9,7 @@ import pytest
 from palpate.domain import Response
 from palpate.report import make_tables
 from palpate.report.page import render
+from palpate.report.verdict import make_verdict
 from palpate.specimens import block
 
 from .chromium import COMMAND, Chromium
@@ -41,7 +42,8 @@ def page(content, folder):
         if not path.exists():
             limb = block("tet4", n_across=4, n_down=3)
             shown = change(replace(content(), limbs={"p1": limb, "p2": limb}))
-            path.write_text(render(shown, make_tables(shown), []))
+            tables = make_tables(shown)
+            path.write_text(render(shown, tables, make_verdict(shown, tables), []))
         return path
 
     return made

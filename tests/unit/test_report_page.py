@@ -22,6 +22,7 @@ from palpate.report.page import render
 from palpate.report.page_data import MOST_NUMBERS, MOST_SETS, page_data
 from palpate.report.scene import edge_of_contact, scene
 from palpate.report.tables import TITLES
+from palpate.report.verdict import make_verdict
 from palpate.specimens import block
 
 from .hostile import ATTACK, NAMES, REASON, renamed
@@ -65,13 +66,15 @@ class Page(HTMLParser):
 def page(content):
     def made(change=lambda content: content, **changes):
         shown = change(content(**changes))
-        return Page(render(shown, make_tables(shown), [Path("tables/a%20b.csv"), Path("figures/x.svg")]))
+        tables = make_tables(shown)
+        files = [Path("tables/a%20b.csv"), Path("figures/x.svg")]
+        return Page(render(shown, tables, make_verdict(shown, tables), files))
 
     return made
 
 
 def test_the_page_names_every_file_and_says_that_the_data_are_simulated(undrawn, content, tmp_path):
-    files = write_report(content(), tmp_path / "report")
+    files = write_report(content(), tmp_path / "report").files
     text = (tmp_path / "report" / "index.html").read_text()
     assert "These are simulated data, not a measurement" in text
     assert 'href="figures/a%20figure.svg"' in text
@@ -113,7 +116,7 @@ def test_the_page_is_below_its_limit_with_many_sets_and_meshes(content):
     )
     numbers = [row for spot in page_data(many)["swept"] for channel in spot for row in channel["y"]]
     assert 0 < sum(map(len, numbers)) <= MOST_NUMBERS
-    assert 1_000_000 < len(render(many, {}, []).encode()) < 5_000_000
+    assert 1_000_000 < len(render(many, {}, make_verdict(many, {}), []).encode()) < 5_000_000
 
 
 def test_of_too_many_sets_the_best_are_shown(content):
@@ -175,7 +178,11 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
     scaled = made.refined.table.head(1).select("spot", "scenario", "message")
     tables = make_tables(replace(made, verification=verification, scores=failed, stiffness_scaling=scaled))
     assert set(tables) == set(TITLES) - {"convergence"}
-    captions = [text for tag, _, text in Page(render(made, tables, [])).elements if tag == "caption"]
+    captions = [
+        text
+        for tag, _, text in Page(render(made, tables, make_verdict(made, tables), [])).elements
+        if tag == "caption"
+    ]
     shown = {"determination": "Intervals in scenario I"}
     assert {shown.get(name, TITLES[name]) for name in TITLES} <= set(captions)
 

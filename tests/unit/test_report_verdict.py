@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from palpate.domain import Normaliser, Response, Scenario
-from palpate.report import cautions, make_tables
+from palpate.report import make_tables, report_warnings
 from palpate.report.style import DOUBLE_MM, SINGLE_MM, STYLE
 from palpate.report.tables import cost_of_one_set, failures_by_reason, weighted_channels
 from palpate.report.verdict import make_verdict
@@ -19,11 +19,11 @@ def verdict(content):
 
 
 def distrusted(content):
-    return {caution.what: caution.why for caution in verdict(content).cautions}
+    return {warning.what: warning.why for warning in verdict(content).warnings}
 
 
 def about(content, words):
-    """Why of the one caution whose heading holds these words; None where there is none."""
+    """Why of the one warning whose heading holds these words; None where there is none."""
     found = [why for what, why in distrusted(content).items() if words in what]
     assert len(found) < 2
     return found[0] if found else None
@@ -170,7 +170,8 @@ def test_a_set_that_does_not_fit_is_said_first_and_in_place_of_parameters(conten
     )
     assert found.sentences == (found.lead,)
     assert "stiffness" not in found.lead
-    assert found.warnings[0].startswith("2 of the best sets do not fit. p2, scenario I: torque R² -5.68e+05;")
+    first = "2 of the best sets do not fit. p2, scenario I: torque R² -5.68e+05;"
+    assert str(found.warnings[0]).startswith(first)
     one = pl.col("spot") == "p2"
     alone = replace(
         wrong,
@@ -283,10 +284,11 @@ def test_a_proof_that_failed_is_named(content, passed):
 def test_the_guide_tells_the_limits_that_are_applied():
     guide = (Path(__file__).parents[2] / "docs" / "report.md").read_text(encoding="utf-8")
     for said in (
-        f"R² below {cautions.GOOD_R2:g}", f"R² below {cautions.NO_FIT_R2:g}",
-        f"fewer than {cautions.FEW_SETS} sets per parameter", f"more than 1 in {1 / cautions.FAILED_SHARE:g}",
+        f"R² below {report_warnings.GOOD_R2:g}", f"R² below {report_warnings.NO_FIT_R2:g}",
+        f"fewer than {report_warnings.FEW_SETS} sets per parameter",
+        f"more than 1 in {1 / report_warnings.FAILED_SHARE:g}",
         f"{SINGLE_MM:g} mm wide for one column or {DOUBLE_MM:g} mm for two", f"({STYLE['figure.dpi']} dpi)",
     ):  # fmt: skip
         assert said in guide
-    assert cautions.COSTLY == 3.0
+    assert report_warnings.COSTLY == 3.0
     assert "three times the least Fopt there, or more" in guide

@@ -8,7 +8,7 @@ import palpate
 from palpate import pipeline
 from palpate.domain import Curve, Design, Response
 from palpate.errors import StudyError
-from palpate.report.cautions import Caution
+from palpate.report.report_warnings import ReportWarning
 from palpate.report.verdict import Verdict
 from palpate.run.result import Report
 
@@ -63,8 +63,8 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
     selected = pipeline.select(study, tmp_path / "run", plugins)
     assert palpate.select(study, scores, design).equals(selected.selection)
     assert palpate.generalise(study, scores, design).equals(selected.generalisation)
-    caution = Caution(what="A thin sweep", why="Few <sets>.")
-    verdict = Verdict(parameters=(), bests=(), lead="c1 = 2", determined=(), cautions=(caution,))
+    warning = ReportWarning(what="A thin sweep", why="Few <sets>.")
+    verdict = Verdict(parameters=(), bests=(), lead="c1 = 2", determined=(), warnings=(warning,))
     result = palpate.RunResult(
         folder=tmp_path,
         measured={},

@@ -12,6 +12,7 @@ from palpate.errors import StoppedError, StudyError
 from palpate.progress import SILENT
 from palpate.report import make_tables
 from palpate.report.page import render
+from palpate.report.verdict import make_verdict
 from palpate.run.directory import RunDirectory
 
 MESSAGE = "so it is"
@@ -129,8 +130,9 @@ def test_a_solver_without_a_proof_leaves_none(doubting, make_study, plugins, tmp
 
 def test_the_report_shows_every_proof_and_distrusts_what_failed(doubting, content):
     found = content(solver=doubting())
-    table = make_tables(found)["verification"]
+    tables = make_tables(found)
+    table = tables["verification"]
     assert "key" not in table.columns
     n_failed = table.height - table["passed"].sum()
-    text = render(found, make_tables(found), ())
+    text = render(found, tables, make_verdict(found, tables), ())
     assert f"{n_failed} of {table.height} selected sets failed verification" in text

@@ -40,7 +40,9 @@ def report(
         made = pipeline.report(checked, folder, session.plugins, progress, as_run=as_run)
     if as_json:
         verdict = made.verdict
-        session.json({"verdict": verdict.sentences, "warnings": verdict.warnings, "files": made.files})
+        session.json(
+            {"verdict": verdict.sentences, "warnings": list(map(str, verdict.warnings)), "files": made.files}
+        )
     else:
         for file in made.files:
             session.say(str(file))

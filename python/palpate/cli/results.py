@@ -94,7 +94,7 @@ def _as_json(study: "Study", result: "RunResult") -> "RunOutput":
         "stiffness_scaling": result.selected.stiffness_scaling.to_dicts(),
         "verification": result.selected.verification.to_dicts(),
         "verdict": list(result.report.verdict.sentences),
-        "warnings": list(result.report.verdict.warnings),
+        "warnings": list(map(str, result.report.verdict.warnings)),
         "tables": {name: frame.to_dicts() for name, frame in result.report.tables.items()},
         "files": [str(file) for file in result.report.files],
     }

@@ -3,69 +3,51 @@
 What draws is imported when something is drawn: most commands do not, and it takes long.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import polars as pl
 
 from palpate.domain import Channel, Response
-from palpate.report.content import Content
 from palpate.report.convergence import by_spot, contact_along
+from palpate.report.report_data import ReportData
 from palpate.report.table_files import write_tables
 from palpate.report.tables import finding, make_tables
 from palpate.run.ownership import keep_only
+from palpate.run.result import Report
 from palpate.stages.experiment import Presses
 
-if TYPE_CHECKING:
-    from palpate.report.verdict import Verdict
-
 __all__ = [
-    "Content",
+    "ReportData",
     "by_spot",
     "contact_along",
     "draw_presses",
     "finding",
     "make_tables",
-    "make_verdict",
     "write_report",
 ]
 
 
-def write_report(content: Content, folder: Path) -> tuple[Path, ...]:
-    """Write ``tables/*.csv|tex|md``, ``figures/*.svg|pdf|png`` and ``index.html``; returns the files.
+def write_report(data: ReportData, folder: Path) -> Report:
+    """Write ``tables/*.csv|tex|md``, ``figures/*.svg|pdf|png`` and ``index.html``.
 
-    Those of an earlier report that this one does not have are removed afterwards.
+    Files of an earlier report that this one does not have are removed afterwards.
     """
-    tables = make_tables(content)
+    from palpate.report.page import write_page
+    from palpate.report.verdict import make_verdict
+
+    tables = make_tables(data)
+    verdict = make_verdict(data, tables)
     table_files = write_tables(tables, folder / "tables")
-    figure_files = write_figures(content, folder / "figures")
-    page = write_page(content, tables, (*table_files, *figure_files), folder)
-    keep_only(folder, (*table_files, *figure_files, page))
-    return (*table_files, *figure_files, page)
+    files = (*table_files, *write_figures(data, folder / "figures"))
+    page = write_page(data, tables, verdict, files, folder)
+    keep_only(folder, (*files, page))
+    return Report(tables=tables, files=(*files, page), verdict=verdict)
 
 
-def make_verdict(content: Content, tables: Mapping[str, pl.DataFrame]) -> "Verdict":
-    """Sum up a run: see :func:`palpate.report.verdict.make_verdict`."""
-    from palpate.report import verdict
-
-    return verdict.make_verdict(content, tables)
-
-
-def write_figures(content: Content, folder: Path) -> tuple[Path, ...]:
+def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     """Draw every figure: see :func:`palpate.report.figures.write_figures`."""
     from palpate.report import figures
 
-    return figures.write_figures(content, folder)
-
-
-def write_page(
-    content: Content, tables: Mapping[str, pl.DataFrame], files: Sequence[Path], folder: Path
-) -> Path:
-    """Write ``index.html``: see :func:`palpate.report.page.write_page`."""
-    from palpate.report import page
-
-    return page.write_page(content, tables, files, folder)
+    return figures.write_figures(data, folder)
 
 
 def draw_presses(

@@ -7,7 +7,7 @@ from typing import Any
 import polars as pl
 
 from palpate.domain import Parameter
-from palpate.report.content import Content
+from palpate.report.report_data import ReportData
 from palpate.report.space import named_briefly
 from palpate.report.tables import weighted_channels
 from palpate.stages.identifiability import ALL_SPOTS, UNCLEAR
@@ -51,14 +51,12 @@ class Best:
     r2: Mapping[str, float | None]
 
 
-def best_sets(content: Content) -> Iterator[Best]:
+def best_sets(data: ReportData) -> Iterator[Best]:
     """Best set by spot and scenario: the refined one, where there is one."""
-    refined = {(r["spot"], r["scenario"]): r for r in content.refined.table.iter_rows(named=True)}
-    fits = {
-        (r["spot"], r["scenario"], r["parameter"]): r for r in content.determination.iter_rows(named=True)
-    }
-    fitted = {s.name: weighted_channels(s) for s in content.study.scenarios}
-    for row in content.selection.iter_rows(named=True):
+    refined = {(r["spot"], r["scenario"]): r for r in data.refined.table.iter_rows(named=True)}
+    fits = {(r["spot"], r["scenario"], r["parameter"]): r for r in data.determination.iter_rows(named=True)}
+    fitted = {s.name: weighted_channels(s) for s in data.study.scenarios}
+    for row in data.selection.iter_rows(named=True):
         key = row["spot"], row["scenario"]
         end = refined.get(key, {})
         best = end if end.get("fopt") is not None else row
@@ -68,8 +66,8 @@ def best_sets(content: Content) -> Iterator[Best]:
             fitted_to=fitted[key[1]],
             found="refined" if best is end else _set(row),
             fopt=best["fopt"],
-            values=tuple(_value(best[p.name], fits.get((*key, p.name))) for p in content.design.parameters),
-            r2={name: best.get(f"r2_{name}") for name in content.measured_channels},
+            values=tuple(_value(best[p.name], fits.get((*key, p.name))) for p in data.design.parameters),
+            r2={name: best.get(f"r2_{name}") for name in data.measured_channels},
         )
 
 
@@ -84,27 +82,27 @@ def _value(value: float, fit: Mapping[str, Any] | None) -> Value:
     return Value(value=value, **known)
 
 
-def with_brief_names(content: Content) -> Iterator[tuple[Parameter, Parameter]]:
+def with_brief_names(data: ReportData) -> Iterator[tuple[Parameter, Parameter]]:
     """Pair each parameter of the design with the same under its brief name."""
-    parameters = content.design.parameters
+    parameters = data.design.parameters
     yield from zip(parameters, named_briefly(parameters), strict=True)
 
 
-def determined_when_generalising(content: Content) -> pl.DataFrame:
+def determined_when_generalising(data: ReportData) -> pl.DataFrame:
     """Rows of the determination in the scenario that generalises, spot by spot."""
-    return _when_generalising(content).filter(pl.col("spot") != ALL_SPOTS)
+    return _when_generalising(data).filter(pl.col("spot") != ALL_SPOTS)
 
 
-def determined_together(content: Content) -> pl.DataFrame:
+def determined_together(data: ReportData) -> pl.DataFrame:
     """Rows of the determination by all spots together, or of the only spot."""
-    rows = _when_generalising(content)
-    return rows.filter(pl.col("spot") == ALL_SPOTS) if len(content.spots) > 1 else rows
+    rows = _when_generalising(data)
+    return rows.filter(pl.col("spot") == ALL_SPOTS) if len(data.spots) > 1 else rows
 
 
-def _when_generalising(content: Content) -> pl.DataFrame:
-    if content.determination.is_empty():
+def _when_generalising(data: ReportData) -> pl.DataFrame:
+    if data.determination.is_empty():
         return pl.DataFrame(
             schema=dict.fromkeys(("spot", "parameter", "determined", "moves_with"), pl.String)
             | dict.fromkeys(("value", "optimum", "lower", "upper", "correlation"), pl.Float64)
         )
-    return content.determination.filter(pl.col("scenario") == content.generalising.name)
+    return data.determination.filter(pl.col("scenario") == data.generalising.name)

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palpate.domain import Curve, FloatArray
-from palpate.report.content import Content
+from palpate.report.report_data import ReportData
 from palpate.report.space import parameter_space
 from palpate.report.style import (
     DOUBLE_MM,
@@ -34,15 +34,15 @@ DISTRIBUTION_LIMIT = 4.0
 """NMSE at which the distribution is cut."""
 
 
-def write_figures(content: Content, folder: Path) -> tuple[Path, ...]:
+def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     """Draw every figure as SVG, PDF and PNG."""
     folder.mkdir(parents=True, exist_ok=True)
-    drawings: dict[str, Callable[[], Figure]] = {"nmse_distribution": partial(nmse_distribution, content)}
-    for spot in content.spots:
-        drawings[f"parameter_space_{file_name(spot)}"] = partial(parameter_space, content, spot)
-        drawings[f"response_{file_name(spot)}"] = partial(responses, content, spot)
-    if not content.generalisation.is_empty():
-        drawings["generalised"] = partial(generalised, content)
+    drawings: dict[str, Callable[[], Figure]] = {"nmse_distribution": partial(nmse_distribution, data)}
+    for spot in data.spots:
+        drawings[f"parameter_space_{file_name(spot)}"] = partial(parameter_space, data, spot)
+        drawings[f"response_{file_name(spot)}"] = partial(responses, data, spot)
+    if not data.generalisation.is_empty():
+        drawings["generalised"] = partial(generalised, data)
     files: list[Path] = []
     for name, draw in drawings.items():
         # The context is left before the next figure, so that nobody else's style changes.
@@ -54,36 +54,36 @@ def write_figures(content: Content, folder: Path) -> tuple[Path, ...]:
 # ------------------------------------------------------------ curves by scenario
 
 
-def responses(content: Content, spot: str) -> Figure:
+def responses(data: ReportData, spot: str) -> Figure:
     """Measured curves of a spot, and the best simulated ones of each scenario."""
-    measured = content.measured[spot].curves
+    measured = data.measured[spot].curves
     figure = sized(DOUBLE_MM if len(measured) > 1 else SINGLE_MM, 70.0)
     axes = figure.subplots(1, len(measured), squeeze=False)[0]
     for axis, (channel, curve) in zip(axes, measured.items(), strict=True):
-        _draw_measured(axis, content, curve)
-        for i, scenario in enumerate(content.study.scenarios):
+        _draw_measured(axis, data, curve)
+        for i, scenario in enumerate(data.study.scenarios):
             colour, dash = LINES[i % len(LINES)]
-            label, fit = fit_of(content, spot, scenario.name)
+            label, fit = fit_of(data, spot, scenario.name)
             if channel in fit:
                 _draw(axis, fit[channel], colour, dash, label)
     legend_below(figure, list(axes))
-    entitle(figure, f"{content.study.name}, spot {spot}: least NMSE by scenario", content.notice)
+    entitle(figure, f"{data.study.name}, spot {spot}: least NMSE by scenario", data.notice)
     return figure
 
 
-def fit_of(content: Content, spot: str, scenario: str) -> tuple[str, Mapping[str, Curve]]:
+def fit_of(data: ReportData, spot: str, scenario: str) -> tuple[str, Mapping[str, Curve]]:
     """Label and curves of a scenario at a spot: the refined ones, else those of the selected set."""
-    if (refined := content.refined.responses.get((spot, scenario))) is not None:
+    if (refined := data.refined.responses.get((spot, scenario))) is not None:
         return f"scenario {scenario}, refined", refined.curves
-    rows = content.selection.filter((pl.col("spot") == spot) & (pl.col("scenario") == scenario))
+    rows = data.selection.filter((pl.col("spot") == spot) & (pl.col("scenario") == scenario))
     for row in rows.iter_rows(named=True):
-        if (response := content.responses.get((spot, row["set_id"]))) is not None:
+        if (response := data.responses.get((spot, row["set_id"]))) is not None:
             return f"scenario {scenario}, set {row['set_id']}", response.curves
     return scenario, {}
 
 
-def _draw_measured(axis: Axes, content: Content, curve: Curve) -> None:
-    channel = content.channels[curve.channel]
+def _draw_measured(axis: Axes, data: ReportData, curve: Curve) -> None:
+    channel = data.channels[curve.channel]
     few = curve.abscissa.size <= 80
     draw_band(axis, curve)
     axis.plot(
@@ -97,7 +97,7 @@ def _draw_measured(axis: Axes, content: Content, curve: Curve) -> None:
         markeredgewidth=0.6,
         linestyle="none",
         zorder=4,
-        label="experiment (simulated)" if content.notice else "experiment",
+        label="experiment (simulated)" if data.notice else "experiment",
     )
     axis.set_xlabel(channel.abscissa_label)
     axis.set_ylabel(channel.ordinate_label)
@@ -123,56 +123,56 @@ def draw_band(axis: Axes, curve: Curve) -> None:
         )
 
 
-def generalised(content: Content) -> Figure:
+def generalised(data: ReportData) -> Figure:
     """Show the one set for all spots on the measured curves of every spot."""
-    channels, spots = content.measured_channels, content.spots
+    channels, spots = data.measured_channels, data.spots
     figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
     axes = figure.subplots(len(channels), len(spots), squeeze=False)
-    row = content.generalisation.row(0, named=True)
+    row = data.generalisation.row(0, named=True)
     colour, dash = LINES[0]
     for j, spot in enumerate(spots):
-        simulated = content.responses.get((spot, row["set_id"]))
+        simulated = data.responses.get((spot, row["set_id"]))
         for i, channel in enumerate(channels):
             axis = axes[i, j]
-            if channel in content.measured[spot].curves:
-                _draw_measured(axis, content, content.measured[spot][channel])
+            if channel in data.measured[spot].curves:
+                _draw_measured(axis, data, data.measured[spot][channel])
             else:
                 axis.set_axis_off()
             if simulated is not None and channel in simulated.curves:
                 _draw(axis, simulated[channel], colour, dash, f"set {row['set_id']}")
-        axes[0, j].set_title(f"spot {spot}: Fopt {_fopt_at(content, spot):.3g}")
+        axes[0, j].set_title(f"spot {spot}: Fopt {_fopt_at(data, spot):.3g}")
     legend_below(figure, list(axes.flat))
     spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
-    title = f"{content.study.name}: one set for all spots, mean Fopt {row['fopt_mean']:.4g}{spread}"
-    entitle(figure, title, content.notice)
+    title = f"{data.study.name}: one set for all spots, mean Fopt {row['fopt_mean']:.4g}{spread}"
+    entitle(figure, title, data.notice)
     return figure
 
 
-def _fopt_at(content: Content, spot: str) -> float:
-    return float(content.generalisation.filter(pl.col("spot") == spot)["fopt"][0])
+def _fopt_at(data: ReportData, spot: str) -> float:
+    return float(data.generalisation.filter(pl.col("spot") == spot)["fopt"][0])
 
 
 # ------------------------------------------------------------- NMSE over the sets
 
 
-def nmse_distribution(content: Content) -> Figure:
+def nmse_distribution(data: ReportData) -> Figure:
     """Fopt of every set at each spot, cut at ``DISTRIBUTION_LIMIT``."""
-    rows = objectives(content.scores, [content.generalising])
-    figure = sized(SINGLE_MM if len(content.spots) <= 6 else DOUBLE_MM, 75.0)
+    rows = objectives(data.scores, [data.generalising])
+    figure = sized(SINGLE_MM if len(data.spots) <= 6 else DOUBLE_MM, 75.0)
     axis = figure.subplots()
-    for place, spot in enumerate(content.spots):
+    for place, spot in enumerate(data.spots):
         fopt = rows.filter(pl.col("spot") == spot)["fopt"].to_numpy()
         _draw_distribution(axis, place, fopt)
-    axis.set_xticks(range(len(content.spots)), content.spots)
-    axis.set_xlim(-0.6, len(content.spots) - 0.4)
+    axis.set_xticks(range(len(data.spots)), data.spots)
+    axis.set_xlim(-0.6, len(data.spots) - 0.4)
     axis.set_ylim(0.0, DISTRIBUTION_LIMIT * 1.12)
     axis.axhline(DISTRIBUTION_LIMIT, color="0.4", linewidth=0.6, linestyle="--")
     axis.set_xlabel("spot")
-    axis.set_ylabel(f"Fopt (NMSE), scenario {content.generalising.name}")
+    axis.set_ylabel(f"Fopt (NMSE), scenario {data.generalising.name}")
     legend_below(figure, [axis])
-    found = content.completeness
+    found = data.completeness
     sets = found.n_sets if found.is_complete else f"up to {max(found.simulated.values())} of {found.n_sets}"
-    entitle(figure, f"{content.study.name}: NMSE of {sets} sets per spot", content.notice)
+    entitle(figure, f"{data.study.name}: NMSE of {sets} sets per spot", data.notice)
     return figure
 
 

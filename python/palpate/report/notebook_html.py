@@ -110,5 +110,5 @@ def run_result(shown: "RunResult") -> str:
     page = escape(str(shown.folder / "report" / "index.html"))
     caption = f"least Fopt by spot and scenario; {len(shown.simulations)} simulations"
     verdict = shown.report.verdict
-    said = "".join(f"<p>{escape(line)}</p>" for line in (*verdict.sentences, *verdict.warnings))
+    said = "".join(f"<p>{escape(str(line))}</p>" for line in (*verdict.sentences, *verdict.warnings))
     return f"{table(chosen.columns, chosen.rows(), caption)}{said}<p>report: <code>{page}</code></p>"

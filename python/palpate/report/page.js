@@ -51,26 +51,9 @@
 
   // ------------------------------------------------------------------ curves
 
-  function branches(x) {
-    const found = [];
-    let start = 0, way = 0;
-    for (let i = 1; i < x.length; i += 1) {
-      const step = Math.sign(x[i] - x[i - 1]);
-      if (step && way && step !== way) { found.push([start, i]); start = i - 1; }
-      if (step) way = step;
-    }
-    found.push([start, x.length]);
-    return found;
-  }
-
-  function band(curve) {
-    if (!curve.std) return [];
-    return branches(curve.x).map(([start, stop]) => {
-      const x = curve.x.slice(start, stop), y = curve.y.slice(start, stop), s = curve.std.slice(start, stop);
-      const upper = y.map((v, i) => v + s[i]), lower = y.map((v, i) => v - s[i]);
-      return { type: "scatter", mode: "lines", x: x.concat([...x].reverse()), y: upper.concat(lower.reverse()), fill: "toself",
-        fillcolor: colour("measured") + "33", line: { width: 0 }, hoverinfo: "skip", name: "one standard deviation" };
-    });
+  function bands(curve) {
+    return (curve.bands || []).map(({ x, y }) => ({ type: "scatter", mode: "lines", x, y, fill: "toself",
+      fillcolor: colour("measured") + "33", line: { width: 0 }, hoverinfo: "skip", name: "one standard deviation" }));
   }
 
   function line(name, x, y, look) {
@@ -89,7 +72,7 @@
     if (measured && !state.hidden.has("measured")) {
       const name = data.notice ? "experiment (simulated)" : "experiment";
       const marker = { color: colour("measured"), symbol: "circle-open", size: measured.x.length > 80 ? 3.5 : 6, line: { width: 1.2 } };
-      traces.push(...band(measured), Object.assign(line(name, measured.x, measured.y), { mode: "markers", marker }));
+      traces.push(...bands(measured), Object.assign(line(name, measured.x, measured.y), { mode: "markers", marker }));
     }
     data.fits[state.spot].forEach((fit, s) => {
       if (!fit || !fit.curves[c] || state.hidden.has(String(s))) return;

@@ -14,11 +14,11 @@ from markupsafe import Markup
 
 from palpate.domain import Parameter
 from palpate.report.best_sets import with_brief_names
-from palpate.report.content import Content
 from palpate.report.page_data import page_data
+from palpate.report.report_data import ReportData
 from palpate.report.table_files import shown
 from palpate.report.tables import TITLES
-from palpate.report.verdict import make_verdict
+from palpate.report.verdict import Verdict
 from palpate.run.result_files import write_atomically
 from palpate.stages.identifiability import share_of_range
 
@@ -26,23 +26,31 @@ _FOLDER = Path(__file__).parent
 
 
 def write_page(
-    content: Content, tables: Mapping[str, pl.DataFrame], files: Sequence[Path], folder: Path
+    data: ReportData,
+    tables: Mapping[str, pl.DataFrame],
+    verdict: Verdict,
+    files: Sequence[Path],
+    folder: Path,
 ) -> Path:
     """Write ``index.html``, which needs none of the files that it links to."""
     path = folder / "index.html"
-    write_atomically(path, render(content, tables, [file.relative_to(folder) for file in files]).encode())
+    page = render(data, tables, verdict, [file.relative_to(folder) for file in files])
+    write_atomically(path, page.encode())
     return path
 
 
-def render(content: Content, tables: Mapping[str, pl.DataFrame], files: Sequence[Path]) -> str:
+def render(
+    data: ReportData, tables: Mapping[str, pl.DataFrame], verdict: Verdict, files: Sequence[Path]
+) -> str:
     """Text of the page.
 
     Parameters
     ----------
-    content : Content
+    data : ReportData
     tables : mapping of name to DataFrame
+    verdict : Verdict
     files : sequence of Path
-        What lies beside the page, relative to it.
+        Files that the page links to, relative to it.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_FOLDER),
@@ -54,22 +62,22 @@ def render(content: Content, tables: Mapping[str, pl.DataFrame], files: Sequence
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     environment.filters["shown"] = shown
     script, library = _own("page.js"), _library()
-    data = page_data(content)
+    figures = page_data(data)
     return environment.get_template("index.html.jinja").render(
-        study=content.study,
-        notice=content.notice,
-        solver=f"{content.study.solver.name} {content.study.solver.version()}",
-        n_sets=content.design.n_sets,
-        incomplete="" if content.completeness.is_complete else str(content.completeness),
-        verdict=make_verdict(content, tables),
+        study=data.study,
+        notice=data.notice,
+        solver=f"{data.study.solver.name} {data.study.solver.version()}",
+        n_sets=data.design.n_sets,
+        incomplete="" if data.completeness.is_complete else str(data.completeness),
+        verdict=verdict,
         tables={name: _table(name, frame) for name, frame in tables.items()},
-        convergence=_table("convergence", content.convergence),
-        intervals=list(_intervals(content)),
-        data=data,
-        generalising=content.generalising.name,
-        generalises="generalised" in tables and len(content.spots) > 1,
-        provenance=list(_provenance(content.manifest)),
-        certificates=[_certificate(*item) for item in content.certificates.items()],
+        convergence=_table("convergence", data.convergence),
+        intervals=list(_intervals(data)),
+        data=figures,
+        generalising=data.generalising.name,
+        generalises="generalised" in tables and len(data.spots) > 1,
+        provenance=list(_provenance(data.manifest)),
+        certificates=[_certificate(*item) for item in data.certificates.items()],
         files=_by_stem(files),
         # These come from palpate's own files and hold no name of anybody's study.
         style=Markup(_own("page.css")),
@@ -143,13 +151,13 @@ class Interval:
     truth: float | None
 
 
-def _intervals(content: Content) -> Iterator[Interval]:
-    brief = {p.name: (p, b.name) for p, b in with_brief_names(content)}
-    for row in content.determination.iter_rows(named=True):
+def _intervals(data: ReportData) -> Iterator[Interval]:
+    brief = {p.name: (p, b.name) for p, b in with_brief_names(data)}
+    for row in data.determination.iter_rows(named=True):
         parameter, name = brief[row["parameter"]]
         known = row["lower"] is not None
         start, stop = (_percent(parameter, row[end]) if known else 0.0 for end in ("lower", "upper"))
-        truth = content.study.truth.get(row["parameter"])
+        truth = data.study.truth.get(row["parameter"])
         yield Interval(
             fit=row,
             name=name,
@@ -191,9 +199,9 @@ def _leaves(value: object, path: str) -> Iterator[tuple[str, str]]:
         yield path, ", ".join(map(shown, value)) if isinstance(value, list) else shown(value)
 
 
-def _certificate(name: str, content: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
+def _certificate(name: str, data: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
     """Rows of a certificate that have a form, and what could not be compared."""
-    known = content if isinstance(content, Mapping) else {}
+    known = data if isinstance(data, Mapping) else {}
     rows = [row for row in known.get("rows") or [] if isinstance(row, Mapping)]
     columns = tuple(dict.fromkeys(str(key) for row in rows for key in row))
     return {

@@ -8,9 +8,9 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import Curve, FloatArray, Indentation, IntArray
-from palpate.report.content import Content
 from palpate.report.convergence import CONTACT
 from palpate.report.figures import DISTRIBUTION_LIMIT, fit_of
+from palpate.report.report_data import ReportData
 from palpate.report.scene import edge_of_contact, scene
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, colours, label_of, named_briefly
 from palpate.report.tables import weighted_channels
@@ -34,40 +34,30 @@ MOST_MESH_TRIANGLES = 16_000
 N_COLOURS = 64
 
 
-def page_data(content: Content) -> dict[str, Any]:
+def page_data(data: ReportData) -> dict[str, Any]:
     """Everything that the page's figures are drawn from, fit for JSON."""
-    sets = _shown_sets(content)
-    brief = named_briefly(content.design.parameters)
+    sets = _shown_sets(data)
     return {
-        "notice": content.notice,
-        "spots": list(content.spots),
-        "scenarios": [
-            {"name": s.name, "fitted": weighted_channels(s), "description": s.description}
-            for s in content.study.scenarios
-        ],
-        "generalising": [s.name for s in content.study.scenarios].index(content.generalising.name),
+        "notice": data.notice,
+        "spots": list(data.spots),
+        "scenarios": [{"name": s.name, "fitted": weighted_channels(s)} for s in data.study.scenarios],
+        "generalising": [s.name for s in data.study.scenarios].index(data.generalising.name),
         "channels": [
-            {"name": n, "x": content.channels[n].abscissa_label, "y": content.channels[n].ordinate_label}
-            for n in content.measured_channels
+            {"name": n, "x": data.channels[n].abscissa_label, "y": data.channels[n].ordinate_label}
+            for n in data.measured_channels
         ],
         "parameters": [
-            {
-                "label": label_of(short),
-                "lower": full.lower,
-                "upper": full.upper,
-                "log": full.scale == "log",
-                "truth": content.study.truth.get(full.name),
-            }
-            for full, short in zip(content.design.parameters, brief, strict=True)
+            {"label": label_of(parameter), "log": parameter.scale == "log"}
+            for parameter in named_briefly(data.design.parameters)
         ],
         "limits": {"colour": COLOUR_LIMIT, "distribution": DISTRIBUTION_LIMIT, "pairs": MOST_PAIRS},
         "colours": [mpl.colors.to_hex(c) for c in colours()(np.linspace(0.0, 1.0, N_COLOURS))],
-        "measured": [_measured(content, spot) for spot in content.spots],
-        "fits": [_fits(content, spot) for spot in content.spots],
-        "sets": _sets(content, sets),
-        "swept": _swept(content, sets),
-        "limbs": _limbs(content),
-        "contact": [_contacts(content, spot) for spot in content.spots] if content.contact else [],
+        "measured": [_measured(data, spot) for spot in data.spots],
+        "fits": [_fits(data, spot) for spot in data.spots],
+        "sets": _sets(data, sets),
+        "swept": _swept(data, sets),
+        "limbs": _limbs(data),
+        "contact": [_contacts(data, spot) for spot in data.spots] if data.contact else [],
         "contact_labels": list(CONTACT.values()),
     }
 
@@ -75,60 +65,73 @@ def page_data(content: Content) -> dict[str, Any]:
 # -------------------------------------------------------------------- curves
 
 
-def _measured(content: Content, spot: str) -> list[dict[str, Any] | None]:
+def _measured(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
     """Curve of each channel at a spot, with its band; None where it was not measured."""
-    curves = content.measured[spot].curves
-    return [_curve(curves[name]) if name in curves else None for name in content.measured_channels]
+    curves = data.measured[spot].curves
+    return [_curve(curves[name]) if name in curves else None for name in data.measured_channels]
 
 
 def _curve(curve: Curve) -> dict[str, Any]:
     kept = _spread_out(curve.abscissa.size, MOST_POINTS)
-    drawn = {"x": _digits(curve.abscissa[kept]), "y": _digits(curve.ordinate[kept])}
-    return drawn if curve.std is None else drawn | {"std": _digits(curve.std[kept])}
+    x, y = curve.abscissa[kept], curve.ordinate[kept]
+    drawn = {"x": _digits(x), "y": _digits(y)}
+    if curve.std is None:
+        return drawn
+    std = curve.std[kept]
+    thinned = Curve(channel=curve.channel, abscissa=x, ordinate=y)
+    return drawn | {"bands": [_band(x[i:j], y[i:j], std[i:j]) for i, j in thinned.branches]}
 
 
-def _fits(content: Content, spot: str) -> list[dict[str, Any] | None]:
+def _band(x: FloatArray, y: FloatArray, std: FloatArray) -> dict[str, Any]:
+    """Outline of one standard deviation to each side, along one branch of a curve and back."""
+    return {
+        "x": _digits(np.concatenate([x, x[::-1]])),
+        "y": _digits(np.concatenate([y + std, (y - std)[::-1]])),
+    }
+
+
+def _fits(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
     """Best curves of each scenario, then those of the set for all spots."""
     fits: list[dict[str, Any] | None] = []
-    for scenario in content.study.scenarios:
-        label, curves = fit_of(content, spot, scenario.name)
-        fits.append(_fit(content, label, dict(curves)) if curves else None)
-    if not content.generalisation.is_empty():
-        set_id = content.generalisation["set_id"][0]
-        response = content.responses.get((spot, set_id))
+    for scenario in data.study.scenarios:
+        label, curves = fit_of(data, spot, scenario.name)
+        fits.append(_fit(data, label, dict(curves)) if curves else None)
+    if not data.generalisation.is_empty():
+        set_id = data.generalisation["set_id"][0]
+        response = data.responses.get((spot, set_id))
         label = f"one set for all spots, set {set_id}"
-        fits.append(_fit(content, label, dict(response.curves)) if response else None)
+        fits.append(_fit(data, label, dict(response.curves)) if response else None)
     return fits
 
 
-def _fit(content: Content, label: str, curves: dict[str, Curve]) -> dict[str, Any]:
-    names = content.measured_channels
+def _fit(data: ReportData, label: str, curves: dict[str, Curve]) -> dict[str, Any]:
+    names = data.measured_channels
     return {"label": label, "curves": [_curve(curves[n]) if n in curves else None for n in names]}
 
 
 # ---------------------------------------------------------------------- sets
 
 
-def _shown_sets(content: Content) -> IntArray:
+def _shown_sets(data: ReportData) -> IntArray:
     """Ids of the sets that the page shows, in order."""
-    n_sets, n_parameters = content.design.n_sets, len(content.design.parameters)
+    n_sets, n_parameters = data.design.n_sets, len(data.design.parameters)
     n_panels = min(math.comb(n_parameters, 2), MOST_PAIRS) + n_parameters
     most = min(MOST_SETS, MOST_DOTS // n_panels)
     if n_sets <= most:
         return np.arange(n_sets)
-    best = objectives(content.scores, content.study.scenarios).group_by("set_id").agg(pl.col("fopt").min())
+    best = objectives(data.scores, data.study.scenarios).group_by("set_id").agg(pl.col("fopt").min())
     return np.sort(best.sort("fopt", "set_id").head(most)["set_id"].to_numpy())
 
 
-def _sets(content: Content, sets: IntArray) -> dict[str, Any]:
+def _sets(data: ReportData, sets: IntArray) -> dict[str, Any]:
     """Values by parameter, and Fopt by spot and scenario: lists over the sets, null where not ranked."""
-    ranked = objectives(content.scores, content.study.scenarios)
+    ranked = objectives(data.scores, data.study.scenarios)
     place = {int(set_id): i for i, set_id in enumerate(sets)}
-    fopt = [[_fopt(ranked, spot, s.name, place) for s in content.study.scenarios] for spot in content.spots]
+    fopt = [[_fopt(ranked, spot, s.name, place) for s in data.study.scenarios] for spot in data.spots]
     return {
         "ids": sets.tolist(),
-        "n_left_out": content.design.n_sets - len(sets),
-        "values": [_digits(column) for column in content.design.values[sets].T],
+        "n_left_out": data.design.n_sets - len(sets),
+        "values": [_digits(column) for column in data.design.values[sets].T],
         "fopt": fopt,
     }
 
@@ -142,27 +145,27 @@ def _fopt(ranked: pl.DataFrame, spot: str, scenario: str, place: dict[int, int])
     return found
 
 
-def _swept(content: Content, sets: IntArray) -> list[list[dict[str, Any] | None]]:
+def _swept(data: ReportData, sets: IntArray) -> list[list[dict[str, Any] | None]]:
     """Curves of every set shown at every spot in each channel, at few of the measured points."""
-    n_curves = len(content.swept) * len(sets)
+    n_curves = len(data.swept) * len(sets)
     if not n_curves:
         return []
     n_points = min(60, MOST_NUMBERS // n_curves)
     if n_points < 8:
         return []
     return [
-        [_swept_at(content, spot, name, sets, n_points) for name in content.measured_channels]
-        for spot in content.spots
+        [_swept_at(data, spot, name, sets, n_points) for name in data.measured_channels]
+        for spot in data.spots
     ]
 
 
 def _swept_at(
-    content: Content, spot: str, channel: str, sets: IntArray, n_points: int
+    data: ReportData, spot: str, channel: str, sets: IntArray, n_points: int
 ) -> dict[str, Any] | None:
-    values = content.swept.get((spot, channel))
+    values = data.swept.get((spot, channel))
     if values is None:
         return None
-    abscissa = content.measured[spot][channel].abscissa
+    abscissa = data.measured[spot][channel].abscissa
     kept = _spread_out(abscissa.size, n_points)
     return {"x": _digits(abscissa[kept]), "y": [_digits(row) for row in values[np.ix_(sets, kept)]]}
 
@@ -170,28 +173,28 @@ def _swept_at(
 # --------------------------------------------------------------------- limbs
 
 
-def _limbs(content: Content) -> list[list[dict[str, Any]]]:
-    if not content.limbs:
+def _limbs(data: ReportData) -> list[list[dict[str, Any]]]:
+    if not data.limbs:
         return []
-    most = MOST_MESH_TRIANGLES // len(content.spots)
+    most = MOST_MESH_TRIANGLES // len(data.spots)
     return [
-        scene(content.limbs[spot], content.study.protocol_at(spot), most) if spot in content.limbs else []
-        for spot in content.spots
+        scene(data.limbs[spot], data.study.protocol_at(spot), most) if spot in data.limbs else []
+        for spot in data.spots
     ]
 
 
-def _contacts(content: Content, spot: str) -> list[dict[str, Any] | None]:
+def _contacts(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
     """Contact along the path of the set that each scenario selected; None where nobody told."""
-    chosen = content.selection.filter(pl.col("spot") == spot)
+    chosen = data.selection.filter(pl.col("spot") == spot)
     sets = dict(chosen.select("scenario", "set_id").iter_rows())
-    return [_contact(content, spot, sets.get(scenario.name)) for scenario in content.study.scenarios]
+    return [_contact(data, spot, sets.get(scenario.name)) for scenario in data.study.scenarios]
 
 
-def _contact(content: Content, spot: str, set_id: int | None) -> dict[str, Any] | None:
-    contact = None if set_id is None else content.contact.get((spot, set_id))
+def _contact(data: ReportData, spot: str, set_id: int | None) -> dict[str, Any] | None:
+    contact = None if set_id is None else data.contact.get((spot, set_id))
     if contact is None:
         return None
-    limb, protocol = content.limbs.get(spot), content.study.protocol_at(spot)
+    limb, protocol = data.limbs.get(spot), data.study.protocol_at(spot)
     edge = edge_of_contact(limb, protocol, contact) if limb and isinstance(protocol, Indentation) else None
     told = {name: [_four(value) for value in values] for name, values in contact.items()}
     series = [told.get(name) for name in CONTACT]

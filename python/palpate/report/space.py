@@ -14,7 +14,7 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from palpate.domain import FloatArray, Parameter
-from palpate.report.content import Content
+from palpate.report.report_data import ReportData
 from palpate.report.style import (
     DOUBLE_MM,
     LEAST_COLOUR,
@@ -42,14 +42,14 @@ def colours() -> Colormap:
     return LinearSegmentedColormap.from_list("nmse", viridis(np.linspace(0.25, 1.0, 256)))
 
 
-def parameter_space(content: Content, spot: str) -> Figure:
+def parameter_space(data: ReportData, spot: str) -> Figure:
     """Show sets in the space of their parameters: coloured by NMSE, black above the limit, red the least.
 
     Three parameters are shown in space and in pairs, more in pairs (at most
     ``MOST_PAIRS``), one over its own axis.
     """
-    values, fopt = _sets_at(content, spot)
-    parameters = named_briefly(content.design.parameters)
+    values, fopt = _sets_at(data, spot)
+    parameters = named_briefly(data.design.parameters)
     n = len(parameters)
     if n == 1:
         figure, flat = _one_parameter(values[:, 0], fopt, parameters[0])
@@ -64,20 +64,20 @@ def parameter_space(content: Content, spot: str) -> Figure:
             axis.set_ylabel(label_of(parameters[j]))
             axis.locator_params(nbins=5)
     if n > 1:
-        _colour_bar(figure, flat, content)
+        _colour_bar(figure, flat, data)
     legend_below(figure, flat[-1:])
     n_sets = int(np.isfinite(values[:, 0]).sum())
-    entitle(figure, f"{content.study.name}, spot {spot}: {n_sets} sets and their NMSE", content.notice)
+    entitle(figure, f"{data.study.name}, spot {spot}: {n_sets} sets and their NMSE", data.notice)
     return figure
 
 
-def _sets_at(content: Content, spot: str) -> tuple[FloatArray, FloatArray]:
+def _sets_at(data: ReportData, spot: str) -> tuple[FloatArray, FloatArray]:
     """Values of every set, NaN where it was not simulated, and its Fopt at a spot, NaN where it failed."""
-    rows = objectives(content.scores, [content.generalising]).filter(pl.col("spot") == spot)
-    fopt = np.full(content.design.n_sets, np.nan)
+    rows = objectives(data.scores, [data.generalising]).filter(pl.col("spot") == spot)
+    fopt = np.full(data.design.n_sets, np.nan)
     fopt[rows["set_id"].to_numpy()] = rows["fopt"].to_numpy()
-    simulated = np.isin(np.arange(fopt.size), content.scores.filter(pl.col("spot") == spot)["set_id"])
-    return np.where(simulated[:, None], content.design.values, np.nan), fopt
+    simulated = np.isin(np.arange(fopt.size), data.scores.filter(pl.col("spot") == spot)["set_id"])
+    return np.where(simulated[:, None], data.design.values, np.nan), fopt
 
 
 def _one_parameter(values: FloatArray, fopt: FloatArray, parameter: Parameter) -> tuple[Figure, list[Axes]]:
@@ -153,12 +153,12 @@ def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
                 label=f"least: set {least}, {fopt[least]:.3g}")  # fmt: skip
 
 
-def _colour_bar(figure: Figure, axes: Sequence[Axes], content: Content) -> None:
+def _colour_bar(figure: Figure, axes: Sequence[Axes], data: ReportData) -> None:
     scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, COLOUR_LIMIT), colours())
     figure.colorbar(
         scale,
         ax=list(axes),
-        label=f"Fopt (NMSE), scenario {content.generalising.name}",
+        label=f"Fopt (NMSE), scenario {data.generalising.name}",
         shrink=0.8,
         pad=0.02,
     )

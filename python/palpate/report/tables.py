@@ -7,7 +7,7 @@ from typing import Any
 import polars as pl
 
 from palpate.domain import Parameter, RegionMaterial, Scenario
-from palpate.report.content import Content
+from palpate.report.report_data import ReportData
 from palpate.stages.completeness import Completeness
 from palpate.stages.selection import failures
 
@@ -34,7 +34,7 @@ EXACT = 1e-6
 """NMSE below which a curve is fitted as well as solvers can tell."""
 
 
-def make_tables(content: Content) -> dict[str, pl.DataFrame]:
+def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
     """Every table that has a row, by name.
 
     ``table1_coefficients`` and ``table2_nmse`` are the paper's; ``unfitted_channels``
@@ -44,20 +44,20 @@ def make_tables(content: Content) -> dict[str, pl.DataFrame]:
     In an incomplete sweep each has a column ``simulated``, of how many sets its rows are.
     """
     tables = {
-        "table1_coefficients": coefficients(content),
-        "table2_nmse": nmse_by_scenario(content),
-        "unfitted_channels": unfitted_channels(content),
-        "cross_channel": cross_channel(content),
-        "determination": content.determination,
-        "generalised": generalised(content),
-        "cost_of_one_set": cost_of_one_set(content),
-        "refined": content.refined.table,
-        "stiffness_scaling": content.stiffness_scaling,
-        "distance_to_truth": distance_to_truth(content),
-        "verification": content.verification.drop("key", strict=False),
-        "failures": failures_by_reason(content.scores),
+        "table1_coefficients": coefficients(data),
+        "table2_nmse": nmse_by_scenario(data),
+        "unfitted_channels": unfitted_channels(data),
+        "cross_channel": cross_channel(data),
+        "determination": data.determination,
+        "generalised": generalised(data),
+        "cost_of_one_set": cost_of_one_set(data),
+        "refined": data.refined.table,
+        "stiffness_scaling": data.stiffness_scaling,
+        "distance_to_truth": distance_to_truth(data),
+        "verification": data.verification.drop("key", strict=False),
+        "failures": failures_by_reason(data.scores),
     }
-    found = content.completeness
+    found = data.completeness
     return {
         name: table if found.is_complete else _with_simulated(table, found)
         for name, table in tables.items()
@@ -73,7 +73,7 @@ def _with_simulated(table: pl.DataFrame, found: Completeness) -> pl.DataFrame:
     return table.with_columns(simulated=pl.col("spot").replace_strict(by_spot, default=everywhere))
 
 
-def coefficients(content: Content) -> pl.DataFrame:
+def coefficients(data: ReportData) -> pl.DataFrame:
     """Table 1: coefficients by material, spot and scenario, each in its region's convention."""
     rows = [
         {
@@ -86,30 +86,30 @@ def coefficients(content: Content) -> pl.DataFrame:
             "value": row[f"{region.region}.{parameter.name}"],
             "unit": parameter.unit,
         }
-        for region, parameter in _searched(content)
-        for row in content.selection.iter_rows(named=True)
+        for region, parameter in _searched(data)
+        for row in data.selection.iter_rows(named=True)
     ]
     return pl.DataFrame(rows)
 
 
-def _searched(content: Content) -> Iterator[tuple[RegionMaterial, Parameter]]:
-    for region in content.study.space.regions:
+def _searched(data: ReportData) -> Iterator[tuple[RegionMaterial, Parameter]]:
+    for region in data.study.space.regions:
         for parameter in region.searched:
             yield region, parameter
 
 
-def nmse_by_scenario(content: Content) -> pl.DataFrame:
+def nmse_by_scenario(data: ReportData) -> pl.DataFrame:
     """Table 2: Fopt by spot, with one column per scenario."""
-    wide = content.selection.pivot("scenario", index="spot", values="fopt")
-    names = [s.name for s in content.study.scenarios if s.name in wide.columns]
+    wide = data.selection.pivot("scenario", index="spot", values="fopt")
+    names = [s.name for s in data.study.scenarios if s.name in wide.columns]
     return wide.select("spot", *names)
 
 
-def cross_channel(content: Content) -> pl.DataFrame:
+def cross_channel(data: ReportData) -> pl.DataFrame:
     """Error in every channel of the set that each scenario selected, fitted to it or not."""
-    fitted = {s.name: weighted_channels(s) for s in content.study.scenarios}
-    measures = [name for name in content.selection.columns if name.startswith(("nmse_", "r2_"))]
-    return content.selection.select(
+    fitted = {s.name: weighted_channels(s) for s in data.study.scenarios}
+    measures = [name for name in data.selection.columns if name.startswith(("nmse_", "r2_"))]
+    return data.selection.select(
         "spot",
         "scenario",
         pl.col("scenario").replace_strict(fitted, return_dtype=pl.String).alias("fitted_to"),
@@ -127,15 +127,15 @@ def weighted_channels(scenario: Scenario) -> str:
     )
 
 
-def unfitted_channels(content: Content) -> pl.DataFrame:
+def unfitted_channels(data: ReportData) -> pl.DataFrame:
     """What each fit to part of the channels says about those that it has not seen.
 
     One row per search, spot, scenario and channel that the scenario leaves out: its NMSE
     and R² there; ``nmse_fitted``, the least NMSE there of the scenarios that do fit the
     channel, null where none does; and ``times``, how many times further off it is than that.
     """
-    scenarios = {scenario.name: scenario for scenario in content.study.scenarios}
-    searches = {"sweep": content.selection, "refined": content.refined.table}
+    scenarios = {scenario.name: scenario for scenario in data.study.scenarios}
+    searches = {"sweep": data.selection, "refined": data.refined.table}
     rows = [
         _unfitted(search, table, row, channel, scenarios)
         for search, table in searches.items()
@@ -194,24 +194,24 @@ def finding(tables: Mapping[str, pl.DataFrame]) -> str:
     )
 
 
-def generalised(content: Content) -> pl.DataFrame:
+def generalised(data: ReportData) -> pl.DataFrame:
     """Lay out the one set for all spots: mean ± sd of Fopt, its value at each spot, coefficients."""
-    rows = content.generalisation
+    rows = data.generalisation
     if rows.is_empty():
         return pl.DataFrame()
-    names = [p.name for p in content.design.parameters]
+    names = [p.name for p in data.design.parameters]
     one = rows.head(1).select("scenario", "set_id", "fopt_mean", "fopt_sd", *names)
     by_spot = {f"fopt_{row['spot']}": row["fopt"] for row in rows.iter_rows(named=True)}
     return one.with_columns(**{name: pl.lit(value) for name, value in by_spot.items()})
 
 
-def cost_of_one_set(content: Content) -> pl.DataFrame:
+def cost_of_one_set(data: ReportData) -> pl.DataFrame:
     """Fopt of the set for all spots beside the least at each, and their ratio; empty for one spot."""
-    if content.generalisation.is_empty() or len(content.spots) < 2:
+    if data.generalisation.is_empty() or len(data.spots) < 2:
         return pl.DataFrame()
-    own = content.selection.filter(pl.col("scenario") == content.generalising.name)
+    own = data.selection.filter(pl.col("scenario") == data.generalising.name)
     own = own.select("spot", own_set="set_id", own_fopt="fopt")
-    one = content.generalisation.select("spot", "set_id", "fopt")
+    one = data.generalisation.select("spot", "set_id", "fopt")
     return one.join(own, on="spot", maintain_order="left").with_columns(
         times=pl.when(pl.col("own_fopt") > 0.0).then(pl.col("fopt") / pl.col("own_fopt"))
     )
@@ -230,13 +230,13 @@ def failures_by_reason(scores: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def distance_to_truth(content: Content) -> pl.DataFrame:
+def distance_to_truth(data: ReportData) -> pl.DataFrame:
     """How far the found coefficients are from the known ones of a simulated experiment."""
-    truth = content.study.truth
+    truth = data.study.truth
     found = [
-        ("sweep", content.selection),
-        ("refined", content.refined.table),
-        ("generalised", _all_spots(content.generalisation)),
+        ("sweep", data.selection),
+        ("refined", data.refined.table),
+        ("generalised", _all_spots(data.generalisation)),
     ]
     rows = [
         {

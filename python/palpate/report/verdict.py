@@ -13,8 +13,8 @@ from palpate.report.best_sets import (
     determined_when_generalising,
     with_brief_names,
 )
-from palpate.report.cautions import CHECK, NO_FIT_R2, Caution, cautions
-from palpate.report.content import Content
+from palpate.report.report_data import ReportData
+from palpate.report.report_warnings import CHECK, NO_FIT_R2, ReportWarning, report_warnings
 from palpate.report.space import label_of, named_briefly
 from palpate.stages.identifiability import UNCLEAR, WORDS
 
@@ -35,7 +35,7 @@ class Verdict:
         there is none. Where it does not fit, that is the sentence.
     determined : tuple of str
         A sentence on each parameter; none where the set does not fit.
-    cautions : tuple of Caution
+    warnings : tuple of ReportWarning
         The gravest first.
     without_result : mapping of (spot, scenario) to str
         Why no set could be selected there.
@@ -45,7 +45,7 @@ class Verdict:
     bests: tuple[Best, ...]
     lead: str
     determined: tuple[str, ...]
-    cautions: tuple[Caution, ...]
+    warnings: tuple[ReportWarning, ...]
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     @property
@@ -53,37 +53,30 @@ class Verdict:
         """What was found, and how well each parameter is determined."""
         return tuple(sentence for sentence in (self.lead, *self.determined) if sentence)
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The cautions as text, the gravest first."""
-        return tuple(f"{each.what}. {each.why}" for each in self.cautions)
 
-
-def make_verdict(content: Content, tables: Mapping[str, pl.DataFrame]) -> Verdict:
+def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdict:
     """Sum up a run, from what its stages have left."""
-    bests = tuple(best_sets(content))
-    brief = named_briefly(content.design.parameters)
-    no_fit = _no_fit(content, bests)
+    bests = tuple(best_sets(data))
+    brief = named_briefly(data.design.parameters)
+    no_fit = _no_fit(data, bests)
     return Verdict(
         parameters=tuple(label_of(p) for p in brief),
         bests=bests,
-        lead=no_fit or _lead(content, bests, brief),
-        determined=()
-        if no_fit
-        else tuple(_determined(content, p, b.name) for p, b in with_brief_names(content)),
-        cautions=tuple(cautions(content, bests, tables)),
-        without_result=content.without_result,
+        lead=no_fit or _lead(data, bests, brief),
+        determined=() if no_fit else tuple(_determined(data, p, b.name) for p, b in with_brief_names(data)),
+        warnings=tuple(report_warnings(data, bests, tables)),
+        without_result=data.without_result,
     )
 
 
-def _no_fit(content: Content, bests: Sequence[Best]) -> str:
+def _no_fit(data: ReportData, bests: Sequence[Best]) -> str:
     """Sentence in place of parameters where the set that they would be of does not fit."""
-    channels = [name for name, weight in content.generalising.weights.items() if weight > 0.0]
-    if len(content.spots) > 1:
-        found = {row["spot"]: row for row in content.generalisation.iter_rows(named=True)}
+    channels = [name for name, weight in data.generalising.weights.items() if weight > 0.0]
+    if len(data.spots) > 1:
+        found = {row["spot"]: row for row in data.generalisation.iter_rows(named=True)}
         r2 = {(spot, name): row.get(f"r2_{name}") for spot, row in found.items() for name in channels}
     else:
-        own = (best for best in bests if best.scenario == content.generalising.name)
+        own = (best for best in bests if best.scenario == data.generalising.name)
         r2 = {(best.spot, name): best.r2.get(name) for best in own for name in channels}
     wrong = [
         f"{name} at {spot} (R² {at:.3g})"
@@ -97,22 +90,22 @@ def _no_fit(content: Content, bests: Sequence[Best]) -> str:
     return f"No parameters can be read from this run: the best set does not fit {where}. {CHECK}"
 
 
-def _lead(content: Content, bests: Sequence[Best], brief: Sequence[Parameter]) -> str:
-    if len(content.spots) == 1:
-        best = next((b for b in bests if b.scenario == content.generalising.name), None)
+def _lead(data: ReportData, bests: Sequence[Best], brief: Sequence[Parameter]) -> str:
+    if len(data.spots) == 1:
+        best = next((b for b in bests if b.scenario == data.generalising.name), None)
         return "" if best is None else (
             f"At {best.spot}, fitted to {best.fitted_to} (scenario {best.scenario}): "
             f"{_listed(brief, [v.value for v in best.values])}; Fopt {best.fopt:.4g} ({best.found})."
         )  # fmt: skip
-    if content.generalisation.is_empty():
+    if data.generalisation.is_empty():
         return ""
-    row = content.generalisation.row(0, named=True)
+    row = data.generalisation.row(0, named=True)
     spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
-    found = content.completeness
+    found = data.completeness
     of = "" if found.is_complete else f", of {found.n_everywhere} sets simulated at each"
     return (
-        f"One set for all {len(content.spots)} spots{of}: set {row['set_id']}, "
-        f"{_listed(brief, [row[p.name] for p in content.design.parameters])}; "
+        f"One set for all {len(data.spots)} spots{of}: set {row['set_id']}, "
+        f"{_listed(brief, [row[p.name] for p in data.design.parameters])}; "
         f"mean Fopt {row['fopt_mean']:.4g}{spread} (scenario {row['scenario']})."
     )
 
@@ -125,11 +118,11 @@ def _listed(brief: Sequence[Parameter], values: Sequence[float]) -> str:
     return ", ".join(text.rstrip() for text in parts)
 
 
-def _determined(content: Content, parameter: Parameter, name: str) -> str:
+def _determined(data: ReportData, parameter: Parameter, name: str) -> str:
     """Sentence on one parameter in the scenario that generalises, over all spots."""
-    rows = determined_when_generalising(content).filter(pl.col("parameter") == parameter.name)
+    rows = determined_when_generalising(data).filter(pl.col("parameter") == parameter.name)
     words = rows["determined"].to_list()
-    known = _together(content, parameter)
+    known = _together(data, parameter)
     if not words:
         return f"{name}: nothing is known of how well it is determined."
     counts = {word: words.count(word) for word in _ORDER if word in words}
@@ -141,20 +134,20 @@ def _determined(content: Content, parameter: Parameter, name: str) -> str:
     )
     trade = ""
     if not strongest.is_empty() and abs(strongest["correlation"][0]) >= 0.9:
-        other = {p.name: b.name for p, b in with_brief_names(content)}[strongest["moves_with"][0]]
+        other = {p.name: b.name for p, b in with_brief_names(data)}[strongest["moves_with"][0]]
         sign = strongest["correlation"][0]
         trade = f"; it trades with {other} (correlation {sign:.2f}, spot {strongest['spot'][0]})"
     return f"{name}: {known}{spots}{trade}."
 
 
-def _together(content: Content, parameter: Parameter) -> str:
+def _together(data: ReportData, parameter: Parameter) -> str:
     """Fitted optimum and interval by all spots together; empty where they cannot be given."""
-    rows = determined_together(content).filter(pl.col("parameter") == parameter.name).drop_nulls("lower")
+    rows = determined_together(data).filter(pl.col("parameter") == parameter.name).drop_nulls("lower")
     if rows.is_empty():
         return ""
     row, unit = rows.row(0, named=True), "" if parameter.unit == "1" else f" {parameter.unit}"
     where = ""
-    if len(content.spots) > 1:
+    if len(data.spots) > 1:
         where = f"{_said(row['determined'])} by all spots together; spot by spot: "
     return (
         f"fitted optimum {row['optimum']:.4g}{unit}, {row['lower']:.4g} to {row['upper']:.4g}{unit} "

@@ -15,7 +15,7 @@ from palpate.study.reading import Study
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Content:
+class ReportData:
     """The results of a run, as the stages left them.
 
     Parameters
