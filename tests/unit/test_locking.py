@@ -12,7 +12,7 @@ import pytest
 
 from palpate.errors import LedgerError
 from palpate.run import lock as locking
-from palpate.run.lock import RunLock, living_runner_of, locked, runner_of
+from palpate.run.lock import living_runner_of, locked, runner_of
 
 HOLD = (
     "import sys, time, pathlib\n"
@@ -38,8 +38,8 @@ def other_process(tmp_path):
 
 def test_a_second_runner_is_refused_by_host_pid_and_start(tmp_path, other_process):
     said = rf"in use by process {other_process.pid} on \S+, since \d{{4}}-.* UTC; .*palpate status .*--watch"
-    with pytest.raises(LedgerError, match=said):
-        RunLock(tmp_path).acquire()
+    with pytest.raises(LedgerError, match=said), locked(tmp_path):
+        pass
     assert living_runner_of(tmp_path).pid == other_process.pid
 
 
@@ -59,8 +59,8 @@ def test_a_killed_runner_holds_nothing(tmp_path, other_process):
 def test_a_lock_is_taken_and_let_go_again_and_again(tmp_path):
     for _ in range(3):
         with locked(tmp_path):
-            with pytest.raises(LedgerError, match="in use by"):
-                RunLock(tmp_path).acquire()
+            with pytest.raises(LedgerError, match="in use by"), locked(tmp_path):
+                pass
             assert living_runner_of(tmp_path) is not None
         assert living_runner_of(tmp_path) is None
 
@@ -87,8 +87,9 @@ def test_a_runner_of_another_machine_that_beats_is_refused(tmp_path, monkeypatch
     elsewhere(tmp_path)
     slept = iter(range(1, 1000))
     monkeypatch.setattr(locking.time, "sleep", lambda _: elsewhere(tmp_path, beat=next(slept)))
-    with pytest.raises(LedgerError, match=re.escape("process 1 on node7, since 2026-01-01 00:00:00 UTC")):
-        RunLock(tmp_path).acquire()
+    who = re.escape("process 1 on node7, since 2026-01-01 00:00:00 UTC")
+    with pytest.raises(LedgerError, match=who), locked(tmp_path):
+        pass
 
 
 @pytest.mark.usefixtures("network")
@@ -103,13 +104,11 @@ def test_a_runner_of_another_machine_that_stands_still_is_dead_whatever_its_cloc
 
 @pytest.mark.usefixtures("network")
 def test_who_was_taken_for_dead_stops_when_it_wakes(tmp_path):
-    lock = RunLock(tmp_path)
-    lock.acquire()
-    elsewhere(tmp_path, beat=3)
-    deadline = time.monotonic() + 10.0
-    with pytest.raises(LedgerError, match=r"process 1 on node7.* took over while this"):  # noqa: PT012
-        while time.monotonic() < deadline:
-            lock.check()
-            time.sleep(0.02)
-    lock.release()
+    with locked(tmp_path) as check:
+        elsewhere(tmp_path, beat=3)
+        deadline = time.monotonic() + 10.0
+        with pytest.raises(LedgerError, match=r"process 1 on node7.* took over while this"):  # noqa: PT012
+            while time.monotonic() < deadline:
+                check()
+                time.sleep(0.02)
     assert runner_of(tmp_path).host == "node7"
