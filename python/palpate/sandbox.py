@@ -64,8 +64,8 @@ class Limits:
 class Ended:
     """How a process ended.
 
-    ``exit_code`` is negative where a signal ended it; ``stopped`` says which limit
-    it exceeded, and is empty where it ended by itself. ``tail`` is the last of what
+    ``exit_code`` is negative where a signal ended it; ``stopped`` names the limit
+    that it exceeded, and is empty where it ended by itself. ``tail`` is the last of what
     it printed.
     """
 
@@ -162,7 +162,7 @@ def run_function(limits: Limits, function: Callable[P, T], *args: P.args, **kwar
     PalpateError, ImportError, MemoryError
         As the function raises them.
     ChildProcessError
-        The process ended otherwise, or exceeded a limit other than memory; says how.
+        The process ended otherwise, or exceeded a limit other than memory; the message gives how.
     """
     with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
         folder = Path(scratch)
@@ -279,7 +279,7 @@ def end_group(process: "subprocess.Popen[bytes]", grace_s: float) -> None:
 
 
 def _watched(process: "subprocess.Popen[bytes]", folder: Path, limits: Limits, tail: _Tail) -> str:
-    """Wait for the end; says why it has to be stopped, or nothing when it ended by itself."""
+    """Wait for the end; returns why it has to be stopped, empty when it ended by itself."""
     started = grown = time.monotonic()
     size = -1
     while not _is_over(process):

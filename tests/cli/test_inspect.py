@@ -42,7 +42,7 @@ class Wide(Plain):
     @classmethod
     def inspect(cls, path):
         if path.name == "none.log":
-            raise CurveError(f"{path}: is empty; record anew")
+            raise CurveError(f"{path}: is empty; record again")
         table = InspectedTable(title="Columns of it", columns=("column", "unit"), rows=(("fx [raw]", "N"),))
         return Inspection(
             tables=(table,),

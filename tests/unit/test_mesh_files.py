@@ -45,7 +45,7 @@ XDMF = '<Xdmf Version="3.0"><Domain><Grid><DataItem Format="HDF">{}:/points</Dat
 def test_a_file_elsewhere_is_refused_by_name(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     (tmp_path / "inner.txt").write_text("*Include,INPUT=../other.inp\n")
-    with pytest.raises(MeshError, match="outside of its folder; move it beside"):
+    with pytest.raises(MeshError, match="outside of its folder; move it next to"):
         read_here(tmp_path / name)
 
 
@@ -85,7 +85,7 @@ def test_a_data_file_that_is_a_link_out_of_the_folder_is_refused(tmp_path: Path)
     folder.mkdir()
     (folder / "m.h5").symlink_to(tmp_path / "other.h5")
     (folder / "m.xdmf").write_text(XDMF.format("m.h5"))
-    with pytest.raises(MeshError, match="outside of its folder; move it beside"):
+    with pytest.raises(MeshError, match="outside of its folder; move it next to"):
         read_here(folder / "m.xdmf")
 
 

@@ -110,7 +110,7 @@ BAD: dict[str, tuple[Spoil, str]] = {
     "saturated": (_clip, r"column 'fz_N': -6 in \d+ rows on end, until line .*and never beyond: .*saturated"),
     "frozen pose": (
         _freeze,
-        r"line 102 .*the pose stands still for 0.345 s and then jumps by 4.* mm at line 172",
+        r"line 102 .*the pose does not change for 0.345 s and then jumps by 4.* mm at line 172",
     ),
     "no unit quaternion": (
         _set("qw", slice(20, 30), 0.9),

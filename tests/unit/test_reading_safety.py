@@ -104,7 +104,7 @@ def test_archives_that_unpack_to_more_than_the_memory_are_an_error(tmp_path: Pat
 def test_the_words_of_a_file_that_is_no_log_are_not_repeated(tmp_path: Path, text: str) -> None:
     path = tmp_path / "log.csv"
     path.write_text(text)
-    with pytest.raises(CurveError, match="no cell holds a number, so this is no log") as caught:
+    with pytest.raises(CurveError, match="no cell holds a number, so this is no table") as caught:
         read_here(path, replace(SMALL, columns=("time",)))
     assert not any(word in str(caught.value).removeprefix(str(path)) for word in ("hash", "secret"))
 

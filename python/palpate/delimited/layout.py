@@ -98,7 +98,7 @@ def is_date(cell: str) -> bool:
 
 
 def find_layout(source: str, lines: Iterator[str], wanted: TextFormat) -> Layout:
-    """Layout of a text file from its first lines and what the study says.
+    """Layout of a text file from its first lines and what the study gives.
 
     Parameters
     ----------

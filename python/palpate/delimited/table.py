@@ -314,7 +314,7 @@ def _value(cell: str, layout: Layout, index: int) -> float:
 
 
 def _number(cell: str, layout: Layout) -> float:
-    """Value of a cell; NaN when it is empty or says so.
+    """Value of a cell; NaN when it is empty or NaN.
 
     Raises
     ------

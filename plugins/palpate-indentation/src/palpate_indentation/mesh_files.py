@@ -93,7 +93,7 @@ def read_here(path: Path) -> MeshFile:
         reason = " ".join((complaints.getvalue() or str(error)).split()) or type(error).__name__
         reason = reason[:200]
         raise MeshError(
-            f"{path}: meshio cannot read it ({reason}); write it anew, as .vtu for example"
+            f"{path}: meshio cannot read it ({reason}); write it again, as .vtu for example"
         ) from error
     return MeshFile(
         points=np.asarray(mesh.points, dtype=np.float64),
@@ -132,14 +132,14 @@ def _refuse_outside(path: Path) -> None:
     elif kind in {".xdmf", ".xmf", ".vtu"}:
         with path.open("rb") as stream:
             if _ENTITY.search(stream.read(100_000)):
-                raise MeshError(f"{path}: it defines XML entities, which no mesh needs; write the mesh anew")
+                raise MeshError(f"{path}: it defines XML entities, which no mesh needs; write the mesh again")
         named = iter(()) if kind == ".vtu" else _data_files(path)
     for name in named:
         other = Path(name)
         inside = (path.parent / other).resolve().is_relative_to(path.parent.resolve())
         if other.is_absolute() or ".." in other.parts or not inside:
             raise MeshError(
-                f"{path}: it names the file '{other}', which lies outside of its folder; move it beside "
+                f"{path}: it names the file '{other}', which is outside of its folder; move it next to "
                 "the mesh"
             )
         _refuse_hdf_links(path.parent / other)
@@ -159,7 +159,7 @@ def _refuse_hdf_links(path: Path) -> None:
     try:
         import h5py
     except ImportError:
-        return  # meshio cannot read it either, and says so
+        return  # meshio cannot read it either, and its message shows that
     try:
         with h5py.File(path, "r", locking=False) as file:
             elsewhere = _hdf_elsewhere(h5py, file)
@@ -233,4 +233,4 @@ def _integers(path: Path, cells: object) -> NDArray[np.int64]:
     try:
         return np.asarray(cells).astype(np.int64, casting="same_kind")
     except (TypeError, ValueError):
-        raise MeshError(f"{path}: cells whose nodes are not whole numbers; write the mesh anew") from None
+        raise MeshError(f"{path}: cells whose nodes are not whole numbers; write the mesh again") from None

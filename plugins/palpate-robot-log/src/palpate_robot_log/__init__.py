@@ -1,7 +1,7 @@
 """The loader of a robot's logs, and a ready study on such logs.
 
-Names are imported when they are first used: the process that reads a stranger's log
-imports this package too, and needs neither the loaders nor what they are made of.
+Names are imported when they are first used: the process that reads a log
+imports this package too, and does not need the loader.
 """
 
 from importlib.resources import files

@@ -187,7 +187,7 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
 def _draw_rows(
     above: Axes, below: Axes, parts: Sequence[tuple[FloatArray, FloatArray]], curve: Curve
 ) -> None:
-    """Rows of the log by branch, and how far they lie from the curve, with its band."""
+    """Rows of the log by branch, and how far they are from the curve, with its band."""
     for k, ((x, y), (start, stop)) in enumerate(zip(parts, curve.branches, strict=True)):
         branch = curve.cut(slice(start, stop))
         up = np.argsort(branch.abscissa)
@@ -197,8 +197,8 @@ def _draw_rows(
         below.plot(x, y - np.interp(x, at, branch.ordinate[up]), ".", color=_RAW, markersize=1.0, label=label)
         if branch.std is not None:
             band = 3.0 * branch.std[up]
-            told = "_" if k else "± three standard deviations"
-            below.fill_between(at, -band, band, color=_FOUND, alpha=0.45, linewidth=0, label=told)
+            label = "_" if k else "± three standard deviations"
+            below.fill_between(at, -band, band, color=_FOUND, alpha=0.45, linewidth=0, label=label)
     above.plot(curve.abscissa, curve.ordinate, color=_MEASURED, linewidth=1.0, label="curve")
     below.axhline(0.0, color=_MEASURED, linewidth=0.8)
 

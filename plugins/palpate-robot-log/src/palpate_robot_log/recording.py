@@ -76,7 +76,7 @@ class Recording:
         return float(1.0 / np.median(np.diff(self.time_s)))
 
     def at(self, index: int) -> str:
-        """Where a row stands, for messages: its number in the file and its time stamp."""
+        """A row, for messages: its number in the file and its time stamp."""
         return f"{self.row_word} {int(self.rows[index])} (t = {self.time_s[index]:.3f} s)"
 
     def fault(self, message: str, index: int | None = None) -> CurveError:

@@ -1,4 +1,4 @@
-"""Loader of a robot's log: read, processed, and told in the manifest."""
+"""Loader of a robot's log: read, processed, and recorded in the manifest."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

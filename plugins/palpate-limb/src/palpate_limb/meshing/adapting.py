@@ -36,7 +36,7 @@ class AdaptTask:
     faces : (k, 3) integer array
         On the boundary.
     surfaces : (k,) integer array
-        Which surface each lies on, from 1; faces of two surfaces meet in an edge that stays.
+        Which surface each is on, from 1; faces of two surfaces meet in an edge that stays.
     size_field : (4,) array
         fine, coarse, radius and growth of a :class:`SizeField`.
     largest_mm : (n_regions,) array

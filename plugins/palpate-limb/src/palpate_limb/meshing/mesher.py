@@ -42,7 +42,7 @@ class MeshingTask:
         Of all surfaces: the body's, and those that elements must follow inside of it.
     nested : bool
         There are surfaces inside of the body. Then everything within the box may
-        be filled: the caller keeps what lies in the body.
+        be filled: the caller keeps what is in the body.
     size_points_mm, size_cells, sizes_mm
         Edge lengths (k,) at the points (k, 3) of a grid of tetrahedra (l, 4).
     tolerance_mm : float

@@ -26,7 +26,7 @@ _WINDOW_SHARE = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lag:
-    """How far the wrench comes after the pose [s], its standard deviation, and bends that told it."""
+    """How far the wrench comes after the pose [s], its standard deviation, and bends that gave it."""
 
     seconds: float
     std_s: float

@@ -47,7 +47,7 @@ def profile(
     ----------
     abscissa, values : (n,) array
     between : tuple of float
-        Where the place lies.
+        Where the place is.
     design : callable
         Columns of the description. It is called with the abscissae scaled to a range of
         length 1, and with candidate places on that scale.

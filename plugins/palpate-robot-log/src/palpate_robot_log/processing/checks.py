@@ -96,7 +96,7 @@ def check_direction(recording: Recording, contact: Contact, normal: Normal) -> N
     if angle > LARGEST_FRICTION_ANGLE_DEG:
         middle = (contact.first + contact.last) // 2
         raise recording.fault(
-            f"the contact force lies {angle:.0f} degrees off the normal of the path, where friction explains "
+            f"the contact force is {angle:.0f} degrees off the normal of the path, where friction explains "
             f"{LARGEST_FRICTION_ANGLE_DEG:g} at most: axes are swapped, or the quaternion turns the other "
             f"way. In the sensor's frame the force goes along {_axis(recording, middle, push)} and the "
             f"normal along {_axis(recording, middle, normal.vector)}; correct the column map",
@@ -163,7 +163,7 @@ def check_torque(
     Raises
     ------
     CurveError
-        Naming handedness, swapped axes, or an orientation that stands still.
+        Naming handedness, swapped axes, or an orientation that does not change.
     """
     if not strokes.twists:
         _check_torque_at_rest(recording, motion, wrench, strokes)
@@ -184,7 +184,7 @@ def check_torque(
         raise recording.fault(
             f"the torque about the normal answers the rotation by {answers[2]:.3g} N·mm (correlation "
             f"{likeness:.2f}), tangential moments by {others:.3g} N·mm: axes of the moment are swapped, "
-            "or the tool's weight is not what gravity says; check the order of the moment's columns",
+            "or the tool's weight is not that of gravity; check the order of the moment's columns",
             rows.start,
         )
 

@@ -43,7 +43,7 @@ def rough_contact(recording: Recording) -> Contact:
         The force never changes, the log starts in contact, or it holds several presses.
     """
     track, block = thinned(recording, _TRACK_ROWS)
-    # In the base frame the weight stands still while the tool turns.
+    # In the base frame the weight is constant while the tool turns.
     force = rotated(track.quaternion, track.force_N)
     head = max(5, track.n_rows // 50)
     change = np.linalg.norm(force - _at_rest(force, head), axis=1)
@@ -79,7 +79,7 @@ def _at_rest(force: FloatArray, n_ends: int) -> FloatArray:
 
 
 def _calming_rows(change: FloatArray, noise: float) -> int:
-    """Rows to average so that noise is small beside the threshold."""
+    """Rows to average so that noise is small against the threshold."""
     peak = float(change.max())
     rows = (noise / (_CALM_SHARE * peak)) ** 2 if peak > 0.0 else 1.0
     return int(np.clip(rows, 1, max(change.size // 50, 1)))
@@ -104,7 +104,7 @@ def _only_press(
     first, last = runs[0]
     if first < 3:
         raise recording.fault(
-            "the log starts in contact, so the sensor's bias cannot be told; start it in free air",
+            "the log starts in contact, so the sensor's bias cannot be determined; start it in free air",
             first,
         )
     return first, last

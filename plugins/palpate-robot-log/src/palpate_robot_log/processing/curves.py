@@ -38,7 +38,7 @@ def branch(
         Standard deviation from elsewhere (bias, drift, onset), added in squares.
     points : int, optional
     start : float
-        Of a rising branch: what lies before this abscissa is left out.
+        Of a rising branch: what is before this abscissa is left out.
     """
     sense = 1.0 if abscissa[-1] >= abscissa[0] else -1.0
     # Noise in a slow start would make the path turn where the tool did not.

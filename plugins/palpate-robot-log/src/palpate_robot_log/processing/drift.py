@@ -39,13 +39,13 @@ def find_drift(recording: Recording, before: IntArray, after: IntArray) -> Drift
     if before.size < FEWEST_ROWS:
         raise recording.fault(
             f"{before.size} rows in free air before the press; start the log earlier, so that the sensor's "
-            "drift and bias can be told, or give drift.enabled = false",
+            "drift and bias can be determined, or give drift.enabled = false",
             0,
         )
     if after.size < FEWEST_ROWS:
         raise recording.fault(
             f"the log stops before the tool is clear of the limb ({after.size} rows in free air after the "
-            "press), so the sensor's drift cannot be told; log until the tool is clear, or give "
+            "press), so the sensor's drift cannot be determined; log until the tool is clear, or give "
             "drift.enabled = false",
             recording.n_rows - 1,
         )

@@ -2,7 +2,7 @@
 
 In free air the sensor shows  f = b_f + Rᵀ g W  and  m = b_m + c × (Rᵀ g W)  with biases b, weight
 W, centre c in the sensor's frame and direction g of gravity in the base frame: linear in b_f, W,
-b_m and W c, so that a few orientations tell them all.
+b_m and W c, so that a few orientations determine them all.
 """
 
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> Too
     std = noise / np.sqrt(power) if power > 0.0 else float("inf")
     if not std < max(_LARGEST_STD * abs(weight), 1e-3):
         raise recording.fault(
-            f"{free.size} rows in free air tell no weight of the tool, "
+            f"{free.size} rows in free air give no weight of the tool, "
             "since its orientation hardly changes there; give gravity.weight and gravity.centre, or log "
             "a few orientations in free air",
             int(free[0]),
@@ -101,7 +101,7 @@ def check_plausible(recording: Recording, tool: ToolLoad) -> None:
         )
     if reach > FARTHEST_MM:
         raise recording.fault(
-            f"a tool whose centre lies {reach:.4g} mm from the sensor is not plausible "
+            f"a tool whose centre is {reach:.4g} mm from the sensor is not plausible "
             f"(up to {FARTHEST_MM:g} mm); check the units of the moment and of gravity.centre"
         )
 
@@ -117,7 +117,7 @@ def check_shown(recording: Recording, free: IntArray, tool: ToolLoad) -> None:
     span = float(np.ptp(recording.force_N, axis=0).max())
     if tool.weight_N > 2.0 * (shown + span):
         raise recording.fault(
-            f"in free air the sensor shows {shown:.3g} N, yet the tool is said to weigh "
+            f"in free air the sensor shows {shown:.3g} N, but gravity gives the tool "
             f"{tool.weight_N:.4g} N: heavier than plausible; check gravity.weight "
             "(in N, 9.81 times the mass in kg)",
             int(free[0]),

@@ -1,4 +1,4 @@
-"""Where, along what and when a recording presses: what can be told before the wrench is clean."""
+"""Where, along what and when a recording presses: what is known before the wrench is clean."""
 
 from dataclasses import dataclass
 
@@ -92,7 +92,7 @@ def free_rows(
 ) -> tuple[IntArray, IntArray]:
     """Rows in free air before and after the press.
 
-    Without ``any_orientation`` (the weight is unknown) only those in which the tool stands as it
+    Without ``any_orientation`` (the weight is unknown) only those in which the tool is as it
     does when it touches.
     """
     motion = located.motion
@@ -129,7 +129,7 @@ def _estimated_lag(located: Located) -> Lag:
 
 
 def _last_approach(motion: Motion, contact: Contact) -> int:
-    """First row of the last stretch before contact in which the tool comes nearer, as it stands there."""
+    """First row of the last stretch before contact in which the tool comes nearer as oriented there."""
     alike = np.hypot(motion.turn_deg, motion.tilt_deg)[: contact.first + 1] < _ORIENTED_ALIKE_DEG
     away = np.flatnonzero(~alike)
     return int(away[-1]) + 1 if away.size else 0

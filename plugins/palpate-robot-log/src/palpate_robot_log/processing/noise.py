@@ -1,4 +1,4 @@
-"""How noisy a signal is, told from the signal itself."""
+"""Noise of a signal, from the signal itself."""
 
 import numpy as np
 

@@ -26,7 +26,7 @@ def spot_normal(recording: Recording, contact: Contact) -> Normal:
     """Direction opposite to the one in which the tool moved while the force rose.
 
     The principal direction of the displacements over strides of the contact; a dwell adds no
-    displacement and so has no say.
+    displacement and so has no effect.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def spot_normal(recording: Recording, contact: Contact) -> Normal:
     std_deg = float(np.degrees(across / np.sqrt(_STRIDES)))
     if across > np.sin(np.radians(_LARGEST_STD_DEG)) * np.sqrt(_STRIDES):
         raise recording.fault(
-            f"the tool leaves its line by {across:.0%} of its travel while it presses, so the path tells no "
+            f"the tool leaves its line by {across:.0%} of its travel while it presses, so the path gives no "
             "normal; check the position columns",
             contact.first,
         )

@@ -28,7 +28,7 @@ _ROWS = 1500
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Onset:
-    """Travel of first contact and its standard deviation [mm], and how many rows told it.
+    """Travel of first contact and its standard deviation [mm], and how many rows gave it.
 
     ``spread_mm`` is how far it moves when the law is fitted to less or more of the press, with
     and without its correction; ``std_mm`` contains it.
@@ -70,7 +70,7 @@ def find_onset(
     if n_free < _FEWEST:
         raise recording.fault(
             f"{n_free} rows in free air before contact; start the log earlier, so that the sensor's "
-            "bias and the onset can be told",
+            "bias and the onset can be determined",
             press.start,
         )
     return Onset(

@@ -21,7 +21,7 @@ class Relaxation:
 
     ``fall`` is positive where the magnitude falls, in the unit of the channel; ``share`` is it
     over the value at the start; ``time_constant_s`` is that of one exponential, None where the
-    fall is not significant or the dwell too short to tell.
+    fall is not significant or the dwell is too short.
     """
 
     phase: str
@@ -49,8 +49,8 @@ def relaxation(phase: str, channel: str, time_s: FloatArray, values: FloatArray)
     line = _fit(time, value, time / length)
     start, change, std, _ = fits[best]
     at_end = 1.0 - float(np.exp(-length / constants[best]))
-    told = abs(change) > SIGNIFICANT * std and 0 < best < constants.size - 1
-    if not told:
+    is_significant = abs(change) > SIGNIFICANT * std and 0 < best < constants.size - 1
+    if not is_significant:
         start, change, std, _ = line
         at_end = 1.0
     sign = 1.0 if start >= 0.0 else -1.0
@@ -61,7 +61,7 @@ def relaxation(phase: str, channel: str, time_s: FloatArray, values: FloatArray)
         fall=-sign * change * at_end,
         fall_std=std * at_end,
         share=float(-change * at_end / start) if start else 0.0,
-        time_constant_s=float(constants[best]) if told else None,
+        time_constant_s=float(constants[best]) if is_significant else None,
     )
 
 

@@ -28,7 +28,7 @@ def cross(left: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def continuous(quaternion: FloatArray) -> FloatArray:
-    """The same orientations (n, 4) with signs chosen so that neighbours lie close."""
+    """The same orientations (n, 4) with signs chosen so that neighbours are close."""
     flips = np.einsum("ij,ij->i", quaternion[1:], quaternion[:-1]) < 0.0
     if not flips.any():
         return quaternion
@@ -38,7 +38,7 @@ def continuous(quaternion: FloatArray) -> FloatArray:
 
 
 def mean_orientation(quaternion: FloatArray) -> FloatArray:
-    """Normalised mean (4,) of orientations (n, 4) that lie close together."""
+    """Normalised mean (4,) of orientations (n, 4) that are close together."""
     mean = continuous(quaternion).mean(axis=0)
     unit: FloatArray = mean / np.linalg.norm(mean)
     return unit

@@ -8,10 +8,10 @@ from palpate_robot_log.processing.noise import noise_std
 from palpate_robot_log.recording import Recording
 
 NOISE_MULTIPLE = 8.0
-"""Standard deviations of the noise by which a spike stands out."""
+"""Standard deviations of the noise by which a spike exceeds its neighbours."""
 
 RANGE_SHARE = 0.02
-"""Share of a channel's range by which it stands out at least, where the noise is less than a digit."""
+"""Least share of a channel's range by which it exceeds them, where the noise is less than a digit."""
 
 LARGEST_SHARE = 0.01
 """Share of rows with spikes beyond which a log is refused."""

@@ -110,7 +110,7 @@ def _runs(values: FloatArray, least: float) -> list[tuple[int, int]]:
 def _rough(values: FloatArray, first: int, last: int, noise: float) -> _Rough:
     inside = values[first : last + 1]
     span = abs(float(inside[-1] - inside[0]))
-    # The extreme of a long rest lies some five standard deviations off its mean.
+    # The extreme of a long rest is some five standard deviations from its mean.
     margin = max(_REST_SHARE * span, 12.0 * noise)
     left = first + int(np.flatnonzero(np.abs(inside - inside[0]) <= margin)[-1])
     reached = first + int(np.flatnonzero(np.abs(inside - inside[-1]) > margin)[-1])
@@ -167,7 +167,7 @@ def _moving_s(time: FloatArray, rough: _Rough) -> float:
 
 
 def _no_rest(time: FloatArray, stop: Transition, start: Transition) -> bool:
-    """Whether stop and start lie too close to tell a rest from a turn."""
+    """Whether stop and start are too close to distinguish a rest from a turn."""
     row_s = float(np.median(np.diff(time)))
     # A fit without rows at rest is of no use, however it judges itself.
     spread = min(4.0 * float(np.hypot(stop.std_s, start.std_s)), 2.0 * _LEAST_REST_S)
@@ -202,7 +202,7 @@ def _turn(time: FloatArray, values: FloatArray, before: _Rough, after: _Rough) -
 
 
 def _near_turn(time: FloatArray, before: _Rough, after: _Rough) -> tuple[slice, tuple[float, float]]:
-    """Rows on both sides of a turn, and between which instants it lies."""
+    """Rows on both sides of a turn, and between which instants it is."""
     low, high = float(time[before.reached]), float(time[after.left])
     reach = _TURN_SHARE * min(low - float(time[before.left]), float(time[after.reached]) - high)
     first, last = (int(k) for k in np.searchsorted(time, [low - reach, high + reach]))

@@ -33,7 +33,7 @@ def find_bias(recording: Recording, free: IntArray) -> Bias:
     """
     if free.size < FEWEST_ROWS:
         raise recording.fault(
-            f"{free.size} rows in free air before the press, so the sensor's bias cannot be told; start "
+            f"{free.size} rows in free air before the press, so the bias cannot be determined; start "
             "the log earlier, or give tare.enabled = false",
             0,
         )

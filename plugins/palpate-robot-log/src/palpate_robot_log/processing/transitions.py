@@ -44,7 +44,7 @@ _N_FREE = 5
 """Unknowns of an end: its instant, the rest's value, and three of the motion before."""
 
 _FEWEST = 12
-"""Rows below which no kink can be told."""
+"""Rows below which no kink can be found."""
 
 
 class TooFewRowsError(ValueError):
@@ -76,7 +76,7 @@ def stroke_end(
     time_s, values : (n,) array
         The last half of the stroke and the rest after it.
     between_s : tuple of float
-        Where the instant lies.
+        Where the instant is.
     moving_s : float
         How long the whole stroke takes.
 

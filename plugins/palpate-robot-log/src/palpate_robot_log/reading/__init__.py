@@ -2,7 +2,7 @@
 
 :func:`read_recording` takes a file and a :class:`ChannelMap` and gives a
 :class:`palpate_robot_log.recording.Recording`; :func:`read_log` gives the columns
-as they stand in the file. Names are imported when they are first used.
+as they are in the file. Names are imported when they are first used.
 """
 
 from typing import TYPE_CHECKING

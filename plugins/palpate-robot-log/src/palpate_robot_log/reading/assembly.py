@@ -135,7 +135,7 @@ def _with_checked_time(picked: Mapping[str, Series], channels: ChannelMap) -> di
 
 
 def _check(series: Mapping[str, Series], channels: ChannelMap) -> float:
-    """Check the numbers as they stand; returns how far the orientations are from turns."""
+    """Check the numbers as they are; returns how far the orientations are from turns."""
     bounds = channels.plausible
     checks.check_sensor(series["force"], channels)
     checks.check_sensor(series["moment"], channels)

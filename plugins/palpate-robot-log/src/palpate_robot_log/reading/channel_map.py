@@ -24,7 +24,7 @@ class Source(Settings):
         default=None, description="Topic of a bag, when several have columns of these names."
     )
     time: str | None = Field(
-        default=None, description="Column of time beside these columns, when it is not the map's own."
+        default=None, description="Column of time of these columns, when it is not the map's own."
     )
     unit: str | None = Field(
         default=None, description="Unit of the columns, when their names do not show it."
@@ -53,7 +53,7 @@ class Vector(Source):
 
 
 class Orientation(Source):
-    """Columns that say how the tool is turned."""
+    """Columns that give the tool's orientation."""
 
     form: Literal["quaternion", "euler", "axis_angle", "rotation_matrix", "fixed"] = Field(
         default="quaternion",
@@ -61,7 +61,7 @@ class Orientation(Source):
         "sequence. axis_angle: rotation vector. rotation_matrix: nine columns, row by row. "
         "fixed: no columns, the tool keeps the quaternion of value.",
     )
-    columns: list[str] = Field(default=[], description="The columns, as form says.")
+    columns: list[str] = Field(default=[], description="The columns, as form defines them.")
     sequence: str = Field(
         default="xyz",
         pattern=r"^([xyz]{3}|[XYZ]{3})$",

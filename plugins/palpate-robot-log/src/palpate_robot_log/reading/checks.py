@@ -1,7 +1,7 @@
 """Checks of raw numbers that need no physics: units by magnitude, saturation, a sensor that is stuck.
 
-Each is told with row, time stamp and column. Where real logs differ from what is
-assumed here, the message names the setting that says so.
+Each message names row, time stamp and column. Where real logs differ from what is
+assumed here, the message names the setting to change.
 """
 
 from collections.abc import Iterator
@@ -71,7 +71,7 @@ def check_wrench(force: Series, moment: Series, bounds: Plausible) -> None:
 
 
 def _other_unit(value: float, least: float, most: float) -> str:
-    """Hint at a factor of 1000 where that would mend it."""
+    """Hint at a factor of 1000 where that would be plausible."""
     for factor, word in ((1e3, "1000 times larger"), (1e-3, "1000 times smaller")):
         if least <= value * factor <= most:
             return f" (a unit {word} would do)"
@@ -163,14 +163,14 @@ def _check_stuck(wrench: Series, same: np.ndarray, channels: ChannelMap) -> None
         raise wrench.fault(
             f"the same to the last digit in all axes for {seconds:.3f} s, until {wrench.at(last)}: the "
             "sensor is "
-            "stuck or its driver stopped; record anew, or raise stuck in the channel map for a log without "
+            "stuck or its driver stopped; record again, or raise stuck in the channel map for a log without "
             "noise",
             first,
         )
 
 
 def _check_axis_stuck(wrench: Series, column: int, same: np.ndarray, stuck_s: float) -> None:
-    """Refuse one axis that stands still for long and shows noise at other times."""
+    """Refuse one axis that does not change for long and shows noise at other times."""
     if np.count_nonzero(same) * float(np.median(np.diff(wrench.time_s))) < stuck_s:
         return
     starts, lengths = _runs(same)
@@ -181,7 +181,7 @@ def _check_axis_stuck(wrench: Series, column: int, same: np.ndarray, stuck_s: fl
     if seconds > stuck_s and _is_noisy(np.concatenate([values[:first], values[last + 1 :]])):
         raise wrench.fault(
             f"{values[first]:.6g} to the last digit for {seconds:.3f} s, until {wrench.at(last)}, with noise "
-            "at other times: the axis is stuck; record anew, or raise stuck in the channel map",
+            "at other times: the axis is stuck; record again, or raise stuck in the channel map",
             first,
             column,
         )
@@ -218,7 +218,7 @@ def _check_saturated(wrench: Series, column: int, same: np.ndarray) -> None:
 
 
 def check_frozen(position: Series, stuck_s: float) -> None:
-    """Refuse a pose that stands still to the last digit and then jumps: its stream was interrupted.
+    """Refuse a pose that does not change to the last digit and then jumps: its stream was interrupted.
 
     Raises
     ------
@@ -233,8 +233,8 @@ def check_frozen(position: Series, stuck_s: float) -> None:
             jump = float(np.linalg.norm(position.values[end + 1] - position.values[end]))
             if jump > _JUMP_MM:
                 raise position.fault(
-                    f"the pose stands still for {held[index]:.3f} s and then jumps by {jump:.2f} mm at "
-                    f"{position.at(end + 1)}: its stream was interrupted; record anew",
+                    f"the pose does not change for {held[index]:.3f} s and then jumps by {jump:.2f} mm at "
+                    f"{position.at(end + 1)}: its stream was interrupted; record again",
                     int(starts[index]),
                 )
 

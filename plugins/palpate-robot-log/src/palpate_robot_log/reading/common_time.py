@@ -32,7 +32,7 @@ def overlap(kept: Series, others: Sequence[Series]) -> slice:
         spans = "; ".join(f"{s.what} {s.time_s[0]:.3f} to {s.time_s[-1]:.3f} s" for s in (kept, *others))
         raise kept.fault(
             f"pose and wrench hardly overlap in time ({spans}): their clocks differ, or one stopped; choose "
-            "another column of time (received in a bag), or record anew"
+            "another column of time (received in a bag), or record again"
         )
     return slice(first, last)
 

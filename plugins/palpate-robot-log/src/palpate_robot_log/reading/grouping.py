@@ -25,7 +25,7 @@ class Group:
     columns : tuple of Column
         In the order x, y, z, w, or by their index.
     is_indexed : bool
-        Told apart by numbers, so that what each is has to be guessed.
+        Distinguished by numbers, so that what each is has to be guessed.
     """
 
     stream: str
@@ -69,7 +69,7 @@ def groups_of(stream: Stream) -> list[Group]:
 
 
 def _split(words: tuple[str, ...]) -> tuple[tuple[str, ...], str | None]:
-    """Words that a vector's columns share, and what tells this one apart."""
+    """Words that a vector's columns share, and what is its own."""
     if not words:
         return words, None
     *before, last = words
@@ -79,7 +79,7 @@ def _split(words: tuple[str, ...]) -> tuple[tuple[str, ...], str | None]:
         return (*before, "euler"), _ROLL_PITCH_YAW[last]
     if last[-1] in _AXES and last[:-1] in _SHORT:
         return (*before, last[:-1]), last[-1]
-    # A frame may stand after the axis: fx_sensor.
+    # A frame may follow the axis: fx_sensor.
     if len(before) == 1 and before[0][-1] in _AXES and before[0][:-1] in _SHORT:
         return (before[0][:-1], last), before[0][-1]
     return words, None

@@ -40,7 +40,7 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
     """
     log = read_log(path, request or Request())
     proposal = propose(log)
-    # A force of three components is a sensor's, whatever the log has of depth beside it.
+    # A force of three components is a sensor's, whatever else the log has of depth.
     if "force" not in proposal.guesses and (processed := processed_curves.study_text(log)):
         return _of_curves(path, log, processed)
     clocks = {stream.name: _clock(stream, proposal) for stream in log.streams}
@@ -48,7 +48,7 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
     findings = [
         *log.notes,
         *_gap_findings(log, clocks),
-        *_doubts(proposal),
+        *_to_check(proposal),
         *_others(proposal),
     ]
     findings.append(f"with this map: {problem}" if problem else f"this map reads the file: {reads}")
@@ -163,9 +163,9 @@ def _try(log: RawLog, proposal: Proposal) -> tuple[str, str]:
     return "", f"{recording.n_rows} rows at {recording.rate_hz:.4g} Hz over {seconds:.4g} s"
 
 
-def _doubts(proposal: Proposal) -> Iterable[str]:
+def _to_check(proposal: Proposal) -> Iterable[str]:
     guesses = [*proposal.guesses.values(), *proposal.time.values()]
-    return dict.fromkeys(f"check {doubt}" for guess in guesses for doubt in guess.doubts)
+    return dict.fromkeys(f"check {check}" for guess in guesses for check in guess.to_check)
 
 
 def _others(proposal: Proposal) -> Iterable[str]:

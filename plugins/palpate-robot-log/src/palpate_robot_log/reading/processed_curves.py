@@ -51,7 +51,7 @@ def study_text(log: RawLog) -> str:
     if "force" not in curves:
         return _homogeneous(columns, Path(log.source).name)
     lines = ["[experiment]", 'loader = "csv"']
-    # What lies between cells the loader finds by itself.
+    # The loader finds the separator by itself.
     layout = {key: log.layout[key] for key in _LAYOUT if log.layout.get(key, _LAYOUT[key]) != _LAYOUT[key]}
     lines += [f"settings.{key} = {json.dumps(value)}" for key, value in layout.items()]
     usual = {

@@ -32,7 +32,7 @@ _NOT_MEASURED = frozenset(("target", "desired", "cmd", "command", "ref", "refere
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Guess:
-    """What the map says of one quantity.
+    """Entry of the map for one quantity.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Guess:
         Of an orientation; else empty.
     unit : str
         Written into the map only where the file shows none.
-    doubts : tuple of str
+    to_check : tuple of str
         What a person has to decide.
     score : float
     """
@@ -51,7 +51,7 @@ class Guess:
     stream: str
     form: str = ""
     unit: str = ""
-    doubts: tuple[str, ...] = ()
+    to_check: tuple[str, ...] = ()
     score: float = 0.0
 
 
@@ -105,8 +105,8 @@ def _possible(group: Group) -> Iterable[tuple[str, Guess]]:
     elif n_columns == 6 and words & _POSE_WORDS:
         yield "position", _part(group, slice(0, 3), "position", 1.5)
         turned = _part(group, slice(3, 6), "orientation", 1.5)
-        doubt = "three angles: axis_angle is assumed, as Universal Robots logs it; other makes log euler"
-        yield "orientation", replace(turned, form="axis_angle", doubts=(doubt,))
+        check = "three angles: axis_angle is assumed, as Universal Robots logs it; other makes log euler"
+        yield "orientation", replace(turned, form="axis_angle", to_check=(check,))
     elif n_columns == 7 and _is_unit(group.columns[3:]):
         yield "position", _part(group, slice(0, 3), "position", 2.0)
         yield "orientation", _quaternion(group, group.names[3:])
@@ -133,22 +133,22 @@ def _vectors(group: Group) -> Iterable[tuple[str, Guess]]:
 
 def _turned(group: Group, guess: Guess) -> Guess:
     if "euler" in group.words or "rpy" in group.words:
-        doubt = 'the order of the angles: sequence "xyz" (fixed axes) is assumed'
-        return replace(guess, form="euler", doubts=(doubt,))
-    doubt = "three angles: axis_angle is assumed, as Universal Robots logs it; other makes log euler"
-    return replace(guess, form="axis_angle", doubts=(doubt,), score=guess.score - 0.5)
+        check = 'the order of the angles: sequence "xyz" (fixed axes) is assumed'
+        return replace(guess, form="euler", to_check=(check,))
+    check = "three angles: axis_angle is assumed, as Universal Robots logs it; other makes log euler"
+    return replace(guess, form="axis_angle", to_check=(check,), score=guess.score - 0.5)
 
 
 def _part(group: Group, part: slice, quantity: str, score: float) -> Guess:
-    doubt = f"the order of the columns of {quantity}: x, y, z by their numbers is assumed"
-    return Guess(columns=group.names[part], stream=group.stream, score=score, doubts=(doubt,))
+    check = f"the order of the columns of {quantity}: x, y, z by their numbers is assumed"
+    return Guess(columns=group.names[part], stream=group.stream, score=score, to_check=(check,))
 
 
 def _quaternion(group: Group, names: Sequence[str]) -> Guess:
     guess = Guess(columns=tuple(names), stream=group.stream, form="quaternion", score=4.0)
     if not group.is_indexed:
         return guess
-    return replace(guess, doubts=("the order of the quaternion: x, y, z, w is assumed; some write w first",))
+    return replace(guess, to_check=("the order of the quaternion: x, y, z, w is assumed, not w first",))
 
 
 def _values(columns: Iterable[Column]) -> FloatArray:
@@ -182,8 +182,8 @@ def _with_unit(log: RawLog, quantity: str, guess: Guess, best: Mapping[str, Gues
     values = _values(columns)
     extent = float(np.ptp(values, axis=0).max(initial=0.0)) if len(values) else 0.0
     unit = _likely_unit(quantity, extent, values, _force_extent(log, best))
-    doubt = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
-    return replace(guess, unit=unit, doubts=(*guess.doubts, doubt))
+    check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
+    return replace(guess, unit=unit, to_check=(*guess.to_check, check))
 
 
 def _force_extent(log: RawLog, best: Mapping[str, Guess]) -> float:
@@ -220,8 +220,8 @@ def time_of(stream: Stream) -> Guess | None:
     if kind_of(shown) == "time":
         return Guess(columns=(column.name,), stream=stream.name, score=score)
     unit = _likely_time_unit(column.values)
-    doubt = f"the unit of time: {unit} is judged from the size of the steps alone"
-    return Guess(columns=(column.name,), stream=stream.name, unit=unit, doubts=(doubt,), score=score)
+    check = f"the unit of time: {unit} is judged from the size of the steps alone"
+    return Guess(columns=(column.name,), stream=stream.name, unit=unit, to_check=(check,), score=score)
 
 
 def _time_score(column: Column) -> float:

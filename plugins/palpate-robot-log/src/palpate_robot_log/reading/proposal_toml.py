@@ -1,4 +1,4 @@
-"""A proposal as text for study.toml, with what is doubtful said beside it."""
+"""A proposal as text for study.toml, with comments on what has to be checked."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -72,8 +72,8 @@ def _commented(quantity: str, chosen: Mapping[str, object], guess: Guess | None)
         form = f"{{ columns = [{empty}] }}" if quantity != "time" else '"…"'
         yield f"# {quantity} = {form}  # no column looks like it: name them"
         return
-    for doubt in guess.doubts:
-        yield f"# check {doubt}"
+    for check in guess.to_check:
+        yield f"# check {check}"
     yield f"{quantity} = {_value(chosen[quantity])}"
 
 

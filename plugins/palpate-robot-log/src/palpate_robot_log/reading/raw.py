@@ -95,7 +95,7 @@ class RawLog:
             names = listed(s.name for s in found)
             raise CurveError(
                 f"{self.source}: the columns {listed(wanted)} are in several streams ({names}); "
-                "say which with stream in the channel map"
+                "choose one with stream in the channel map"
             )
         raise CurveError(self._missing(wanted, among))
 

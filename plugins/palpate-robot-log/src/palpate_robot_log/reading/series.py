@@ -69,7 +69,7 @@ class Series:
 def pick(
     log: RawLog, channels: ChannelMap, what: str, source: Source, columns: Sequence[str], kind: Kind | None
 ) -> Series:
-    """Columns of one quantity beside their time, converted to the recording's units.
+    """Columns of one quantity and their time, converted to the recording's units.
 
     Parameters
     ----------
@@ -140,12 +140,12 @@ def _factor(
     if not unit and not found:
         raise CurveError(
             f"{where} shows no unit, and the channel map gives none; "
-            f'write unit = "{BASE_UNITS[kind]}", or whatever it is, beside the columns'
+            f'write unit = "{BASE_UNITS[kind]}", or whatever it is, next to the columns'
         )
     factor = factor_to_base(unit or found, kind, where)
     if unit and found and not np.isclose(factor, factor_to_base(found, kind, where), rtol=1e-9):
         raise CurveError(
-            f"{where} is in {found} as the file says, and in {unit} as the channel map says; remove unit "
+            f"{where} is in {found} as the file shows, and in {unit} as the channel map gives; remove unit "
             "there, or set header_units = false if the file is wrong"
         )
     return factor, unit or found

@@ -1,4 +1,4 @@
-"""Time stamps: in order, without repeats and gaps, and in the unit that the map says."""
+"""Time stamps: in order, without repeats and gaps, and in the unit of the map."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ _FEWEST_ROWS = 20
 
 
 def checked_time(series: Series, channels: ChannelMap) -> Series:
-    """Series whose time increases, or an error that says where it does not.
+    """Series whose time increases, or an error that names the row where it does not.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def _check_gaps(series: Series, channels: ChannelMap, steps: np.ndarray, usual: 
         raise series.fault(
             f"no rows for {steps[first]:.4f} s from here to {series.at(first + 1)}, with {usual:.4g} s as "
             "the usual "
-            f"step ({gaps.size} gaps longer than {longest:.3g} s in all); record anew, or raise max_gap in "
+            f"step ({gaps.size} gaps longer than {longest:.3g} s in all); record again, or raise max_gap in "
             "the "
             "channel map if nothing happened meanwhile",
             first,
