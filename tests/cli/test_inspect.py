@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from ..unit import log_writers as write
 from .conftest import PLUGIN, Call
 
 LOADERS = '''
@@ -105,14 +104,6 @@ def test_any_other_word_is_the_study(call: Call, study: Path, options: tuple[str
     outcome = call("experiment", *options, study, "--out", "run", plugin=PLUGIN)
     assert outcome.code == 0
     assert Path("run/measured/s1.parquet").is_file()
-
-
-def test_a_robots_log_is_understood_by_the_loader_that_ships(call: Call, tmp_path: Path) -> None:
-    write.write_text(tmp_path / "log.csv", write.press())
-    found = call("experiment", "inspect", "log.csv", "--json", plugin=None).json
-    assert found["channels"] == dict(write.MAP)
-    assert found["problem"] == ""
-    assert 'loader = "robot_log"' in found["study_toml"]
 
 
 def test_help_shows_both(call: Call) -> None:

@@ -1,0 +1,163 @@
+"""A study of a tissue whose answer is known in closed form, for the tests of every stage."""
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import hypothesis
+import pytest
+
+from palpate.cli.app import main
+from palpate.domain import (
+    Indentation,
+    Normaliser,
+    ParameterSpace,
+    RegionMaterial,
+    Response,
+    Scenario,
+    Sphere,
+    Spot,
+)
+from palpate.executors import InProcess
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import load_file
+from palpate.stages.samplers import LatinHypercube
+from palpate.study.reading import Study, StudySpot
+
+# How long an example takes says more of the machine than of the code.
+hypothesis.settings.register_profile(
+    "palpate", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+hypothesis.settings.load_profile("palpate")
+
+# Kernels are compiled once for all test processes and worker processes, and for the next run of the
+# tests; set before anything imports JAX. Its keys hold the code, its own version and its flags.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / ".pytest_cache" / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+
+TISSUE_FILE = Path(__file__).parent / "tests" / "data" / "plugins" / "analytic_tissue.py"
+TOY_PLUGIN = Path(__file__).parent / "tests" / "data" / "toy" / "toy_plugin.py"
+TRUTH = {"p1": (0.4, 20.0), "p2": (0.5, 25.0)}
+SCENARIOS = (
+    Scenario(name="I", weights={"force": 1.0, "torque": 1.0}),
+    Scenario(name="II", weights={"torque": 1.0}),
+    Scenario(name="III", weights={"force": 1.0}),
+)
+PATH = [(0.0, 0.0), (10.0, 0.0), (10.0, -22.5), (10.0, 22.5), (10.0, 0.0)]
+
+
+@pytest.fixture(scope="session")
+def tissue() -> ModuleType:
+    return load_file(TISSUE_FILE)
+
+
+@pytest.fixture(scope="session")
+def plugins() -> Plugins:
+    return Plugins.load([TISSUE_FILE], entry_points=False)
+
+
+def write_curves(path: Path, response: Response) -> None:
+    rows = [
+        f"{name},{float(x)!r},{float(y)!r}\n"
+        for name, curve in response.curves.items()
+        for x, y in zip(curve.abscissa, curve.ordinate, strict=True)
+    ]
+    path.write_text("".join(rows))
+
+
+@pytest.fixture
+def space(tissue: ModuleType) -> ParameterSpace:
+    material = tissue.Spongy()
+    region = RegionMaterial(region="soft_tissue", material=material, searched=material.parameters, fixed={})
+    return ParameterSpace(regions=(region,))
+
+
+@pytest.fixture
+def make_study(tmp_path: Path, tissue: ModuleType, space: ParameterSpace) -> Callable[..., Study]:
+    """Make a study of two spots; ``solver`` is one, or names a class of the tissue; the rest are fields.
+
+    Where nothing is said of workers it runs in this very process.
+    """
+
+    def make(solver: Any = "Analytic", **changes: Any) -> Study:
+        spots = []
+        for name, truth in TRUTH.items():
+            path = tmp_path / f"{name}.csv"
+            if not path.exists():
+                write_curves(path, tissue.answer(*truth))
+            spots.append(StudySpot(spot=Spot(name=name), measured={None: (path,)}, mesh=None))
+        study = Study(
+            name="sponge",
+            description="a stand-in with a known answer",
+            file=tmp_path / "study.toml",
+            data="simulated",
+            spots=tuple(spots),
+            loader=tissue.Table(),
+            limb_source=None,
+            protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=PATH, friction=1.0),
+            space=space,
+            sampler=LatinHypercube(),
+            n_sets=12,
+            seed=1,
+            filters=(),
+            solver=getattr(tissue, solver)() if isinstance(solver, str) else solver,
+            normaliser=Normaliser.MEAN_ABS,
+            minimum_coverage=0.95,
+            scenarios=SCENARIOS,
+            generalise_by="I",
+            refine=False,
+            truth={},
+            n_workers=1,
+            time_limit_s=60.0,
+            plugin_files=(TISSUE_FILE,),
+            executor=None if "n_workers" in changes else InProcess(),
+        )
+        return replace(study, **changes)
+
+    return make
+
+
+@pytest.fixture
+def one_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the drawing to the tests of the report."""
+
+    def draw_one(content: Any, folder: Path) -> tuple[Path, ...]:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "one.svg").touch()
+        return (folder / "one.svg",)
+
+    monkeypatch.setattr("palpate.report.write_figures", draw_one)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+
+Call = Callable[..., Outcome]
+
+
+@pytest.fixture
+def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """Call palpate with the toy plugin, in an empty working folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call_palpate(*arguments: object, plugin: str | None = str(TOY_PLUGIN)) -> Outcome:
+        given = [*(["--plugin", plugin] if plugin else []), *map(str, arguments)]
+        capsys.readouterr()
+        code = main(given)
+        captured = capsys.readouterr()
+        return Outcome(code, captured.out, captured.err)
+
+    return call_palpate

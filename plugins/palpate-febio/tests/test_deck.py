@@ -1,0 +1,279 @@
+"""Decks: the same bytes, the same content when read back, and names that others know too."""
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.domain import Indentation, Job, Limb, Mesh, Sphere, Spot
+from palpate.errors import MaterialError, MeshError
+from palpate.spot_frame import in_spot_frame
+from palpate_febio.deck import rigid_id
+from palpate_febio.deck_reader import read_deck
+from palpate_febio.settings import FebioSettings
+from palpate_febio.solver import FebioSolver
+from palpate_febio.steps import halved, steps_of, up_to_first_turn, with_hold
+from palpate_materials import Demiray, NeoHookean, Ogden, Yeoh
+
+SNAPSHOTS = Path(__file__).parent / "data" / "decks"
+TWIST = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, -22.5), (2.0, 22.5), (2.0, 0.0)])
+THETAS = {
+    "skin": np.array([0.16, 6.0, 2.0]),
+    "soft tissue": np.array([0.0129, -1e-3, 9.2e-5, 0.6]),
+    "fat": np.array([0.0735, 0.4434]),
+}
+MATERIALS = {"skin": Ogden(), "soft tissue": Yeoh(), "fat": NeoHookean()}
+
+
+def mixed_limb(spot=None):
+    """One element of each kind, side by side."""
+    hexes = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    hexes = np.vstack([hexes - [0, 0, 1], hexes])
+    tet = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, -1]], dtype=float)
+    middles = np.array([(tet[a] + tet[b]) / 2 for a, b in ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))])
+    points = np.vstack([hexes, np.vstack([tet, middles]) + np.array([2, 0, 0]), tet + np.array([4, 0, 0])])
+    mesh = Mesh(
+        points_mm=points,
+        cells={"hex8": [range(8)], "tet10": [range(8, 18)], "tet4": [range(18, 22)]},
+        cell_regions={"hex8": [0], "tet10": [1], "tet4": [2]},
+        regions=("skin", "soft tissue", "fat"),
+        node_sets={
+            "fixed": np.flatnonzero(points[:, 2] == -1.0),
+            "contact": np.flatnonzero(points[:, 2] == 0.0),
+        },
+    )
+    return Limb(spot=spot or Spot(name="p1", position_mm=[0.5, 0.5, 0.0]), mesh=mesh)
+
+
+def job_of(path=TWIST, friction=1.0):
+    protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=path, friction=friction)
+    return Job(spot="p1", set_id=0, materials=MATERIALS, thetas=THETAS, protocol=protocol)
+
+
+SOLVER = FebioSolver(FebioSettings(depth_steps=2, rotation_step_deg=22.5, facet_mm=1.2))
+
+
+def without_ball(deck):
+    """The deck without the lines of the indenter's mesh, which depend on the machine's cosine."""
+    keep, inside = [], False
+    for line in deck.decode("ascii").splitlines():
+        inside = inside or 'type="tet4" name="indenter"' in line or 'name="indenter_surface"' in line
+        if inside and line.startswith(("   <elem", "   <tri3")):
+            continue
+        inside = inside and "</Elements>" not in line and "</Surface>" not in line
+        if line.startswith("   <node ") and int(line.split('"')[1]) > 22:
+            continue
+        keep.append(line)
+    return "\n".join(keep) + "\n"
+
+
+@pytest.mark.parametrize("name", ["frictional", "frictionless", "paper", "bonded", "newton"])
+def test_decks_are_these(name, monkeypatch):
+    limb, job, settings = mixed_limb(), job_of(), SOLVER.settings
+    if name == "frictionless":
+        job = job_of(TWIST[:2], friction=0.0)
+    if name == "paper":
+        settings = settings.model_copy(update={"contact": "paper"})
+    if name == "newton":
+        settings = settings.model_copy(update={"ladder": ("newton",), "linear_solver": "skyline"})
+    if name == "bonded":
+        sets = {**limb.mesh.node_sets, "bonded": [4, 5]}
+        limb = replace(limb, mesh=replace(limb.mesh, node_sets=sets))
+    found = without_ball(FebioSolver(settings).write_deck(job, limb))
+    file = SNAPSHOTS / f"{name}.feb"
+    # Delete a snapshot to renew it.
+    if not file.exists():
+        file.write_text(found)
+        pytest.fail(f"{file} was missing and has been written: look at it")
+    assert found == file.read_text()
+
+
+def test_the_bytes_do_not_depend_on_the_run():
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import test_deck as t, hashlib; "
+        "print(hashlib.sha256(t.SOLVER.write_deck(t.job_of(), t.mixed_limb())).hexdigest())"
+    )
+    seen = set()
+    for seed in ("1", "2"):
+        ran = subprocess.run(
+            [sys.executable, "-c", code, str(Path(__file__).parent)],
+            env={"PYTHONHASHSEED": seed, "PYTHONPATH": ":".join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        seen.add(ran.stdout)
+    assert len(seen) == 1
+
+
+def test_what_is_read_back_is_what_was_written(tmp_path):
+    spot = Spot(name="p1", position_mm=[0.5, 0.5, 0.0], normal=[0.1, -0.2, 1.0])
+    limb = mixed_limb(spot)
+    file = tmp_path / "job.feb"
+    file.write_bytes(SOLVER.write_deck(job_of(), limb))
+    deck, mesh = read_deck(file), in_spot_frame(limb)
+    np.testing.assert_allclose(deck.points[: mesh.n_nodes], mesh.points_mm, atol=1e-11)
+    assert [(p.kind, p.material) for p in deck.parts] == [
+        ("hex8", "1_skin"),
+        ("tet10", "2_soft_tissue"),
+        ("tet4", "3_fat"),
+    ]
+    for part in deck.parts:
+        np.testing.assert_array_equal(part.cells, mesh.cells[part.kind])
+    np.testing.assert_array_equal(deck.node_sets["fixed"], mesh.node_sets["fixed"])
+    np.testing.assert_array_equal(deck.surfaces["skin_surface"], np.sort(mesh.node_sets["contact"]))
+    assert deck.held == ("fixed",)
+    yeoh = deck.materials["2_soft_tissue"].values
+    assert yeoh == {"density": 1e-9, "c1": 0.0129, "c2": -2e-3, "c3": 2.76e-4, "k": 0.6}
+    assert deck.materials["1_skin"].values == {"density": 1e-9, "c1": 0.16, "m1": 6.0, "k": 2.0}
+
+
+def test_materials_that_febio_lacks_are_refused():
+    job = job_of()
+    fat = {**job.materials, "fat": Demiray()}
+    thetas = {**job.thetas, "fat": np.array([0.05, 1.0, 1.0])}
+    with pytest.raises(MaterialError, match=r"demiray.*attribute febio"):
+        SOLVER.write_deck(replace(job, materials=fat, thetas=thetas), mixed_limb())
+
+
+def test_a_surface_that_cannot_be_touched_is_refused():
+    limb = mixed_limb()
+    sets = {**limb.mesh.node_sets, "contact": [4, 5]}
+    with pytest.raises(MeshError, match="no outer face"):
+        SOLVER.write_deck(job_of(), replace(limb, mesh=replace(limb.mesh, node_sets=sets)))
+
+
+# ---------------------------------------------------------------------- steps
+
+
+def test_every_waypoint_is_a_step():
+    steps = steps_of(job_of().protocol, 3, 5.0)
+    found = np.column_stack([steps.depth_mm, steps.rotation_deg])
+    for waypoint in TWIST:
+        assert (found == waypoint).all(axis=1).any()
+    assert steps.n == 3 + 5 + 9 + 5
+    assert np.abs(np.diff(steps.rotation_deg)).max() <= 5.0
+
+
+def test_halving_keeps_every_second_step_and_a_hold_stays():
+    steps = steps_of(job_of().protocol, 3, 5.0)
+    fine = halved(steps)
+    np.testing.assert_array_equal(fine.depth_mm[::2], steps.depth_mm)
+    np.testing.assert_array_equal(fine.rotation_deg[::2], steps.rotation_deg)
+    first = up_to_first_turn(steps)
+    assert first.rotation_deg[-1] == -22.5
+    assert (with_hold(first, 4).rotation_deg[-5:] == -22.5).all()
+    straight = steps_of(job_of(TWIST[:3]).protocol, 3, 5.0)
+    assert up_to_first_turn(straight).n == straight.n
+
+
+# --------------------------------------------------------- an independent view
+
+
+def plain(element):
+    """Children as pyfebio's models want them: numbers as numbers, choices of words as words."""
+    found = {}
+    for child in element:
+        text = (child.text or "").strip()
+        value = text
+        for read in (int, float):
+            try:
+                value = read(text)
+                break
+            except ValueError:
+                continue
+        found[child.tag] = value
+    return found
+
+
+@pytest.fixture(scope="module")
+def root():
+    return ET.fromstring(SOLVER.write_deck(job_of(), mixed_limb()))
+
+
+def accepted(model, element, **more):
+    """The model built from a section; a tag that it does not know fails."""
+    given = {**plain(element), **{k: v for k, v in element.attrib.items() if k != "type"}, **more}
+    unknown = set(given) - set(model.model_fields)
+    assert not unknown, f"{model.__name__} knows no {unknown}"
+    return model(**given)
+
+
+def test_pyfebio_knows_every_name_in_the_control_section(root):
+    pyfebio = pytest.importorskip("pyfebio")
+    control = root.find("Control")
+    solver, stepper = control.find("solver"), control.find("time_stepper")
+    broyden = accepted(pyfebio.control.BroydenMethod, solver.find("qn_method"))
+    built = accepted(
+        pyfebio.control.Control,
+        control,
+        solver=accepted(pyfebio.control.SolidSolver, solver, qn_method=broyden),
+        time_stepper=accepted(
+            pyfebio.control.TimeStepper,
+            stepper,
+            dtmax=pyfebio.control.TimeStepValue(lc=int(stepper.find("dtmax").get("lc")), text=1.0),
+        ),
+    )
+    assert built.solver.qn_method.max_ups == 10
+    assert built.time_stepper.dtmin == 1e-3
+
+
+def test_pyfebio_knows_every_name_of_contact_motion_and_support(root):
+    pyfebio = pytest.importorskip("pyfebio")
+    contact = accepted(pyfebio.contact.SlidingElastic, root.find("Contact/contact"))
+    assert (contact.laugon, contact.fric_coeff) == ("AUGLAG", 1.0)
+    lock, press, twist = root.findall("Rigid/rigid_bc")
+    fixed = accepted(pyfebio.rigid.RigidFixed, _unnamed(lock), rb="3")
+    assert (fixed.Rx_dof, fixed.Rz_dof, fixed.Rw_dof) == (1, 0, 0)
+    for motion, lc, scale in ((press, 1, -1.0), (twist, 2, 1.0)):
+        value = pyfebio.rigid.Value(lc=lc, text=scale)
+        assert motion.find("value").get("lc") == str(lc)
+        built = pyfebio.rigid.RigidPrescribed(
+            **{**plain(motion), "rb": "4", "value": value, "type": motion.get("type")}
+        )
+        assert built.value.text == float(motion.findtext("value"))
+    held = accepted(pyfebio.boundary.BCZeroDisplacement, _unnamed(root.find("Boundary/bc")))
+    assert held.node_set == "fixed"
+
+
+def _unnamed(element):
+    element.attrib.pop("name", None)
+    return element
+
+
+def test_pyfebio_reads_the_mesh_curves_and_record(root):
+    pyfebio = pytest.importorskip("pyfebio")
+    for curve in root.findall("LoadData/load_controller"):
+        points = [pt.text for pt in curve.iterfind("points/pt")]
+        built = pyfebio.loaddata.LoadCurve(
+            id=int(curve.get("id")),
+            interpolate=curve.findtext("interpolate"),
+            extend=curve.findtext("extend"),
+            points=pyfebio.loaddata.CurvePoints(points=points),
+        )
+        assert [float(p.split(",")[0]) for p in built.points.points] == list(range(len(points)))
+    ours = ET.fromstring(without_ball(ET.tostring(root))).find("Mesh")  # it takes long over many nodes
+    for name in ("Elements", "Surface"):
+        ours.remove(next(e for e in ours.findall(name) if e.get("name").startswith("indenter")))
+    mesh = pyfebio.mesh.Mesh.from_xml(ET.tostring(ours))
+    assert len(mesh.nodes[0].all_nodes) == 22
+    assert [e.type for e in mesh.elements] == ["hex8", "tet10", "tet4"]
+    record = root.find("Output/logfile/rigid_body_data")
+    known = {entry.value for entry in pyfebio.output.RigidBodyDataEnum}
+    assert set(record.get("data").split(";")) <= known
+    rigid = root.find("Material/material[@type='rigid body']")
+    assert record.text == rigid.get("id") == str(rigid_id(SOLVER.problem(job_of(), mixed_limb())))
+
+
+def test_pyfebio_knows_the_materials(root):
+    pyfebio = pytest.importorskip("pyfebio")
+    models = {"Ogden": "OgdenUC", "Yeoh": "Yeoh", "neo-Hookean": "NeoHookean"}
+    for element in root.findall("Material/material")[:3]:
+        model = getattr(pyfebio.material, models[element.get("type")])
+        # Its bound that no coefficient is negative is not FEBio's: only names are compared.
+        assert {child.tag for child in element} <= set(model.model_fields)
+        assert model.model_fields["type"].default == element.get("type")

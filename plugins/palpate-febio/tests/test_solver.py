@@ -1,0 +1,329 @@
+"""The solver against a stand-in for FEBio: ladder, gates, conventions, litter."""
+
+import tempfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.domain import HomogeneousTests, Indentation, Job, Sphere, Status
+from palpate.errors import MaterialError, MeshError, PluginError, StudyError
+from palpate.specimens import block
+from palpate.stages.keys import solver_key
+from palpate.testing import SolverContract
+from palpate_febio.conventions import remembered
+from palpate_febio.gates import check_torque
+from palpate_febio.log import read_log
+from palpate_febio.probe import Fit
+from palpate_febio.settings import FebioSettings
+from palpate_febio.solver import FebioSolver, FebioWarning
+from palpate_febio.steps import Steps
+from palpate_febio.verdict import Verdict
+from palpate_materials import Demiray, NeoHookean, Ogden, Yeoh
+
+PATH = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, -20.0), (2.0, 20.0), (2.0, 0.0)])
+LIMB = block(n_across=2, n_down=1)
+YEOH = np.array([0.0129, -1e-3, 9.2e-5, 0.6])
+
+
+@pytest.fixture
+def fake(tmp_path, monkeypatch, fake_febio):
+    """Say how FEBio behaves; what it leaves in the temporary folder and the cache stays in the test's."""
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+
+    def behave(words="", **settings):
+        monkeypatch.setenv("FAKE_FEBIO", words)
+        given = {"depth_steps": 4, "rotation_step_deg": 5.0, "facet_mm": 1.5, "executable": str(fake_febio)}
+        return FebioSolver(FebioSettings(**(given | settings)))
+
+    return behave
+
+
+def job_of(material=None, theta=YEOH, path=PATH, friction=1.0):
+    protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=path, friction=friction)
+    return Job(
+        spot="p1",
+        set_id=7,
+        materials={"soft_tissue": material or Yeoh()},
+        thetas={"soft_tissue": np.asarray(theta)},
+        protocol=protocol,
+    )
+
+
+class TestFebioSolver(SolverContract):
+    # The stand-in for FEBio computes a force and a torque from one number of the deck.
+    blind_to = frozenset({"radius", "limb", "parameters"})
+
+    @pytest.fixture
+    def half_space_solver(self):
+        return None
+
+    @pytest.fixture
+    def solver(self, fake):
+        return fake()
+
+    @pytest.fixture
+    def finer(self, fake):
+        return fake(depth_steps=8, rotation_step_deg=2.5)
+
+    @pytest.fixture
+    def job(self):
+        return job_of()
+
+    @pytest.fixture
+    def limb(self):
+        return LIMB
+
+
+def test_the_answer_has_the_protocols_points_and_a_history(fake, tmp_path):
+    simulation = fake().simulate(job_of(), LIMB)
+    assert simulation.status is Status.OK, simulation.message
+    assert simulation.response["force"].abscissa[-1] == 2.0
+    assert set(PATH[1:, 1]) <= set(simulation.response["torque"].abscissa)
+    found = simulation.diagnostics
+    assert [t["rung"] for t in found["tries"]] == ["broyden"]
+    assert found["conventions"] == {"soft_tissue": "febio4"}
+    assert found["contact"] == "augmented"
+    assert list((tmp_path / "tmp").iterdir()) == []
+
+
+def test_the_ladder_is_climbed_and_recorded(fake):
+    simulation = fake("broyden_fails").simulate(job_of(), LIMB)
+    assert simulation.status is Status.OK
+    tries = simulation.diagnostics["tries"]
+    assert [(t["rung"], t["status"]) for t in tries] == [("broyden", "diverged"), ("newton", "ok")]
+    assert "negative Jacobian" in tries[0]["message"]
+
+
+def test_half_steps_answer_at_the_same_points(fake):
+    whole = fake().simulate(job_of(), LIMB)
+    halves = fake(ladder=("broyden_half_steps",)).simulate(job_of(), LIMB)
+    for channel in ("force", "torque"):
+        np.testing.assert_array_equal(halves.response[channel].abscissa, whole.response[channel].abscissa)
+
+
+def test_a_run_that_diverges_on_every_rung_keeps_what_it_reached(fake):
+    simulation = fake("diverge").simulate(job_of(), LIMB)
+    assert simulation.status is Status.DIVERGED
+    assert len(simulation.diagnostics["tries"]) == 5
+    assert simulation.response["force"].abscissa[-1] == 2.0
+    assert "no balance at step" in simulation.message
+
+
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [
+        ("garbled", Status.UNREADABLE),
+        ("cut", Status.UNREADABLE),
+        ("zeros", Status.UNREADABLE),
+        ("nan", Status.UNREADABLE),
+        ("elsewhere", Status.UNREADABLE),
+        ("no_banner", Status.UNREADABLE),
+        ("crash", Status.CRASHED),
+        ("bad_code", Status.CRASHED),
+    ],
+)
+def test_lies_and_crashes_give_no_curve_and_no_second_try(fake, tmp_path, words, status):
+    simulation = fake(words).simulate(job_of(), LIMB)
+    assert simulation.status is status
+    assert simulation.response is None
+    assert simulation.message
+    assert len(simulation.diagnostics["tries"]) == 1
+    assert list((tmp_path / "tmp").iterdir()) == []
+
+
+def test_a_deck_that_is_refused_says_why_though_there_is_no_log(fake, monkeypatch):
+    solver = fake()
+    solver.convention(Yeoh())
+    monkeypatch.setenv("FAKE_FEBIO", "xml_error")
+    simulation = solver.simulate(job_of(), LIMB)
+    assert simulation.status is Status.CRASHED
+    assert "rigid_bc" in simulation.message
+
+
+def test_a_hanging_run_is_ended(fake):
+    simulation = fake("hang", time_limit_s=1.5).simulate(job_of(), LIMB)
+    assert simulation.status is Status.TIMED_OUT
+    assert simulation.response is None
+
+
+def test_runs_are_kept_when_asked_for(fake, tmp_path):
+    keep = tmp_path / "kept"
+    fake("broyden_fails", keep_folder=str(keep)).simulate(job_of(), LIMB)
+    kept = {str(p.relative_to(keep)) for p in keep.rglob("*") if p.is_file()}
+    folders = {"p1/set-7-broyden", "p1/set-7-newton"}
+    assert kept == {f"{f}/{name}" for f in folders for name in ("job.feb", "job.log", "rigid.csv")}
+    outside = replace(job_of(), spot="../../x")
+    fake(keep_folder=str(keep)).simulate(outside, LIMB)
+    assert not (tmp_path / "x").exists()
+
+
+# ---------------------------------------------------------------------- gates
+
+
+def test_a_torque_that_remembers_passes_its_gates(fake):
+    simulation = fake(gates="every").simulate(job_of(), LIMB)
+    gates = simulation.diagnostics["gates"]
+    assert gates["passed"]
+    assert abs(gates["halving"]) < 1e-9
+    assert abs(gates["hold"]) < 1e-9
+    assert simulation.message == ""
+
+
+def test_the_papers_contact_warns_and_fails_its_gates(fake):
+    solver = fake(gates="every", contact="paper")
+    with pytest.warns(FebioWarning, match="no memory"):
+        solver.check(job_of(), LIMB)
+    simulation = solver.simulate(job_of(), LIMB)
+    gates = simulation.diagnostics["gates"]
+    assert not gates["passed"]
+    assert gates["halving"] == pytest.approx(-0.5)
+    assert gates["hold"] == pytest.approx(-0.5)
+    assert "NOT to be relied on" in simulation.message
+    assert any("no memory" in remark for remark in simulation.diagnostics["remarks"])
+
+
+def test_there_is_nothing_to_prove_without_a_twist_or_friction(fake):
+    for job in (job_of(path=PATH[:2]), job_of(friction=0.0)):
+        assert fake(gates="every").simulate(job, LIMB).diagnostics["gates"] == {}
+
+
+@pytest.mark.parametrize(("n_rows", "halving"), [(9, 0.0), (8, None)])
+def test_a_finer_run_that_does_not_end_proves_nothing_and_tells_what_it_can(n_rows, halving):
+    steps = Steps(np.array([0.0, 1.0, 2.0, 2.0, 2.0]), np.array([0.0, 0.0, 0.0, -10.0, -20.0]))
+
+    def run(finer):
+        rows = np.column_stack([finer.depth_mm, finer.rotation_deg, finer.depth_mm, finer.rotation_deg / 10])
+        status = Status.DIVERGED
+        return Verdict(status=status, message="no balance", rows=rows[:n_rows], log=read_log(""))
+
+    gates = check_torque(steps, -2.0, run, 0.02)
+    assert (gates.passed, gates.halving, gates.hold) == (False, halving, None)
+    assert "no balance" in str(gates)
+    assert ("halved steps" in str(gates)) == (halving is not None)
+
+
+# ---------------------------------------------------------------- conventions
+
+
+def test_the_convention_follows_the_probe(fake, tmp_path):
+    keep = tmp_path / "kept"
+    for words, convention, c3 in (("", "febio4", 2.76e-4), ("textbook_yeoh", "textbook", 9.2e-5)):
+        solver = fake(words + f" version=4.1{len(words)}", keep_folder=str(keep))
+        (tmp_path / "bin" / "libfebiomech.so").write_text(words)  # another build
+        found = solver.convention(Yeoh())
+        assert found.convention == convention
+        assert found.deviations[convention] < 1e-9
+        assert max(found.deviations.values()) > 1e-3
+        solver.simulate(job_of(), LIMB)
+        deck = (keep / "p1" / "set-7-broyden" / "job.feb").read_text()
+        assert f"<c3>{c3:.12g}</c3>" in deck
+
+
+def test_a_binary_is_probed_once(fake, tmp_path):
+    for _ in range(2):
+        assert fake().convention(Yeoh()).convention == "febio4"
+    assert (tmp_path / "count").read_text() == "probe\n"
+    fake().convention(NeoHookean())
+    (tmp_path / "bin" / "libfebiomech.so").write_text("another build")
+    fake().convention(Yeoh())
+    assert (tmp_path / "count").read_text() == "probe\n" * 3
+
+
+def test_a_damaged_cache_costs_a_probe(tmp_path):
+    fit = Fit("textbook", {"textbook": 1e-10})
+    assert remembered(Ogden(), "d" * 64, lambda: fit, tmp_path) == fit
+    assert remembered(Ogden(), "d" * 64, lambda: pytest.fail("probed again"), tmp_path) == fit
+    (file,) = tmp_path.iterdir()
+    file.write_text('{"half')
+    assert remembered(Ogden(), "d" * 64, lambda: fit, tmp_path) == fit
+
+
+def test_a_material_whose_energy_or_code_changes_is_probed_again(tmp_path, monkeypatch):
+    class Stiffer(Ogden):
+        factor = 1.0
+
+        def energy(self, stretches, theta):
+            return self.factor * super().energy(stretches, theta)
+
+    fit, probes = Fit("textbook", {"textbook": 1e-10}), []
+    for Stiffer.factor in (1.0, 1.0, 1.1):
+        remembered(Stiffer(), "d" * 64, lambda: probes.append(Stiffer.factor) or fit, tmp_path)
+    assert probes == [1.0, 1.1]
+    monkeypatch.setattr(Stiffer, "fingerprint", lambda self: "other code, the same energy here")
+    remembered(Stiffer(), "d" * 64, lambda: probes.append("again") or fit, tmp_path)
+    assert probes == [1.0, 1.1, "again"]
+
+
+def test_what_fits_no_convention_is_refused_with_the_figures(fake):
+    solver = fake("odd_yeoh")
+    with pytest.raises(MaterialError, match=r"textbook \d.*febio4 \d"):
+        solver.check(job_of(), LIMB)
+    simulation = solver.simulate(job_of(), LIMB)
+    assert simulation.status is Status.CRASHED
+    assert "fits no convention" in simulation.message
+
+
+class Silicone(Ogden):
+    """A material of a third party, with its own spelling."""
+
+    name = "silicone"
+    febio = ("Ogden", {"kappa": "k"})
+
+
+class Misnamed(Ogden):
+    """The same with a wrong mapping: FEBio's neo-Hookean is not it."""
+
+    name = "misnamed"
+    febio = ("neo-Hookean", {"c1": "E", "m1": "v", "kappa": "k"})
+
+
+class Misspelled(Ogden):
+    """The same with a parameter that it does not have."""
+
+    name = "misspelled"
+    febio = ("Ogden", {"kapa": "k"})
+
+
+def test_a_third_partys_mapping_is_probed_too(fake):
+    assert fake().convention(Silicone()).convention == "textbook"
+    with pytest.raises(MaterialError, match="misnamed"):
+        fake().convention(Misnamed())
+    with pytest.raises(MaterialError, match="kapa"):
+        fake().convention(Misspelled())
+
+
+def test_ogden_and_neo_hookean_fit_the_textbook(fake):
+    for material in (Ogden(), NeoHookean()):
+        found = fake().convention(material)
+        assert found.convention == "textbook"
+        assert found.deviations["textbook"] < 1e-9
+
+
+def test_only_what_changes_a_result_makes_another_simulation(fake, tmp_path):
+    key = solver_key(fake())
+    harmless = {"threads": 2, "time_limit_s": 9.0, "keep_folder": str(tmp_path / "kept"), "gates": "never"}
+    assert solver_key(fake(**harmless)) == key
+    assert len({key, solver_key(fake(penalty=50.0)), solver_key(fake(contact="paper"))}) == 3
+
+
+# ------------------------------------------------------------------ bad input
+
+
+def test_what_cannot_be_run_is_refused_before(fake, monkeypatch, tmp_path):
+    solver = fake()
+    with pytest.raises(StudyError, match="needs a mesh"):
+        solver.check(job_of(), None)
+    tests = replace(job_of(), protocol=HomogeneousTests(paths={"uniaxial": np.array([1.0, 1.2])}))
+    with pytest.raises(StudyError, match="homogeneous"):
+        solver.check(tests, LIMB)
+    with pytest.raises(MaterialError, match="demiray"):
+        solver.check(job_of(Demiray(), [0.05, 1.0, 1.0]), LIMB)
+    inverted = LIMB.mesh.cells["hex8"][:, [4, 5, 6, 7, 0, 1, 2, 3]]
+    with pytest.raises(MeshError, match="inverted"):
+        solver.check(job_of(), replace(LIMB, mesh=replace(LIMB.mesh, cells={"hex8": inverted})))
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    with pytest.raises(PluginError, match="febio"):
+        fake(executable="").check(job_of(), LIMB)

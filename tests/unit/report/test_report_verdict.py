@@ -1,0 +1,294 @@
+"""The verdict says what was found and what to distrust, and says nothing where there is nothing."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from palpate.domain import Normaliser, Response, Scenario
+from palpate.report import make_tables, report_warnings
+from palpate.report.style import DOUBLE_MM, SINGLE_MM, STYLE
+from palpate.report.tables import cost_of_one_set, failures_by_reason, weighted_channels
+from palpate.report.verdict import make_verdict
+
+
+def verdict(content):
+    return make_verdict(content, make_tables(content))
+
+
+def distrusted(content):
+    return {warning.what: warning.why for warning in verdict(content).warnings}
+
+
+def about(content, words):
+    """Why of the one warning whose heading holds these words; None where there is none."""
+    found = [why for what, why in distrusted(content).items() if words in what]
+    assert len(found) < 2
+    return found[0] if found else None
+
+
+def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
+    made = content()
+    found = verdict(made)
+    assert found.parameters == ("stiffness [MPa]", "grip [MPa]")
+    assert [(b.spot, b.scenario, b.fitted_to) for b in found.bests[:2]] == [
+        ("p1", "I", "force + torque"), ("p1", "II", "torque"),
+    ]  # fmt: skip
+    row = made.selection.row(0, named=True)
+    best = found.bests[0]
+    assert best.found == f"set {row['set_id']}"
+    assert [v.value for v in best.values] == [row["soft_tissue.stiffness"], row["soft_tissue.grip"]]
+    assert best.values[0].lower < 0.4 < best.values[0].upper
+    assert found.bests[1].values[0].determined == "not"
+    assert found.lead.startswith(
+        f"One set for all 2 spots: set {made.generalisation['set_id'][0]}, stiffness = "
+    )
+
+
+def test_a_refined_set_stands_for_the_sweeps(content):
+    made = content(refine=True)
+    best = verdict(made).bests[0]
+    assert best.found == "refined"
+    assert best.values[0].value == made.refined.table["soft_tissue.stiffness"][0]
+    assert best.fopt < made.selection["fopt"][0]
+
+
+def test_one_spot_has_its_own_set_in_the_lead_and_nothing_to_generalise(content):
+    made = content()
+    one = pl.col("spot") == "p1"
+    alone = replace(
+        made,
+        measured={"p1": made.measured["p1"]},
+        selection=made.selection.filter(one),
+        scores=made.scores.filter(one),
+        determination=made.determination.filter(one),
+    )
+    found = verdict(alone)
+    assert found.lead.startswith("At p1, fitted to force + torque (scenario I): stiffness = ")
+    assert about(alone, "set for all spots") is None
+    assert "cost_of_one_set" not in make_tables(alone)
+
+
+def test_how_well_each_parameter_is_determined_is_a_sentence(content):
+    made = content()
+    worse = made.determination.with_columns(
+        determined=pl.when(pl.col("spot") == "p2").then(pl.lit("not")).otherwise(pl.lit("well")),
+        correlation=pl.lit(-0.97),
+    )
+    found = verdict(replace(made, determination=worse)).determined
+    together = made.determination.filter(spot="all spots").row(0, named=True)
+    assert found[0].startswith(f"stiffness: fitted optimum {together['optimum']:.4g} MPa, ")
+    assert "well determined by all spots together; spot by spot: " in found[0]
+    assert "well determined at 1 of 2 spots, not determined at 1 of 2 spots" in found[0]
+    assert "it trades with grip (correlation -0.97, spot p1)" in found[0]
+    unknown = verdict(replace(made, determination=made.determination[:0])).determined
+    assert unknown[0] == "stiffness: nothing is known of how well it is determined."
+
+
+def test_measured_data_without_a_spread_are_named(content):
+    made = content()
+    assert about(made, "No spread was measured") is None
+    real = replace(made, study=replace(made.study, data="measured"))
+    assert about(real, "No spread was measured")
+    curves = {
+        name: replace(curve, std=np.ones(curve.ordinate.size))
+        for name, curve in made.measured["p1"].curves.items()
+    }
+    repeated = replace(real, measured=dict(real.measured) | {"p1": Response(curves=curves)})
+    assert about(repeated, "No spread") is None
+
+
+def test_what_is_odd_about_the_measured_curves_is_named(content):
+    made = content()
+    assert about(made, "odd about the measured curves") is None
+    warned = {s: replace(r, record={"warnings": [f"p.csv: {s}: odd"]}) for s, r in made.measured.items()}
+    assert (
+        about(replace(made, measured=warned), "odd about the measured curves")
+        == "p.csv: p1: odd; p.csv: p2: odd."
+    )
+
+
+def test_a_poor_fit_is_named_with_its_channel(content):
+    made = content()
+    assert about(made, "poor") is None
+    poor = replace(made, selection=made.selection.with_columns(r2_torque=pl.lit(0.5)))
+    assert "p1, scenario I: torque R² 0.500; p1, scenario II: torque R² 0.500" in about(poor, "poor")
+
+
+def test_a_best_value_at_the_end_of_its_range_is_named(content):
+    made = content()
+    stiffness = made.design.values[:, 0]
+
+    def with_best(value, determined="well", lower=None):
+        selection = made.selection.with_columns(
+            pl.lit(value).alias("soft_tissue.stiffness"), pl.lit(20.0).alias("soft_tissue.grip")
+        )
+        found = made.determination.with_columns(
+            determined=pl.lit(determined), lower=pl.lit(lower, pl.Float64), upper=pl.lit(0.9)
+        )
+        return about(replace(made, selection=selection, determination=found), "end of their range")
+
+    for end in (stiffness.min(), stiffness.max(), 0.1001, 0.1 + 0.9 / 40):
+        assert "stiffness at p1, scenario I" in with_best(end)
+        assert "stiffness at p1, scenario I" in with_best(end, lower=0.1)
+        assert with_best(end, lower=0.3) is None  # the interval ends inside: it is a coincidence
+        assert with_best(end, "not") is None  # nor does the range matter to what nobody can see
+    assert with_best(0.5) is None
+
+
+def test_a_best_set_outside_the_interval_of_the_optimum_is_named(content):
+    made = content()
+    inside = made.determination.with_columns(lower=pl.lit(0.1), upper=pl.lit(50.0))
+    assert about(replace(made, determination=inside), "better set") is None
+    outside = inside.with_columns(
+        lower=pl.when(pl.col("parameter") == "soft_tissue.stiffness").then(49.0).otherwise(0.1),
+        optimum=pl.lit(49.5),
+    )
+    value = made.selection["soft_tissue.stiffness"][0]
+    why = about(replace(made, determination=outside), "better set")
+    assert why.startswith(f"stiffness at p1: set {value:.4g}, optimum 49.5; stiffness at p2: ")
+    assert best_of(made).values[0].optimum == pytest.approx(0.4, rel=1e-3)
+
+
+def best_of(content):
+    return verdict(content).bests[0]
+
+
+def test_a_set_that_does_not_fit_is_said_first_and_in_place_of_parameters(content):
+    made = content()
+    r2 = pl.when(pl.col("spot") == "p2").then(-567585.0).otherwise(pl.col("r2_torque"))
+    wrong = replace(
+        made,
+        selection=made.selection.with_columns(r2_torque=r2),
+        generalisation=made.generalisation.with_columns(r2_torque=r2),
+    )
+    found = verdict(wrong)
+    assert found.lead.startswith(
+        "No parameters can be read from this run: the best set does not fit torque at p2"
+    )
+    assert found.sentences == (found.lead,)
+    assert "stiffness" not in found.lead
+    first = "2 of the best sets do not fit. p2, scenario I: torque R² -5.68e+05;"
+    assert str(found.warnings[0]).startswith(first)
+    one = pl.col("spot") == "p2"
+    alone = replace(
+        wrong,
+        measured={"p2": made.measured["p2"]},
+        selection=wrong.selection.filter(one),
+        scores=made.scores.filter(one),
+        determination=made.determination.filter(one),
+    )
+    assert verdict(alone).lead.startswith("No parameters can be read")
+
+
+def test_channels_that_disagree_are_named_with_what_each_says_and_typical_causes(content):
+    made = content()
+    assert made.disagreements.is_empty()
+    row = {
+        "spot": "p1", "first": "torque", "second": "force", "parameter": "soft_tissue.stiffness",
+        "unit": "MPa", "first_optimum": 0.5, "second_optimum": 0.4,
+    }  # fmt: skip
+    apart = replace(made, disagreements=pl.DataFrame([row]))
+    why = about(apart, "Torque and force disagree")
+    assert why.startswith("stiffness at p1: 0.5 by torque, 0.4 by force MPa.")
+    assert "offset of the depth" in why
+    nothing_seen = made.disagreements.clear(1).with_columns(
+        spot=pl.lit("p1"), first=pl.lit("torque"), second=pl.lit("force")
+    )
+    why = about(replace(made, disagreements=nothing_seen), "Torque and force disagree")
+    assert why.startswith("At p1. No set fits both")
+
+
+def test_weights_that_are_not_1_are_shown_with_their_channels():
+    assert weighted_channels(Scenario(name="a", weights={"force": 1.0, "torque": 1.0})) == "force + torque"
+    mixed = Scenario(name="a", weights={"force": 0.7, "torque": 0.3, "slide": 0.0})
+    assert weighted_channels(mixed) == "0.7 force + 0.3 torque"
+
+
+def test_what_is_not_determined_or_unclear_and_spots_that_disagree_are_named(content):
+    made = content()
+    first = pl.col("spot") == "p1"
+    apart = made.determination.with_columns(
+        lower=pl.when(first).then(0.1).otherwise(0.4),
+        upper=pl.when(first).then(0.3).otherwise(0.9),
+        determined=pl.when(first).then(pl.lit("not")).otherwise(pl.lit("unclear")),
+    )
+    made = replace(made, determination=apart)
+    assert about(made, "unclear")
+    not_seen = made.determination.with_columns(determined=pl.lit("not"))
+    assert about(replace(made, determination=not_seen), "Not determined: stiffness, grip")
+    assert "stiffness at p1 and p2 have intervals that do not meet" in about(made, "spots disagree")
+
+
+def test_the_price_of_one_set_is_the_ratio_to_the_least(content):
+    made = content()
+    costs = cost_of_one_set(made)
+    own = made.selection.filter(scenario="I")["fopt"]
+    assert costs["times"].to_list() == (made.generalisation["fopt"] / own).to_list()
+    assert (costs["times"] >= 1.0).all()
+    cheap = made.generalisation.with_columns(fopt=100.0 * own)
+    assert "p1 (100 times); p2 (100 times)" in about(replace(made, generalisation=cheap), "fits some of them")
+    assert about(replace(made, generalisation=made.generalisation[:0]), "No set for all spots")
+
+
+def test_few_sets_and_many_failures_are_named_by_reason(content):
+    thin = content(n_sets=12)
+    assert about(thin, "thin sweep: 12 sets for 2 parameters")
+    made = content()
+    assert about(made, "thin") is None
+    failed = made.scores.with_columns(
+        nmse=pl.when(pl.col("set_id") < 10).then(None).otherwise(pl.col("nmse")),
+        status=pl.when(pl.col("set_id") < 10).then(pl.lit("diverged")).otherwise(pl.col("status")),
+        message=pl.format("no balance at step {}", pl.col("set_id")),
+    )
+    reasons = failures_by_reason(failed)
+    assert reasons.select("status", "reason", "n").rows() == [("diverged", "no balance at step …", 20)]
+    why = about(replace(made, scores=failed), "20 of 80 simulations could not be ranked")
+    assert "no balance at step …" in why
+    assert "narrow the ranges" in why
+
+
+def test_searches_conventions_certificates_and_unfinished_sets_are_named(content):
+    made = content(refine=True)
+    region = replace(made.study.space.regions[0], convention="febio4")
+    study = replace(
+        made.study, normaliser=Normaliser.MEAN, space=replace(made.study.space, regions=(region,))
+    )
+    table = made.refined.table.with_columns(message=pl.lit("stopped after 40 steps"))
+    doubtful = replace(
+        made, study=study, refined=replace(made.refined, table=table),
+        certificates={"certificate.json": {"passed": False}, "certificate-good.json": {"passed": True}},
+        stiffness_scaling=pl.DataFrame({"message": ["as expected", "expected more"]}),
+        selection=made.selection.with_columns(partial=pl.lit(True)),
+    )  # fmt: skip
+    assert about(doubtful, "local search") == "stopped after 40 steps."
+    assert about(doubtful, "multiple") == "expected more."
+    assert "close to zero" in about(doubtful, "mean of the measured")
+    assert about(doubtful, "convention 'febio4'")
+    assert "certificate.json" in about(doubtful, "solvers")
+    unfinished = replace(doubtful, refined=replace(made.refined, table=table[:0]))
+    assert "p1, scenario I" in about(unfinished, "did not finish")
+    assert about(made, "did not finish") is None
+
+
+@pytest.mark.parametrize("passed", [True, False])
+def test_a_proof_that_failed_is_named(content, passed):
+    verification = pl.DataFrame(
+        {"spot": ["p1"], "set_id": [3], "passed": [passed], "message": ["x"], "key": ["k"]}
+    )
+    assert (about(replace(content(), verification=verification), "verification") is None) is passed
+
+
+def test_the_guide_tells_the_limits_that_are_applied():
+    guide = (Path(__file__).parents[3] / "docs" / "report.md").read_text(encoding="utf-8")
+    for said in (
+        f"R² below {report_warnings.GOOD_R2:g}", f"R² below {report_warnings.NO_FIT_R2:g}",
+        f"fewer than {report_warnings.FEW_SETS} sets per parameter",
+        f"more than 1 in {1 / report_warnings.FAILED_SHARE:g}",
+        f"{SINGLE_MM:g} mm wide for one column or {DOUBLE_MM:g} mm for two", f"({STYLE['figure.dpi']} dpi)",
+    ):  # fmt: skip
+        assert said in guide
+    assert report_warnings.COSTLY == 3.0
+    assert "three times the least Fopt there, or more" in guide

@@ -1,0 +1,496 @@
+"""One mistake at a time: each is reported with its line, its key and what to do."""
+
+from pathlib import Path
+
+import pytest
+
+from palpate.errors import StudyError
+from palpate.plugins.catalogue import Plugins
+from palpate.study.reading import read_study
+
+TOY = Path(__file__).parents[2] / "data" / "toy"
+TEXT = (TOY / "study.toml").read_text()
+
+
+@pytest.fixture(scope="module")
+def plugins() -> Plugins:
+    return Plugins.load([TOY / "toy_plugin.py"], entry_points=False)
+
+
+def messages(folder: Path, plugins: Plugins, text: str) -> list[str]:
+    for name in ("s1.txt", "s2.txt"):
+        (folder / name).write_bytes((TOY / name).read_bytes())
+    path = folder / "study.toml"
+    path.write_text(text)
+    with pytest.raises(StudyError) as caught:
+        read_study(path, plugins)
+    return [line.removeprefix(f"{path}:") for line in str(caught.value).splitlines()]
+
+
+def line_of(text: str, part: str) -> int:
+    return text[: text.index(part)].count("\n") + 1
+
+
+# what to replace, by what, the text whose line is named, the key, the remedy
+RANGE = 'k = { lower = "1000 kPa", upper = "3 MPa" }'
+CASES = {
+    "unknown table": ("[truth]", "[truht]\n[truth]", "[truht]", "truht", "did you mean 'truth'"),
+    "unknown key": ("n_sets", "nsets = 3\nn_sets", "nsets", "sampling.nsets", "did you mean 'n_sets'"),
+    "missing key": ("n_sets = 20", "", "[sampling]", "sampling.n_sets", "add n_sets ="),
+    "n_sets 1": ("= 20", "= 1", "n_sets", "sampling.n_sets", "greater than or equal to 2"),
+    "n_sets text": ("= 20", '= "20"', "n_sets", "sampling.n_sets", "not a whole number"),
+    "refill negative": (
+        "= 20",
+        "= 20\nrefill = -1",
+        "refill",
+        "sampling.refill",
+        "greater than or equal to 0",
+    ),
+    "scale unknown": (
+        '"3 MPa"',
+        '"3 MPa", scale = "cubic"',
+        "cubic",
+        "region.rubber.parameters.k.scale",
+        "'linear' or 'log'",
+    ),
+    "no logarithm of zero": (
+        '"1000 kPa"',
+        '"0 kPa", scale = "log"',
+        "0 kPa",
+        "region.rubber.parameters.k.scale",
+        "keep 0 out",
+    ),
+    "sampler setting": (
+        "n_sets = 20",
+        'n_sets = 20\nsampler = "optimised_lhs"\nsettings = { criterion = "dc" }',
+        "settings",
+        "sampling.settings.criterion",
+        "'cd'",
+    ),
+    "seed negative": ("seed = 3", "seed = -3", "seed", "sampling.seed", "greater than or equal to 0"),
+    "data": ('"simulated"', '"simulate"', "data", "study.data", "did you mean 'simulated'"),
+    "name": ('name = "toy"', 'name = "a/b"', "name", "study.name", "use letters, digits, - and _"),
+    "spot twice": ('name = "s2"', 'name = "s1" # again', '"s1" # again', "spot 's1', name", "its own name"),
+    "file missing": ("s2.txt", "s3.txt", "s3.txt", "spot 's2', measured.pull", "relative to study.toml"),
+    "file is a folder": ('"s2.txt"', '"."', '"."', "spot 's2', measured.pull", "is a folder"),
+    "channel unknown": (
+        'pull = "s2',
+        'pul = "s2',
+        "s2.txt",
+        "spot 's2', measured.pul",
+        "did you mean 'pull'",
+    ),
+    "no file": ('{ pull = "s2.txt" }', "{}", "{}", "spot 's2', measured", "at least 1"),
+    "file of another type": (
+        '{ pull = "s2.txt" }',
+        "5",
+        "= 5",
+        "spot 's2', measured",
+        "names no files; give one",
+    ),
+    "repeats without a file": ('"s2.txt"', "[]", "[]", "spot 's2', measured", "names no files; give one"),
+    "repeat missing": (
+        '"s2.txt"',
+        '["s2.txt", "s3.txt"]',
+        "s3.txt",
+        "spot 's2', measured.pull[1]",
+        "no such file",
+    ),
+    "repeat twice": (
+        '"s2.txt"',
+        '["s2.txt", "s2.txt"]',
+        "s2.txt",
+        "spot 's2', measured.pull[1]",
+        "a repeat is another press",
+    ),
+    "protocol of a spot alone": (
+        'name = "s2"',
+        'name = "s2"\nprotocol = { depth = "5 mm" }',
+        "protocol =",
+        "spot 's2', protocol",
+        "does not have; add the table",
+    ),
+    "protocol of a spot": (
+        'name = "s2"',
+        'name = "s2"\nprotocol = { depht = "5 mm" }',
+        "depht",
+        "spot 's2', protocol.depht",
+        "did you mean 'depth'",
+    ),
+    "loader setting of a spot": (
+        'name = "s2"',
+        'name = "s2"\nsettings = { skp = 1 }',
+        "skp",
+        "spot 's2', settings.skp",
+        "did you mean 'skip'",
+    ),
+    "point weights": (
+        "[selection]",
+        '[scoring]\nweights = "sdt"\n[selection]',
+        "sdt",
+        "scoring.weights",
+        "did you mean 'std'",
+    ),
+    "position": (
+        'name = "s2"',
+        'name = "s2"\nposition = ["0 mm", "1 s", "0 mm"]',
+        "1 s",
+        "spot 's2', position[1]",
+        'use e.g. "10 mm"',
+    ),
+    "position of two": (
+        'name = "s2"',
+        'name = "s2"\nposition = ["0 mm", "1 mm"]',
+        "position",
+        "spot 's2', position",
+        "at least 3",
+    ),
+    "normal zero": (
+        'name = "s2"',
+        'name = "s2"\nnormal = [0, 0, 0]',
+        "normal",
+        "spot 's2', normal",
+        "not zero",
+    ),
+    "loader": ('"lines"', '"line"', "loader", "experiment.loader", "did you mean 'lines'"),
+    "loader setting": (
+        "[region.rubber]",
+        "[experiment.settings]\nskp = 1\n[region.rubber]",
+        "skp",
+        "experiment.settings.skp",
+        "did you mean 'skip'",
+    ),
+    "loader setting value": (
+        "[region.rubber]",
+        "[experiment.settings]\nskip = -1\n[region.rubber]",
+        "skip",
+        "experiment.settings.skip",
+        "greater than or equal to 0",
+    ),
+    "material": ('"spring"', '"sprung"', "material", "region.rubber.material", "did you mean 'spring'"),
+    "convention": (
+        'material = "spring"',
+        'material = "spring"\nconvention = "halved"',
+        "convention",
+        "region.rubber.convention",
+        "choose one of: textbook, doubled",
+    ),
+    "parameter": ("a = 0.5", "b = 0.5", "b = 0.5", "region.rubber.parameters.b", "known: k, a"),
+    "unit unknown": (
+        "1000 kPa",
+        "10 apples",
+        "apples",
+        "region.rubber.parameters.k.lower",
+        'use e.g. "10 MPa"',
+    ),
+    "unit of another kind": ("3 MPa", "3 mm", "3 mm", "region.rubber.parameters.k.upper", 'e.g. "10 MPa"'),
+    "unit missing": ('"3 MPa"', "3", RANGE[:5], "region.rubber.parameters.k.upper", 'write "3 MPa"'),
+    "range reversed": ("3 MPa", "3 kPa", "3 kPa", "region.rubber.parameters.k", "swap them"),
+    "range empty": ("3 MPa", "1 MPa", "1 MPa", "region.rubber.parameters.k", "swap them"),
+    "range without an end": (
+        ', upper = "3 MPa"',
+        "",
+        "k = {",
+        "region.rubber.parameters.k",
+        "has no upper",
+    ),
+    "range misspelt": ("upper", "uper", "uper", "region.rubber.parameters.k.uper", "did you mean 'upper'"),
+    "fixed and searched": (
+        "upper =",
+        'value = "2 MPa", upper =',
+        "value",
+        "region.rubber.parameters.k",
+        "keep one",
+    ),
+    "parameter as a list": ("a = 0.5", "a = [0.5]", "a = [", "region.rubber.parameters.a", "not a quantity"),
+    "parameter not finite": ("a = 0.5", "a = nan", "a = nan", "region.rubber.parameters.a", "not finite"),
+    "outside the physical range": (
+        "1000 kPa",
+        "-1 kPa",
+        "-1 kPa",
+        "region.rubber.parameters.k.lower",
+        "physical range [0.0, inf] MPa",
+    ),
+    "fixed outside the physical range": (
+        RANGE,
+        'k = "-1 MPa"\n',
+        '"-1 MPa"',
+        "region.rubber.parameters.k",
+        "physical range",
+    ),
+    "nothing searched": (RANGE, 'k = "2 MPa"', "[region.rubber]", "region", "no parameter is searched"),
+    "region name": ("region.rubber", 'region."a.b"', "[region", "region.a.b", "use letters"),
+    "sampler": ("seed = 3", 'sampler = "lsh"', "lsh", "sampling.sampler", "did you mean 'lhs'"),
+    "filter": (
+        "[solver]",
+        "[sampling.filters.stif]\n[solver]",
+        "[sampling.filters.stif]",
+        "sampling.filters.stif",
+        "did you mean 'stiff'",
+    ),
+    "filter setting": (
+        "[solver]",
+        "[sampling.filters.stiff]\nx = 1\n[solver]",
+        "x = 1",
+        "sampling.filters.stiff.x",
+        "unknown key",
+    ),
+    "solver": ('"closed_form"', '"closed"', '"closed"', "solver.name", "did you mean 'closed_form'"),
+    "solver needs a limb": ("closed_form", "needs_limb", "needs_limb", "solver.name", "needs a [limb] table"),
+    "solver needs a protocol": (
+        "closed_form",
+        "needs_limb",
+        "needs_limb",
+        "solver.name",
+        "needs a [protocol] table",
+    ),
+    "solver needs a mesh": ("closed_form", "needs_limb", "[[spot]]", "spot 's1'", 'add mesh = "…"'),
+    "limb of no use": (
+        "[sampling]",
+        '[limb]\nsource = "block"\n[sampling]',
+        "[limb]",
+        "limb",
+        "remove the table",
+    ),
+    "mesh of no use": (
+        'name = "s2"',
+        'name = "s2"\nmesh = "s1.txt"',
+        "mesh",
+        "spot 's2', mesh",
+        "remove the key",
+    ),
+    "workers": ("n_workers = 1", "n_workers = -1", "n_workers", "solver.n_workers", "greater than or equal"),
+    "time limit": ('"1 min"', '"1 mm"', "1 mm", "solver.time_limit", 'use e.g. "10 s"'),
+    "time limit of zero": ('"1 min"', '"0 s"', "0 s", "solver.time_limit", "greater than 0"),
+    "normaliser": (
+        "[selection]",
+        '[scoring]\nnormaliser = "mean_ab"\n[selection]',
+        "mean_ab",
+        "scoring.normaliser",
+        "did you mean 'mean_abs'",
+    ),
+    "coverage": (
+        "[selection]",
+        "[scoring]\nminimum_coverage = 1.5\n[selection]",
+        "minimum_coverage",
+        "scoring.minimum_coverage",
+        "less than or equal to 1",
+    ),
+    "scenario unknown": (
+        '["pull only"]',
+        '["pull only", "pul only"]',
+        "pul only",
+        "selection.scenarios[1]",
+        "did you mean 'pull only'",
+    ),
+    "scenario twice": (
+        '["pull only"]',
+        '["pull only",\n"pull only"]',
+        '"pull only"]',
+        "selection.scenarios[1]",
+        "listed twice",
+    ),
+    "no scenario": ('["pull only"]', "[]", "scenarios", "selection.scenarios", "at least 1"),
+    "generalise_by": (
+        'generalise_by = "pull only"',
+        'generalise_by = "I"',
+        "generalise_by",
+        "selection.generalise_by",
+        "not among the scenarios pull only",
+    ),
+    "scenario channel": (
+        "[truth]",
+        '[[scenario]]\nname = "x"\nweights = { pul = 1.0 }\n[truth]',
+        "pul =",
+        "scenario[0].weights.pul",
+        "did you mean 'pull'",
+    ),
+    "scenario weights": (
+        "[truth]",
+        '[[scenario]]\nname = "x"\nweights = { pull = -1.0 }\n[truth]',
+        "pull = -1",
+        "scenario[0].weights",
+        "must be >= 0",
+    ),
+    "scenario taken": (
+        "[truth]",
+        '[[scenario]]\nname = "pull only"\nweights = { pull = 1.0 }\n[truth]',
+        'name = "pull only"',
+        "scenario[0].name",
+        "choose another name",
+    ),
+    "truth of measured data": ('"simulated"', '"measured"', "[truth]", "truth", 'set data = "simulated"'),
+    "truth of an unknown parameter": (
+        '"rubber.k"',
+        '"rubber.q"',
+        "rubber.q",
+        "truth.rubber.q",
+        "known: rubber.k, rubber.a",
+    ),
+    "truth outside the physical range": (
+        '"2 MPa"',
+        '"-2 MPa"',
+        '"-2 MPa"',
+        "truth.rubber.k",
+        "physical range",
+    ),
+    "truth without unit": ('"2 MPa"', "2", '"rubber.k" = 2', "truth.rubber.k", 'write "2 MPa"'),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "place", "key", "remedy"), CASES.values(), ids=CASES)
+def test_a_mistake_is_told_with_line_key_and_remedy(
+    tmp_path: Path, plugins: Plugins, old: str, new: str, place: str, key: str, remedy: str
+) -> None:
+    assert old in TEXT
+    text = TEXT.replace(old, new, 1)
+    found = messages(tmp_path, plugins, text)
+    where = f"{line_of(text, place)}: {key}: "
+    assert any(line.startswith(where) and remedy in line for line in found), found
+
+
+ALONE = set(CASES) - {
+    "solver needs a limb",
+    "solver needs a protocol",
+    "solver needs a mesh",
+    "region name",  # it leaves [region.rubber.parameters] without its material
+}
+
+
+@pytest.mark.parametrize("case", sorted(ALONE))
+def test_one_mistake_gives_one_message(tmp_path: Path, plugins: Plugins, case: str) -> None:
+    old, new, *_ = CASES[case]
+    assert len(messages(tmp_path, plugins, TEXT.replace(old, new, 1))) == 1
+
+
+LIMB_STUDY = TEXT.replace(
+    "[sampling]",
+    """[limb]
+source = "block"
+
+[protocol]
+indenter = { shape = "sphere", radius = "7.5 mm" }
+depth = "10 mm"
+twist = ["-22.5 deg", "0 deg"]
+friction = 1.0
+
+[sampling]""",
+).replace('"closed_form"', '"needs_limb"')
+LIMB_STUDY = LIMB_STUDY.replace('.txt" }', '.txt" }\nmesh = "s1.txt"')
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "remedy"),
+    [
+        (
+            '"10 mm"',
+            '"10 apples"',
+            "protocol.depth",
+            "'10 apples': unknown unit 'apples'; use e.g. \"10 mm\"",
+        ),
+        ('"10 mm"', '"-10 mm"', "protocol.depth", "greater than 0"),
+        ('= "10 mm"', "= 10\n", "protocol.depth", 'write "10 mm"'),
+        ('"-22.5 deg"', '"-22.5"', "protocol.twist[0]", 'write "-22.5 deg"'),
+        ("friction = 1.0", "friction = -1.0", "protocol.friction", "greater than or equal to 0"),
+        ('"sphere"', '"cube"', "protocol.indenter.shape", "is not one of 'sphere'"),
+        ('"7.5 mm"', '"0 mm"', "protocol.indenter.radius", "greater than 0"),
+        ('"block"', '"blok"', "limb.source", "did you mean 'block'"),
+    ],
+)
+def test_a_mistake_in_limb_or_protocol(
+    tmp_path: Path, plugins: Plugins, old: str, new: str, key: str, remedy: str
+) -> None:
+    assert old in LIMB_STUDY
+    text = LIMB_STUDY.replace(old, new, 1)
+    (found,) = messages(tmp_path, plugins, text)
+    assert found.startswith(f"{line_of(text, new)}: {key}: ")
+    assert remedy in found
+
+
+def test_a_scenario_needs_channels_that_are_measured(tmp_path: Path, plugins: Plugins) -> None:
+    text = TEXT.replace('["pull only"]', '["pull only", "both"]')
+    text += '\n[[scenario]]\nname = "both"\nweights = { pull = 1.0, push = 1.0 }\n'
+    found = messages(tmp_path, plugins, text)
+    where = f"{line_of(text, 'both')}: selection.scenarios[1]: scenario 'both' weighs channel 'push', "
+    assert [line.startswith(where) for line in found] == [True, True]
+    assert "spot 's1' does not measure" in found[0]
+    assert "spot 's2' does not measure" in found[1]
+
+
+def test_a_scenario_needs_channels_that_the_solver_computes(
+    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plugins.solvers["closed_form"], "channels", ("push",))
+    (message,) = messages(tmp_path, plugins, TEXT)
+    assert "selection.scenarios[0]: scenario 'pull only' weights channel 'pull', which solver" in message
+    assert message.endswith("does not compute (it has push); choose another of either")
+
+
+def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(tmp_path: Path, plugins: Plugins) -> None:
+    text = TEXT
+    for case in ("data", "file missing", "loader", "unit unknown", "n_sets 1", "solver", "generalise_by"):
+        text = text.replace(*CASES[case][:2], 1)
+    found = messages(tmp_path, plugins, text)
+    keys = [line.split(": ")[1] for line in found]
+    assert keys == [
+        "study.data",
+        "spot 's2', measured.pull",
+        "experiment.loader",
+        "region.rubber.parameters.k.lower",
+        "sampling.n_sets",
+        "solver.name",
+        "selection.generalise_by",
+    ]
+
+
+def test_missing_tables_are_named(tmp_path: Path, plugins: Plugins) -> None:
+    found = messages(tmp_path, plugins, "")
+    for table in ("study", "spot", "experiment", "region", "sampling", "solver", "selection"):
+        assert f"1: missing table [{table}]; add it" in found
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"[study]\nname = \n", "line 2"),
+        (b"[study]\nname = '\xff'\n", "is not UTF-8"),
+        (None, "`palpate init` makes a study"),
+    ],
+)
+def test_a_file_that_cannot_be_read(
+    tmp_path: Path, plugins: Plugins, content: bytes | None, message: str
+) -> None:
+    path = tmp_path / "study.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(StudyError) as caught:
+        read_study(path, plugins)
+    assert str(caught.value).startswith(str(path))
+    assert message in str(caught.value)
+
+
+def test_a_broken_plugin_is_named_where_its_entry_is_missed(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.py"
+    bad.write_text("import nowhere_at_all\n")
+    plugins = Plugins.load([TOY / "toy_plugin.py", bad], entry_points=False)
+    (found,) = messages(tmp_path, plugins, TEXT.replace('"spring"', '"yeoh"'))
+    assert "No module named 'nowhere_at_all'" in found
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("= 20", "= 2.5", "sampling.n_sets: 2.5: not a whole number"),
+        ("= 20", "= 0", "sampling.n_sets: 0: must be greater than or equal to 2"),
+        ('"lines"', "5", "experiment.loader: 5: not a text; put it in quotation marks"),
+        ('name = "s2"', 'name = "s2"\nnormal = ["a", 0, 0]', "spot 's2', normal[0]: 'a': not a number"),
+        ('name = "s2"', 'name = "s2"\nnormal = 5', "spot 's2', normal: 5: not a list; write [ … ]"),
+        ('name = "s2"', 'name = "s2"\nsettings = 5', "spot 's2', settings: 5: not a table; write { … }"),
+        ("[selection]", '[selection]\nrefine = "yes"', "selection.refine: 'yes': not true or false"),
+    ],
+)
+def test_the_common_mistakes_are_one_plain_line(
+    tmp_path: Path, plugins: Plugins, old: str, new: str, message: str
+) -> None:
+    (found,) = messages(tmp_path, plugins, TEXT.replace(old, new, 1))
+    assert found.endswith(message)
