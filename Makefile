@@ -43,10 +43,11 @@ docs: $(VENV)/installed ## the site in target/docs, with a gallery of studies th
 chaos: $(VENV)/installed ## kill runs 200 times at random and at every write, and count what was lost
 	OMP_NUM_THREADS=1 $(BIN)/python tests/chaos/kills.py --random 200 --workers 20
 
-lint: $(VENV)/installed ## ruff, mypy --strict, dead code, clippy pedantic, rustfmt
+lint: $(VENV)/installed ## ruff, mypy --strict, imports, dead code, clippy pedantic, rustfmt
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/vulture python plugins
 	$(BIN)/python tests/unused_exports.py
 	cargo fmt --check

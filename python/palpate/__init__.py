@@ -16,132 +16,66 @@ Plugins mark their hooks with :data:`hookimpl`. Names are imported when they are
 first used, so that ``import palpate`` costs next to nothing.
 """
 
-import importlib
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import pluggy
 
+from palpate.lazy_imports import deferred
+
 if TYPE_CHECKING:
     from palpate.domain import (
-        Channel,
-        Curve,
-        Design,
-        HomogeneousTests,
-        Indentation,
-        Job,
-        Limb,
-        Mesh,
-        Normaliser,
-        Parameter,
-        ParameterSpace,
-        RegionMaterial,
-        Response,
-        Scenario,
-        Simulation,
-        Sphere,
-        Spot,
-        Status,
-        StudyTemplate,
+        Channel as Channel,
+        Curve as Curve,
+        Design as Design,
+        HomogeneousTests as HomogeneousTests,
+        Indentation as Indentation,
+        Job as Job,
+        Limb as Limb,
+        Mesh as Mesh,
+        Normaliser as Normaliser,
+        Parameter as Parameter,
+        ParameterSpace as ParameterSpace,
+        RegionMaterial as RegionMaterial,
+        Response as Response,
+        Scenario as Scenario,
+        Simulation as Simulation,
+        Sphere as Sphere,
+        Spot as Spot,
+        Status as Status,
+        StudyTemplate as StudyTemplate,
     )
-    from palpate.errors import PalpateError
-    from palpate.notebook import generalise, measure, sample, score, select, simulate
-    from palpate.pipeline import run_study
-    from palpate.plugins.catalogue import Plugins
+    from palpate.errors import PalpateError as PalpateError
+    from palpate.notebook import (
+        generalise as generalise,
+        measure as measure,
+        sample as sample,
+        score as score,
+        select as select,
+        simulate as simulate,
+    )
+    from palpate.pipeline import run_study as run_study
+    from palpate.plugins.catalogue import Plugins as Plugins
     from palpate.plugins.interfaces import (
-        AnisotropicMaterial,
-        Executor,
-        ExperimentLoader,
-        LimbSource,
-        Material,
-        Sampler,
-        SetFilter,
-        Settings,
-        Solver,
+        AnisotropicMaterial as AnisotropicMaterial,
+        Executor as Executor,
+        ExperimentLoader as ExperimentLoader,
+        LimbSource as LimbSource,
+        Material as Material,
+        Sampler as Sampler,
+        SetFilter as SetFilter,
+        Settings as Settings,
+        Solver as Solver,
     )
-    from palpate.run.result import RunResult
-    from palpate.study.reading import Study, read_study
-
-__all__ = [
-    "AnisotropicMaterial",
-    "Channel",
-    "Curve",
-    "Design",
-    "Executor",
-    "ExperimentLoader",
-    "HomogeneousTests",
-    "Indentation",
-    "Job",
-    "Limb",
-    "LimbSource",
-    "Material",
-    "Mesh",
-    "Normaliser",
-    "PalpateError",
-    "Parameter",
-    "ParameterSpace",
-    "Plugins",
-    "RegionMaterial",
-    "Response",
-    "RunResult",
-    "Sampler",
-    "Scenario",
-    "SetFilter",
-    "Settings",
-    "Simulation",
-    "Solver",
-    "Sphere",
-    "Spot",
-    "Status",
-    "Study",
-    "StudyTemplate",
-    "__version__",
-    "generalise",
-    "hookimpl",
-    "measure",
-    "read_study",
-    "run_study",
-    "sample",
-    "score",
-    "select",
-    "simulate",
-]
+    from palpate.run.result import RunResult as RunResult
+    from palpate.study.reading import Study as Study, read_study as read_study
 
 __version__ = "0.1.0"
 
 hookimpl = pluggy.HookimplMarker("palpate")
 """Marks a function of a plugin as the implementation of a hook of :mod:`palpate.plugins.hookspecs`."""
 
-_HOMES = MappingProxyType(
-    {
-        "errors": ("PalpateError",),
-        "plugins.interfaces": (
-            "AnisotropicMaterial",
-            "Executor",
-            "ExperimentLoader",
-            "LimbSource",
-            "Material",
-            "Sampler",
-            "SetFilter",
-            "Settings",
-            "Solver",
-        ),
-        "pipeline": ("run_study",),
-        "run.result": ("RunResult",),
-        "plugins.catalogue": ("Plugins",),
-        "notebook": ("generalise", "measure", "sample", "score", "select", "simulate"),
-        "study.reading": ("Study", "read_study"),
-    }
-)
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
 
-
-def __getattr__(name: str) -> object:
-    if name not in __all__:
-        raise AttributeError(f"module 'palpate' has no attribute '{name}'")
-    home = next((module for module, names in _HOMES.items() if name in names), "domain")
-    value: object = getattr(importlib.import_module(f"palpate.{home}"), name)
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})

@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.curves import Channel as Channel
-from palpate.curves import Curve as Curve
-from palpate.curves import FloatArray as FloatArray
-from palpate.curves import Response as Response
-from palpate.curves import frozen_floats
-from palpate.curves import moving_span as moving_span
+from palpate.curves import (
+    Channel as Channel,
+    Curve as Curve,
+    FloatArray as FloatArray,
+    Response as Response,
+    frozen_floats,
+    moving_span as moving_span,
+)
 from palpate.errors import CurveError, MaterialError, MeshError, SamplingError, ScoringError
 
 if TYPE_CHECKING:

@@ -1,18 +1,29 @@
-"""Names of a package that are imported when they are first used, so that finding it costs nothing."""
+"""Names of a module that are imported when they are first used, so that finding it costs nothing.
 
+A module lists them as explicit re-exports for type checkers, and nowhere else::
+
+    if TYPE_CHECKING:
+        from palpate.domain import Curve as Curve
+
+    else:
+        __getattr__ = deferred(__name__)
+"""
+
+import functools
 import importlib
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable
+from typing import Any
 
 
-def deferred(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
-    """Make the ``__getattr__`` of a package.
+def deferred(module: str) -> Callable[[str], object]:
+    """Make the ``__getattr__`` of a module.
 
     Parameters
     ----------
-    package : str
-        Its ``__name__``.
-    homes : mapping of name to module
-        Where in the package each name lives.
+    module : str
+        Its ``__name__``. What it imports as itself (``Curve as Curve``) under ``if TYPE_CHECKING:``
+        are its names, its ``__all__``. Type checkers do not see ``__getattr__``, and so find misspelt names.
 
     Returns
     -------
@@ -20,10 +31,28 @@ def deferred(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
         Imports a name; raises AttributeError for any other.
     """
 
+    @functools.cache
+    def homes() -> dict[str, str]:
+        import ast
+
+        loader: Any = getattr(sys.modules[module].__spec__, "loader", None)
+        source = loader.get_source(module) or ""
+        return {
+            alias.name: str(imported.module)
+            for block in ast.parse(source).body
+            if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
+            for imported in block.body
+            if isinstance(imported, ast.ImportFrom)
+            for alias in imported.names
+            if alias.asname == alias.name
+        }
+
     def get(name: str) -> object:
-        if name not in homes:
-            raise AttributeError(f"module '{package}' has no attribute '{name}'")
-        value: object = getattr(importlib.import_module(f"{package}.{homes[name]}"), name)
+        if name == "__all__":
+            return sorted(homes())
+        if name.startswith("__") or name not in homes():
+            raise AttributeError(f"module '{module}' has no attribute '{name}'")
+        value: object = getattr(importlib.import_module(homes()[name]), name)
         return value
 
     return get

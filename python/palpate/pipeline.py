@@ -46,7 +46,7 @@ from palpate.study.checks import odd_settings
 from palpate.study.reading import Study
 
 
-def check(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -> StudyInputs:
+def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -> StudyInputs:
     """Read and check every input of the study without writing or simulating anything.
 
     Parameters
@@ -110,7 +110,7 @@ def run_study(
     run.refuse_other(study, adopt=adopt)
     progress.begin("check", 1)
     made_from = measured_from(study)  # before the files are read: a later change is then noticed
-    inputs = check(study, plugins, before)
+    inputs = check_study(study, plugins, before)
     progress.step()
     for text in inputs.warnings:
         progress.note(f"warning: {text}")

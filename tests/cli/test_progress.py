@@ -11,8 +11,7 @@ import polars as pl
 import pytest
 from rich.console import Console
 
-from palpate.cli import progress as shown
-from palpate.cli import status as status_command
+from palpate.cli import progress as shown, status as status_command
 from palpate.cli.progress import StageProgress, best
 from palpate.cli.session import Session
 from palpate.executors.machine import usage

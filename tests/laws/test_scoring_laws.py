@@ -1,8 +1,7 @@
 """Laws of scoring whole responses."""
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from palpate.domain import Curve, Job, Normaliser, Response, Simulation, Status
 from palpate.stages.scoring import score

@@ -2,8 +2,7 @@
 
 import numpy as np
 import polars as pl
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from palpate.domain import Design, Parameter, Scenario
 from palpate.errors import NothingSelectableError

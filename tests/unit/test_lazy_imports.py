@@ -5,20 +5,27 @@ import sys
 
 import pytest
 
+from palpate import api
 from palpate.lazy_imports import deferred
 
 
-def test_a_name_comes_from_its_home_and_no_other_exists():
-    get = deferred("palpate", {"Curve": "domain"})
+def test_names_are_the_re_exports_of_the_module():
+    get = deferred("palpate.api")
     assert get("Curve").__module__ == "palpate.curves"
-    with pytest.raises(AttributeError, match="module 'palpate' has no attribute 'Curv'"):
+    assert {"Curve", "hookimpl", "API_VERSION"} <= set(dir(api))
+    with pytest.raises(AttributeError, match=r"module 'palpate\.api' has no attribute 'Curv'"):
         get("Curv")
+
+
+def test_every_name_of_the_api_is_there():
+    assert all(getattr(api, name) is not None for name in api.__all__)
 
 
 @pytest.mark.parametrize(
     "package",
     [
         "palpate",
+        "palpate.api",
         "palpate_materials",
         "palpate_forearm",
         "palpate_indentation",

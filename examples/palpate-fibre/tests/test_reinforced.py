@@ -8,7 +8,8 @@ import pytest
 from scipy.optimize import brentq
 
 import palpate_fibre
-from palpate import HomogeneousTests, Job, Status, mechanics
+from palpate import mechanics
+from palpate.api import HomogeneousTests, Job, Status
 from palpate.specimens import block
 from palpate.testing import MaterialContract, plugins_with
 from palpate_fibre import Reinforced, ReinforcedSettings

@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate.errors import CurveError
+from palpate.api import CurveError
 from palpate.testing import Expected, LoaderContract
 from palpate_fibre import Strip
 

@@ -35,8 +35,7 @@ from palpate.stages import simulation
 from palpate.stages.samplers import LatinHypercube
 from palpate.stages.sampling import draw_design
 from palpate.study.reading import Study, StudySpot
-from palpate_dask import cluster as dask_cluster
-from palpate_dask import worker_runtime
+from palpate_dask import cluster as dask_cluster, worker_runtime
 from palpate_dask.executor import DaskExecutor
 from palpate_dask.settings import DaskSettings
 

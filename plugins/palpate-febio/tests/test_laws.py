@@ -1,8 +1,7 @@
 """Laws of FEBio's steps, record and verdict, for any protocol."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from palpate.domain import Indentation, Sphere, Status
 from palpate.sandbox import Ended

@@ -14,8 +14,7 @@ import h5py
 import meshio
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from palpate.domain import Spot
 from palpate.errors import MeshError, PalpateError

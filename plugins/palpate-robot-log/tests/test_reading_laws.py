@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.delimited import BASE_UNITS, UNITS, TextTable, factor_to_base, unit_in
-from palpate.delimited import table as text_reader
+from palpate.delimited import BASE_UNITS, UNITS, TextTable, factor_to_base, table as text_reader, unit_in
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
 from palpate_robot_log.reading import Request

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from palpate.domain import Curve, Response, Simulation, Status
 from palpate.spot_frame import indentation_response

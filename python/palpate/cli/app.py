@@ -24,8 +24,15 @@ from palpate.cli.explain import explain
 from palpate.cli.init import init
 from palpate.cli.inspect import experiment_commands
 from palpate.cli.limb import limb, limb_commands
-from palpate.cli.listing import EXAMPLES, RUN, START, GroupedCommands, examples, name_of
-from palpate.cli.listing import STAGES as STAGES_PANEL
+from palpate.cli.listing import (
+    EXAMPLES,
+    RUN,
+    STAGES as STAGES_PANEL,
+    START,
+    GroupedCommands,
+    examples,
+    name_of,
+)
 from palpate.cli.new_plugin import new_plugin
 from palpate.cli.plugins import plugins
 from palpate.cli.report import report

@@ -46,7 +46,7 @@ def check(
     with StageProgress(session, keeps=False) as progress:
         progress.begin("check", 1)
         checked_study = session.study(study)
-        checked = pipeline.check(checked_study, session.plugins)
+        checked = pipeline.check_study(checked_study, session.plugins)
         progress.step()
     for text in checked.warnings:
         session.stderr.print(f"warning: {text}", markup=False)

@@ -23,7 +23,7 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
         raise StudyError(
             f"{study}: neither a study (study.toml) nor a scan ({scans}) that can be meshed; {remedy}"
         )
-    limbs = pipeline.check(session.study(study), session.plugins).limbs
+    limbs = pipeline.check_study(session.study(study), session.plugins).limbs
     rows: list[dict[str, Any]] = [
         {
             "spot": spot,

@@ -1,11 +1,12 @@
 """Delimited text (CSV, TSV and the like): a line of names, perhaps one of units, and rows of numbers."""
 
 from palpate.delimited.header_units import BASE_UNITS, UNITS, Kind, factor_to_base, kind_of, unit_in
-from palpate.delimited.layout import TextFormat
+from palpate.delimited.layout import DELIMITERS, TextFormat
 from palpate.delimited.table import Column, TextTable, close_to, listed
 
 __all__ = [
     "BASE_UNITS",
+    "DELIMITERS",
     "UNITS",
     "Column",
     "Kind",

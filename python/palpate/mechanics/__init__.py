@@ -12,28 +12,16 @@ from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate.mechanics.spectral import (
-        EQUAL,
-        REST_TOLERANCE,
-        cauchy_stress,
-        check_reference_state,
-        initial_moduli,
-        moduli_at_rest,
-        principal_derivatives,
-        stress,
-        stress_and_tangent,
+        EQUAL as EQUAL,
+        REST_TOLERANCE as REST_TOLERANCE,
+        cauchy_stress as cauchy_stress,
+        check_reference_state as check_reference_state,
+        initial_moduli as initial_moduli,
+        moduli_at_rest as moduli_at_rest,
+        principal_derivatives as principal_derivatives,
+        stress as stress,
+        stress_and_tangent as stress_and_tangent,
     )
-
-__all__ = [
-    "EQUAL",
-    "REST_TOLERANCE",
-    "cauchy_stress",
-    "check_reference_state",
-    "initial_moduli",
-    "moduli_at_rest",
-    "principal_derivatives",
-    "stress",
-    "stress_and_tangent",
-]
 
 if "jax" in sys.modules:
     from palpate.mechanics import spectral as spectral
@@ -41,4 +29,5 @@ else:
     # A plugin that compiles functions of its own must not do so in single precision before.
     os.environ.setdefault("JAX_ENABLE_X64", "true")
 
-__getattr__ = deferred("palpate.mechanics", dict.fromkeys(__all__, "spectral"))
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from palpate.api import THIS_VERSION
 from palpate.errors import NUMPY_IN_ENERGY, PalpateError, PluginError
 
 if TYPE_CHECKING:
@@ -64,6 +65,8 @@ def guarded() -> Iterator[None]:
     except BaseException as error:
         if interrupts:
             raise
+        if isinstance(error, ImportError) and error.name == "palpate.api":
+            raise PluginError(f"{error.msg}; {THIS_VERSION}") from error
         raise PluginError(f"{type(error).__name__}: {error}") from error
 
 

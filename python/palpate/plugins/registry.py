@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import pluggy
 
+from palpate.api import API_VERSION, THIS_VERSION
 from palpate.errors import PluginError
 from palpate.plugins import hookspecs
 from palpate.plugins.fingerprints import CONTENT_HASH, content_hash
@@ -145,6 +146,7 @@ class Registry:
                 raise PluginError(f"the plugin name '{name}' is taken by {self.sources[name]}; rename one")
             with guarded():
                 plugin = load()
+                _check_version(plugin)
             self._register(name, plugin)
             self._qualifiers[name] = qualifier or name
         except PluginError as error:
@@ -351,10 +353,22 @@ def _single(kind: str, point: importlib.metadata.EntryPoint) -> Any:  # noqa: AN
     group = f"{GROUP}.{kind}"
     with guarded():
         item = point.load()
+        _check_version(sys.modules.get(getattr(item, "__module__", ""), item))
         _check_item(item, KINDS[kind], group)
     if item.name != point.name:
         raise PluginError(f"{group}: '{point.name}' provides '{item.name}'; give both one name")
     return item
+
+
+def _check_version(plugin: object) -> None:
+    """Refuse a plugin that needs names or meanings which this version of :mod:`palpate.api` lacks."""
+    needed = getattr(plugin, "palpate_api", API_VERSION)
+    try:
+        major, minor = map(int, needed)
+    except (TypeError, ValueError):
+        raise PluginError(f"palpate_api = {needed!r}; give major and minor version, as in (1, 0)") from None
+    if major != API_VERSION[0] or minor > API_VERSION[1]:
+        raise PluginError(f"needs version {major}.{minor} of palpate.api; {THIS_VERSION}")
 
 
 def _check_hooks(plugin: object) -> None:

@@ -83,8 +83,7 @@ class StudyRunner:
         AssertionError
             palpate would leave a plugin out, or a simulation failed.
         """
-        from palpate import notebook as stages
-        from palpate import sample, score, select, simulate
+        from palpate import notebook as stages, sample, score, select, simulate
         from palpate.stages.synthesis import synthesise
         from palpate.study.reading import read_study
 

@@ -91,6 +91,14 @@ BROKEN = {
     "syntax error": ("def broken(:\n", "SyntaxError", ""),
     "exit at import": ("import sys\nsys.exit(3)\n", "sys.exit(3)", ""),
     "raise at import": ("raise BaseException('deep')\n", "BaseException", "deep"),
+    "newer": (
+        "palpate_api = (1, 99)\n" + SAMPLER,
+        "needs version 1.99 of palpate.api",
+        "this is 1.0; install",
+    ),
+    "another major": ("palpate_api = (0, 1)\n" + SAMPLER, "needs version 0.1 of palpate.api", "this is 1.0"),
+    "no version": ("palpate_api = 'new'\n" + SAMPLER, "palpate_api = 'new'", "(1, 0)"),
+    "newer name": ("from palpate.api import Tendon\n", "cannot import name 'Tendon'", "this is 1.0; install"),
     "misspelt": (
         grid("palpate_samplers", "palpate_samplrs"),
         "palpate_samplrs",

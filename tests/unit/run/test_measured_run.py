@@ -163,8 +163,10 @@ def test_another_indenter_is_another_simulation(make_study):
 def test_a_study_that_weighs_by_std_needs_it_everywhere(make_study, plugins):
     study = pressed_thrice(make_study(weights=PointWeights.STD))
     with pytest.raises(Exception, match="spot 'p2', channel 'force': no point has a standard deviation"):
-        pipeline.check(study, plugins)
-    assert pipeline.check(replace(study, spots=study.spots[:1]), plugins).measured["p1"]["force"].std.all()
+        pipeline.check_study(study, plugins)
+    assert (
+        pipeline.check_study(replace(study, spots=study.spots[:1]), plugins).measured["p1"]["force"].std.all()
+    )
 
 
 def test_one_channel_alone_can_be_drawn(make_study, plugins, tmp_path):

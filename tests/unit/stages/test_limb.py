@@ -356,5 +356,5 @@ def test_check_warns_of_what_is_odd_in_a_limb(make_study, tissue, plugins, tmp_p
 
     study = make_study(solver=Meshed(), limb_source=Hollow())
     spots = tuple(replace(s, mesh=tmp_path / "x.vtu", spot=Spot(name=s.spot.name)) for s in study.spots)
-    checked = pipeline.check(replace(study, spots=spots), plugins)
+    checked = pipeline.check_study(replace(study, spots=spots), plugins)
     assert any(text.startswith("spot 'p1': a closed inner surface of") for text in checked.warnings)

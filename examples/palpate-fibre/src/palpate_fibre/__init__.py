@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from palpate import ExperimentLoader, Material, hookimpl
+from palpate.api import ExperimentLoader, Material, hookimpl
 from palpate_fibre.reinforced import Reinforced, ReinforcedSettings
 from palpate_fibre.strip import Strip
 

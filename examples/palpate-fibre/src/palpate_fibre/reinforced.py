@@ -5,8 +5,7 @@ from collections.abc import Mapping
 import jax.numpy as jnp
 from pydantic import BaseModel, Field, field_validator
 
-from palpate import AnisotropicMaterial, Parameter, Settings
-from palpate.plugins.interfaces import NO_FIELDS, Array
+from palpate.api import NO_FIELDS, AnisotropicMaterial, Array, Parameter, Settings
 
 
 class ReinforcedSettings(Settings):

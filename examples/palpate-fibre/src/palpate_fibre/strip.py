@@ -4,9 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate import Curve, ExperimentLoader, Response
-from palpate.domain import FloatArray
-from palpate.errors import CurveError
+from palpate.api import Curve, CurveError, ExperimentLoader, FloatArray, Response
 
 NEEDED = ("gauge_length_mm", "area_mm2")
 

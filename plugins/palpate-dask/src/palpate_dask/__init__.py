@@ -3,15 +3,15 @@
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-import palpate
+from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.plugins.interfaces import Executor
+    from palpate.api import Executor
 
 __version__ = "0.1.0"
 
 
-@palpate.hookimpl
+@hookimpl
 def palpate_executors() -> "Iterable[type[Executor]]":
     """``dask``."""
     from palpate_dask.executor import DaskExecutor

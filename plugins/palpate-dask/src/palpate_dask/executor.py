@@ -2,9 +2,7 @@
 
 from collections.abc import Iterator
 
-from palpate.executors import Batch, JobResult, n_cores
-from palpate.executors.pool import packed_or_refused
-from palpate.plugins.interfaces import Executor
+from palpate.api import Batch, Executor, JobResult, n_cores, packed_or_refused
 from palpate_dask.settings import DaskSettings
 
 

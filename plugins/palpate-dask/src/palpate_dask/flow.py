@@ -10,10 +10,7 @@ from concurrent.futures import CancelledError
 from distributed import Client, Future, as_completed
 from distributed.scheduler import KilledWorker
 
-from palpate.domain import Status
-from palpate.errors import ExecutorError, PalpateError
-from palpate.executors import Batch, JobResult
-from palpate.executors.worker import packed
+from palpate.api import Batch, ExecutorError, JobResult, PalpateError, Status, packed
 from palpate_dask.cluster import connected
 from palpate_dask.settings import DaskSettings
 from palpate_dask.worker_runtime import WorkerRuntime, run_tasks, shared_by

@@ -7,8 +7,7 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, model_validator
 
-from palpate.plugins.interfaces import Settings
-from palpate.units import Quantity
+from palpate.api import Quantity, Settings
 
 
 class TlsSettings(Settings):

@@ -17,13 +17,18 @@ from typing import Any
 
 from distributed import Worker, WorkerPlugin, get_worker
 
-from palpate.errors import ExecutorError
-from palpate.executors import Batch, Limits, Pool, n_cores
-from palpate.executors.batch import JobResult
-from palpate.executors.worker import packed
-from palpate.plugins.fingerprints import installed_code
-from palpate.plugins.interfaces import Solver
-from palpate.plugins.registry import load_file
+from palpate.api import (
+    Batch,
+    ExecutorError,
+    JobResult,
+    Limits,
+    Pool,
+    Solver,
+    installed_code,
+    load_file,
+    n_cores,
+    packed,
+)
 
 IDLE_S = 300.0
 """Seconds after which processes that nobody has given a job are ended: their run may be gone."""

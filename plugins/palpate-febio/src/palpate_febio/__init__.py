@@ -3,17 +3,17 @@
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
-import palpate
+from palpate.api import hookimpl
 
 if TYPE_CHECKING:
     import typer
 
-    from palpate.plugins.interfaces import LimbSource, Solver
+    from palpate.api import LimbSource, Solver
 
 __version__ = "0.1.0"
 
 
-@palpate.hookimpl
+@hookimpl
 def palpate_limb_sources() -> "Iterable[type[LimbSource]]":
     """``febio_deck``."""
     from palpate_febio.limb_source import FebioDeckSource
@@ -21,7 +21,7 @@ def palpate_limb_sources() -> "Iterable[type[LimbSource]]":
     return [FebioDeckSource]
 
 
-@palpate.hookimpl
+@hookimpl
 def palpate_solvers() -> "Iterable[type[Solver]]":
     """``febio``."""
     from palpate_febio.solver import FebioSolver
@@ -29,10 +29,10 @@ def palpate_solvers() -> "Iterable[type[Solver]]":
     return [FebioSolver]
 
 
-@palpate.hookimpl
+@hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """``febio-deck`` and ``febio-prove``."""
-    from palpate.cli.listing import examples, name_of
+    from palpate.api import examples, name_of
     from palpate_febio.deck_command import febio_deck
     from palpate_febio.prove_command import febio_prove
 

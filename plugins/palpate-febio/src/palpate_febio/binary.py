@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate.errors import PluginError
+from palpate.api import PluginError
 from palpate.sandbox import Limits, run_program
 
 NAMES = ("febio4", "febio4.exe", "FEBio4")

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from palpate.domain import IntArray, Mesh
-from palpate.errors import MeshError
+from palpate.api import IntArray, Mesh, MeshError
 from palpate.topology import outer_faces
 
 FEBIO_NAMES = {3: "tri3", 4: "quad4", 6: "tri6"}

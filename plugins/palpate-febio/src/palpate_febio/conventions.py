@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.plugins.interfaces import Material
+from palpate.api import Material
 from palpate_febio.probe import Fit, probe_theta
 
 FORMAT = 1

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, Mesh
+from palpate.api import FloatArray, IntArray, Mesh
 from palpate_febio.contact_surface import contact_faces
 from palpate_febio.settings import PENALTY, FebioSettings, Rung
 from palpate_febio.spelling import DENSITY_T_PER_MM3, Written

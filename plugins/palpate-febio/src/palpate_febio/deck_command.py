@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.options import AsJson
-from palpate.cli.session import Session
+from palpate.api import AsJson, Session
 
 if TYPE_CHECKING:
-    from palpate.plugins.interfaces import Material
+    from palpate.api import Material
     from palpate_febio.deck_reader import Deck, DeckMaterial
 
 

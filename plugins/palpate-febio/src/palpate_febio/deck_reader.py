@@ -8,8 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
-from palpate.errors import MeshError
+from palpate.api import FloatArray, IntArray, MeshError
 from palpate.topology import CELLS
 from palpate_febio.safe_xml import read_xml
 

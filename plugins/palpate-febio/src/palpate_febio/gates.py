@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from palpate.domain import Status
+from palpate.api import Status
 from palpate_febio.steps import Steps, halved, up_to_first_turn, with_hold
 from palpate_febio.verdict import Verdict
 

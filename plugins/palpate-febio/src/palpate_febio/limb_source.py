@@ -7,10 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from palpate.domain import IntArray, Limb, Mesh, Spot
-from palpate.errors import MeshError
-from palpate.plugins.interfaces import LimbSource, Settings
-from palpate.units import convert
+from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
 from palpate_febio.deck_reader import Deck, read_deck
 
 

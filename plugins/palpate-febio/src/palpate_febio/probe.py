@@ -15,9 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.domain import FloatArray
-from palpate.errors import MaterialError
-from palpate.plugins.interfaces import Material
+from palpate.api import FloatArray, Material, MaterialError
 from palpate.sandbox import Limits, run_program
 from palpate_febio.deck import DECK_NAME, LOG_NAME, to_bytes
 from palpate_febio.log import read_log

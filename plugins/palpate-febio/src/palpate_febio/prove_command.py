@@ -8,13 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from palpate.cli.options import AsJson, OutFolder, StudyPath
-from palpate.cli.session import Session, run_folder
-from palpate.errors import StudyError
+from palpate.api import AsJson, OutFolder, Session, StudyError, StudyPath, run_folder
 
 if TYPE_CHECKING:
-    from palpate.domain import Simulation
-    from palpate.study.reading import Study
+    from palpate.api import Simulation, Study
 
 HEADS = ("spot", "set_id", "verdict", "halving", "hold", "force", "torque", "message")
 
@@ -57,9 +54,7 @@ def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
     StudyError
         The run has no selection yet, or its protocol has nothing to prove.
     """
-    from palpate.run.directory import RunDirectory
-    from palpate.stages.limb import load_limbs
-    from palpate.stages.simulation import job_for, stored
+    from palpate.api import RunDirectory, job_for, load_limbs, stored
     from palpate_febio.solver import FebioSolver
 
     run = RunDirectory(folder)

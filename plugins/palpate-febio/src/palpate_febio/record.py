@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray
-from palpate.errors import PalpateError
+from palpate.api import FloatArray, PalpateError
 
 
 class RecordError(PalpateError):

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from xml.parsers import expat
 
-from palpate.errors import MeshError
+from palpate.api import MeshError
 
 LARGEST_FILE_BYTES = 2_000_000_000
 DEEPEST = 64

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from palpate.plugins.interfaces import Settings
+from palpate.api import Settings
 
 Rung = Literal["broyden", "newton", "broyden_soft", "broyden_half_steps", "newton_half_steps"]
 """One way to solve: the update of the stiffness; ``soft`` is a contact a quarter as stiff."""

@@ -15,9 +15,18 @@ from urllib.parse import quote
 import numpy as np
 from pydantic import BaseModel
 
-from palpate.domain import Indentation, Job, Limb, Simulation, Status
-from palpate.errors import MeshError, PalpateError, StudyError
-from palpate.plugins.interfaces import Material, Solver
+from palpate.api import (
+    Indentation,
+    Job,
+    Limb,
+    Material,
+    MeshError,
+    PalpateError,
+    Simulation,
+    Solver,
+    Status,
+    StudyError,
+)
 from palpate.sandbox import Ended, Limits, run_program
 from palpate.spot_frame import in_spot_frame, indentation_response
 from palpate_febio import __version__
@@ -151,8 +160,8 @@ class FebioSolver(Solver):
         PluginError
             There is no FEBio.
         """
+        from palpate.api import check_limb
         from palpate.mechanics import check_reference_state
-        from palpate.stages.limb import check_limb
 
         limb = _limb(limb, job)
         check_limb(limb, list(job.materials))

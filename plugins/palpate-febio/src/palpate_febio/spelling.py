@@ -14,9 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from palpate.domain import FloatArray
-from palpate.errors import MaterialError
-from palpate.plugins.interfaces import Material
+from palpate.api import FloatArray, Material, MaterialError
 
 SPELLED: Mapping[str, tuple[str, Mapping[str, str]]] = MappingProxyType(
     {

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray, Indentation
+from palpate.api import FloatArray, Indentation
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.errors import StudyError
+from palpate.api import StudyError
 from palpate_febio.deck import RECORD_DATA, RECORD_NAME, points_of
 from palpate_febio.deck_reader import refuse_reaching
 from palpate_febio.safe_xml import parse_xml

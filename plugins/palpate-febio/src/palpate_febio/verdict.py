@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray, Status
+from palpate.api import FloatArray, Status
 from palpate.sandbox import Ended
 from palpate.spot_frame import SpotWrench
 from palpate_febio.deck import RECORD_DATA

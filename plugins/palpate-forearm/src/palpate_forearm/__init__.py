@@ -6,43 +6,32 @@ Names are imported when they are first used, so that finding the plugin costs no
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
-from palpate import hookimpl
-from palpate.lazy_imports import deferred
+from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
     import typer
 
-    from palpate.domain import StudyTemplate
-    from palpate_forearm.phantom import InkMark, Phantom, PhantomBone, Scanner, Section, Surface, scan
-    from palpate_forearm.phantom_files import write_phantom
-
-__all__ = [
-    "InkMark",
-    "Phantom",
-    "PhantomBone",
-    "Scanner",
-    "Section",
-    "Surface",
-    "scan",
-    "write_phantom",
-]
+    from palpate.api import StudyTemplate
+    from palpate_forearm.phantom import (
+        InkMark as InkMark,
+        Phantom as Phantom,
+        PhantomBone as PhantomBone,
+        Scanner as Scanner,
+        Section as Section,
+        Surface as Surface,
+        scan as scan,
+    )
+    from palpate_forearm.phantom_files import write_phantom as write_phantom
 
 
-__getattr__ = deferred(
-    __name__,
-    {
-        "write_phantom": "phantom_files",
-        **dict.fromkeys(
-            ("InkMark", "Phantom", "PhantomBone", "Scanner", "Section", "Surface", "scan"), "phantom"
-        ),
-    },
-)
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
 
 
 @hookimpl
 def palpate_studies() -> "list[StudyTemplate]":
     """Provide the forearm studies, all on simulated data."""
-    from palpate.domain import StudyTemplate
+    from palpate.api import StudyTemplate
 
     return [
         StudyTemplate(
@@ -66,7 +55,7 @@ def palpate_studies() -> "list[StudyTemplate]":
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """Add the command that repeats the paper's study."""
-    from palpate.cli.listing import RUN, examples
+    from palpate.api import RUN, examples
     from palpate_forearm.reproduce_command import reproduce
 
     calls = examples(

@@ -7,8 +7,7 @@ from typing import Any
 
 import polars as pl
 
-from palpate.report.table_files import markdown
-from palpate.run.result import RunResult
+from palpate.api import RunResult, markdown
 from palpate_forearm.paper_doubts import NOT_SHARED, Doubt, doubts
 from palpate_forearm.paper_tables import beside
 from palpate_forearm.reproduction import Outcome

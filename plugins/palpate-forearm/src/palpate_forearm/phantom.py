@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, Spot
-from palpate.errors import MeshError
+from palpate.api import FloatArray, IntArray, MeshError, Spot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,10 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.options import AsJson
-from palpate.cli.progress import StageProgress
-from palpate.cli.session import TEXT_WIDTH, Session
-from palpate.errors import StudyError
+from palpate.api import TEXT_WIDTH, AsJson, Session, StageProgress, StudyError
 
 if TYPE_CHECKING:
     from palpate_forearm.paper_doubts import Doubt
@@ -95,7 +92,7 @@ def _size(
 
 def _fitting(session: Session, costs: "list[Cost]", minutes: float, begun: int) -> int:
     """Sets for a time, and no fewer than there are."""
-    from palpate.executors.machine import n_cores
+    from palpate.api import n_cores
     from palpate_forearm.reproduction import sets_within
 
     size = max(begun, sets_within(minutes, costs, n_cores()))
@@ -104,7 +101,7 @@ def _fitting(session: Session, costs: "list[Cost]", minutes: float, begun: int) 
 
 
 def _asked(session: Session, costs: "list[Cost]") -> int | None:
-    from palpate.executors.machine import n_cores
+    from palpate.api import n_cores
     from palpate_forearm.reproduction import FEWEST_SETS, PAPER_SETS, sets_within
 
     sizes = sorted({FEWEST_SETS, *(sets_within(m, costs, n_cores()) for m in (15.0, 60.0)), PAPER_SETS})
@@ -120,7 +117,7 @@ def _asked(session: Session, costs: "list[Cost]") -> int | None:
 
 
 def _minutes(costs: "list[Cost]", n_sets: int) -> str:
-    from palpate.executors.machine import n_cores
+    from palpate.api import n_cores
 
     seconds = sum(c.seconds(n_cores()) * n_sets / c.n_drawn for c in costs)
     return f"{math.ceil(seconds / 60.0)} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"

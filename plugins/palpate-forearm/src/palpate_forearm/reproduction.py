@@ -23,15 +23,22 @@ from typing import Any
 
 import numpy as np
 
-from palpate import pipeline
-from palpate.errors import NothingSelectableError, StoppedError, StudyError
-from palpate.executors.attempts import simulate_alone
-from palpate.plugins.catalogue import Plugins
-from palpate.progress import SILENT, Progress
-from palpate.run.directory import RunDirectory
-from palpate.run.result import RunResult
-from palpate.stages import simulation
-from palpate.study.reading import Study, read_study
+from palpate.api import (
+    SILENT,
+    NothingSelectableError,
+    Plugins,
+    Progress,
+    RunDirectory,
+    RunResult,
+    StoppedError,
+    Study,
+    StudyError,
+    check_study,
+    jobs,
+    read_study,
+    run_study,
+    simulate_alone,
+)
 
 PAPER_SETS = 250
 """Sets that the paper draws for each material."""
@@ -298,8 +305,8 @@ def cost(study: Study, plugins: Plugins, n_timed: int = 2) -> Cost:
 
     The sets that are timed are the first of the design at its first spot, in this process.
     """
-    checked = pipeline.check(study, plugins)
-    to_do = simulation.jobs(study, checked.design, checked.measured)[: n_timed + 1]
+    checked = check_study(study, plugins)
+    to_do = jobs(study, checked.design, checked.measured)[: n_timed + 1]
     spot = to_do[0].spot
     timed = [
         simulate_alone(study.solver, job, checked.limbs.get(spot)).seconds
@@ -368,9 +375,7 @@ def run(
     for material, study in reproduction.studies.items():
         announce(f"{material} …")
         try:
-            results[material] = pipeline.run_study(
-                study, reproduction.run_folder(material), plugins, progress
-            )
+            results[material] = run_study(study, reproduction.run_folder(material), plugins, progress)
         except NothingSelectableError as error:
             failed[material] = str(error)
             announce(f"{material}: {error}")

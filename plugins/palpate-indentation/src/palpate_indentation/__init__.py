@@ -5,32 +5,21 @@ Names are imported when they are first used, so that finding the plugin costs no
 
 from typing import TYPE_CHECKING
 
-from palpate import hookimpl
-from palpate.lazy_imports import deferred
+from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
-    from palpate.domain import Channel, Scenario
-    from palpate.plugins.interfaces import ExperimentLoader, LimbSource
-    from palpate_indentation.csv_loader import CsvLoader, CsvSettings
-    from palpate_indentation.mesh_source import MeshioSettings, MeshioSource
+    from palpate.api import Channel, ExperimentLoader, LimbSource, Scenario
+    from palpate_indentation.csv_loader import CsvLoader as CsvLoader, CsvSettings as CsvSettings
+    from palpate_indentation.mesh_source import MeshioSettings as MeshioSettings, MeshioSource as MeshioSource
 
-__all__ = ["CsvLoader", "CsvSettings", "MeshioSettings", "MeshioSource"]
-
-__getattr__ = deferred(
-    __name__,
-    {
-        "CsvLoader": "csv_loader",
-        "CsvSettings": "csv_loader",
-        "MeshioSettings": "mesh_source",
-        "MeshioSource": "mesh_source",
-    },
-)
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
 
 
 @hookimpl
 def palpate_channels() -> "list[Channel]":
     """Provide the paper's two variables."""
-    from palpate.domain import Channel
+    from palpate.api import Channel
 
     return [
         Channel(
@@ -60,7 +49,7 @@ def palpate_channels() -> "list[Channel]":
 @hookimpl
 def palpate_scenarios() -> "list[Scenario]":
     """Provide the paper's three scenarios."""
-    from palpate.domain import Scenario
+    from palpate.api import Scenario
 
     return [
         Scenario(name="I", weights={"force": 1.0, "torque": 1.0}, description="force and torque"),

@@ -9,11 +9,17 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from palpate import delimited
-from palpate.delimited import TextFormat, TextTable
-from palpate.delimited.layout import DELIMITERS
-from palpate.domain import Curve, FloatArray, IntArray, Response, moving_span
-from palpate.errors import CurveError
-from palpate.plugins.interfaces import ExperimentLoader, Settings
+from palpate.api import (
+    Curve,
+    CurveError,
+    ExperimentLoader,
+    FloatArray,
+    IntArray,
+    Response,
+    Settings,
+    moving_span,
+)
+from palpate.delimited import DELIMITERS, TextFormat, TextTable
 
 _LARGEST = 1e150
 

@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import MeshError
+from palpate.api import MeshError
 from palpate.sandbox import Limits, run_function
 
 MOST_BYTES = 1_000_000_000

@@ -9,11 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from palpate.domain import IntArray, Limb, Mesh, Spot
-from palpate.errors import MeshError
-from palpate.plugins.interfaces import LimbSource, Settings
+from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
 from palpate.topology import CELLS
-from palpate.units import convert
 from palpate_indentation.mesh_files import MeshFile, read_mesh_file
 from palpate_indentation.node_choices import Choice, check_whole, chosen
 

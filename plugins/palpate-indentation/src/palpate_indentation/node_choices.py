@@ -6,10 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from palpate.domain import FloatArray, IntArray
-from palpate.errors import MeshError
-from palpate.plugins.interfaces import Settings
-from palpate.units import Quantity
+from palpate.api import FloatArray, IntArray, MeshError, Quantity, Settings
 from palpate_indentation.mesh_files import MeshFile
 
 Length = Annotated[float, Quantity("mm")]

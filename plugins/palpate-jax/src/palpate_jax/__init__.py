@@ -3,16 +3,15 @@
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-import palpate
+from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.domain import Channel
-    from palpate.plugins.interfaces import Solver
+    from palpate.api import Channel, Solver
 
 __version__ = "0.1.0"
 
 
-@palpate.hookimpl
+@hookimpl
 def palpate_channels() -> "Iterable[Channel]":
     """Channels of the homogeneous tests; force and torque belong to the forearm study."""
     from palpate_jax.homogeneous import CHANNELS
@@ -20,7 +19,7 @@ def palpate_channels() -> "Iterable[Channel]":
     return CHANNELS
 
 
-@palpate.hookimpl
+@hookimpl
 def palpate_solvers() -> "Iterable[type[Solver]]":
     """``jax`` and ``homogeneous``."""
     from palpate_jax.homogeneous import HomogeneousSolver

@@ -15,9 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.domain import FloatArray, IntArray
+from palpate.api import NO_FIELDS, FloatArray, IntArray, Material
 from palpate.mechanics import stress, stress_and_tangent
-from palpate.plugins.interfaces import NO_FIELDS, Material
 
 Jax = Any
 T = TypeVar("T", bound=np.generic)

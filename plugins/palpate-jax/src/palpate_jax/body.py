@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, Mesh
-from palpate.plugins.interfaces import Material
+from palpate.api import FloatArray, IntArray, Material, Mesh
 from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.compiled import CompiledKernel, serves
 from palpate_jax.elements import ELEMENTS, PLAIN_ELEMENTS

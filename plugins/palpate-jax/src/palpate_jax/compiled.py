@@ -13,10 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from palpate._core import Deformation, ElementBlock
-from palpate.domain import FloatArray, IntArray
+from palpate.api import Array, Deformation, ElementBlock, FloatArray, IntArray, Material
 from palpate.mechanics import principal_derivatives
-from palpate.plugins.interfaces import Array, Material
 
 POINTS = 4096
 """Quadrature points differentiated at a time: one size, so that every mesh shares the compilation."""

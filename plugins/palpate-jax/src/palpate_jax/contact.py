@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.domain import BoolArray, FloatArray, IntArray, Mesh
+from palpate.api import BoolArray, FloatArray, IntArray, Mesh
 from palpate_jax.contact_surface import ContactSurface, contact_surfaces
 from palpate_jax.shapes import Shape
 

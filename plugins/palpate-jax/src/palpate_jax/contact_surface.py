@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, Mesh
-from palpate.errors import MeshError
+from palpate.api import FloatArray, IntArray, Mesh, MeshError
 from palpate.topology import outer_faces
 from palpate_jax.elements import ELEMENTS, Face
 

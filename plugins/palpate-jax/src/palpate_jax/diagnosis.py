@@ -4,9 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray, Material
 from palpate.mechanics import principal_derivatives
-from palpate.plugins.interfaces import Material
 from palpate_jax.body import Block
 from palpate_jax.load_stepping import Stop
 from palpate_jax.model import Model

@@ -22,9 +22,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from palpate.domain import FloatArray
-from palpate.mechanics import spectral as mechanics
-from palpate.plugins.interfaces import Array, Material
+from palpate import mechanics
+from palpate.api import Array, FloatArray, Material
 
 FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.1, 0.02, 0.0)
 """Shares of a Newton step that are tried; the one with the least energy is taken."""

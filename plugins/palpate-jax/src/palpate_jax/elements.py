@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate.shape_functions import HEX_CORNERS, barycentric, linear_simplex, multilinear, quadratic_simplex
 from palpate.topology import CELLS
 

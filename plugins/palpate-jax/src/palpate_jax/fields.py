@@ -22,9 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, Limb, Mesh
+from palpate.api import FloatArray, IntArray, Limb, Material, Mesh
 from palpate.mechanics import stress
-from palpate.plugins.interfaces import Material
 from palpate.spot_frame import in_spot_frame, spot_axes
 from palpate.topology import CELLS
 from palpate_jax.body import Block, blocks, points_of_cells

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from palpate.domain import Indentation, IntArray, Limb, Mesh
-from palpate.errors import MeshError
+from palpate.api import Indentation, IntArray, Limb, Mesh, MeshError
 from palpate.spot_frame import in_spot_frame
 from palpate_jax.contact_surface import contact_surfaces
 

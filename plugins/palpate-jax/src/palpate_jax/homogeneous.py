@@ -32,21 +32,26 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import Field
 
-import palpate
-from palpate.domain import (
+from palpate import mechanics
+from palpate.api import (
+    Array,
     Channel,
     Curve,
+    CurveError,
     FloatArray,
     HomogeneousTests,
     Job,
     Limb,
+    Material,
+    MaterialError,
+    PalpateError,
     Response,
+    Settings,
     Simulation,
+    Solver,
     Status,
+    __version__,
 )
-from palpate.errors import CurveError, MaterialError, PalpateError
-from palpate.mechanics import spectral as mechanics
-from palpate.plugins.interfaces import Array, Material, Settings, Solver
 from palpate_jax import directional
 
 LONGEST_STEP = 0.3
@@ -255,7 +260,7 @@ class HomogeneousSolver(Solver):
 
     def version(self) -> str:
         """Versions of palpate and of JAX."""
-        return f"{palpate.__version__}, jax {jax.__version__}"
+        return f"{__version__}, jax {jax.__version__}"
 
     def check(self, job: Job, limb: Limb | None) -> None:
         """Refuse what is not a homogeneous test of one sound material.

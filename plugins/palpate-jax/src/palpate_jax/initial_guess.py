@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.domain import FloatArray, Simulation
-from palpate.plugins.interfaces import Material
+from palpate.api import FloatArray, Material, Simulation
 
 MOST_BYTES = 500_000_000
 """Displacements kept; beyond it the oldest go."""

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import solve_triangular
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 
 MOST_STEPS = 60
 """Directions per right-hand side; who needs more has a poor preconditioner."""

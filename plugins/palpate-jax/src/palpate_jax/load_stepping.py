@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from palpate.domain import FloatArray, Indentation
+from palpate.api import FloatArray, Indentation
 from palpate_jax.contact import Answer, ContactLaw, ContactState, Memory, Motion, Pose
 from palpate_jax.initial_guess import InitialGuess
 from palpate_jax.model import Model

@@ -6,9 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from palpate.domain import FloatArray, IntArray, Limb, Mesh
-from palpate.errors import MeshError
-from palpate.plugins.interfaces import Material
+from palpate.api import FloatArray, IntArray, Limb, Material, Mesh, MeshError
 from palpate.spot_frame import in_spot_frame, spot_axes
 from palpate_jax.body import Body
 from palpate_jax.contact import Answer, Contact, ContactState, Motion, Pose

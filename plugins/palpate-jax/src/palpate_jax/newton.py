@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_jax.contact import ContactState
 from palpate_jax.model import Model, Residual
 from palpate_jax.sparse import LinearSolver

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import BoolArray, FloatArray, IntArray
+from palpate.api import BoolArray, FloatArray, IntArray
 from palpate.topology import CELLS
 
 ROUNDS = 3

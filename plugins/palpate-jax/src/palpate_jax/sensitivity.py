@@ -22,10 +22,8 @@ from functools import partial
 import jax
 import numpy as np
 
-from palpate.domain import FloatArray, Simulation, moving_span
-from palpate.errors import StudyError
+from palpate.api import Array, FloatArray, Material, Simulation, StudyError, moving_span
 from palpate.mechanics import moduli_at_rest
-from palpate.plugins.interfaces import Array, Material
 from palpate_jax.contact import Change, ContactLaw, ContactState, Touched
 from palpate_jax.model import Linearised, Model
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate.domain import FloatArray, Sphere
+from palpate.api import FloatArray, Sphere
 
 
 class Shape(Protocol):

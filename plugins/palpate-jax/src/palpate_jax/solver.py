@@ -10,18 +10,22 @@ from urllib.parse import quote
 import numpy as np
 from pydantic import BaseModel, Field
 
-from palpate.domain import (
+from palpate.api import (
     FloatArray,
     Indentation,
     Job,
     Limb,
+    Material,
+    MaterialError,
+    MeshError,
     Response,
+    Settings,
     Simulation,
+    Solver,
     Status,
+    StudyError,
 )
-from palpate.errors import MaterialError, MeshError, StudyError
 from palpate.mechanics import check_reference_state, initial_moduli
-from palpate.plugins.interfaces import Material, Settings, Solver
 from palpate.spot_frame import in_spot_frame, indentation_response
 from palpate_jax import __version__
 from palpate_jax.contact import ContactLaw

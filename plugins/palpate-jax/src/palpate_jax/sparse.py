@@ -11,8 +11,7 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 
-from palpate._core import SparseFactor
-from palpate.domain import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray, SparseFactor
 from palpate_jax.krylov import Space
 
 PATIENCE = 120

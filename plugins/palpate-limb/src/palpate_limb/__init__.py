@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from palpate import hookimpl
+from palpate.api import hookimpl
 
 if TYPE_CHECKING:
     import typer
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """Add ``palpate limb SCAN`` to the stage that reads a study's limbs."""
-    from palpate.cli.listing import examples
+    from palpate.api import examples
     from palpate_limb.cli import scan
 
     calls = examples(

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.domain import FloatArray
-from palpate.errors import MeshError
+from palpate.api import FloatArray, MeshError
 from palpate_limb.surface_checks import BONE_MM, check_size, outwards, repaired
 from palpate_limb.surface_files import read_surface
 from palpate_limb.surfaces import Surface

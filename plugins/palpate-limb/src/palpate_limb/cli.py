@@ -5,9 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from palpate.cli.options import AsJson
-from palpate.cli.progress import StageProgress
-from palpate.cli.session import Session
+from palpate.api import AsJson, Session, StageProgress
 from palpate_limb import cli_options as options
 
 if TYPE_CHECKING:

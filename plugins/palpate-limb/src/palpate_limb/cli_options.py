@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from palpate.errors import MeshError
+from palpate.api import MeshError
 
 if TYPE_CHECKING:
-    from palpate.domain import FloatArray
+    from palpate.api import FloatArray
 
 ScanFile: TypeAlias = Annotated[
     Path, typer.Argument(metavar="SCAN", help="Coloured scan: .ply, .obj or .glb.")
@@ -78,7 +78,7 @@ def length_mm(option: str, given: str) -> float:
     MeshError
         It is none; naming the option.
     """
-    from palpate.units import convert
+    from palpate.api import convert
 
     try:
         value = convert(given, "mm")

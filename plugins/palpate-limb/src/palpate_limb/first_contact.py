@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.domain import FloatArray, Limb
+from palpate.api import FloatArray, Limb
 from palpate.topology import CELLS
 
 

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.domain import FloatArray, Limb
-from palpate.errors import MeshError
-from palpate.stages.limb import check_limb
+from palpate.api import FloatArray, Limb, MeshError, check_limb
 from palpate_limb.bones import IN_PLACE, Placement, by_icp, read_bone, read_landmarks, read_motion
 from palpate_limb.first_contact import moved_to_contact
 from palpate_limb.marks import find_marks, name_marks

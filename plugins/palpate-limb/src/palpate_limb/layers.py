@@ -6,8 +6,7 @@ neither folds over itself in a hollow nor repeats the scan's noise.
 
 import numpy as np
 
-from palpate.domain import FloatArray
-from palpate.errors import MeshError
+from palpate.api import FloatArray, MeshError
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface, solid, surface_of
 

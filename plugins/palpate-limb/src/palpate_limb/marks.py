@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import BoolArray, FloatArray, IntArray
-from palpate.errors import MeshError
+from palpate.api import BoolArray, FloatArray, IntArray, MeshError
 from palpate_limb.surfaces import Surface, adjacency, edge_uses
 
 DARKEST = 15.0

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
 from palpate_limb.from_scan import ScannedLimb
 from palpate_limb.surfaces import Surface
 

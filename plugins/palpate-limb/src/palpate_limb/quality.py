@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, Limb
-from palpate.errors import MeshError
+from palpate.api import FloatArray, IntArray, Limb, MeshError
 from palpate.shape_functions import quadratic_simplex
 from palpate.topology import CELLS
 from palpate_limb.segment import Segment

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray, Spot
-from palpate.errors import MeshError
+from palpate.api import FloatArray, MeshError, Spot
 from palpate.spot_frame import spot_axes
 from palpate_limb.surfaces import Surface, solid, surface_of
 

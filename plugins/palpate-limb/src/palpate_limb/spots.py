@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray, Spot
-from palpate.errors import MeshError
+from palpate.api import FloatArray, MeshError, Spot
 from palpate_limb.marks import Mark
 from palpate_limb.surfaces import Surface
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
-from palpate.errors import MeshError
+from palpate.api import FloatArray, IntArray, MeshError
 from palpate_limb.surfaces import Surface, adjacency, edge_uses
 
 LIMB_MM = (60.0, 1500.0)

@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray
-from palpate.errors import MeshError
-from palpate.units import convert
+from palpate.api import FloatArray, MeshError, convert
 from palpate_limb.surfaces import Surface
 
 SUFFIXES = frozenset({".ply", ".obj", ".glb", ".stl", ".off"})

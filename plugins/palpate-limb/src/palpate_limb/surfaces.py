@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.domain import BoolArray, FloatArray, IntArray
-from palpate.errors import MeshError
+from palpate.api import BoolArray, FloatArray, IntArray, MeshError
 
 if TYPE_CHECKING:
     import trimesh

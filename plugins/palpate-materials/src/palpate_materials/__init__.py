@@ -6,34 +6,20 @@ Names are imported when they are first used, so that finding the plugin costs no
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
-from palpate import hookimpl
-from palpate.lazy_imports import deferred
+from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
-    from palpate.domain import StudyTemplate
-    from palpate.plugins.interfaces import Material, SetFilter
-    from palpate_materials.demiray import Demiray
-    from palpate_materials.mooney_rivlin import MooneyRivlin
-    from palpate_materials.neo_hookean import NeoHookean
-    from palpate_materials.ogden import Ogden
-    from palpate_materials.stability import Drucker
-    from palpate_materials.veronda_westmann import VerondaWestmann
-    from palpate_materials.yeoh import Yeoh
+    from palpate.api import Material, SetFilter, StudyTemplate
+    from palpate_materials.demiray import Demiray as Demiray
+    from palpate_materials.mooney_rivlin import MooneyRivlin as MooneyRivlin
+    from palpate_materials.neo_hookean import NeoHookean as NeoHookean
+    from palpate_materials.ogden import Ogden as Ogden
+    from palpate_materials.stability import Drucker as Drucker
+    from palpate_materials.veronda_westmann import VerondaWestmann as VerondaWestmann
+    from palpate_materials.yeoh import Yeoh as Yeoh
 
-__all__ = ["Demiray", "Drucker", "MooneyRivlin", "NeoHookean", "Ogden", "VerondaWestmann", "Yeoh"]
-
-__getattr__ = deferred(
-    __name__,
-    {
-        "Demiray": "demiray",
-        "Drucker": "stability",
-        "MooneyRivlin": "mooney_rivlin",
-        "NeoHookean": "neo_hookean",
-        "Ogden": "ogden",
-        "VerondaWestmann": "veronda_westmann",
-        "Yeoh": "yeoh",
-    },
-)
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
 
 
 @hookimpl
@@ -55,7 +41,7 @@ def palpate_set_filters() -> "list[type[SetFilter]]":
 @hookimpl
 def palpate_studies() -> "list[StudyTemplate]":
     """Provide two studies on measured data."""
-    from palpate.domain import StudyTemplate
+    from palpate.api import StudyTemplate
 
     return [
         StudyTemplate(

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from palpate.mechanics import spectral as mechanics
-from palpate.plugins.interfaces import Array, Material
+from palpate import mechanics
+from palpate.api import Array, Material
 
 SETS_AT_ONCE = 256
 """Sets whose Hessians are held in memory together."""

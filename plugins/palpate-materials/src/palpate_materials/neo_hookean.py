@@ -2,8 +2,7 @@
 
 import math
 
-from palpate.domain import Parameter
-from palpate.plugins.interfaces import Array, Material
+from palpate.api import Array, Material, Parameter
 from palpate_materials.uncoupled import first_invariant, modulus
 
 

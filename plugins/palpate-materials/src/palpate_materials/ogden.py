@@ -3,9 +3,7 @@
 import numpy as np
 from pydantic import Field
 
-from palpate.domain import FloatArray
-from palpate.errors import MaterialError
-from palpate.plugins.interfaces import Array, Settings
+from palpate.api import Array, FloatArray, MaterialError, Settings
 from palpate_materials.uncoupled import POSITIVE, Uncoupled, bulk_modulus, modulus, shape
 
 

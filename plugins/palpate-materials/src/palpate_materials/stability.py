@@ -5,8 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from palpate.domain import BoolArray, FloatArray, ParameterSpace
-from palpate.plugins.interfaces import Material, SetFilter, Settings
+from palpate.api import BoolArray, FloatArray, Material, ParameterSpace, SetFilter, Settings
 
 Mode = Literal["uniaxial", "equibiaxial", "planar"]
 

@@ -3,8 +3,7 @@
 import sys
 from abc import abstractmethod
 
-from palpate.domain import Parameter
-from palpate.plugins.interfaces import Array, Material
+from palpate.api import Array, Material, Parameter
 
 POSITIVE = sys.float_info.min
 """Lower physical limit of what must be greater than zero."""

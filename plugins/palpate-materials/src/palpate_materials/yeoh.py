@@ -3,8 +3,7 @@
 import numpy as np
 from pydantic import Field
 
-from palpate.domain import Parameter
-from palpate.plugins.interfaces import Array, Settings
+from palpate.api import Array, Parameter, Settings
 from palpate_materials.uncoupled import POSITIVE, Uncoupled, bulk_modulus, first_invariant, modulus
 
 # The paper's region of interest. Its numbers are in FEBio 4's convention, where c_k stands for k c_k.

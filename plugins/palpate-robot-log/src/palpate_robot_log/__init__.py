@@ -7,23 +7,17 @@ imports this package too, and does not need the loader.
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
-from palpate import hookimpl
-from palpate.lazy_imports import deferred
+from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
-    from palpate.domain import StudyTemplate
-    from palpate.plugins.interfaces import ExperimentLoader
-    from palpate_robot_log.robot_log import RobotLogLoader, RobotLogSettings
+    from palpate.api import ExperimentLoader, StudyTemplate
+    from palpate_robot_log.robot_log import (
+        RobotLogLoader as RobotLogLoader,
+        RobotLogSettings as RobotLogSettings,
+    )
 
-__all__ = ["RobotLogLoader", "RobotLogSettings"]
-
-__getattr__ = deferred(
-    __name__,
-    {
-        "RobotLogLoader": "robot_log",
-        "RobotLogSettings": "robot_log",
-    },
-)
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
 
 
 @hookimpl
@@ -37,7 +31,7 @@ def palpate_experiment_loaders() -> "list[type[ExperimentLoader]]":
 @hookimpl
 def palpate_studies() -> "list[StudyTemplate]":
     """Provide a study on a robot's logs."""
-    from palpate.domain import StudyTemplate
+    from palpate.api import StudyTemplate
 
     return [
         StudyTemplate(

@@ -12,8 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from palpate.domain import BoolArray, Curve, FloatArray, IntArray
-from palpate.report.style import STYLE
+from palpate.api import STYLE, BoolArray, Curve, FloatArray, IntArray
 from palpate_robot_log.processing.phases import Phase
 from palpate_robot_log.processing.processed import Processed
 from palpate_robot_log.processing.relaxation import SIGNIFICANT

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
-from palpate.errors import CurveError
+from palpate.api import CurveError, FloatArray, IntArray
 
 UNIT_QUATERNION_TOLERANCE = 1e-3
 """Deviation of a quaternion's length from 1 that printing with few digits explains."""

@@ -6,11 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field
 
+from palpate.api import CurveError, ExperimentLoader, Inspection, Response
 from palpate.delimited import TextFormat
-from palpate.domain import Response
-from palpate.errors import CurveError
-from palpate.plugins.inspection import Inspection
-from palpate.plugins.interfaces import ExperimentLoader
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.reading import ChannelMap, ReadingLimits
 

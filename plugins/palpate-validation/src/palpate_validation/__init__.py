@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-import palpate
+from palpate.api import hookimpl
 
 if TYPE_CHECKING:
     import typer
@@ -11,10 +11,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 
-@palpate.hookimpl
+@hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """``certify`` and ``friction-memory``."""
-    from palpate.cli.listing import examples, name_of
+    from palpate.api import examples, name_of
     from palpate_validation.certify import certify
     from palpate_validation.friction_command import friction_memory
 

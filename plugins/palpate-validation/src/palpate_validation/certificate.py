@@ -6,11 +6,21 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Curve, FloatArray, Indentation, Job, Limb, Simulation, Sphere, Status
-from palpate.errors import PalpateError
-from palpate.executors.attempts import simulate_alone
-from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import Material, Solver
+from palpate.api import (
+    Curve,
+    FloatArray,
+    Indentation,
+    Job,
+    Limb,
+    Material,
+    PalpateError,
+    Simulation,
+    Solver,
+    Sphere,
+    Status,
+    answering_for,
+    simulate_alone,
+)
 
 RECORDED = "FEBio 4.11, recorded"
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray, Limb
-from palpate.plugins.interfaces import Material
+from palpate.api import FloatArray, Limb, Material
 from palpate.specimens import block
 from palpate_validation.certificate import COUPLED, Case, Contender, Row, compared
 

@@ -8,9 +8,7 @@ from importlib.resources import files
 import numpy as np
 
 from palpate import mechanics
-from palpate.domain import FloatArray
-from palpate.errors import PalpateError
-from palpate.plugins.interfaces import Material
+from palpate.api import FloatArray, Material, PalpateError
 from palpate_febio.probe import COMPONENTS, TOLERANCE
 from palpate_febio.solver import FebioSolver
 from palpate_validation.certificate import ENERGIES, RECORDED, Row

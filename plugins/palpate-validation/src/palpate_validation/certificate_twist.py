@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.domain import FloatArray, Limb, Simulation
-from palpate.plugins.interfaces import Material
+from palpate.api import FloatArray, Limb, Material, Simulation
 from palpate_validation.certificate import COUPLED, Case, Contender, Row, answer
 
 DEPTH_MM = 2.0

@@ -9,16 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.options import AsJson
-from palpate.cli.session import Session
-from palpate.errors import PalpateError, PluginError, StudyError
-from palpate.plugins.guard import answering_for
-from palpate.plugins.registry import FIRST_PARTY
+from palpate.api import FIRST_PARTY, AsJson, PalpateError, PluginError, Session, StudyError, answering_for
 
 if TYPE_CHECKING:
-    from palpate.domain import Limb
-    from palpate.plugins.catalogue import Plugins
-    from palpate.plugins.interfaces import Material, Solver
+    from palpate.api import Limb, Material, Plugins, Solver
     from palpate_febio.solver import FebioSolver
     from palpate_validation.certificate import Certificate
 
@@ -53,7 +47,7 @@ def certify(
     as_json: AsJson = False,
 ) -> None:
     """Compare solvers with FEBio's recorded curves, and with FEBio where it is installed."""
-    from palpate.run.result_files import write_atomically
+    from palpate.api import write_atomically
 
     session = Session.of(context)
     certificate = _compare(session, material, mesh, solver or ())
@@ -186,7 +180,7 @@ def _twist_limb() -> Limb:
 
 
 def _read(plugins: Plugins, mesh: Path) -> Limb:
-    from palpate.domain import Spot
+    from palpate.api import Spot
 
     is_deck = mesh.suffix == ".feb"
     source = plugins.limb_sources["febio_deck" if is_deck else "meshio"]

@@ -9,14 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.options import AsJson
-from palpate.cli.session import Session
-from palpate.errors import PalpateError
+from palpate.api import AsJson, PalpateError, Session
 
 if TYPE_CHECKING:
-    from palpate.domain import Limb, Response
-    from palpate.plugins.catalogue import Plugins
-    from palpate.plugins.interfaces import Material, Solver
+    from palpate.api import Limb, Material, Plugins, Response, Solver
 
 TWIST_DEG = 22.5
 MATERIAL = "yeoh"
@@ -92,7 +88,7 @@ def _forearm(plugins: Plugins) -> tuple[Limb, str]:
     """A small forearm where the forearm study is installed, else a block."""
     study, mesh = DEMO
     if study in plugins.studies and "meshio" in plugins.limb_sources:
-        from palpate.study.reading import read_study
+        from palpate.api import read_study
 
         folder = Path(plugins.studies[study].directory)
         read = read_study(folder, plugins, need_measured=False)
@@ -133,7 +129,7 @@ def _forms(plugins: Plugins, limb: Limb) -> tuple[dict[str, Make], list[str]]:
 def _run(plugins: Plugins, limb: Limb, depth_mm: float, solver: Solver) -> tuple[Response | None, str]:
     import numpy as np
 
-    from palpate.domain import Indentation, Job, Sphere, Status
+    from palpate.api import Indentation, Job, Sphere, Status
 
     material: Material = plugins.materials[MATERIAL]()
     waypoints = [(0.0, 0.0), (depth_mm, 0.0), (depth_mm, -TWIST_DEG), (depth_mm, TWIST_DEG), (depth_mm, 0.0)]

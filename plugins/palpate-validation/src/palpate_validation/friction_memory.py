@@ -21,7 +21,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from palpate.domain import Curve, FloatArray, Response
+from palpate.api import Curve, FloatArray, Response
 
 SCENARIOS: Mapping[str, Mapping[str, float]] = {
     "I": {"force": 1.0, "torque": 1.0},

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.domain import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
 from palpate_limb.meshing.mesher import run_tool
 from palpate_limb.meshing.size_field import SizeField
 

@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
 from palpate_limb.meshing.mesher import Mesher, MeshingTask
 
 STOP_ENERGY = 10.0

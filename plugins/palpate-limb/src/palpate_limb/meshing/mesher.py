@@ -14,8 +14,7 @@ from typing import ClassVar, ParamSpec, TypeVar
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
-from palpate.errors import MeshError, PluginError
+from palpate.api import FloatArray, IntArray, MeshError, PluginError
 from palpate.sandbox import Limits, run_function
 
 P = ParamSpec("P")

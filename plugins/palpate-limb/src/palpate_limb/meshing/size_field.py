@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
-from palpate.errors import MeshError
+from palpate.api import FloatArray, IntArray, MeshError
 
 _SIX_TETS = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
 _SIX_TETS.setflags(write=False)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
 from palpate_limb.meshing.mesher import Mesher, MeshingTask
 
 

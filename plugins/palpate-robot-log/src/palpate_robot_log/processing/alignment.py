@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_robot_log.processing.rotation import continuous
 from palpate_robot_log.processing.strokes import Stroke
 from palpate_robot_log.processing.transitions import speed_change

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 
 FINE = (31, 9, 9, 9)
 """Places on each grid, from the whole interval to the last step."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate.spot_frame import SpotWrench
 from palpate_robot_log.processing.contact import Contact
 from palpate_robot_log.processing.motion import Motion

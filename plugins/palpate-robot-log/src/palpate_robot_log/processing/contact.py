@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from palpate.domain import BoolArray, FloatArray
+from palpate.api import BoolArray, FloatArray
 from palpate_robot_log.processing.noise import noise_std
 from palpate_robot_log.processing.rotation import rotated
 from palpate_robot_log.processing.thinning import thinned

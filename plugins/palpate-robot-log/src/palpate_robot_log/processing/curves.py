@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.domain import Curve, FloatArray
+from palpate.api import Curve, FloatArray
 from palpate_robot_log.processing.smoothing import Smoothed
 
 _SLOPE_POINTS = 31

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
 from palpate_robot_log.recording import Recording
 
 FEWEST_ROWS = 10

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
 from palpate_robot_log.processing.noise import correlation_factor
 from palpate_robot_log.processing.rotation import cross, unrotated
 from palpate_robot_log.processing.thinning import thinned

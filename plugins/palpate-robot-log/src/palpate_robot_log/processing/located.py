@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
 from palpate_robot_log.processing import checks
 from palpate_robot_log.processing.alignment import Lag, estimate_lag, shifted
 from palpate_robot_log.processing.contact import Contact, rough_contact

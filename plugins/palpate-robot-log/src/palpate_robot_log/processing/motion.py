@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_robot_log.processing.contact import Contact
 from palpate_robot_log.processing.rotation import mean_orientation, turn_and_tilt
 from palpate_robot_log.recording import Recording

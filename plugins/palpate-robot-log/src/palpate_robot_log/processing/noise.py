@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 
 _MAD_TO_STD = 1.4826
 

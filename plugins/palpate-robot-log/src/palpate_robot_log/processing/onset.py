@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_robot_log.processing.change_point import Design, Fit, profile
 from palpate_robot_log.processing.noise import noise_std
 from palpate_robot_log.processing.thinning import block_means

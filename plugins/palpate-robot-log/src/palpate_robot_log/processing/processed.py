@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from palpate.domain import Curve, FloatArray, IntArray, Response
+from palpate.api import Curve, FloatArray, IntArray, Response
 from palpate.spot_frame import SpotWrench
 from palpate_robot_log.processing.alignment import Lag
 from palpate_robot_log.processing.drift import Drift

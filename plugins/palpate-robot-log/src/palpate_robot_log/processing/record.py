@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import IntArray
+from palpate.api import IntArray
 from palpate_robot_log.processing.processed import Processed
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.processing.smoothing import Smoothed

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_robot_log.processing.noise import correlation_factor
 from palpate_robot_log.processing.thinning import block_means
 

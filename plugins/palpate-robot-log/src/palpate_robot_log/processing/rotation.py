@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 
 
 def rotated(quaternion: FloatArray, vectors: FloatArray) -> FloatArray:

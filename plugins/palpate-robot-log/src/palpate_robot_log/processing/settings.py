@@ -4,8 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from palpate.plugins.interfaces import Settings
-from palpate.units import Quantity
+from palpate.api import Quantity, Settings
 
 Seconds = Annotated[float, Quantity("s")]
 Length = Annotated[float, Quantity("mm")]

@@ -13,7 +13,7 @@ from scipy.interpolate import make_smoothing_spline
 from scipy.linalg import solveh_banded
 from scipy.signal import savgol_coeffs, savgol_filter
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_robot_log.processing.noise import correlation_factor, noise_std
 from palpate_robot_log.processing.thinning import block_means
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import median_filter
 
-from palpate.domain import BoolArray, FloatArray, IntArray
+from palpate.api import BoolArray, FloatArray, IntArray
 from palpate_robot_log.processing.noise import noise_std
 from palpate_robot_log.recording import Recording
 

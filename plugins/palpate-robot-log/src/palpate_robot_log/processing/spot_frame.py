@@ -1,6 +1,6 @@
 """The wrench of a recording in the frame of the spot (:mod:`palpate.spot_frame`)."""
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate.spot_frame import SpotWrench, spot_axes
 from palpate_robot_log.processing.rotation import cross, rotated
 from palpate_robot_log.recording import Recording

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_robot_log.processing.noise import noise_std
 from palpate_robot_log.processing.thinning import block_means
 from palpate_robot_log.processing.transitions import (

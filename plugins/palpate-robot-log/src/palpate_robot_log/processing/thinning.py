@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_robot_log.processing.rotation import continuous
 from palpate_robot_log.recording import Recording
 

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_robot_log.processing.change_point import FINE, Design, Fit, least_squares, profile
 from palpate_robot_log.processing.noise import noise_std
 

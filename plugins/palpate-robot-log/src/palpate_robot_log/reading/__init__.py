@@ -7,27 +7,16 @@ as they are in the file. Names are imported when they are first used.
 
 from typing import TYPE_CHECKING
 
-from palpate.lazy_imports import deferred
+from palpate.api import deferred
 
 if TYPE_CHECKING:
-    from palpate_robot_log.reading.assembly import Reading, read_recording
-    from palpate_robot_log.reading.channel_map import ChannelMap
-    from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
+    from palpate_robot_log.reading.assembly import Reading as Reading, read_recording as read_recording
+    from palpate_robot_log.reading.channel_map import ChannelMap as ChannelMap
+    from palpate_robot_log.reading.formats import (
+        ReadingLimits as ReadingLimits,
+        Request as Request,
+        read_log as read_log,
+    )
 
-__all__ = ["ChannelMap", "Reading", "ReadingLimits", "Request", "read_log", "read_recording"]
-
-__getattr__ = deferred(
-    __name__,
-    {
-        "ChannelMap": "channel_map",
-        "ReadingLimits": "formats",
-        "Reading": "assembly",
-        "Request": "formats",
-        "read_log": "formats",
-        "read_recording": "assembly",
-    },
-)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)

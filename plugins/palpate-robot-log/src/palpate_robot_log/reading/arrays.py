@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.api import CurveError, FloatArray
 from palpate.delimited import Column, unit_in
-from palpate.domain import FloatArray
-from palpate.errors import CurveError
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 MOST_COLUMNS = 64

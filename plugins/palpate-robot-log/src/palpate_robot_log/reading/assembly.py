@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from palpate.api import CurveError, FloatArray, IntArray
 from palpate.delimited import Kind, TextFormat
-from palpate.domain import FloatArray, IntArray
-from palpate.errors import CurveError
 from palpate_robot_log.processing.rotation import rotated, unrotated
 from palpate_robot_log.reading import checks, orientation
 from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Source, bare

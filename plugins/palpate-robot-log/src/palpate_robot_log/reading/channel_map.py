@@ -4,8 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from palpate.plugins.interfaces import Settings
-from palpate.units import Quantity
+from palpate.api import Quantity, Settings
 
 Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
 from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Plausible
 from palpate_robot_log.reading.series import Series
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_robot_log.reading.series import Series
 
 _LEAST_OVERLAP = 0.5

@@ -8,11 +8,9 @@ from typing import Annotated
 
 from pydantic import Field
 
+from palpate.api import CurveError, Quantity, Settings
 from palpate.delimited import TextFormat, TextTable
-from palpate.errors import CurveError
-from palpate.plugins.interfaces import Settings
 from palpate.sandbox import Limits, run_function
-from palpate.units import Quantity
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 _MOST_OUTPUT_BYTES = 10_000_000_000

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import CurveError
+from palpate.api import CurveError
 from palpate_robot_log.reading.arrays import log_of_arrays, matlab_name, numpy_name
 from palpate_robot_log.reading.raw import RawLog
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from palpate.api import CurveError, InspectedTable, Inspection
 from palpate.delimited import Column, kind_of, unit_in
-from palpate.errors import CurveError
-from palpate.plugins.inspection import InspectedTable, Inspection
 from palpate_robot_log.reading import processed_curves
 from palpate_robot_log.reading.assembly import assemble
 from palpate_robot_log.reading.channel_map import ChannelMap

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.errors import CurveError
+from palpate.api import CurveError
 from palpate_robot_log.reading.arrays import log_of_arrays, numpy_name
 from palpate_robot_log.reading.raw import RawLog
 

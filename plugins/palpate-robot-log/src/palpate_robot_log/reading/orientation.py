@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 
 
 def quaternions(form: str, values: FloatArray, sequence: str = "xyz") -> FloatArray:

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.api import CurveError, FloatArray
 from palpate.delimited import Column, close_to, listed
-from palpate.domain import FloatArray
-from palpate.errors import CurveError
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 if TYPE_CHECKING:

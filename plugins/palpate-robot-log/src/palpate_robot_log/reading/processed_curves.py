@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate import units
+from palpate.api import convert
 from palpate.delimited import Column, Kind, factor_to_base, kind_of, unit_in
 from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS
 from palpate_robot_log.reading.grouping import words_of
@@ -88,7 +88,7 @@ def _to_MPa(column: Column) -> float | None:  # noqa: N802 -- the unit
     """Factor of a stress in the unit that its name shows; None where it shows none."""
     unit = column.unit or re.split(r"[_\s\[(]", column.name)[-1].rstrip(")] ")
     try:
-        return float(f"{units.convert(f'1 {unit}', 'MPa'):.12g}")
+        return float(f"{convert(f'1 {unit}', 'MPa'):.12g}")
     except ValueError:
         return None
 

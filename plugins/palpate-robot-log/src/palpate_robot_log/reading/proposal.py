@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from palpate.api import FloatArray
 from palpate.delimited import Column, Kind, kind_of, unit_in
-from palpate.domain import FloatArray
 from palpate_robot_log.reading.grouping import Group, groups_of, words_of
 from palpate_robot_log.reading.raw import RawLog, Stream
 

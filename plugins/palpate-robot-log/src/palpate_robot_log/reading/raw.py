@@ -8,9 +8,8 @@ the file shows them, and a value that is missing is NaN.
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from palpate.api import CurveError, IntArray
 from palpate.delimited import Column, close_to, listed
-from palpate.domain import IntArray
-from palpate.errors import CurveError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from palpate.api import CurveError
 from palpate.delimited import Column, listed
-from palpate.errors import CurveError
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 Fields = tuple[tuple[str, str], ...]

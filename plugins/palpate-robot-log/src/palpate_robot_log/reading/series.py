@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.api import BoolArray, CurveError, FloatArray, IntArray
 from palpate.delimited import BASE_UNITS, UNITS, Column, Kind, factor_to_base, unit_in
-from palpate.domain import BoolArray, FloatArray, IntArray
-from palpate.errors import CurveError
 from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Source, bare
 from palpate_robot_log.reading.raw import RawLog, Stream
 

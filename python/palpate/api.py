@@ -1,0 +1,204 @@
+"""What a plugin may import: this module, and those named below. Nothing else of palpate is promised.
+
+Names are imported when they are first used: ``from palpate.api import Curve`` costs what ``Curve`` needs.
+Public too are :mod:`palpate.testing` (contracts), :mod:`palpate.mechanics`, :mod:`palpate.specimens`,
+:mod:`palpate.spot_frame`, :mod:`palpate.topology`, :mod:`palpate.shape_functions`,
+:mod:`palpate.delimited` (text files of columns) and :mod:`palpate.sandbox` (programs and functions
+within limits of time and memory).
+
+A plugin that needs a newer version than this says so in its module, ``palpate_api = (1, 1)``, and is left
+out with that reason by a palpate that is older.
+"""
+
+from typing import TYPE_CHECKING
+
+from palpate import __version__ as __version__, hookimpl as hookimpl
+from palpate.lazy_imports import deferred as deferred
+
+# ruff: isort: off
+if TYPE_CHECKING:
+    # ---- What a study is made of
+    from palpate.domain import (
+        BoolArray as BoolArray,
+        Channel as Channel,
+        Curve as Curve,
+        Design as Design,
+        FloatArray as FloatArray,
+        HomogeneousTests as HomogeneousTests,
+        Indentation as Indentation,
+        IntArray as IntArray,
+        Job as Job,
+        Limb as Limb,
+        Mesh as Mesh,
+        Normaliser as Normaliser,
+        Parameter as Parameter,
+        ParameterSpace as ParameterSpace,
+        Protocol as Protocol,
+        RegionMaterial as RegionMaterial,
+        Response as Response,
+        Scenario as Scenario,
+        Simulation as Simulation,
+        Sphere as Sphere,
+        Spot as Spot,
+        Status as Status,
+        StudyTemplate as StudyTemplate,
+        moving_span as moving_span,
+    )
+
+    # ---- What a plugin subclasses, and what its methods return
+    from palpate.plugins.interfaces import (
+        NO_FIELDS as NO_FIELDS,
+        AnisotropicMaterial as AnisotropicMaterial,
+        Array as Array,
+        Component as Component,
+        Executor as Executor,
+        ExperimentLoader as ExperimentLoader,
+        LimbSource as LimbSource,
+        Material as Material,
+        Sampler as Sampler,
+        SetFilter as SetFilter,
+        Settings as Settings,
+        Solver as Solver,
+    )
+    from palpate.plugins.inspection import (
+        InspectedTable as InspectedTable,
+        Inspection as Inspection,
+    )
+
+    # ---- What settings are made of
+    from palpate.units import (
+        Quantity as Quantity,
+        convert as convert,
+    )
+
+    # ---- Errors by cause
+    from palpate.errors import (
+        CurveError as CurveError,
+        ExecutorError as ExecutorError,
+        LedgerError as LedgerError,
+        MaterialError as MaterialError,
+        MeshError as MeshError,
+        NothingSelectableError as NothingSelectableError,
+        PalpateError as PalpateError,
+        PluginError as PluginError,
+        SamplingError as SamplingError,
+        ScoringError as ScoringError,
+        StoppedError as StoppedError,
+        StudyError as StudyError,
+    )
+
+    # ---- Executors
+    from palpate.executors import (
+        Batch as Batch,
+        InProcess as InProcess,
+        Limits as Limits,
+        JobResult as JobResult,
+        Pool as Pool,
+        Processes as Processes,
+        attempt as attempt,
+        n_cores as n_cores,
+    )
+    from palpate.executors.attempts import (
+        simulate_alone as simulate_alone,
+    )
+    from palpate.executors.pool import (
+        packed_or_refused as packed_or_refused,
+    )
+    from palpate.executors.worker import (
+        packed as packed,
+    )
+
+    # ---- Kernels of finite elements
+    from palpate._core import (
+        Deformation as Deformation,
+        ElementBlock as ElementBlock,
+        SparseFactor as SparseFactor,
+    )
+
+    # ---- Plugins and their code
+    from palpate.plugins.catalogue import (
+        Plugins as Plugins,
+    )
+    from palpate.plugins.guard import (
+        answering_for as answering_for,
+    )
+    from palpate.plugins.registry import (
+        FIRST_PARTY as FIRST_PARTY,
+        load_file as load_file,
+    )
+    from palpate.plugins.fingerprints import (
+        installed_code as installed_code,
+    )
+
+    # ---- Studies and runs, for commands
+    from palpate.study.reading import (
+        Study as Study,
+        StudySpot as StudySpot,
+        read_study as read_study,
+    )
+    from palpate.run.directory import (
+        RunDirectory as RunDirectory,
+    )
+    from palpate.run.result import (
+        RunResult as RunResult,
+    )
+    from palpate.run.result_files import (
+        write_atomically as write_atomically,
+    )
+    from palpate.progress import (
+        SILENT as SILENT,
+        Progress as Progress,
+    )
+    from palpate.stages.limb import (
+        check_limb as check_limb,
+        load_limbs as load_limbs,
+    )
+    from palpate.stages.simulation import (
+        job_for as job_for,
+        jobs as jobs,
+        stored as stored,
+    )
+    from palpate.pipeline import (
+        check_study as check_study,
+        run_study as run_study,
+    )
+
+    # ---- Commands
+    from palpate.cli.listing import (
+        RUN as RUN,
+        examples as examples,
+        name_of as name_of,
+    )
+    from palpate.cli.options import (
+        AsJson as AsJson,
+        OutFolder as OutFolder,
+        StudyPath as StudyPath,
+    )
+    from palpate.cli.progress import (
+        StageProgress as StageProgress,
+    )
+    from palpate.cli.session import (
+        TEXT_WIDTH as TEXT_WIDTH,
+        Session as Session,
+        run_folder as run_folder,
+    )
+
+    # ---- Tables and figures
+    from palpate.report.style import (
+        STYLE as STYLE,
+    )
+    from palpate.report.table_files import (
+        markdown as markdown,
+    )
+
+API_VERSION = (1, 0)
+"""Major and minor: a new name raises the second; a name that goes, or changes its meaning, the first."""
+
+THIS_VERSION = "this is {}.{}; install another release of palpate, or of the plugin".format(*API_VERSION)
+"""What to do about a plugin that needs another version."""
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})
