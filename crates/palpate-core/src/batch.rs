@@ -3,13 +3,13 @@
 
 use crate::curve::LARGEST;
 use crate::error::CurveError;
-use crate::knots::{Knots, Pieces};
+use crate::knots::{KnotOrdinates, Knots};
 
 /// Room that is reused from curve to curve.
 #[derive(Default)]
 pub(crate) struct Scratch {
     pub(crate) knots: Vec<Knots>,
-    pub(crate) pieces: Pieces,
+    pub(crate) ordinates: KnotOrdinates,
     /// Interpolated ordinates.
     pub(crate) values: Vec<f64>,
 }

@@ -14,7 +14,7 @@ use std::fmt;
 use std::ops::Range;
 
 use crate::error::{CurveError, Error};
-use crate::knots::{BLOCK, Legs, Pieces};
+use crate::knots::{BLOCK, KnotOrdinates, Segments};
 
 /// Share of the measured abscissa's span by which a point may overshoot a simulated branch.
 ///
@@ -148,11 +148,11 @@ pub fn branches(abscissa: &[f64]) -> Result<Vec<Branch>, Error> {
 /// ```
 pub fn interpolate(sim_x: &[f64], sim_y: &[f64], at_x: &[f64]) -> Result<Interpolated, Error> {
     usable_path(sim_x, sim_y)?;
-    let measured = Legs::new(Named { name: "at_x", values: at_x })?;
-    let (mut knots, mut pieces) = (Vec::new(), Pieces::default());
+    let measured = Segments::new(Named { name: "at_x", values: at_x })?;
+    let (mut knots, mut ordinates) = (Vec::new(), KnotOrdinates::default());
     measured.knots_of(sim_x, &mut knots)?;
     let mut values = vec![f64::NAN; measured.n_points() + BLOCK];
-    measured.interpolate(&knots, sim_y, &mut pieces, &mut values);
+    measured.interpolate(&knots, sim_y, &mut ordinates, &mut values);
     values.truncate(measured.n_points());
     let covered = values.iter().map(|v| !v.is_nan()).collect();
     Ok(Interpolated { values, covered })

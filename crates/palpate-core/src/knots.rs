@@ -15,7 +15,7 @@ pub(crate) const BLOCK: usize = 8;
 
 /// Ordinates at the knots of one branch.
 #[derive(Default)]
-pub(crate) struct Pieces {
+pub(crate) struct KnotOrdinates {
     y: Vec<f64>,
     /// Measured points before each knot but the first.
     stops: Vec<usize>,
@@ -23,10 +23,10 @@ pub(crate) struct Pieces {
 
 /// A measured path cut into branches, ready to be walked.
 #[derive(Debug, Clone)]
-pub(crate) struct Legs {
+pub(crate) struct Segments {
     name: &'static str,
     branches: Vec<Branch>,
-    walks: Vec<Leg>,
+    walks: Vec<Segment>,
     n_points: usize,
     /// How far a point may overshoot a simulated branch.
     slack: f64,
@@ -34,17 +34,17 @@ pub(crate) struct Legs {
 
 /// The points that one measured branch answers for.
 #[derive(Debug, Clone)]
-struct Leg {
+struct Segment {
     start: usize,
     /// Along the direction of travel, then [`BLOCK`] infinities.
     s: Vec<f64>,
     index: Index,
 }
 
-impl Legs {
+impl Segments {
     pub(crate) fn new(path: Named<'_>) -> Result<Self, Error> {
         let branches = curve::cut(path)?;
-        let walks = branches.iter().map(|&branch| Leg::new(path.values, branch)).collect();
+        let walks = branches.iter().map(|&branch| Segment::new(path.values, branch)).collect();
         Ok(Self {
             name: path.name,
             branches,
@@ -67,13 +67,13 @@ impl Legs {
         &self,
         knots: &[Knots],
         y: &[f64],
-        pieces: &mut Pieces,
+        ordinates: &mut KnotOrdinates,
         values: &mut [f64],
     ) {
-        for (k, leg) in self.walks.iter().enumerate() {
+        for (k, segment) in self.walks.iter().enumerate() {
             match knots.get(k) {
-                Some(knots) => leg.interpolate(knots, y, self.slack, pieces, values),
-                None => leg.uncovered(values),
+                Some(knots) => segment.interpolate(knots, y, self.slack, ordinates, values),
+                None => segment.uncovered(values),
             }
         }
     }
@@ -97,39 +97,39 @@ impl Legs {
     }
 
     /// Where on a simulated path each measured point lies; `None` where it does not get to.
-    pub(crate) fn places(&self, sim_x: &[f64]) -> Result<Places, Error> {
-        let mut found = Places { legs: Vec::new(), points: vec![None; self.n_points] };
-        self.knots_of(sim_x, &mut found.legs)?;
-        for (k, (knots, leg)) in found.legs.iter().zip(&self.walks).enumerate() {
-            let mut segment = 0;
-            for (point, &s) in found.points[leg.start..].iter_mut().zip(leg.own()) {
-                let place = knots.place(s, self.slack, &mut segment);
-                *point = place.map(|(knot, share)| Place { leg: k, knot, share });
+    pub(crate) fn positions(&self, sim_x: &[f64]) -> Result<Positions, Error> {
+        let mut found = Positions { segments: Vec::new(), points: vec![None; self.n_points] };
+        self.knots_of(sim_x, &mut found.segments)?;
+        for (k, (knots, segment)) in found.segments.iter().zip(&self.walks).enumerate() {
+            let mut before = 0;
+            for (point, &s) in found.points[segment.start..].iter_mut().zip(segment.own()) {
+                let position = knots.position(s, self.slack, &mut before);
+                *point = position.map(|(knot, share)| Position { segment: k, knot, share });
             }
         }
         Ok(found)
     }
 }
 
-/// Every measured point's place on a simulated path.
+/// Every measured point's position on a simulated path.
 #[derive(Debug, Clone)]
-pub(crate) struct Places {
+pub(crate) struct Positions {
     /// The knots of each simulated branch.
-    pub(crate) legs: Vec<Knots>,
-    pub(crate) points: Vec<Option<Place>>,
+    pub(crate) segments: Vec<Knots>,
+    pub(crate) points: Vec<Option<Position>>,
 }
 
-/// A place between two knots of a branch.
+/// A position between two knots of a branch.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Place {
-    pub(crate) leg: usize,
+pub(crate) struct Position {
+    pub(crate) segment: usize,
     /// The knot before it.
     pub(crate) knot: usize,
     /// Way to the next knot, 0 to 1; 0 at the last one.
     pub(crate) share: f64,
 }
 
-impl Leg {
+impl Segment {
     fn new(x: &[f64], branch: Branch) -> Self {
         let own = branch.own_points();
         let along = |&x: &f64| branch.direction.along(x);
@@ -153,7 +153,7 @@ impl Leg {
         knots: &Knots,
         y: &[f64],
         slack: f64,
-        Pieces { y: own, stops }: &mut Pieces,
+        KnotOrdinates { y: own, stops }: &mut KnotOrdinates,
         values: &mut [f64],
     ) {
         own.clear();
@@ -171,7 +171,7 @@ struct Knotted<'a> {
     slack: f64,
 }
 
-/// Ascending numbers in buckets of equal width, to find a place among them.
+/// Ascending numbers in buckets of equal width, to find a position among them.
 #[derive(Debug, Clone)]
 struct Index {
     first: f64,
@@ -329,8 +329,8 @@ impl Knots {
     /// The knot before `s` (the first one within `slack` before it, the last one within `slack` behind
     /// it), and the way from there to the next.
     ///
-    /// `segment` is where the previous point was found: measured points come in travel order.
-    fn place(&self, s: f64, slack: f64, segment: &mut usize) -> Option<(usize, f64)> {
+    /// `before` is where the previous point was found: measured points come in travel order.
+    fn position(&self, s: f64, slack: f64, before: &mut usize) -> Option<(usize, f64)> {
         let knots = &self.s;
         let last = knots.len() - 1;
         if s < knots[0] - slack || s > knots[last] + slack {
@@ -340,11 +340,11 @@ impl Knots {
         if s >= knots[last] {
             return Some((last, 0.0));
         }
-        while knots[*segment + 1] <= s {
-            *segment += 1;
+        while knots[*before + 1] <= s {
+            *before += 1;
         }
-        let begin = knots[*segment];
-        Some((*segment, (s - begin) * (1.0 / (knots[*segment + 1] - begin))))
+        let begin = knots[*before];
+        Some((*before, (s - begin) * (1.0 / (knots[*before + 1] - begin))))
     }
 }
 

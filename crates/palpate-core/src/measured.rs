@@ -4,7 +4,7 @@
 use crate::batch::vectorised;
 use crate::curve::{self, Named};
 use crate::error::Error;
-use crate::knots::{BLOCK, Knots, Legs, Pieces};
+use crate::knots::{BLOCK, KnotOrdinates, Knots, Segments};
 use crate::nmse::{Normaliser, Score, Target};
 use crate::shared::SharedPath;
 
@@ -23,7 +23,7 @@ use crate::shared::SharedPath;
 /// ```
 #[derive(Debug, Clone)]
 pub struct Measured {
-    pub(crate) legs: Legs,
+    pub(crate) segments: Segments,
     pub(crate) target: Target,
 }
 
@@ -44,12 +44,12 @@ impl Measured {
         let path = Named { name: "exp_x", values: x };
         curve::same_length(Named { name: "exp_y", values: y }, path)?;
         curve::finite("exp_y", y)?;
-        Ok(Self { legs: Legs::new(path)?, target: Target::new(y, normaliser, weights)? })
+        Ok(Self { segments: Segments::new(path)?, target: Target::new(y, normaliser, weights)? })
     }
 
     /// Number of measured points.
     pub(crate) fn n_points(&self) -> usize {
-        self.legs.n_points()
+        self.segments.n_points()
     }
 
     /// Makes the measured curve ready for curves that share the simulated abscissae `sim_x`.
@@ -66,11 +66,11 @@ impl Measured {
         &self,
         knots: &[Knots],
         sim_y: &[f64],
-        pieces: &mut Pieces,
+        ordinates: &mut KnotOrdinates,
         values: &mut Vec<f64>,
     ) -> Score {
         values.resize(self.n_points() + BLOCK, 0.0);
-        vectorised(WalkAndScore { measured: self, knots, sim_y, pieces, values })
+        vectorised(WalkAndScore { measured: self, knots, sim_y, ordinates, values })
     }
 }
 
@@ -79,7 +79,7 @@ struct WalkAndScore<'a> {
     measured: &'a Measured,
     knots: &'a [Knots],
     sim_y: &'a [f64],
-    pieces: &'a mut Pieces,
+    ordinates: &'a mut KnotOrdinates,
     values: &'a mut [f64],
 }
 
@@ -88,8 +88,8 @@ impl pulp::NullaryFnOnce for WalkAndScore<'_> {
 
     #[inline(always)]
     fn call(self) -> Score {
-        let Measured { legs, target } = self.measured;
-        legs.interpolate(self.knots, self.sim_y, self.pieces, self.values);
-        target.score(&self.values[..legs.n_points()])
+        let Measured { segments, target } = self.measured;
+        segments.interpolate(self.knots, self.sim_y, self.ordinates, self.values);
+        target.score(&self.values[..segments.n_points()])
     }
 }

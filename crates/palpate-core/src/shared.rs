@@ -8,7 +8,7 @@
 use crate::batch::{Scratch, check_shape, reached, vectorised};
 use crate::curve::usable;
 use crate::error::Error;
-use crate::knots::{Place, Places};
+use crate::knots::{Position, Positions};
 use crate::measured::Measured;
 use crate::moments::{Moments, Observation};
 use crate::nmse::{Score, Scores};
@@ -33,7 +33,7 @@ use crate::nmse::{Score, Scores};
 pub struct SharedPath {
     pub(crate) measured: Measured,
     pub(crate) sim_x: Vec<f64>,
-    pub(crate) places: Places,
+    pub(crate) positions: Positions,
     pub(crate) rows: Vec<Row>,
     /// Weight of the points that a whole curve reaches.
     pub(crate) covered: f64,
@@ -58,20 +58,20 @@ pub(crate) const NOTHING_REACHED: Score = Score { nmse: f64::NAN, coverage: 0.0 
 
 impl SharedPath {
     pub(crate) fn new(measured: &Measured, sim_x: &[f64]) -> Result<Self, Error> {
-        let places = measured.legs.places(sim_x)?;
+        let positions = measured.segments.positions(sim_x)?;
         let target = &measured.target;
-        let covered = target.covered(places.points.iter().map(Option::is_some));
-        let rows = places.points.iter().zip(target.exp.iter().zip(&target.factors));
-        let rows = rows.map(|(place, (&exp, &factor))| match place {
-            Some(place) => {
-                let (lower, upper) = places.neighbours(*place);
-                Row { lower, upper, share: place.share, exp, factor }
+        let covered = target.covered(positions.points.iter().map(Option::is_some));
+        let rows = positions.points.iter().zip(target.exp.iter().zip(&target.factors));
+        let rows = rows.map(|(position, (&exp, &factor))| match position {
+            Some(position) => {
+                let (lower, upper) = positions.neighbours(*position);
+                Row { lower, upper, share: position.share, exp, factor }
             }
             None => Row { lower: 0, upper: 0, share: 0.0, exp, factor: 0.0 },
         });
         let rows: Vec<_> = rows.collect();
-        let (knots, firsts) = places.chained();
-        let observations = observations(&places, &rows, &firsts, covered);
+        let (knots, firsts) = positions.chained();
+        let observations = observations(&positions, &rows, &firsts, covered);
         Ok(Self {
             // Points of huge weight or ordinate make a form that is no number, and is never sure.
             moments: Moments::new(knots.len(), &observations),
@@ -79,7 +79,7 @@ impl SharedPath {
             rows,
             measured: measured.clone(),
             sim_x: sim_x.to_vec(),
-            places,
+            positions,
             covered,
         })
     }
@@ -133,35 +133,40 @@ impl SharedPath {
     /// Scores one curve over the measured points.
     fn score_row(&self, set: usize, sim: &[f64], scratch: &mut Scratch) -> Result<Score, Error> {
         let Some(n) = reached(set, sim)? else { return Ok(self.score_whole(sim, scratch)) };
-        let Scratch { knots, pieces, values } = scratch;
+        let Scratch { knots, ordinates, values } = scratch;
         // A path of one point, or one that has not moved yet, has not got anywhere.
-        Ok(match self.measured.legs.knots_of(&self.sim_x[..n], knots) {
-            Ok(()) => self.measured.score_knots(knots, &sim[..n], pieces, values),
+        Ok(match self.measured.segments.knots_of(&self.sim_x[..n], knots) {
+            Ok(()) => self.measured.score_knots(knots, &sim[..n], ordinates, values),
             Err(_) => NOTHING_REACHED,
         })
     }
 
     /// Scores a whole curve; leaves it interpolated at the measured points in `scratch.values`.
     pub(crate) fn score_whole(&self, sim: &[f64], scratch: &mut Scratch) -> Score {
-        let Scratch { pieces, values, .. } = scratch;
-        self.measured.score_knots(&self.places.legs, sim, pieces, values)
+        let Scratch { ordinates, values, .. } = scratch;
+        self.measured.score_knots(&self.positions.segments, sim, ordinates, values)
     }
 }
 
 /// The scaled rows of the interpolant, in order of their knots.
-fn observations(places: &Places, rows: &[Row], firsts: &[usize], covered: f64) -> Vec<Observation> {
+fn observations(
+    positions: &Positions,
+    rows: &[Row],
+    firsts: &[usize],
+    covered: f64,
+) -> Vec<Observation> {
     let per_weight = covered.sqrt().recip();
-    let observed = |(place, row): (&Option<Place>, &Row)| {
-        let place = (*place)?;
+    let observed = |(position, row): (&Option<Position>, &Row)| {
+        let position = (*position)?;
         let factor = row.factor * per_weight;
         Some(Observation {
-            knot: firsts[place.leg] + place.knot,
-            at_knot: (1.0 - place.share) * factor,
-            at_next: place.share * factor,
+            knot: firsts[position.segment] + position.knot,
+            at_knot: (1.0 - position.share) * factor,
+            at_next: position.share * factor,
             exp: row.exp * factor,
         })
     };
-    let mut found: Vec<_> = places.points.iter().zip(rows).filter_map(observed).collect();
+    let mut found: Vec<_> = positions.points.iter().zip(rows).filter_map(observed).collect();
     found.sort_by_key(|o| o.knot);
     found
 }
@@ -187,24 +192,24 @@ impl pulp::NullaryFnOnce for SumMoments<'_> {
     }
 }
 
-impl Places {
-    /// The simulated values on both sides of a place.
-    fn neighbours(&self, place: Place) -> (usize, usize) {
-        let at = &self.legs[place.leg].at;
-        let lower = at[place.knot];
+impl Positions {
+    /// The simulated values on both sides of a position.
+    fn neighbours(&self, position: Position) -> (usize, usize) {
+        let at = &self.segments[position.segment].at;
+        let lower = at[position.knot];
         // A point on a knot is that knot's alone.
-        if place.share == 0.0 { (lower, lower) } else { (lower, at[place.knot + 1]) }
+        if position.share == 0.0 { (lower, lower) } else { (lower, at[position.knot + 1]) }
     }
 
-    /// The knots of all legs in one row, turning points once, and the first of each leg therein.
+    /// The knots of all segments in one row, turning points once, and the first of each segment therein.
     fn chained(&self) -> (Vec<usize>, Vec<usize>) {
         let (mut knots, mut firsts) = (Vec::new(), Vec::new());
-        for leg in &self.legs {
-            if knots.last() == leg.at.first() {
+        for segment in &self.segments {
+            if knots.last() == segment.at.first() {
                 knots.pop();
             }
             firsts.push(knots.len());
-            knots.extend(&leg.at);
+            knots.extend(&segment.at);
         }
         (knots, firsts)
     }
