@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.domain import Curve, FloatArray, Limb, Mesh, Response, moving_span
+from palpate.domain import Curve, FloatArray, Indentation, Job, Limb, Mesh, Response, moving_span
+from palpate.errors import StudyError
 
 
 def spot_axes(normal: FloatArray, along: FloatArray | None = None) -> FloatArray:
@@ -65,6 +66,24 @@ class SpotWrench:
         """Torque [N·mm] (n,) of the indenter on the tissue about the outward normal."""
         torque: FloatArray = -self.moment_Nmm[:, 2]
         return torque
+
+
+def indentation_of(job: Job, limb: Limb | None, solver: str) -> tuple[Indentation, Limb]:
+    """Protocol and limb of a job that presses an indenter into a limb.
+
+    Raises
+    ------
+    StudyError
+        The job has another protocol or no limb; ``solver`` names the one that needs them.
+    """
+    if not isinstance(job.protocol, Indentation):
+        raise StudyError(
+            f"spot '{job.spot}': solver '{solver}' simulates indentations; give the study a [protocol], "
+            "or use the solver 'homogeneous'"
+        )
+    if limb is None:
+        raise StudyError(f"spot '{job.spot}': solver '{solver}' needs a mesh; give the spot one in the study")
+    return job.protocol, limb
 
 
 def indentation_response(

@@ -16,7 +16,6 @@ import numpy as np
 from pydantic import BaseModel
 
 from palpate.api import (
-    Indentation,
     Job,
     Limb,
     Material,
@@ -28,7 +27,7 @@ from palpate.api import (
     StudyError,
 )
 from palpate.sandbox import Ended, Limits, run_program
-from palpate.spot_frame import in_spot_frame, indentation_response
+from palpate.spot_frame import in_spot_frame, indentation_of, indentation_response
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
 from palpate_febio.contact_surface import contact_faces
@@ -163,7 +162,7 @@ class FebioSolver(Solver):
         from palpate.api import check_limb
         from palpate.mechanics import check_reference_state
 
-        limb = _limb(limb, job)
+        _, limb = indentation_of(job, limb, self.name)
         check_limb(limb, list(job.materials))
         for region in limb.mesh.regions:
             check_reference_state(job.materials[region], job.thetas[region])
@@ -196,7 +195,7 @@ class FebioSolver(Solver):
         rung : str, optional
             Default: the first of the ladder.
         """
-        protocol = _indentation(job)
+        protocol, limb = indentation_of(job, limb, self.name)
         rung = rung or self.settings.ladder[0]
         steps = steps_of(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
         known = conventions or {r: expected_convention(m) for r, m in job.materials.items()}
@@ -235,7 +234,7 @@ class FebioSolver(Solver):
         """Climb the ladder until a run is sound; each run is in the diagnostics."""
         started = time.perf_counter()
         try:
-            limb = _limb(limb, job)
+            protocol, limb = indentation_of(job, limb, self.name)
             conventions = {region: self.convention(m).convention for region, m in job.materials.items()}
             tries = self._climb(job, limb, conventions)
         except PalpateError as error:
@@ -255,7 +254,7 @@ class FebioSolver(Solver):
                 **as_rows(rows),
                 "tries": [t.row() for t in tries],
                 "conventions": conventions,
-                "contact": "augmented" if _indentation(job).friction > 0.0 and self._right else "penalty",
+                "contact": "augmented" if protocol.friction > 0.0 and self._right else "penalty",
                 "remarks": self._remarks(last),
             },
         )
@@ -318,14 +317,14 @@ class FebioSolver(Solver):
         Empty where nothing twists, nothing rubs, or the setting ``gates`` wants no proof. A run that
         was proved as it was made is not proved again.
         """
-        protocol = _indentation(job)
+        protocol, limb = indentation_of(job, limb, self.name)
         twists = bool(protocol.path[:, 1].any()) and protocol.friction > 0.0
         if self.settings.gates == "never" or not twists or simulation.status is not Status.OK:
             return {}
         told = simulation.diagnostics
         if "gates" in told:
             return dict(told["gates"])
-        problem = self.problem(job, _limb(limb, job), told["conventions"], told["tries"][-1]["rung"])
+        problem = self.problem(job, limb, told["conventions"], told["tries"][-1]["rung"])
         points = Steps(np.array(told["depth_mm"]), np.array(told["rotation_deg"]))
 
         def run(steps: Steps) -> Verdict:
@@ -371,18 +370,3 @@ def _template_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise StudyError(f"{path}: template cannot be read ({error}); correct the setting template") from None
-
-
-def _indentation(job: Job) -> Indentation:
-    if not isinstance(job.protocol, Indentation):
-        raise StudyError(
-            f"spot '{job.spot}': solver 'febio' simulates indentations; give the study a [protocol], "
-            "or use the solver 'homogeneous'"
-        )
-    return job.protocol
-
-
-def _limb(limb: Limb | None, job: Job) -> Limb:
-    if limb is None:
-        raise StudyError(f"spot '{job.spot}': solver 'febio' needs a mesh; give the spot one in the study")
-    return limb

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
@@ -26,7 +26,7 @@ from palpate.api import (
     StudyError,
 )
 from palpate.mechanics import check_reference_state, initial_moduli
-from palpate.spot_frame import in_spot_frame, indentation_response
+from palpate.spot_frame import in_spot_frame, indentation_of, indentation_response
 from palpate_jax import __version__
 from palpate_jax.contact import ContactLaw
 from palpate_jax.diagnosis import explained
@@ -142,8 +142,7 @@ class JaxSolver(Solver):
         MaterialError
             Parameters out of their physical range or without a stable rest.
         """
-        protocol = _indentation(job)
-        limb = _limb(limb, job)
+        protocol, limb = indentation_of(job, limb, self.name)
         _check_touch(limb, protocol.indenter.radius_mm)
         check_footprint(limb, protocol)
         for region in limb.mesh.regions:
@@ -158,7 +157,7 @@ class JaxSolver(Solver):
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Walk the protocol's path; a path that cannot be finished is ``diverged`` and keeps its start."""
-        return self._simulate(job, _limb(limb, job), warm_start=False)
+        return self._simulate(job, limb, warm_start=False)
 
     def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
         """Walk the same path with every set, with a warm start if the setting asks for it.
@@ -168,11 +167,11 @@ class JaxSolver(Solver):
         set whose moduli are a multiple of a finished set's is that set's result, scaled.
         """
         for job in jobs:
-            yield self._simulate(job, _limb(limb, job), warm_start=self.settings.warm_start)
+            yield self._simulate(job, limb, warm_start=self.settings.warm_start)
 
-    def _simulate(self, job: Job, limb: Limb, *, warm_start: bool) -> Simulation:
+    def _simulate(self, job: Job, limb: Limb | None, *, warm_start: bool) -> Simulation:
+        protocol, limb = indentation_of(job, limb, self.name)
         prepared = self._prepared(limb, job.materials)
-        protocol = _indentation(job)
         finished = prepared.warm_start(protocol)
         started = time.perf_counter()
         known = finished.multiple(job.thetas) if warm_start and self.settings.fields == "none" else None
@@ -197,8 +196,8 @@ class JaxSolver(Solver):
             diagnostics=_diagnostics(reached, stepping),
         )
         if warm_start and stop is None:
-            fields = [prepared.model.rest(), *(s.displacements for s in reached)]
-            finished.add(job.thetas, modulus, fields, simulation)
+            stack = [prepared.model.rest(), *(s.displacements for s in reached)]
+            finished.add(job.thetas, modulus, stack, simulation)
         return simulation
 
     def _modulus(self, prepared: _Prepared, thetas: Mapping[str, FloatArray]) -> float:
@@ -267,44 +266,15 @@ class JaxSolver(Solver):
         return self._materials.setdefault(key, material)
 
 
-def _same(one: Limb, other: Limb) -> bool:
-    """Whether two limbs, perhaps copies that travelled between processes, are equal."""
+def _same(one: object, other: object) -> bool:
+    """Whether two values, perhaps copies that travelled between processes, are equal."""
     if one is other:
         return True
-    a, b = one.mesh, other.mesh
-    return (
-        one.spot.name == other.spot.name
-        and np.array_equal(one.spot.position_mm, other.spot.position_mm)
-        and np.array_equal(one.spot.normal, other.spot.normal)
-        and a.regions == b.regions
-        and np.array_equal(a.points_mm, b.points_mm)
-        and a.cells.keys() == b.cells.keys()
-        and all(np.array_equal(a.cells[k], b.cells[k]) for k in a.cells)
-        and all(np.array_equal(a.cell_regions[k], b.cell_regions[k]) for k in a.cells)
-        and a.node_sets.keys() == b.node_sets.keys()
-        and all(np.array_equal(a.node_sets[k], b.node_sets[k]) for k in a.node_sets)
-        and a.cell_fields.keys() == b.cell_fields.keys()
-        and all(
-            np.array_equal(values, b.cell_fields[name][kind])
-            for name, by_kind in a.cell_fields.items()
-            for kind, values in by_kind.items()
-        )
-    )
-
-
-def _indentation(job: Job) -> Indentation:
-    if not isinstance(job.protocol, Indentation):
-        raise StudyError(
-            f"spot '{job.spot}': solver 'jax' simulates indentations; give the study a [protocol], "
-            "or use the solver 'homogeneous'"
-        )
-    return job.protocol
-
-
-def _limb(limb: Limb | None, job: Job) -> Limb:
-    if limb is None:
-        raise StudyError(f"spot '{job.spot}': solver 'jax' needs a mesh; give the spot one in the study")
-    return limb
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
+    if is_dataclass(one) and type(one) is type(other):
+        return all(_same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+    return bool(np.array_equal(one, other))  # type: ignore[arg-type]
 
 
 def _check_folder(folder: Path) -> None:
