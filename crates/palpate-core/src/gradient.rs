@@ -52,7 +52,7 @@ impl SharedPath {
         scratch: &mut Scratch,
     ) -> Result<Score, Error> {
         if self.knots.is_none()
-            && let Some(nmse) = self.moments.gradient(sim, gradient)
+            && let Some(nmse) = self.quadratic_form.gradient(sim, gradient)
         {
             return Ok(Score { nmse, coverage: self.coverage() });
         }

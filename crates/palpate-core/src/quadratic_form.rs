@@ -11,14 +11,14 @@
 //! A and the moments Hᵀe would give yᵀA y − 2 yᵀHᵀe + eᵀe, in which terms of the size of eᵀe cancel
 //! when the curves agree. The factor keeps a sum of squares at the same cost, O(n) per curve, and
 //! loses no more digits than subtracting the curves point by point does, but for those that
-//! [`Moments::nmse`] watches.
+//! [`QuadraticForm::nmse`] watches.
 #![expect(clippy::inline_always, reason = "only what is inlined gets a kernel's instructions")]
 
 use crate::nmse::{PARTS, sum_of_parts};
 
 /// The quadratic form of one measured curve on one simulated path.
 #[derive(Debug, Clone)]
-pub(crate) struct Moments {
+pub(crate) struct QuadraticForm {
     /// Diagonal of R (n,).
     diagonal: Vec<f64>,
     /// What is right of it (n − 1,).
@@ -48,7 +48,7 @@ pub(crate) struct Observation {
 /// c the few roundings of a rotation and a product. c = 6 makes that 1e-12 at this quotient.
 const LARGEST_LOSS: f64 = 3e5;
 
-impl Moments {
+impl QuadraticForm {
     /// The form of observations in order of their knots.
     pub(crate) fn new(n_knots: usize, observations: &[Observation]) -> Self {
         let mut form = Self {
@@ -146,7 +146,7 @@ impl Moments {
         self.diagonal[k] * y[k] + above
     }
 
-    /// NMSE as [`Moments::nmse`], and its gradient 2 Rᵀ(R y − f).
+    /// NMSE as [`QuadraticForm::nmse`], and its gradient 2 Rᵀ(R y − f).
     pub(crate) fn gradient(&self, y: &[f64], gradient: &mut [f64]) -> Option<f64> {
         let nmse = self.nmse(y)?;
         let mut from_before = 0.0;

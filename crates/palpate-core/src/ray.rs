@@ -59,7 +59,7 @@ impl SharedPath {
         scratch: &mut Scratch,
     ) -> Result<(f64, Score), Error> {
         if let Some(y) = self.at_knots(sim, scratch)
-            && let Some((scale, nmse)) = self.moments.best_scale(y, bounds.0, bounds.1)
+            && let Some((scale, nmse)) = self.quadratic_form.best_scale(y, bounds.0, bounds.1)
         {
             return Ok((scale, Score { nmse, coverage: self.coverage() }));
         }

@@ -10,8 +10,8 @@ use crate::curve::usable;
 use crate::error::Error;
 use crate::knots::{Position, Positions};
 use crate::measured::Measured;
-use crate::moments::{Moments, Observation};
 use crate::nmse::{Score, Scores};
+use crate::quadratic_form::{Observation, QuadraticForm};
 
 /// A measured curve ready to score simulated curves that share their abscissae.
 ///
@@ -37,7 +37,7 @@ pub struct SharedPath {
     pub(crate) rows: Vec<Row>,
     /// Weight of the points that a whole curve reaches.
     pub(crate) covered: f64,
-    pub(crate) moments: Moments,
+    pub(crate) quadratic_form: QuadraticForm,
     /// The points of a curve that are knots; `None` where all are.
     pub(crate) knots: Option<Vec<usize>>,
 }
@@ -74,7 +74,7 @@ impl SharedPath {
         let observations = observations(&positions, &rows, &firsts, covered);
         Ok(Self {
             // Points of huge weight or ordinate make a form that is no number, and is never sure.
-            moments: Moments::new(knots.len(), &observations),
+            quadratic_form: QuadraticForm::new(knots.len(), &observations),
             knots: (knots.len() != sim_x.len()).then_some(knots),
             rows,
             measured: measured.clone(),
@@ -99,7 +99,7 @@ impl SharedPath {
         check_shape(sim, n_sets, n)?;
         let scratch = &mut Scratch::default();
         let (mut nmse, mut coverage) = (vec![0.0; n_sets], vec![self.coverage(); n_sets]);
-        vectorised(SumMoments { path: self, sim, nmse: &mut nmse, scratch });
+        vectorised(EvaluateForm { path: self, sim, nmse: &mut nmse, scratch });
         for (set, sim) in sim.chunks_exact(n).enumerate() {
             if nmse[set].is_nan() {
                 let score = self.score_row(set, sim, scratch)?;
@@ -171,15 +171,15 @@ fn observations(
     found
 }
 
-/// NMSE of each curve by the moments; NaN where they would cost digits.
-struct SumMoments<'a> {
+/// NMSE of each curve by the quadratic form; NaN where they would cost digits.
+struct EvaluateForm<'a> {
     path: &'a SharedPath,
     sim: &'a [f64],
     nmse: &'a mut [f64],
     scratch: &'a mut Scratch,
 }
 
-impl pulp::NullaryFnOnce for SumMoments<'_> {
+impl pulp::NullaryFnOnce for EvaluateForm<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -187,7 +187,7 @@ impl pulp::NullaryFnOnce for SumMoments<'_> {
         let Self { path, sim, nmse, scratch } = self;
         for (nmse, sim) in nmse.iter_mut().zip(sim.chunks_exact(path.n_values())) {
             let y = path.at_knots(sim, scratch);
-            *nmse = y.and_then(|y| path.moments.nmse(y)).unwrap_or(f64::NAN);
+            *nmse = y.and_then(|y| path.quadratic_form.nmse(y)).unwrap_or(f64::NAN);
         }
     }
 }

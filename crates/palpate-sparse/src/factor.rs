@@ -13,7 +13,7 @@ use faer::{Par, Side, Spec};
 use crate::error::InputError;
 use crate::ordering::elimination_order;
 use crate::pattern::Pattern;
-use crate::sweep::{Number, Sweep};
+use crate::triangular_solve::{Number, TriangularSolve};
 
 /// One thread: simulations run side by side instead. With two, these factors gain a quarter.
 const PAR: Par = Par::Seq;
@@ -26,7 +26,7 @@ const BLOCKED: SupernodalThreshold = SupernodalThreshold::FORCE_SUPERNODAL;
 pub(crate) struct Factor<T> {
     symbolic: SymbolicCholesky<u32>,
     values: Vec<T>,
-    sweep: Sweep<T>,
+    triangles: TriangularSolve<T>,
 }
 
 impl<T: Number> Factor<T> {
@@ -43,13 +43,13 @@ impl<T: Number> Factor<T> {
         let symbolic = cholesky::factorize_symbolic_cholesky(columns, Side::Lower, order, params)
             .map_err(|_: FaerError| too_large(pattern))?;
         let values = vec![T::default(); symbolic.len_val()];
-        let sweep = Sweep::new(supernodal(&symbolic));
-        Ok(Self { symbolic, values, sweep })
+        let triangles = TriangularSolve::new(supernodal(&symbolic));
+        Ok(Self { symbolic, values, triangles })
     }
 
     /// Computes the numbers. A singular matrix may pass and give infinities or NaN in a solution.
     pub(crate) fn factorise(&mut self, pattern: &Pattern, values: &[T]) -> Result<(), InputError> {
-        let Self { symbolic, values: factor, sweep } = self;
+        let Self { symbolic, values: factor, triangles } = self;
         let (n, params) = (pattern.n(), Spec::default());
         let need = symbolic.factorize_numeric_intranode_lblt_scratch::<T>(PAR, params);
         let mut memory = MemBuffer::try_new(need).map_err(|_| too_large(pattern))?;
@@ -66,13 +66,13 @@ impl<T: Number> Factor<T> {
             params,
         );
         let pivots = (&moved[..], &places[..]);
-        sweep.take_pivots(order(symbolic), supernodal(symbolic), factor, &beside, pivots);
+        triangles.take_pivots(order(symbolic), supernodal(symbolic), factor, &beside, pivots);
         Ok(())
     }
 
     /// Numbers in a workspace of [`Self::apply`].
     pub(crate) fn n_work(&self) -> usize {
-        self.sweep.n_work()
+        self.triangles.n_work()
     }
 
     /// Solves for one right-hand side: `read(unknown)` gives it, `write(unknown, value)` takes the
@@ -83,7 +83,7 @@ impl<T: Number> Factor<T> {
         read: impl Fn(usize) -> T,
         write: impl FnMut(usize, T),
     ) {
-        self.sweep.apply(&self.values, work, read, write);
+        self.triangles.apply(&self.values, work, read, write);
     }
 }
 

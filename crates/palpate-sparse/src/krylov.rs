@@ -6,7 +6,7 @@
 use pulp::Arch;
 
 use crate::rows::Rows;
-use crate::sweep::{Number, products};
+use crate::triangular_solve::{Number, products};
 
 /// Steps of a cycle, which sets how many vectors are kept.
 const CYCLE: usize = 30;

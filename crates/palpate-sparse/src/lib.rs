@@ -11,7 +11,7 @@
 //! | `graph`, `separator`, `ordering` | nested dissection of the graph of nodes |
 //! | `factor` | faer's L B Lᵀ, in any precision |
 //! | `precision` | a factor in double precision, or in single precision of a scaled matrix |
-//! | `sweep` | the triangular solutions |
+//! | `triangular_solve` | the triangular solutions |
 //! | `rows`, `krylov` | products with the whole matrix; GMRES with an older factor |
 //! | [`solver`] | [`SparseFactor`]: analyse, factorise, probe, precondition |
 //! | [`error`] | what can be wrong with the input, and with the matrix |
@@ -26,7 +26,7 @@ mod precision;
 mod rows;
 mod separator;
 pub mod solver;
-mod sweep;
+mod triangular_solve;
 
 pub use error::{Error, InputError, NumericalError};
 pub use krylov::Iterated;

@@ -8,7 +8,7 @@ use crate::error::InputError;
 use crate::graph::narrow;
 use crate::precision::power_of_two;
 use crate::rows::Rows;
-use crate::sweep::Number;
+use crate::triangular_solve::Number;
 
 /// Largest difference between an entry and its counterpart, as a share of the largest entry, that
 /// counts as the round-off of an assembly.

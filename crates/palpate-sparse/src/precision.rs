@@ -7,7 +7,7 @@ use crate::factor::Factor;
 use crate::krylov::{Cycle, Iterated, iterate};
 use crate::pattern::Pattern;
 use crate::rows::Rows;
-use crate::sweep::Number;
+use crate::triangular_solve::Number;
 
 /// Numbers that a factor is kept in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -9,7 +9,7 @@ use std::ops::Range;
 use pulp::Arch;
 
 use crate::error::InputError;
-use crate::sweep::Number;
+use crate::triangular_solve::Number;
 
 /// Rows that share their columns are multiplied together.
 const PANEL: usize = 3;

@@ -78,7 +78,7 @@ const LANES: usize = 16;
 /// L, with a diagonal of ones, is kept by faer: of every supernode a dense block of columns, its own
 /// rows first.
 #[derive(Debug)]
-pub(crate) struct Sweep<T> {
+pub(crate) struct TriangularSolve<T> {
     supernodes: Vec<Supernode>,
     /// Rows below the diagonal blocks.
     rows: Vec<u32>,
@@ -97,7 +97,7 @@ struct Supernode {
     values: Range<usize>,
 }
 
-impl<T: Number> Sweep<T> {
+impl<T: Number> TriangularSolve<T> {
     /// Reads the structure; the numbers and the order are still to come.
     pub(crate) fn new(symbolic: &SymbolicSupernodalCholesky<u32>) -> Self {
         let n = symbolic.nrows();
@@ -180,7 +180,7 @@ impl<T: Number> Sweep<T> {
         for (x, &unknown) in x.iter_mut().zip(&self.order) {
             *x = read(unknown as usize);
         }
-        Arch::new().dispatch(Passes { sweep: self, values, x, work });
+        Arch::new().dispatch(Passes { triangles: self, values, x, work });
         for (x, &unknown) in x.iter().zip(&self.order) {
             write(unknown as usize, *x);
         }
@@ -189,7 +189,7 @@ impl<T: Number> Sweep<T> {
 
 /// Both passes over x, compiled for the processor at hand.
 struct Passes<'a, T> {
-    sweep: &'a Sweep<T>,
+    triangles: &'a TriangularSolve<T>,
     values: &'a [T],
     x: &'a mut [T],
     work: &'a mut [T],
@@ -200,9 +200,9 @@ impl<T: Number> WithSimd for Passes<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { sweep, values, x, work } = self;
-        for node in &sweep.supernodes {
-            let rows = &sweep.rows[node.rows.clone()];
+        let Self { triangles, values, x, work } = self;
+        for node in &triangles.supernodes {
+            let rows = &triangles.rows[node.rows.clone()];
             let n = node.columns.len();
             let work = &mut work[..n + rows.len()];
             work[..n].copy_from_slice(&x[node.columns.clone()]);
@@ -212,14 +212,14 @@ impl<T: Number> WithSimd for Passes<'_, T> {
             for (&row, change) in rows.iter().zip(&work[n..]) {
                 x[row as usize] += *change;
             }
-            let (diagonal, beside) = (&sweep.diagonal, &sweep.beside);
+            let (diagonal, beside) = (&triangles.diagonal, &triangles.beside);
             let (diagonal, beside) =
                 (&diagonal[node.columns.clone()], &beside[node.columns.clone()]);
             block_diagonal(diagonal, beside, &mut work[..n]);
             x[node.columns.clone()].copy_from_slice(&work[..n]);
         }
-        for node in sweep.supernodes.iter().rev() {
-            let rows = &sweep.rows[node.rows.clone()];
+        for node in triangles.supernodes.iter().rev() {
+            let rows = &triangles.rows[node.rows.clone()];
             let n = node.columns.len();
             let work = &mut work[..n + rows.len()];
             work[..n].copy_from_slice(&x[node.columns.clone()]);
