@@ -193,7 +193,9 @@ BAD = {
 
 
 @pytest.mark.parametrize(("changes", "message"), BAD.values(), ids=BAD.keys())
-def test_a_bad_mesh_is_told_with_what_is_there(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_a_bad_mesh_is_reported_with_what_is_there(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
     path = write(tmp_path / "m.vtu", **changes)
     with pytest.raises(MeshError, match=message) as caught:
         read(path)
@@ -223,7 +225,7 @@ def test_a_file_that_meshio_chokes_on_ends_in_a_message(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_cut_off_file_is_told(tmp_path: Path) -> None:
+def test_a_cut_off_file_is_reported(tmp_path: Path) -> None:
     path = write(tmp_path / "m.vtu")
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(MeshError, match=r"m\.vtu: meshio cannot read it"):
@@ -240,7 +242,7 @@ def test_an_exit_of_meshio_does_not_end_the_program(tmp_path: Path, monkeypatch:
         read(path)
 
 
-def test_a_missing_file_is_told(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match=r"gone\.vtu: no such file"):
         read(tmp_path / "gone.vtu")
 

@@ -96,7 +96,7 @@ def test_nodes_are_fixed_by_their_distance_to_a_bone(tmp_path: Path) -> None:
         ({"unit": "m"}, "3e\\+04 mm long when read in m, longer than any limb"),
     ],
 )
-def test_a_wrong_choice_is_told_with_what_is_there(changes: dict[str, Any], message: str) -> None:
+def test_a_wrong_choice_is_reported_with_what_is_there(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(MeshError, match=message):
         read("two_layers.msh", **changes)
 

@@ -207,7 +207,7 @@ def test_a_sound_surface_is_left_alone() -> None:
     assert repaired(bone("ulna")) is bone("ulna")
 
 
-def test_mending_asks_for_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_repair_asks_for_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pymeshfix", None)
     with pytest.raises(MeshError, match=r'holes.*pip install "palpate-limb\[repair\]"'):
         repaired(spoiled("hole"))
@@ -401,7 +401,7 @@ def test_every_segment_lacks_both_bones(k: int) -> None:
         assert gaps.max() < 1e-3, "the tissue's surface is the bone's"
 
 
-def test_a_bone_that_ends_in_the_segment_or_lies_beside_it_is_told_apart() -> None:
+def test_a_bone_within_the_segment_counts_and_one_outside_does_not() -> None:
     """A knee cap is a hole that reaches no cut; a bone of the hand is none of this segment's."""
     phantom = Phantom()
     skin = phantom.skin_surface(2.4)

@@ -50,10 +50,7 @@ def block(
         Spot ``block`` at the origin with normal +z; node sets ``fixed`` (base) and
         ``contact`` (upper face).
     """
-    x = 0.5 * width_mm * _crowded(np.linspace(-1.0, 1.0, n_across + 1), grading)
-    z = -height_mm * _crowded(np.linspace(1.0, 0.0, n_down + 1), grading)
-    points = np.stack(np.meshgrid(x, x, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    hexes = _hexes(n_across, n_across, n_down)
+    points, hexes = _grid(width_mm, height_mm, n_across, n_down, grading)
     cells = hexes if kind == "hex8" else hexes[:, _SIX_TETS].reshape(-1, 4)
     if kind == "tet10":
         points, cells, _ = with_midpoints(points, cells)
@@ -64,11 +61,21 @@ def block(
         cell_regions={kind: np.searchsorted(np.cumsum(list(layers_mm.values())), depth)},
         regions=(*layers_mm, "soft_tissue"),
         node_sets={
-            "fixed": np.flatnonzero(points[:, 2] == z[0]),
+            "fixed": np.flatnonzero(points[:, 2] == -height_mm),
             "contact": np.flatnonzero(points[:, 2] == 0),
         },
     )
     return Limb(spot=Spot(name="block"), mesh=mesh)
+
+
+def _grid(
+    width_mm: float, height_mm: float, n_across: int, n_down: int, grading: float
+) -> tuple[FloatArray, IntArray]:
+    """Points and hexahedra of a block."""
+    x = 0.5 * width_mm * _crowded(np.linspace(-1.0, 1.0, n_across + 1), grading)
+    z = -height_mm * _crowded(np.linspace(1.0, 0.0, n_down + 1), grading)
+    points = np.stack(np.meshgrid(x, x, z, indexing="ij"), axis=-1).reshape(-1, 3)
+    return points, _hexes(n_across, n_across, n_down)
 
 
 def _crowded(t: FloatArray, grading: float) -> FloatArray:

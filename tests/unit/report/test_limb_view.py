@@ -27,7 +27,7 @@ def test_the_outer_parts_enclose_the_mesh_whatever_its_elements(kind: str) -> No
     assert {part.region for part in outer} == {"skin", "soft_tissue"}
 
 
-def test_the_spot_s_skin_and_what_is_fixed_are_told_apart() -> None:
+def test_the_spot_s_skin_and_what_is_fixed_are_separate() -> None:
     limb = block("tet10", n_across=4, n_down=3, layers_mm={"skin": 6.0})
     parts = {(part.name, part.region): part for part in limb_view(limb).parts}
     contact, fixed = parts["contact", "skin"], parts["fixed", "soft_tissue"]

@@ -25,7 +25,7 @@ import numpy as np
 from palpate import mechanics
 from palpate.api import Array, FloatArray, Material
 
-FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.1, 0.02, 0.0)
+STEP_LENGTHS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.1, 0.02, 0.0)
 """Shares of a Newton step that are tried; the one with the least energy is taken."""
 
 LONGEST_STEP = 0.3
@@ -110,8 +110,8 @@ def _least(test: _Test, t: Array, theta: Array) -> tuple[Array, Array]:
     def advance(state: _Search) -> _Search:
         step, least_bend = _newton(test, t, state.free, theta)
         longest = jnp.abs(step).max()
-        moves = jnp.array(FACTORS)[:, None] * step * jnp.minimum(1.0, LONGEST_STEP / longest)
-        tried = jnp.concatenate([jnp.broadcast_to(t, (len(FACTORS), 1)), state.free + moves], axis=1)
+        moves = jnp.array(STEP_LENGTHS)[:, None] * step * jnp.minimum(1.0, LONGEST_STEP / longest)
+        tried = jnp.concatenate([jnp.broadcast_to(t, (len(STEP_LENGTHS), 1)), state.free + moves], axis=1)
         energies = jax.vmap(lambda x: test.energy(x, theta))(tried)
         best = moves[jnp.argmin(jnp.where(jnp.isfinite(energies), energies, jnp.inf))]
         move = jnp.where(longest < NEAR, step, best)

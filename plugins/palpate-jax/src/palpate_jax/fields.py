@@ -146,10 +146,6 @@ def cell_fields(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Cauchy stress, stretches and J of cells.
 
-    With mean dilatation, where τ̄ = P̄ F̄ᵀ at the deformation of the mean dilatation θ,
-    the stress is dev τ̄ / J plus the element's mean of tr τ̄ / 3θ: its conjugate in the
-    energy that the solver balances.
-
     Parameters
     ----------
     places : (c, p) element numbers and (c, p) point numbers
@@ -164,9 +160,25 @@ def cell_fields(
         The largest first.
     J : (c,) array
     """
-    u, w = displacements[block.nodes], block.volumes
-    F = np.eye(3) + np.einsum("eai,eqaj->eqij", u, block.gradients)
-    J = np.linalg.det(F)
+    gradients = np.eye(3) + np.einsum("eai,eqaj->eqij", displacements[block.nodes], block.gradients)
+    stresses, J = _cauchy(material, theta, block, gradients, axes)
+    volumes = block.volumes[places]
+    now = volumes * J[places]
+    sigma = np.einsum("cp,cpij->cij", now, stresses[places]) / now.sum(axis=1)[:, None, None]
+    mean = np.einsum("cp,cpij->cij", volumes, gradients[places]) / volumes.sum(axis=1)[:, None, None]
+    return sigma, np.linalg.svd(mean, compute_uv=False), now.sum(axis=1) / volumes.sum(axis=1)
+
+
+def _cauchy(
+    material: Material, theta: FloatArray, block: Block, F: FloatArray, axes: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Cauchy stress (e, q, 3, 3) [MPa] and J (e, q) at the quadrature points.
+
+    With mean dilatation, where τ̄ = P̄ F̄ᵀ at the deformation of the mean dilatation θ,
+    the stress is dev τ̄ / J plus the element's mean of tr τ̄ / 3θ: its conjugate in the
+    energy that the solver balances.
+    """
+    w, J = block.volumes, np.linalg.det(F)
     volume = w.sum(axis=1, keepdims=True)
     theta_mean = (w * J).sum(axis=1, keepdims=True) / volume if block.mean_dilatation else J
     mean_F = np.cbrt(theta_mean / J)[..., None, None] * F
@@ -178,12 +190,7 @@ def cell_fields(
     if block.mean_dilatation:
         pressure = np.broadcast_to((w * pressure).sum(axis=1, keepdims=True) / volume, J.shape)
     deviator = kirchhoff - third[..., None, None] * np.eye(3)
-    cauchy = deviator / J[..., None, None] + pressure[..., None, None] * np.eye(3)
-    volumes = w[places]
-    now = volumes * J[places]
-    sigma = np.einsum("cp,cpij->cij", now, cauchy[places]) / now.sum(axis=1)[:, None, None]
-    gradient = np.einsum("cp,cpij->cij", volumes, F[places]) / volumes.sum(axis=1)[:, None, None]
-    return sigma, np.linalg.svd(gradient, compute_uv=False), now.sum(axis=1) / volumes.sum(axis=1)
+    return deviator / J[..., None, None] + pressure[..., None, None] * np.eye(3), J
 
 
 def nodal_tractions(contact: Contact, rest_mm: FloatArray, state: LoadStep) -> tuple[FloatArray, FloatArray]:
