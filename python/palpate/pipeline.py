@@ -35,7 +35,7 @@ from palpate.stages import scoring, selection, simulation
 from palpate.stages.completeness import completeness, without_result
 from palpate.stages.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
 from palpate.stages.generalisation import generalise
-from palpate.stages.identifiability import at_measured, determine
+from palpate.stages.identifiability import assess_identifiability, at_measured
 from palpate.stages.keys import answers_key
 from palpate.stages.limb import limb_warnings, load_limbs
 from palpate.stages.refinement import FitResult, refine
@@ -390,7 +390,9 @@ def _report_data(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: 
     run.records.check("selection", selection_from(study, run.records))
     swept = at_measured(found, measured, design.n_sets)
     generalisation = run.generalisation()
-    determined = determine(study, design, measured, swept, scores, chosen, generalisation, refined)
+    identified = assess_identifiability(
+        study, design, measured, swept, scores, chosen, generalisation, refined
+    )
     return ReportData(
         study=study,
         channels=plugins.channels,
@@ -403,8 +405,8 @@ def _report_data(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: 
         stiffness_scaling=run.stiffness_scaling(),
         responses={(s.job.spot, s.job.set_id): s.response for s in found if s.response is not None},
         swept=swept,
-        determination=determined.table,
-        disagreements=determined.disagreements,
+        identifiability=identified.table,
+        disagreements=identified.disagreements,
         convergence=by_spot(found),
         contact=contact_along(found),
         limbs=limbs,

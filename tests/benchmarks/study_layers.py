@@ -2,7 +2,7 @@
 
 A small limb with a bone and 2.5 mm of skin is scanned, meshed by ``palpate limb``, pressed by ``palpate
 synthesise`` with a known material in each layer, and identified by ``palpate run``: one design over both
-layers' parameters. Printed are the report's tables on the truth and on what the data determine.
+layers' parameters. Printed are the report's tables on the truth and on what the data identify.
 """
 
 import sys
@@ -100,7 +100,7 @@ soft_tissue.c1 = "9 kPa"
 
 
 def main(folder: Path) -> None:
-    """From scan to what the data determine."""
+    """From scan to what the data identify."""
     write_phantom(folder, LIMB, Scanner(spacing_mm=1.2))
     scan = ["limb", str(folder / "scan.ply"), "--bones", str(folder / "bone.stl")]
     marks = ["--mark", "p1=green", "--mark", "p2=red"]
@@ -117,7 +117,7 @@ def main(folder: Path) -> None:
             raise SystemExit(f"palpate {' '.join(call)} failed")
     tables = run / "report" / "tables"
     with pl.Config(tbl_rows=60, tbl_cols=20, tbl_width_chars=150):
-        for name in ("table2_nmse", "distance_to_truth", "determination"):
+        for name in ("table2_nmse", "distance_to_truth", "identifiability"):
             sys.stdout.write(f"{name}\n{pl.read_csv(tables / f'{name}.csv')}\n")
 
 

@@ -55,7 +55,7 @@ def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
     assert len(result.simulations) == 120
     assert set(result.report.tables) == {
         "table1_coefficients", "table2_nmse", "unfitted_channels", "cross_channel", "generalised", "refined",
-        "distance_to_truth", "determination", "cost_of_one_set",
+        "distance_to_truth", "identifiability", "cost_of_one_set",
     }  # fmt: skip
     assert all(path.exists() for path in result.report.files)
     once = {"check": [1, 1], "report": [1, 1]}

@@ -75,8 +75,8 @@ def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
         heads = pl.format("{} [%]", "parameter")
         index = ["search", "spot", "scenario"]
         return frame.with_columns(head=heads).pivot("head", index=index, values="difference_percent")
-    if name == "determination":
-        return frame.pivot("parameter", index=["spot", "scenario"], values="determined")
+    if name == "identifiability":
+        return frame.pivot("parameter", index=["spot", "scenario"], values="identifiability")
     return frame
 
 

@@ -1,4 +1,4 @@
-"""The best set of each spot and scenario, with how well its parameters are determined."""
+"""The best set of each spot and scenario, with how well its parameters are identified."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Value:
     optimum: float | None
     lower: float | None
     upper: float | None
-    determined: str
+    identifiability: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +54,7 @@ class Best:
 def best_sets(data: ReportData) -> Iterator[Best]:
     """Best set by spot and scenario: the refined one, where there is one."""
     refined = {(r["spot"], r["scenario"]): r for r in data.refined.table.iter_rows(named=True)}
-    fits = {(r["spot"], r["scenario"], r["parameter"]): r for r in data.determination.iter_rows(named=True)}
+    fits = {(r["spot"], r["scenario"], r["parameter"]): r for r in data.identifiability.iter_rows(named=True)}
     fitted = {s.name: weighted_channels(s) for s in data.study.scenarios}
     for row in data.selection.iter_rows(named=True):
         key = row["spot"], row["scenario"]
@@ -77,8 +77,8 @@ def _set(row: Mapping[str, Any]) -> str:
 
 def _value(value: float, fit: Mapping[str, Any] | None) -> Value:
     if fit is None:
-        return Value(value=value, optimum=None, lower=None, upper=None, determined=UNCLEAR)
-    known = {name: fit[name] for name in ("optimum", "lower", "upper", "determined")}
+        return Value(value=value, optimum=None, lower=None, upper=None, identifiability=UNCLEAR)
+    known = {name: fit[name] for name in ("optimum", "lower", "upper", "identifiability")}
     return Value(value=value, **known)
 
 
@@ -88,21 +88,21 @@ def with_brief_names(data: ReportData) -> Iterator[tuple[Parameter, Parameter]]:
     yield from zip(parameters, named_briefly(parameters), strict=True)
 
 
-def determined_when_generalising(data: ReportData) -> pl.DataFrame:
-    """Rows of the determination in the scenario that generalises, spot by spot."""
+def identifiability_when_generalising(data: ReportData) -> pl.DataFrame:
+    """Rows of the identifiability in the scenario that generalises, spot by spot."""
     return _when_generalising(data).filter(pl.col("spot") != ALL_SPOTS)
 
 
-def determined_together(data: ReportData) -> pl.DataFrame:
-    """Rows of the determination by all spots together, or of the only spot."""
+def identifiability_together(data: ReportData) -> pl.DataFrame:
+    """Rows of the identifiability by all spots together, or of the only spot."""
     rows = _when_generalising(data)
     return rows.filter(pl.col("spot") == ALL_SPOTS) if len(data.spots) > 1 else rows
 
 
 def _when_generalising(data: ReportData) -> pl.DataFrame:
-    if data.determination.is_empty():
+    if data.identifiability.is_empty():
         return pl.DataFrame(
-            schema=dict.fromkeys(("spot", "parameter", "determined", "moves_with"), pl.String)
+            schema=dict.fromkeys(("spot", "parameter", "identifiability", "most_correlated_with"), pl.String)
             | dict.fromkeys(("value", "optimum", "lower", "upper", "correlation"), pl.Float64)
         )
-    return data.determination.filter(pl.col("scenario") == data.generalising.name)
+    return data.identifiability.filter(pl.col("scenario") == data.generalising.name)

@@ -144,7 +144,7 @@ class Interval:
 
     fit: Mapping[str, Any]
     name: str
-    moves_with: str
+    most_correlated_with: str
     start: float
     width: float
     at: float
@@ -153,7 +153,7 @@ class Interval:
 
 def _intervals(data: ReportData) -> Iterator[Interval]:
     brief = {p.name: (p, b.name) for p, b in with_brief_names(data)}
-    for row in data.determination.iter_rows(named=True):
+    for row in data.identifiability.iter_rows(named=True):
         parameter, name = brief[row["parameter"]]
         known = row["lower"] is not None
         start, stop = (_percent(parameter, row[end]) if known else 0.0 for end in ("lower", "upper"))
@@ -161,7 +161,7 @@ def _intervals(data: ReportData) -> Iterator[Interval]:
         yield Interval(
             fit=row,
             name=name,
-            moves_with=brief[row["moves_with"]][1] if row["moves_with"] else "",
+            most_correlated_with=brief[row["most_correlated_with"]][1] if row["most_correlated_with"] else "",
             start=start,
             width=round(stop - start, 2),
             at=_percent(parameter, row["value"]),

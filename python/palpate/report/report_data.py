@@ -36,9 +36,9 @@ class ReportData:
     swept : mapping of (spot, channel) to (n_sets, n_points) array
         Every set's curves at the measured points, as :func:`palpate.stages.identifiability.at_measured`
         returns them; empty where they are not to be shown.
-    determination : DataFrame
+    identifiability : DataFrame
     disagreements : DataFrame
-        Both as in :class:`palpate.stages.identifiability.Determination`.
+        Both as in :class:`palpate.stages.identifiability.Identifiability`.
     convergence : DataFrame
         As :func:`palpate.report.convergence.by_spot` returns it.
     contact : mapping of (spot, set_id) to mapping
@@ -64,7 +64,7 @@ class ReportData:
     responses: Mapping[tuple[str, int], Response]
     stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
     swept: Swept = field(default_factory=dict)
-    determination: pl.DataFrame = field(default_factory=pl.DataFrame)
+    identifiability: pl.DataFrame = field(default_factory=pl.DataFrame)
     disagreements: pl.DataFrame = field(default_factory=pl.DataFrame)
     convergence: pl.DataFrame = field(default_factory=pl.DataFrame)
     contact: Mapping[tuple[str, int], Contact] = field(default_factory=dict)

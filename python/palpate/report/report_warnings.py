@@ -6,7 +6,12 @@ from dataclasses import dataclass
 import polars as pl
 
 from palpate.domain import Parameter
-from palpate.report.best_sets import Best, determined_together, determined_when_generalising, with_brief_names
+from palpate.report.best_sets import (
+    Best,
+    identifiability_together,
+    identifiability_when_generalising,
+    with_brief_names,
+)
 from palpate.report.report_data import ReportData
 from palpate.report.tables import cost_of_one_set, failures_by_reason, finding
 from palpate.stages.completeness import described
@@ -66,7 +71,7 @@ def report_warnings(
     yield from _about_failures(data)
     yield from _about_disagreement(data)
     yield from _about_ends(data, bests)
-    yield from _about_determination(data)
+    yield from _about_identifiability(data)
     yield from _about_searches(data)
     yield from _about_proofs(data)
     yield from _about_certificates(data)
@@ -203,7 +208,7 @@ def _at_end(data: ReportData, parameter: Parameter, i: int, best: Best) -> bool:
     Not where the curves show that the optimum is inside, or do not depend on the parameter.
     """
     value, drawn = best.values[i], data.design.values[:, i]
-    if value.determined == "not":
+    if value.identifiability == "not":
         return False
     if value.lower is not None and value.upper is not None:
         ends = [share_of_range(parameter, end) for end in (value.lower, value.upper)]
@@ -214,20 +219,20 @@ def _at_end(data: ReportData, parameter: Parameter, i: int, best: Best) -> bool:
     return is_outermost or not spacing < share_of_range(parameter, value.value) < 1.0 - spacing
 
 
-def _about_determination(data: ReportData) -> Iterator[ReportWarning]:
-    rows = determined_when_generalising(data)
+def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
+    rows = identifiability_when_generalising(data)
     brief = {p.name: b.name for p, b in with_brief_names(data)}
-    together = determined_together(data)
-    names = list(dict.fromkeys(together.filter(pl.col("determined") == "not")["parameter"]))
+    together = identifiability_together(data)
+    names = list(dict.fromkeys(together.filter(pl.col("identifiability") == "not")["parameter"]))
     if names:
         yield ReportWarning(
-            what=f"Not determined: {', '.join(brief[name] for name in names)}",
+            what=f"Not identifiable: {', '.join(brief[name] for name in names)}",
             why="Sets that fit about as well reach across most of the range; "
             "do not read the value as the tissue's.",
         )
-    if UNCLEAR in pl.concat([rows, together])["determined"].to_list():
+    if UNCLEAR in pl.concat([rows, together])["identifiability"].to_list():
         yield ReportWarning(
-            what="How well some parameters are determined is unclear",
+            what="How well some parameters are identified is unclear",
             why="Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets.",
         )
     apart = [text for name in brief for text in _apart(rows, name, brief[name])]

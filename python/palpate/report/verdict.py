@@ -9,8 +9,8 @@ from palpate.domain import Parameter
 from palpate.report.best_sets import (
     Best,
     best_sets,
-    determined_together,
-    determined_when_generalising,
+    identifiability_together,
+    identifiability_when_generalising,
     with_brief_names,
 )
 from palpate.report.report_data import ReportData
@@ -33,7 +33,7 @@ class Verdict:
     lead : str
         Sentence on the set for all spots, or on the best set of the only spot; empty where
         there is none. Where it does not fit, that is the sentence.
-    determined : tuple of str
+    identifiability : tuple of str
         A sentence on each parameter; none where the set does not fit.
     warnings : tuple of ReportWarning
         The gravest first.
@@ -44,14 +44,14 @@ class Verdict:
     parameters: tuple[str, ...]
     bests: tuple[Best, ...]
     lead: str
-    determined: tuple[str, ...]
+    identifiability: tuple[str, ...]
     warnings: tuple[ReportWarning, ...]
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was found, and how well each parameter is determined."""
-        return tuple(sentence for sentence in (self.lead, *self.determined) if sentence)
+        """What was found, and how well each parameter is identified."""
+        return tuple(sentence for sentence in (self.lead, *self.identifiability) if sentence)
 
 
 def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdict:
@@ -63,7 +63,9 @@ def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdic
         parameters=tuple(label_of(p) for p in brief),
         bests=bests,
         lead=no_fit or _lead(data, bests, brief),
-        determined=() if no_fit else tuple(_determined(data, p, b.name) for p, b in with_brief_names(data)),
+        identifiability=()
+        if no_fit
+        else tuple(_identifiability(data, p, b.name) for p, b in with_brief_names(data)),
         warnings=tuple(report_warnings(data, bests, tables)),
         without_result=data.without_result,
     )
@@ -118,13 +120,13 @@ def _listed(brief: Sequence[Parameter], values: Sequence[float]) -> str:
     return ", ".join(text.rstrip() for text in parts)
 
 
-def _determined(data: ReportData, parameter: Parameter, name: str) -> str:
+def _identifiability(data: ReportData, parameter: Parameter, name: str) -> str:
     """Sentence on one parameter in the scenario that generalises, over all spots."""
-    rows = determined_when_generalising(data).filter(pl.col("parameter") == parameter.name)
-    words = rows["determined"].to_list()
+    rows = identifiability_when_generalising(data).filter(pl.col("parameter") == parameter.name)
+    words = rows["identifiability"].to_list()
     known = _together(data, parameter)
     if not words:
-        return f"{name}: nothing is known of how well it is determined."
+        return f"{name}: nothing is known of how well it is identified."
     counts = {word: words.count(word) for word in _ORDER if word in words}
     spots = _said(next(iter(counts))) if len(counts) == 1 else ", ".join(
         f"{_said(word)} at {n} of {len(words)} spots" for word, n in counts.items()
@@ -134,21 +136,21 @@ def _determined(data: ReportData, parameter: Parameter, name: str) -> str:
     )
     trade = ""
     if not strongest.is_empty() and abs(strongest["correlation"][0]) >= 0.9:
-        other = {p.name: b.name for p, b in with_brief_names(data)}[strongest["moves_with"][0]]
+        other = {p.name: b.name for p, b in with_brief_names(data)}[strongest["most_correlated_with"][0]]
         sign = strongest["correlation"][0]
-        trade = f"; it trades with {other} (correlation {sign:.2f}, spot {strongest['spot'][0]})"
+        trade = f"; most correlated with {other} (correlation {sign:.2f}, spot {strongest['spot'][0]})"
     return f"{name}: {known}{spots}{trade}."
 
 
 def _together(data: ReportData, parameter: Parameter) -> str:
     """Fitted optimum and interval by all spots together; empty where they cannot be given."""
-    rows = determined_together(data).filter(pl.col("parameter") == parameter.name).drop_nulls("lower")
+    rows = identifiability_together(data).filter(pl.col("parameter") == parameter.name).drop_nulls("lower")
     if rows.is_empty():
         return ""
     row, unit = rows.row(0, named=True), "" if parameter.unit == "1" else f" {parameter.unit}"
     where = ""
     if len(data.spots) > 1:
-        where = f"{_said(row['determined'])} by all spots together; spot by spot: "
+        where = f"{_said(row['identifiability'])} by all spots together; spot by spot: "
     return (
         f"fitted optimum {row['optimum']:.4g}{unit}, {row['lower']:.4g} to {row['upper']:.4g}{unit} "
         f"fits about as well; {where}"
@@ -156,4 +158,4 @@ def _together(data: ReportData, parameter: Parameter) -> str:
 
 
 def _said(word: str) -> str:
-    return {"not": "not determined", UNCLEAR: "unclear"}.get(word, f"{word} determined")
+    return {"not": "not identifiable", UNCLEAR: "unclear"}.get(word, f"{word} identifiable")

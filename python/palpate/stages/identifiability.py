@@ -1,4 +1,4 @@
-"""How well a sweep has determined its parameters, from the curves that it has already.
+"""How well a sweep identifies its parameters, from the curves that it has already.
 
 Every simulated curve, read at the measured points, is fitted as a polynomial of the parameters
 (:mod:`palpate.stages.surrogate`), which makes Fopt a quadratic over the box of their ranges. Its least is
@@ -24,10 +24,10 @@ from palpate.stages.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, togeth
 from palpate.study.reading import Study
 
 WORDS: tuple[tuple[float, str], ...] = ((0.1, "well"), (0.3, "roughly"), (0.8, "poorly"), (np.inf, "not"))
-"""What is said of an interval up to each share of the parameter's range."""
+"""Word for an interval up to each relative width."""
 
 UNCLEAR = "unclear"
-"""What is said where the sweep has too few sets, or curves that no polynomial follows."""
+"""The word where the sweep has too few sets, or curves that no polynomial follows."""
 
 ALL_SPOTS = "all spots"
 """Stands for the spot where all of them are fitted together."""
@@ -50,11 +50,11 @@ _SCHEMA = {
     "optimum": pl.Float64,
     "lower": pl.Float64,
     "upper": pl.Float64,
-    "share": pl.Float64,
-    "determined": pl.String,
-    "moves_with": pl.String,
+    "relative_width": pl.Float64,
+    "identifiability": pl.String,
+    "most_correlated_with": pl.String,
     "correlation": pl.Float64,
-    "limit": pl.Float64,
+    "fopt_threshold": pl.Float64,
     "n_as_good": pl.Int64,
     "q2": pl.Float64,
 }
@@ -98,7 +98,7 @@ def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Respon
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Determination:
+class Identifiability:
     """What the curves of a sweep say of its parameters.
 
     Parameters
@@ -106,10 +106,10 @@ class Determination:
     table : DataFrame
         One row per row of the selection and parameter, then those of all spots together: spot,
         scenario, parameter, unit, value (of the best set); optimum, where the fitted Fopt is
-        least; lower and upper, the interval within the range; share, its length over that of the
-        range; determined, the word for it; moves_with and correlation, the parameter that it
-        trades with most; limit, the Fopt up to which a set is about as good (the fitted least
-        plus itself, or plus what the measured spread or the error of the fit makes, whichever is
+        least; lower and upper, the interval within the range; relative_width, its length over that of
+        the range; identifiability, the word for it; most_correlated_with and correlation, the parameter
+        that takes its place best; fopt_threshold, the Fopt up to which a set is about as good (the
+        fitted least plus itself, or plus what the measured spread or the error of the fit makes, whichever is
         more); n_as_good, sets of the sweep within it; q2, the share of variation that the fit
         predicts at sets left out of it. What is unknown is null, and its word is "unclear".
     disagreements : DataFrame
@@ -122,7 +122,7 @@ class Determination:
     disagreements: pl.DataFrame
 
 
-def determine(
+def assess_identifiability(
     study: Study,
     design: Design,
     measured: Mapping[str, Response],
@@ -131,7 +131,7 @@ def determine(
     selection: pl.DataFrame,
     generalisation: pl.DataFrame,
     refined: FitResult,
-) -> Determination:
+) -> Identifiability:
     """Find the interval of every parameter at every spot in every scenario, and over all spots.
 
     Parameters
@@ -161,7 +161,7 @@ def determine(
         best = generalisation.row(0, named=True)
         spots = generalisation["spot"].to_list()
         cases.append(curves.case(ALL_SPOTS, scenarios[best["scenario"]], spots, best, design))
-    return Determination(
+    return Identifiability(
         table=pl.DataFrame([row for case in cases for row in case.rows()], schema=_SCHEMA),
         disagreements=pl.DataFrame(
             [row for a, b in combinations(cases, 2) for row in _disagreement(a, b)], schema=_DISAGREEMENTS
@@ -297,7 +297,7 @@ class _Case:
     def rows(self) -> Iterator[dict[str, Any]]:
         fit = self.fit
         fopt = float(self.best.get("fopt_mean", self.best["fopt"]))
-        limit = 2.0 * fopt if fit is None else (fopt if self.is_refined else fit.least) + fit.margin
+        threshold = 2.0 * fopt if fit is None else (fopt if self.is_refined else fit.least) + fit.margin
         for i, parameter in enumerate(self.design.parameters):
             row = {
                 "spot": self.spot,
@@ -305,14 +305,14 @@ class _Case:
                 "parameter": parameter.name,
                 "unit": parameter.unit,
                 "value": self.best[parameter.name],
-                "determined": UNCLEAR,
-                "limit": limit,
-                "n_as_good": int((self.fopt <= limit).sum()),
+                "identifiability": UNCLEAR,
+                "fopt_threshold": threshold,
+                "n_as_good": int((self.fopt <= threshold).sum()),
                 "q2": None if fit is None else fit.q2,
             }
-            yield row | self._told(parameter, i, fit) if fit is not None and self.is_usable else row
+            yield row | self._interval(parameter, i, fit) if fit is not None and self.is_usable else row
 
-    def _told(self, parameter: Parameter, i: int, fit: _Fit) -> dict[str, Any]:
+    def _interval(self, parameter: Parameter, i: int, fit: _Fit) -> dict[str, Any]:
         low, high = fit.form.interval(i, fit.least + fit.margin)
         if self.is_refined:
             low, high = min(low, self.at[i]), max(high, self.at[i])
@@ -324,9 +324,9 @@ class _Case:
             "optimum": _value(parameter, float(fit.optimum[i])),
             "lower": _value(parameter, low),
             "upper": _value(parameter, high),
-            "share": high - low,
-            "determined": next(word for most, word in WORDS if high - low <= most),
-            "moves_with": None if partner is None else self.design.parameters[partner].name,
+            "relative_width": high - low,
+            "identifiability": next(word for most, word in WORDS if high - low <= most),
+            "most_correlated_with": None if partner is None else self.design.parameters[partner].name,
             "correlation": None if partner is None else correlation[i, partner],
         }
 
@@ -344,7 +344,7 @@ def _disagreement(a: _Case, b: _Case) -> Iterator[dict[str, Any]]:
     seen = [
         (i, parameter)
         for i, parameter in enumerate(a.design.parameters)
-        if all(rows[parameter.name]["determined"] != "not" for rows in by_name)
+        if all(rows[parameter.name]["identifiability"] != "not" for rows in by_name)
     ]
     if seen and max(abs(fits[0].optimum[i] - fits[1].optimum[i]) for i, _ in seen) <= APART:
         return

@@ -28,7 +28,7 @@ def odd_settings(study: Study) -> Iterator[str]:
             if study.protocol is not None and _only_volume(region, parameter):
                 yield (
                     f"{name}: is searched and resists change of volume only, which an indentation of nearly "
-                    "incompressible tissue hardly shows; fix it, or expect it undetermined"
+                    "incompressible tissue hardly shows; fix it, or expect that it is not identifiable"
                 )
 
 

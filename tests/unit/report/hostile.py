@@ -44,8 +44,8 @@ def renamed(report_data: ReportData) -> ReportData:
         scores=scores,
         selection=_frame(report_data.selection),
         generalisation=_frame(report_data.generalisation),
-        determination=_frame(report_data.determination).with_columns(
-            pl.col("parameter", "moves_with").map_elements(_parameter, return_dtype=pl.String)
+        identifiability=_frame(report_data.identifiability).with_columns(
+            pl.col("parameter", "most_correlated_with").map_elements(_parameter, return_dtype=pl.String)
         ),
         convergence=_frame(report_data.convergence),
         responses={(SPOTS[spot], set_id): r for (spot, set_id), r in report_data.responses.items()},

@@ -127,7 +127,7 @@ def unranked(content):
         scores=content.scores.with_columns(nmse=unscored),
         selection=content.selection.filter(third),
         generalisation=content.generalisation[:0],
-        determination=content.determination.filter(third),
+        identifiability=content.identifiability.filter(third),
     )
 
 

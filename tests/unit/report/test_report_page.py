@@ -183,14 +183,16 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
         for tag, _, text in Page(render(made, tables, make_verdict(made, tables), [])).elements
         if tag == "caption"
     ]
-    shown = {"determination": "Intervals in scenario I"}
+    shown = {"identifiability": "Intervals in scenario I"}
     assert {shown.get(name, TITLES[name]) for name in TITLES} <= set(captions)
 
 
 def test_what_a_run_lacks_has_no_section(page):
-    made = page(lambda c: replace(c, generalisation=c.generalisation[:0], determination=c.determination[:0]))
+    made = page(
+        lambda c: replace(c, generalisation=c.generalisation[:0], identifiability=c.identifiability[:0])
+    )
     ids = {a.get("id") for _, a, _ in made.elements}
-    assert not ids & {"generalisation", "determination", "limb"}
+    assert not ids & {"generalisation", "identifiability", "limb"}
     assert {"verdict", "curves", "space", "distribution", "channels", "convergence", "provenance"} <= ids
 
 

@@ -41,7 +41,7 @@ def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
     assert best.found == f"set {row['set_id']}"
     assert [v.value for v in best.values] == [row["soft_tissue.stiffness"], row["soft_tissue.grip"]]
     assert best.values[0].lower < 0.4 < best.values[0].upper
-    assert found.bests[1].values[0].determined == "not"
+    assert found.bests[1].values[0].identifiability == "not"
     assert found.lead.startswith(
         f"One set for all 2 spots: set {made.generalisation['set_id'][0]}, stiffness = "
     )
@@ -63,7 +63,7 @@ def test_one_spot_has_its_own_set_in_the_lead_and_nothing_to_generalise(content)
         measured={"p1": made.measured["p1"]},
         selection=made.selection.filter(one),
         scores=made.scores.filter(one),
-        determination=made.determination.filter(one),
+        identifiability=made.identifiability.filter(one),
     )
     found = verdict(alone)
     assert found.lead.startswith("At p1, fitted to force + torque (scenario I): stiffness = ")
@@ -71,20 +71,20 @@ def test_one_spot_has_its_own_set_in_the_lead_and_nothing_to_generalise(content)
     assert "cost_of_one_set" not in make_tables(alone)
 
 
-def test_how_well_each_parameter_is_determined_is_a_sentence(content):
+def test_how_well_each_parameter_is_identified_is_a_sentence(content):
     made = content()
-    worse = made.determination.with_columns(
-        determined=pl.when(pl.col("spot") == "p2").then(pl.lit("not")).otherwise(pl.lit("well")),
+    worse = made.identifiability.with_columns(
+        identifiability=pl.when(pl.col("spot") == "p2").then(pl.lit("not")).otherwise(pl.lit("well")),
         correlation=pl.lit(-0.97),
     )
-    found = verdict(replace(made, determination=worse)).determined
-    together = made.determination.filter(spot="all spots").row(0, named=True)
+    found = verdict(replace(made, identifiability=worse)).identifiability
+    together = made.identifiability.filter(spot="all spots").row(0, named=True)
     assert found[0].startswith(f"stiffness: fitted optimum {together['optimum']:.4g} MPa, ")
-    assert "well determined by all spots together; spot by spot: " in found[0]
-    assert "well determined at 1 of 2 spots, not determined at 1 of 2 spots" in found[0]
-    assert "it trades with grip (correlation -0.97, spot p1)" in found[0]
-    unknown = verdict(replace(made, determination=made.determination[:0])).determined
-    assert unknown[0] == "stiffness: nothing is known of how well it is determined."
+    assert "well identifiable by all spots together; spot by spot: " in found[0]
+    assert "well identifiable at 1 of 2 spots, not identifiable at 1 of 2 spots" in found[0]
+    assert "most correlated with grip (correlation -0.97, spot p1)" in found[0]
+    unknown = verdict(replace(made, identifiability=made.identifiability[:0])).identifiability
+    assert unknown[0] == "stiffness: nothing is known of how well it is identified."
 
 
 def test_measured_data_without_a_spread_are_named(content):
@@ -121,14 +121,14 @@ def test_a_best_value_at_the_end_of_its_range_is_named(content):
     made = content()
     stiffness = made.design.values[:, 0]
 
-    def with_best(value, determined="well", lower=None):
+    def with_best(value, identifiability="well", lower=None):
         selection = made.selection.with_columns(
             pl.lit(value).alias("soft_tissue.stiffness"), pl.lit(20.0).alias("soft_tissue.grip")
         )
-        found = made.determination.with_columns(
-            determined=pl.lit(determined), lower=pl.lit(lower, pl.Float64), upper=pl.lit(0.9)
+        found = made.identifiability.with_columns(
+            identifiability=pl.lit(identifiability), lower=pl.lit(lower, pl.Float64), upper=pl.lit(0.9)
         )
-        return about(replace(made, selection=selection, determination=found), "end of their range")
+        return about(replace(made, selection=selection, identifiability=found), "end of their range")
 
     for end in (stiffness.min(), stiffness.max(), 0.1001, 0.1 + 0.9 / 40):
         assert "stiffness at p1, scenario I" in with_best(end)
@@ -140,14 +140,14 @@ def test_a_best_value_at_the_end_of_its_range_is_named(content):
 
 def test_a_best_set_outside_the_interval_of_the_optimum_is_named(content):
     made = content()
-    inside = made.determination.with_columns(lower=pl.lit(0.1), upper=pl.lit(50.0))
-    assert about(replace(made, determination=inside), "better set") is None
+    inside = made.identifiability.with_columns(lower=pl.lit(0.1), upper=pl.lit(50.0))
+    assert about(replace(made, identifiability=inside), "better set") is None
     outside = inside.with_columns(
         lower=pl.when(pl.col("parameter") == "soft_tissue.stiffness").then(49.0).otherwise(0.1),
         optimum=pl.lit(49.5),
     )
     value = made.selection["soft_tissue.stiffness"][0]
-    why = about(replace(made, determination=outside), "better set")
+    why = about(replace(made, identifiability=outside), "better set")
     assert why.startswith(f"stiffness at p1: set {value:.4g}, optimum 49.5; stiffness at p2: ")
     assert best_of(made).values[0].optimum == pytest.approx(0.4, rel=1e-3)
 
@@ -178,7 +178,7 @@ def test_a_set_that_does_not_fit_is_said_first_and_in_place_of_parameters(conten
         measured={"p2": made.measured["p2"]},
         selection=wrong.selection.filter(one),
         scores=made.scores.filter(one),
-        determination=made.determination.filter(one),
+        identifiability=made.identifiability.filter(one),
     )
     assert verdict(alone).lead.startswith("No parameters can be read")
 
@@ -207,18 +207,18 @@ def test_weights_that_are_not_1_are_shown_with_their_channels():
     assert weighted_channels(mixed) == "0.7 force + 0.3 torque"
 
 
-def test_what_is_not_determined_or_unclear_and_spots_that_disagree_are_named(content):
+def test_what_is_not_identifiable_or_unclear_and_spots_that_disagree_are_named(content):
     made = content()
     first = pl.col("spot") == "p1"
-    apart = made.determination.with_columns(
+    apart = made.identifiability.with_columns(
         lower=pl.when(first).then(0.1).otherwise(0.4),
         upper=pl.when(first).then(0.3).otherwise(0.9),
-        determined=pl.when(first).then(pl.lit("not")).otherwise(pl.lit("unclear")),
+        identifiability=pl.when(first).then(pl.lit("not")).otherwise(pl.lit("unclear")),
     )
-    made = replace(made, determination=apart)
+    made = replace(made, identifiability=apart)
     assert about(made, "unclear")
-    not_seen = made.determination.with_columns(determined=pl.lit("not"))
-    assert about(replace(made, determination=not_seen), "Not determined: stiffness, grip")
+    not_seen = made.identifiability.with_columns(identifiability=pl.lit("not"))
+    assert about(replace(made, identifiability=not_seen), "Not identifiable: stiffness, grip")
     assert "stiffness at p1 and p2 have intervals that do not meet" in about(made, "spots disagree")
 
 

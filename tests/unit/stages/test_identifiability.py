@@ -9,7 +9,7 @@ import pytest
 from palpate.domain import Response, Status
 from palpate.stages.experiment import load_measured
 from palpate.stages.generalisation import generalise
-from palpate.stages.identifiability import at_measured, determine
+from palpate.stages.identifiability import assess_identifiability, at_measured
 from palpate.stages.refinement import FitResult
 from palpate.stages.sampling import draw_design
 from palpate.stages.scoring import score
@@ -20,7 +20,7 @@ NOT_REFINED = FitResult(table=pl.DataFrame(), responses={})
 
 
 @pytest.fixture
-def determined(found):
+def identified(found):
     return lambda *given, **named: found(*given, **named).table
 
 
@@ -36,7 +36,7 @@ def found(make_study, plugins, tmp_path):
         chosen = select(scores, study.scenarios, design)
         swept = at_measured(simulations, measured, design.n_sets)
         all_spots = generalise(scores, study.scenarios[0], design, list(measured))
-        return determine(study, design, measured, swept, scores, chosen, all_spots, refined)
+        return assess_identifiability(study, design, measured, swept, scores, chosen, all_spots, refined)
 
     return made
 
@@ -55,59 +55,59 @@ def _row(frame, scenario, parameter, spot="p1"):
     return frame.filter(spot=spot, scenario=scenario, parameter=f"soft_tissue.{parameter}").row(0, named=True)
 
 
-def test_both_channels_determine_both_parameters_and_one_determines_its_own(determined):
-    frame = determined()
+def test_both_channels_identify_both_parameters_and_one_its_own(identified):
+    frame = identified()
     assert len(frame) == (2 * 3 + 1) * 2
     for parameter, blind in (("stiffness", "II"), ("grip", "III")):
-        assert _row(frame, blind, parameter)["determined"] == "not"
-        assert _row(frame, blind, parameter)["share"] == 1.0
+        assert _row(frame, blind, parameter)["identifiability"] == "not"
+        assert _row(frame, blind, parameter)["relative_width"] == 1.0
         seeing = _row(frame, "I", parameter)
-        assert seeing["determined"] in ("well", "roughly")
+        assert seeing["identifiability"] in ("well", "roughly")
         assert seeing["lower"] < {"stiffness": 0.4, "grip": 20.0}[parameter] < seeing["upper"]
 
 
-def test_the_interval_is_that_of_a_curve_in_proportion_to_its_parameter(determined):
+def test_the_interval_is_that_of_a_curve_in_proportion_to_its_parameter(identified):
     # force = k x^1.5, so NMSE = (k/0.4 − 1)² c: a square root gives the interval.
-    row = _row(determined(), "III", "stiffness")
+    row = _row(identified(), "III", "stiffness")
     x = np.linspace(0.0, 10.0, 21) ** 1.5
     c = (x**2).mean() / x.mean() ** 2
     assert row["optimum"] == pytest.approx(0.4)
-    assert 0.0 < row["limit"] < 1e-5  # exact curves: what is left is the floor
-    assert row["upper"] == pytest.approx(0.4 * (1.0 + np.sqrt(row["limit"] / c)), abs=1e-6)
-    assert row["lower"] == pytest.approx(0.4 * (1.0 - np.sqrt(row["limit"] / c)), abs=1e-6)
+    assert 0.0 < row["fopt_threshold"] < 1e-5  # exact curves: what is left is the floor
+    assert row["upper"] == pytest.approx(0.4 * (1.0 + np.sqrt(row["fopt_threshold"] / c)), abs=1e-6)
+    assert row["lower"] == pytest.approx(0.4 * (1.0 - np.sqrt(row["fopt_threshold"] / c)), abs=1e-6)
     assert row["q2"] == pytest.approx(1.0)
 
 
-def test_sets_within_the_spread_of_the_presses_are_as_good(determined):
-    tight, loose = determined(), determined(spread=0.3)
+def test_sets_within_the_spread_of_the_presses_are_as_good(identified):
+    tight, loose = identified(), identified(spread=0.3)
     one, other = _row(tight, "III", "stiffness"), _row(loose, "III", "stiffness")
-    assert other["limit"] == pytest.approx(0.09)
+    assert other["fopt_threshold"] == pytest.approx(0.09)
     assert other["upper"] - other["lower"] > one["upper"] - one["lower"]
     assert other["n_as_good"] > one["n_as_good"]
 
 
-def test_a_refined_set_takes_the_place_of_the_sweeps(determined):
+def test_a_refined_set_takes_the_place_of_the_sweeps(identified):
     table = pl.DataFrame(
         {"spot": ["p1"], "scenario": ["III"], "fopt": [1e-4], "soft_tissue.stiffness": [0.404],
          "soft_tissue.grip": [20.0]}
     )  # fmt: skip
-    row = _row(determined(refined=FitResult(table=table, responses={})), "III", "stiffness")
+    row = _row(identified(refined=FitResult(table=table, responses={})), "III", "stiffness")
     assert row["value"] == 0.404
-    assert row["limit"] == pytest.approx(2e-4)
+    assert row["fopt_threshold"] == pytest.approx(2e-4)
     assert row["lower"] < 0.4 < row["upper"] < 0.41
 
 
-def test_a_start_that_was_not_refined_stays_what_the_sweep_found(determined):
+def test_a_start_that_was_not_refined_stays_what_the_sweep_found(identified):
     table = pl.DataFrame(
         {"spot": ["p1"], "scenario": ["III"], "message": ["could not"]}
         | {"fopt": [None], "soft_tissue.stiffness": [None], "soft_tissue.grip": [None]}
     )
-    assert determined(refined=FitResult(table=table, responses={})).equals(determined())
+    assert identified(refined=FitResult(table=table, responses={})).equals(identified())
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 @pytest.mark.parametrize("is_refined", [False, True])
-def test_what_a_channel_cannot_see_is_not_determined_even_by_exact_curves(determined, noise, is_refined):
+def test_what_a_channel_cannot_see_is_not_identifiable_even_by_exact_curves(identified, noise, is_refined):
     random = np.random.default_rng(1)
 
     def bent(simulations):
@@ -124,43 +124,43 @@ def test_what_a_channel_cannot_see_is_not_determined_even_by_exact_curves(determ
          "soft_tissue.grip": [45.0]}
     )  # fmt: skip
     refined = FitResult(table=table, responses={}) if is_refined else NOT_REFINED
-    frame = determined(change=lambda simulations: tuple(bent(simulations)), refined=refined)
-    assert _row(frame, "III", "grip")["determined"] == "not"
+    frame = identified(change=lambda simulations: tuple(bent(simulations)), refined=refined)
+    assert _row(frame, "III", "grip")["identifiability"] == "not"
     seen = _row(frame, "III", "stiffness")
-    assert seen["determined"] in ("well", "roughly")
+    assert seen["identifiability"] in ("well", "roughly")
     assert seen["lower"] < 0.4 < seen["upper"]
 
 
-def test_all_spots_together_have_rows_of_their_own(determined):
-    row = _row(determined(), "I", "stiffness", spot="all spots")
+def test_all_spots_together_have_rows_of_their_own(identified):
+    row = _row(identified(), "I", "stiffness", spot="all spots")
     # p1 says 0.4 and p2 0.5, each with the same weight.
     assert row["lower"] < row["optimum"] < row["upper"]
     assert 0.4 < row["optimum"] < 0.5
 
 
-def test_failed_sets_and_few_sets_are_not_guessed_from(determined, make_study):
+def test_failed_sets_and_few_sets_are_not_guessed_from(identified, make_study):
     def mostly_failed(simulations):
         return tuple(
             replace(s, status=Status.DIVERGED, message="x") if s.job.set_id > 2 else s for s in simulations
         )
 
-    frame = determined(change=mostly_failed)
-    assert set(frame["determined"]) == {"unclear"}
+    frame = identified(change=mostly_failed)
+    assert set(frame["identifiability"]) == {"unclear"}
     assert frame["lower"].null_count() == len(frame)
 
 
-def test_an_interval_stays_in_its_range_and_holds_its_optimum(determined):
-    rows = determined().drop_nulls("lower")
+def test_an_interval_stays_in_its_range_and_holds_its_optimum(identified):
+    rows = identified().drop_nulls("lower")
     assert (rows["lower"] <= rows["optimum"]).all()
     assert (rows["optimum"] <= rows["upper"]).all()
-    assert rows["share"].is_between(0.0, 1.0).all()
+    assert rows["relative_width"].is_between(0.0, 1.0).all()
 
 
-def test_a_logarithmic_range_has_its_ends_as_numbers(determined, make_study, space):
+def test_a_logarithmic_range_has_its_ends_as_numbers(identified, make_study, space):
     region = space.regions[0]
     searched = tuple(replace(p, scale="log") for p in region.searched)
     study = make_study(n_sets=40, space=replace(space, regions=(replace(region, searched=searched),)))
-    row = _row(determined(study), "II", "stiffness")
+    row = _row(identified(study), "II", "stiffness")
     assert (row["lower"], row["upper"]) == (pytest.approx(0.1), pytest.approx(1.0))
 
 

@@ -64,7 +64,7 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
     assert palpate.select(study, scores, design).equals(selected.selection)
     assert palpate.generalise(study, scores, design).equals(selected.generalisation)
     warning = ReportWarning(what="A thin sweep", why="Few <sets>.")
-    verdict = Verdict(parameters=(), bests=(), lead="c1 = 2", determined=(), warnings=(warning,))
+    verdict = Verdict(parameters=(), bests=(), lead="c1 = 2", identifiability=(), warnings=(warning,))
     result = palpate.RunResult(
         folder=tmp_path,
         measured={},
