@@ -412,7 +412,7 @@ def _report_data(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: 
         limbs=limbs,
         manifest=run.manifest(),
         verification=run.verification(),
-        certificates=run.certificates(),
+        comparisons=run.comparisons(),
     )
 
 

@@ -82,7 +82,7 @@ def test_an_unknown_word_that_a_text_has_names_the_terms():
         "poorly",
         "not",
         "verification",
-        "certificate",
+        "solver comparison",
         "torque",
         "depth",
         "Sobol",

@@ -59,7 +59,7 @@ def be_called(group, line):
 
 
 @pytest.mark.parametrize(
-    "name", ["", *CORE, "reproduce", "certify", "febio-deck", "febio-prove", "friction-memory"]
+    "name", ["", *CORE, "reproduce", "certify", "febio-deck", "febio-verify", "friction-memory"]
 )
 def test_help_fits_into_80_columns_and_ends_with_the_examples(name, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")

@@ -136,7 +136,7 @@ def test_tables_stand_beside_the_papers(results, outcome):
 
 
 def test_doubts_name_the_figures(outcome):
-    by_place = {doubt.where: doubt for doubt in compare(outcome).doubts}
+    by_place = {erratum.where: erratum for erratum in compare(outcome).errata}
     assert (
         "0.0031 for II (neo_hookean, point 1) and 0.0259 for III (yeoh, point 3)"
         in by_place["table 2 and the text"].found

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 from palpate.domain import Curve, Response, Simulation, Status
 from palpate.spot_frame import indentation_response
 from palpate_febio.steps import steps_of
-from palpate_validation.friction_memory import SCENARIOS, best_multiple, outcomes, recorded, resampled
+from palpate_validation.friction_memory import SCENARIOS, best_multiple, friction_results, recorded, resampled
 
 
 def curves(factor=1.0, n=8, memory=True):
@@ -55,7 +55,7 @@ def test_paths_are_compared_by_what_was_travelled():
 def test_without_memory_more_steps_find_a_stiffer_tissue():
     runs = {("penalty", n): (curves(n=n, memory=False), "") for n in (4, 8, 16)}
     runs["penalty", 32] = (None, "no balance")
-    found = list(outcomes("a block", runs, curves()))
+    found = list(friction_results("a block", runs, curves()))
     stiffness = [o.stiffness["II"] for o in found[:3]]
     assert stiffness[1] / stiffness[0] == pytest.approx(2.0, rel=0.2)
     assert stiffness[2] / stiffness[1] == pytest.approx(2.0, rel=0.2)
@@ -108,7 +108,7 @@ def test_with_febio_every_form_is_run_and_without_it_is_missed(call, fake_febio,
     monkeypatch.setattr("palpate_jax.solver.JaxSolver.simulate", elastic)
     with pytest.warns(UserWarning, match="no memory"):
         found = call("friction-memory", "--steps", "2", "--steps", "4", "--json", plugin=None).json
-    ran = [o for o in found["outcomes"] if o["problem"] == "a block"]
+    ran = [o for o in found["results"] if o["problem"] == "a block"]
     assert [(o["form"], o["n_steps"]) for o in ran] == [
         (form, n) for form in ("embedded", "augmented", "penalty") for n in (2, 4)
     ]

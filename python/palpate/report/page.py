@@ -77,7 +77,7 @@ def render(
         generalising=data.generalising.name,
         generalises="generalised" in tables and len(data.spots) > 1,
         provenance=list(_provenance(data.manifest)),
-        certificates=[_certificate(*item) for item in data.certificates.items()],
+        comparisons=[_solver_comparison(*item) for item in data.comparisons.items()],
         files=_by_stem(files),
         # These come from palpate's own files and hold no name of anybody's study.
         style=Markup(_own("page.css")),
@@ -199,8 +199,8 @@ def _leaves(value: object, path: str) -> Iterator[tuple[str, str]]:
         yield path, ", ".join(map(shown, value)) if isinstance(value, list) else shown(value)
 
 
-def _certificate(name: str, data: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
-    """Rows of a certificate that have a form, and what could not be compared."""
+def _solver_comparison(name: str, data: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
+    """Rows of a comparison that have a form, and what could not be compared."""
     known = data if isinstance(data, Mapping) else {}
     rows = [row for row in known.get("rows") or [] if isinstance(row, Mapping)]
     columns = tuple(dict.fromkeys(str(key) for row in rows for key in row))

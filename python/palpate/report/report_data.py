@@ -49,7 +49,7 @@ class ReportData:
         What the numbers depended on, as :func:`palpate.run.manifest.manifest` tells it.
     verification : DataFrame
         As :func:`palpate.stages.verification.verify` returns it; empty where the solver has none.
-    certificates : mapping of file name to its content
+    comparisons : mapping of file name to its content
         What ``palpate certify`` has written to the run directory.
     """
 
@@ -71,7 +71,7 @@ class ReportData:
     limbs: Mapping[str, Limb] = field(default_factory=dict)
     manifest: Mapping[str, Any] = field(default_factory=dict)
     verification: pl.DataFrame = field(default_factory=pl.DataFrame)
-    certificates: Mapping[str, Any] = field(default_factory=dict)
+    comparisons: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def spots(self) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ def report_warnings(
     yield from _about_identifiability(data)
     yield from _about_searches(data)
     yield from _about_proofs(data)
-    yield from _about_certificates(data)
+    yield from _about_comparisons(data)
     yield from _about_sweep(data)
     yield from _about_coarseness(data, bests)
     yield from _about_data(data)
@@ -342,9 +342,9 @@ def _about_proofs(data: ReportData) -> Iterator[ReportWarning]:
         )
 
 
-def _about_certificates(data: ReportData) -> Iterator[ReportWarning]:
-    for file, certificate in data.certificates.items():
-        if not isinstance(certificate, Mapping) or certificate.get("passed") is not True:
+def _about_comparisons(data: ReportData) -> Iterator[ReportWarning]:
+    for file, comparison in data.comparisons.items():
+        if not isinstance(comparison, Mapping) or comparison.get("passed") is not True:
             yield ReportWarning(
                 what="The solvers were not found to agree",
                 why=f"See the rows of {file} under provenance.",

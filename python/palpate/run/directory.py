@@ -296,10 +296,10 @@ class RunDirectory:
         """Verification of the selected sets; empty where the solver has none."""
         return self._optional("verification", "verification")
 
-    def certificates(self) -> dict[str, Any]:
-        """Read what was kept here as ``certificate*.json``, by file name; not JSON is its error."""
+    def comparisons(self) -> dict[str, Any]:
+        """Read what was kept here as ``solver-comparison*.json``, by file name; not JSON is its error."""
         found: dict[str, Any] = {}
-        for path in sorted(self.folder.glob("certificate*.json")):
+        for path in sorted(self.folder.glob("solver-comparison*.json")):
             try:
                 found[path.name] = json.loads(path.read_text(encoding="utf-8"))
             except (ValueError, OSError, RecursionError) as error:

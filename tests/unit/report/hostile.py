@@ -52,7 +52,7 @@ def renamed(report_data: ReportData) -> ReportData:
         swept={(SPOTS[spot], channel): values for (spot, channel), values in report_data.swept.items()},
         limbs=dict.fromkeys(SPOTS.values(), limb),
         manifest={"name": ATTACK, "inputs": {ATTACK: "0" * 64}},
-        certificates={f"certificate{ATTACK}.json": {"passed": False, "rows": [{"problem": ATTACK}]}},
+        comparisons={f"solver-comparison{ATTACK}.json": {"passed": False, "rows": [{"problem": ATTACK}]}},
     )
 
 

@@ -196,10 +196,14 @@ def test_what_a_run_lacks_has_no_section(page):
     assert {"verdict", "curves", "space", "distribution", "channels", "convergence", "provenance"} <= ids
 
 
-def test_provenance_has_every_leaf_of_the_manifest_and_each_certificate(page):
+def test_provenance_has_every_leaf_of_the_manifest_and_each_solver_comparison(page):
     row = {"problem": "block", "difference": 0.002, "tolerance": 0.01, "verdict": "agrees", "note": None}
-    certificate = {"passed": True, "rows": [row], "missing": ["no solver here"], "solvers": {"a": "1"}}
-    made = page(lambda c: replace(c, certificates={"certificate.json": certificate, "certificate2.json": []}))
+    comparison = {"passed": True, "rows": [row], "missing": ["no solver here"], "solvers": {"a": "1"}}
+    made = page(
+        lambda c: replace(
+            c, comparisons={"solver-comparison.json": comparison, "solver-comparison-2.json": []}
+        )
+    )
     text = made.text()
     for word in ("normaliser", "mean_abs", "soft_tissue", "textbook", "study.toml", "agrees", "0.002"):
         assert word in text

@@ -250,7 +250,7 @@ def test_few_sets_and_many_failures_are_named_by_reason(content):
     assert "narrow the ranges" in why
 
 
-def test_searches_conventions_certificates_and_unfinished_sets_are_named(content):
+def test_searches_conventions_solver_comparisons_and_unfinished_sets_are_named(content):
     made = content(refine=True)
     region = replace(made.study.space.regions[0], convention="febio4")
     study = replace(
@@ -259,7 +259,9 @@ def test_searches_conventions_certificates_and_unfinished_sets_are_named(content
     table = made.refined.table.with_columns(message=pl.lit("stopped after 40 steps"))
     doubtful = replace(
         made, study=study, refined=replace(made.refined, table=table),
-        certificates={"certificate.json": {"passed": False}, "certificate-good.json": {"passed": True}},
+        comparisons={
+            "solver-comparison.json": {"passed": False}, "solver-comparison-good.json": {"passed": True},
+        },
         stiffness_scaling=pl.DataFrame({"message": ["as expected", "expected more"]}),
         selection=made.selection.with_columns(partial=pl.lit(True)),
     )  # fmt: skip
@@ -267,7 +269,7 @@ def test_searches_conventions_certificates_and_unfinished_sets_are_named(content
     assert about(doubtful, "multiple") == "expected more."
     assert "close to zero" in about(doubtful, "mean of the measured")
     assert about(doubtful, "convention 'febio4'")
-    assert "certificate.json" in about(doubtful, "solvers")
+    assert "solver-comparison.json" in about(doubtful, "solvers")
     unfinished = replace(doubtful, refined=replace(made.refined, table=table[:0]))
     assert "p1, scenario I" in about(unfinished, "did not finish")
     assert about(made, "did not finish") is None

@@ -31,13 +31,13 @@ def palpate_solvers() -> "Iterable[type[Solver]]":
 
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
-    """``febio-deck`` and ``febio-prove``."""
+    """``febio-deck`` and ``febio-verify``."""
     from palpate.api import examples, name_of
     from palpate_febio.deck_command import febio_deck
-    from palpate_febio.prove_command import febio_prove
+    from palpate_febio.verify_command import febio_verify
 
     calls: dict[Callable[..., None], tuple[str, ...]] = {
-        febio_prove: ("palpate febio-prove arm", "palpate febio-prove arm --out /scratch/arm"),
+        febio_verify: ("palpate febio-verify arm", "palpate febio-verify arm --out /scratch/arm"),
         febio_deck: ("palpate febio-deck limb.feb",),
     }
     for command, lines in calls.items():

@@ -62,8 +62,7 @@ class Binary:
             return ""
         return (
             f"FEBio {self.version} was not measured ({first[0]}.{first[1]} to {last[0]}.{last[1]} were): "
-            f"the probe "
-            "finds out how it reads each material, and the certificate whether curves agree"
+            "`palpate certify` checks its convention of each material, and its curves"
         )
 
 

@@ -45,7 +45,7 @@ class Gates:
         if self.halving is None or self.hold is None:
             found = "" if self.halving is None else f"halved steps change it by {self.halving:+.1%}, and "
             return f"torque not proved: {found}{self.message}"
-        verdict = "torque proved" if self.passed else "torque NOT to be relied on"
+        verdict = "torque verified" if self.passed else "torque NOT to be relied on"
         return (
             f"{verdict}: halved steps change it by {self.halving:+.1%}, a hold by {self.hold:+.1%} "
             f"({self.tolerance:.1%} allowed)"

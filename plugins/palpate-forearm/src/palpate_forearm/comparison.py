@@ -8,9 +8,9 @@ from typing import Any
 import polars as pl
 
 from palpate.api import RunResult, markdown
-from palpate_forearm.paper_doubts import NOT_SHARED, Doubt, doubts
-from palpate_forearm.paper_tables import beside
-from palpate_forearm.reproduction import Outcome
+from palpate_forearm.errata import NOT_SHARED, Erratum, errata
+from palpate_forearm.paper_tables import side_by_side
+from palpate_forearm.reproduction import ReproductionResult
 
 TITLES = {
     "sets": "Sets and simulations",
@@ -27,15 +27,15 @@ class Comparison:
     Parameters
     ----------
     tables : mapping of name to DataFrame
-        As :func:`palpate_forearm.paper_tables.beside` returns them.
-    doubts : tuple of Doubt
+        As :func:`palpate_forearm.paper_tables.side_by_side` returns them.
+    errata : tuple of Erratum
     failed : mapping of material name to str
         Materials without a row, and why.
     not_shared : tuple of str
     """
 
     tables: Mapping[str, pl.DataFrame]
-    doubts: tuple[Doubt, ...]
+    errata: tuple[Erratum, ...]
     failed: Mapping[str, str]
     not_shared: tuple[str, ...] = NOT_SHARED
 
@@ -43,16 +43,16 @@ class Comparison:
         """Everything in plain values, for a script."""
         return {
             "tables": {name: frame.to_dicts() for name, frame in self.tables.items()},
-            "doubts": [asdict(doubt) for doubt in self.doubts],
+            "errata": [asdict(erratum) for erratum in self.errata],
             "failed": dict(self.failed),
             "not_shared": list(self.not_shared),
         }
 
 
-def compare(outcome: Outcome) -> Comparison:
+def compare(outcome: ReproductionResult) -> Comparison:
     """Lay the paper's figures beside those of the runs, by material name."""
     results = outcome.results
-    return Comparison(tables=beside(results), doubts=tuple(doubts(results)), failed=outcome.failed)
+    return Comparison(tables=side_by_side(results), errata=tuple(errata(results)), failed=outcome.failed)
 
 
 def write(comparison: Comparison, results: Mapping[str, RunResult], folder: Path) -> Path:
@@ -72,7 +72,7 @@ def _markdown(comparison: Comparison, results: Mapping[str, RunResult], folder: 
         for page in result.report.files
         if page.suffix == ".html"
     ]
-    doubts_as_table = pl.DataFrame([asdict(doubt) for doubt in comparison.doubts])
+    errata_table = pl.DataFrame([asdict(erratum) for erratum in comparison.errata])
     parts = [
         "# The paper's study, repeated",
         "**The curves are simulated.** What this cannot have in common with the paper:",
@@ -80,7 +80,7 @@ def _markdown(comparison: Comparison, results: Mapping[str, RunResult], folder: 
         "Rows stand beside each other for their pattern: the spots are not the paper's points.",
         *(f"**Nothing of {name}:** {why}" for name, why in comparison.failed.items()),
         *(f"## {markdown(TITLES[name], frame)}" for name, frame in comparison.tables.items()),
-        f"## {markdown('What in the paper does not fit', doubts_as_table)}",
+        f"## {markdown('What in the paper does not fit', errata_table)}",
         "## Reports",
         "\n".join(pages),
     ]

@@ -31,7 +31,7 @@ def _printed(name: str) -> pl.DataFrame:
     return pl.read_csv((files("palpate_forearm") / "paper" / name).read_bytes())
 
 
-def beside(results: Mapping[str, RunResult]) -> dict[str, pl.DataFrame]:
+def side_by_side(results: Mapping[str, RunResult]) -> dict[str, pl.DataFrame]:
     """The paper's tables beside those of a reproduction.
 
     Parameters

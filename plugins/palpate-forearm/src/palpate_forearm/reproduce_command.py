@@ -11,7 +11,7 @@ import typer
 from palpate.api import TEXT_WIDTH, AsJson, Session, StageProgress, StudyError
 
 if TYPE_CHECKING:
-    from palpate_forearm.paper_doubts import Doubt
+    from palpate_forearm.errata import Erratum
     from palpate_forearm.reproduction import Cost, Reproduction
 
 MATERIALS = ("ogden", "yeoh", "neo_hookean")
@@ -158,17 +158,17 @@ def _go(session: Session, reproduction: "Reproduction", *, as_json: bool) -> Non
         return
     for name, frame in comparison.tables.items():
         session.frame(TITLES[name], frame)
-    for doubt in comparison.doubts:
-        session.say(_told(doubt))
+    for erratum in comparison.errata:
+        session.say(_as_lines(erratum))
     session.paragraph("Not shared with the paper: " + "; ".join(comparison.not_shared) + ".")
     session.say(f"Comparison: {file}")
 
 
-def _told(doubt: "Doubt") -> str:
-    """A doubt in lines that fit a terminal."""
-    parts = {"paper": doubt.paper, "found": doubt.found, "here": doubt.here}
+def _as_lines(erratum: "Erratum") -> str:
+    """An erratum in lines that fit a terminal."""
+    parts = {"paper": erratum.paper, "found": erratum.found, "here": erratum.here}
     lines = [
         textwrap.fill(text, TEXT_WIDTH, initial_indent=f"  {name}: ".ljust(9), subsequent_indent=" " * 9)
         for name, text in parts.items()
     ]
-    return "\n".join([doubt.where, *lines])
+    return "\n".join([erratum.where, *lines])

@@ -331,7 +331,7 @@ def sets_within(minutes: float, costs: Iterable[Cost], n_workers: int) -> int:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class ReproductionResult:
     """What became of each material.
 
     Parameters
@@ -351,7 +351,7 @@ def run(
     progress: Progress = SILENT,
     *,
     announce: Callable[[str], Any] = lambda text: None,
-) -> Outcome:
+) -> ReproductionResult:
     """Run each material's study; simulations that are finished are kept.
 
     Parameters
@@ -386,4 +386,4 @@ def run(
             ) from error
     if not results:
         raise NothingSelectableError("; ".join(f"{name}: {why}" for name, why in failed.items()))
-    return Outcome(results=results, failed=failed)
+    return ReproductionResult(results=results, failed=failed)

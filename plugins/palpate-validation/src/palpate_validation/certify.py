@@ -14,7 +14,7 @@ from palpate.api import FIRST_PARTY, AsJson, PalpateError, PluginError, Session,
 if TYPE_CHECKING:
     from palpate.api import Limb, Material, Plugins, Solver
     from palpate_febio.solver import FebioSolver
-    from palpate_validation.certificate import Certificate
+    from palpate_validation.comparison import SolverComparison
 
 FAILED = 1
 
@@ -50,22 +50,22 @@ def certify(
     from palpate.api import write_atomically
 
     session = Session.of(context)
-    certificate = _compare(session, material, mesh, solver or ())
+    comparison = _compare(session, material, mesh, solver or ())
     if out is not None:
-        file = out / "certificate.json" if out.is_dir() else out
-        write_atomically(file, json.dumps(certificate.as_json(), indent=1).encode() + b"\n")
+        file = out / "solver-comparison.json" if out.is_dir() else out
+        write_atomically(file, json.dumps(comparison.as_json(), indent=1).encode() + b"\n")
     if as_json:
-        session.json(certificate.as_json())
+        session.json(comparison.as_json())
     else:
-        _show(session, certificate)
-    if not certificate.passed:
+        _show(session, comparison)
+    if not comparison.passed:
         raise typer.Exit(FAILED)
 
 
 def _compare(
     session: Session, material: str | None, mesh: Path | None, solvers: Sequence[str]
-) -> Certificate:
-    from palpate_validation.certificate import Certificate
+) -> SolverComparison:
+    from palpate_validation.comparison import SolverComparison
 
     judged, febio, contenders, missing = _contenders(session.plugins, solvers)
     rows = []
@@ -73,7 +73,9 @@ def _compare(
         session.note(f"{row.problem}, {row.material}, {row.quantity}, {row.solver}: {row.verdict}")
         rows.append(row)
     versions = {name: _version(make(True)) for name, make in contenders.items()}
-    return Certificate(rows=tuple(rows), solvers=versions, missing=tuple(missing), judged=frozenset(judged))
+    return SolverComparison(
+        rows=tuple(rows), solvers=versions, missing=tuple(missing), judged=frozenset(judged)
+    )
 
 
 def _version(solver: Solver) -> str:
@@ -143,9 +145,9 @@ def _rows(
     contenders: Mapping[str, Any],
     febio: Any,  # noqa: ANN401
 ) -> Iterator[Any]:
-    from palpate_validation.certificate_block import NAMES, block_rows
-    from palpate_validation.certificate_element import RECORDED_VALUES, one_element
-    from palpate_validation.certificate_twist import twist_rows
+    from palpate_validation.comparison_block import NAMES, block_rows
+    from palpate_validation.comparison_element import RECORDED_VALUES, one_element
+    from palpate_validation.comparison_twist import twist_rows
 
     materials = session.plugins.materials
     limb = None if mesh is None else _read(session.plugins, mesh)
@@ -188,8 +190,8 @@ def _read(plugins: Plugins, mesh: Path) -> Limb:
     return source(one_region).load(mesh, Spot(name=mesh.stem))
 
 
-def _show(session: Session, certificate: Any) -> None:  # noqa: ANN401 -- a Certificate
-    from palpate_validation.certificate import ENERGIES
+def _show(session: Session, comparison: Any) -> None:  # noqa: ANN401 -- a SolverComparison
+    from palpate_validation.comparison import ENERGIES
 
     rows = [
         [
@@ -203,7 +205,7 @@ def _show(session: Session, certificate: Any) -> None:  # noqa: ANN401 -- a Cert
             row.verdict,
             row.note,
         ]
-        for row in certificate.rows
+        for row in comparison.rows
     ]
     heads = [
         "problem",
@@ -216,16 +218,16 @@ def _show(session: Session, certificate: Any) -> None:  # noqa: ANN401 -- a Cert
         "verdict",
         "note",
     ]
-    session.table("Certificate", heads, rows)
-    for name, version in certificate.solvers.items():
+    session.table("Solver comparison", heads, rows)
+    for name, version in comparison.solvers.items():
         session.say(f"{name}: {version}")
-    for line in certificate.missing:
+    for line in comparison.missing:
         session.say(f"missing: {line}")
-    for name, sound in certificate.by_solver.items():
-        role = "" if name in certificate.judged or name == ENERGIES else ", as a reference"
-        session.say(f"{name}{role}: {'agrees' if sound else 'NOT certified'}")
-    if certificate.passed:
-        session.say("verdict: the solvers agree")
+    for name, sound in comparison.by_solver.items():
+        role = "" if name in comparison.judged or name == ENERGIES else ", as a reference"
+        session.say(f"{name}{role}: {'agrees' if sound else 'does not agree'}")
+    if comparison.passed:
+        session.say("result: the solvers agree")
         return
-    failed = [n for n, sound in certificate.by_solver.items() if not sound and certificate.counts(n)]
-    session.say(f"verdict: NOT certified ({', '.join(failed) or 'nothing was compared'})")
+    failed = [n for n, sound in comparison.by_solver.items() if not sound and comparison.counts(n)]
+    session.say(f"result: the solvers do not agree ({', '.join(failed) or 'nothing was compared'})")

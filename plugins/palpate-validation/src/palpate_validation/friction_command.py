@@ -36,7 +36,7 @@ def friction_memory(
     as_json: AsJson = False,
 ) -> None:
     """Show what friction without memory does to the torque, and to a stiffness identified by it."""
-    from palpate_validation.friction_memory import outcomes, recorded
+    from palpate_validation.friction_memory import friction_results, recorded
 
     session = Session.of(context)
     limb, problem = _forearm(session.plugins)
@@ -48,13 +48,13 @@ def friction_memory(
             runs[form, n] = _run(session.plugins, limb, depth_mm, make(TWIST_DEG / n))
             if form == RIGHT and runs[form, n][0] is not None:
                 right = runs[form, n][0]
-    found = [*recorded(), *(() if right is None else outcomes(problem, runs, right))]
+    found = [*recorded(), *(() if right is None else friction_results(problem, runs, right))]
     if right is None:
         missing.append(
             f"the embedded solver on {problem}: without it there is no right answer to compare with"
         )
     if as_json:
-        session.json({"outcomes": [asdict(o) for o in found], "missing": missing})
+        session.json({"results": [asdict(o) for o in found], "missing": missing})
         return
     session.table("Friction without memory", list(HEADS), [_cells(o) for o in found])
     for line in missing:
@@ -71,16 +71,16 @@ EXPLANATION = (
 )
 
 
-def _cells(outcome: Any) -> list[str]:  # noqa: ANN401 -- an Outcome
-    stiffness = outcome.stiffness or {}
+def _cells(result: Any) -> list[str]:  # noqa: ANN401 -- an FrictionResult
+    stiffness = result.stiffness or {}
     return [
-        outcome.problem,
-        outcome.form,
-        str(outcome.n_steps),
-        "–" if outcome.torque_Nmm is None else f"{outcome.torque_Nmm:.4g}",
-        "–" if outcome.relative is None else f"{outcome.relative:.0%}",
+        result.problem,
+        result.form,
+        str(result.n_steps),
+        "–" if result.torque_Nmm is None else f"{result.torque_Nmm:.4g}",
+        "–" if result.relative is None else f"{result.relative:.0%}",
         ", ".join(f"{name} {value:.2f}" for name, value in stiffness.items()) or "–",
-        outcome.note,
+        result.note,
     ]
 
 

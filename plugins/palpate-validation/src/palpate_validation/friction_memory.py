@@ -31,7 +31,7 @@ SCENARIOS: Mapping[str, Mapping[str, float]] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class FrictionResult:
     """What one form of contact gives with a twist of so many steps.
 
     ``stiffness`` is, by scenario, the identified stiffness relative to the true
@@ -74,9 +74,9 @@ def resampled(curve: Curve, onto: Curve) -> FloatArray:
     return np.asarray(np.interp(theirs, ours, curve.ordinate))
 
 
-def outcomes(
+def friction_results(
     problem: str, runs: Mapping[tuple[str, int], tuple[Response | None, str]], right: Response
-) -> Iterator[Outcome]:
+) -> Iterator[FrictionResult]:
     """Compare every form and number of steps with the right answer.
 
     Parameters
@@ -88,7 +88,7 @@ def outcomes(
     truth = right["torque"].first_turn
     for (form, n_steps), (response, why) in runs.items():
         if response is None or "torque" not in response:
-            yield Outcome(
+            yield FrictionResult(
                 problem=problem,
                 form=form,
                 n_steps=n_steps,
@@ -99,7 +99,7 @@ def outcomes(
             )
             continue
         torque = response["torque"].first_turn
-        yield Outcome(
+        yield FrictionResult(
             problem=problem,
             form=form,
             n_steps=n_steps,
@@ -109,7 +109,7 @@ def outcomes(
         )
 
 
-def recorded() -> Sequence[Outcome]:
+def recorded() -> Sequence[FrictionResult]:
     """What was measured with FEBio 4.11, relative to the embedded solver, or to the first augmented run.
 
     Where only a torque was recorded there is only scenario II: the stiffness that
@@ -123,7 +123,7 @@ def recorded() -> Sequence[Outcome]:
             if row["form"].startswith(form):
                 right.setdefault(row["problem"], float(row["torque_Nmm"]))
     return [
-        Outcome(
+        FrictionResult(
             problem=row["problem"],
             form=row["form"],
             n_steps=int(row["n_steps"]),

@@ -1,4 +1,4 @@
-"""A certificate that solvers agree: what was compared, how much it differs, and the verdict."""
+"""A comparison that solvers agree: what was compared, how much it differs, and the verdict."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -61,7 +61,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Certificate:
+class SolverComparison:
     """Every comparison, the solvers with their versions, and what could not be run.
 
     ``judged`` names the solvers that the verdict is about, all of them where it is empty; others
@@ -142,7 +142,7 @@ class Case:
             protocol=protocol,
         )
         try:
-            with answering_for(solver, f"the certificate's {self.problem}"):
+            with answering_for(solver, f"the comparison's {self.problem}"):
                 solver.check(job, self.limb)
         except PalpateError as error:
             return Simulation(

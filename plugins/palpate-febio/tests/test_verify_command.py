@@ -1,4 +1,4 @@
-"""``palpate febio-prove``, on a study that the embedded solver ran."""
+"""``palpate febio-verify``, on a study that the embedded solver ran."""
 
 import numpy as np
 import polars as pl
@@ -72,26 +72,26 @@ def study(tmp_path, fake_febio):
     return folder
 
 
-def test_a_run_proves_what_it_chose_and_febio_says_what_it_thinks_of_it(call, study, tmp_path):
+def test_a_run_verifies_its_sets_and_febio_agrees(call, study, tmp_path):
     ran = call("run", study, "--json", plugin=None)
     assert ran.code == 0, ran.err
     (row,) = ran.json["verification"]
     assert (row["spot"], row["passed"]) == ("p1", True)
     assert abs(row["halving"]) < 1e-6
-    assert (tmp_path / "count").read_text().count("run") == 4  # three sets, and one proof
+    assert (tmp_path / "count").read_text().count("run") == 4  # three sets, and one verification
     again = call("select", study, plugin=None)
-    assert "torque proved" in again.out
+    assert "torque verified" in again.out
     assert (tmp_path / "count").read_text().count("run") == 4
-    proved = call("febio-prove", study, "--json", plugin=None)
-    assert proved.code == 0, proved.err
-    (row,) = proved.json
-    assert (row["spot"], row["verdict"]) == ("p1", "proved")
+    verified = call("febio-verify", study, "--json", plugin=None)
+    assert verified.code == 0, verified.err
+    (row,) = verified.json
+    assert (row["spot"], row["verdict"]) == ("p1", "passed")
     assert abs(row["halving"]) < 1e-6
     assert row["force"] == row["torque"] == 0.0
     toml = study / "study.toml"
     toml.write_text(toml.read_text().replace("facet_mm = 1.5", 'facet_mm = 1.5\ncontact = "paper"'))
     with pytest.warns(UserWarning, match="no memory"):
-        doubted = call("febio-prove", study, "--json", plugin=None)
-    assert doubted.code == 1
-    assert doubted.json[0]["verdict"] == "not proved"
-    assert "NOT to be relied on" in doubted.json[0]["message"]
+        failed = call("febio-verify", study, "--json", plugin=None)
+    assert failed.code == 1
+    assert failed.json[0]["verdict"] == "failed"
+    assert "NOT to be relied on" in failed.json[0]["message"]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.api import FloatArray, Limb, Material, Simulation
-from palpate_validation.certificate import COUPLED, Case, Contender, Row, answer
+from palpate_validation.comparison import COUPLED, Case, Contender, Row, answer
 
 DEPTH_MM = 2.0
 TWIST_DEG = -22.5

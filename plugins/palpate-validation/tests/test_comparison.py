@@ -1,4 +1,4 @@
-"""The certificate: agrees where solvers agree, and says so where they do not."""
+"""The comparison: agrees where solvers agree, and says so where they do not."""
 
 import json
 
@@ -12,10 +12,10 @@ from palpate.plugins.interfaces import Solver
 from palpate.specimens import block
 from palpate_febio.binary import find_binary
 from palpate_materials import NeoHookean, Ogden, Yeoh
-from palpate_validation.certificate import Case, Certificate, Row, at, compared
-from palpate_validation.certificate_block import block_rows
-from palpate_validation.certificate_element import RECORDED_VALUES, one_element, recorded_deviation
-from palpate_validation.certificate_twist import TWIST_DEG, twist_rows
+from palpate_validation.comparison import Case, Row, SolverComparison, at, compared
+from palpate_validation.comparison_block import block_rows
+from palpate_validation.comparison_element import RECORDED_VALUES, one_element, recorded_deviation
+from palpate_validation.comparison_twist import TWIST_DEG, twist_rows
 
 MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
 
@@ -27,7 +27,7 @@ def test_the_embedded_solver_is_certified_against_febios_curves(capsys, tmp_path
     shown = capsys.readouterr().out
     assert "the solvers agree" in shown
     assert "missing: FEBio itself" in shown
-    found = json.loads((tmp_path / "certificate.json").read_text())
+    found = json.loads((tmp_path / "solver-comparison.json").read_text())
     assert found["passed"]
     assert {(r["problem"], r["quantity"]) for r in found["rows"]} == {
         ("one element", "stress"),
@@ -108,9 +108,9 @@ def test_verdicts(contender, verdict, difference):
     assert row.verdict == verdict
     assert row.difference == (None if difference is None else pytest.approx(difference))
     assert row.note == ("no balance" if verdict == "failed" else "")
-    certificate = Certificate(rows=(row,), solvers={}, missing=())
-    assert certificate.passed == (verdict == "agrees")
-    assert certificate.as_json()["rows"][0]["verdict"] == verdict
+    comparison = SolverComparison(rows=(row,), solvers={}, missing=())
+    assert comparison.passed == (verdict == "agrees")
+    assert comparison.as_json()["rows"][0]["verdict"] == verdict
 
 
 class Choosy(Echo):
@@ -125,9 +125,9 @@ def test_what_a_solver_does_not_take_is_open_and_certifies_nothing():
     rows = list(compared(case_of([(0, 0), (1, 0), (2, 0)]), makers, REFERENCES, 0.01))
     assert [r.verdict for r in rows] == ["open", "agrees"]
     assert rows[0].note == "material 'ogden' is not for me"
-    certificate = Certificate(rows=tuple(rows), solvers={}, missing=())
-    assert certificate.passed
-    assert certificate.by_solver == {"choosy": False, "echo": True}
+    comparison = SolverComparison(rows=tuple(rows), solvers={}, missing=())
+    assert comparison.passed
+    assert comparison.by_solver == {"choosy": False, "echo": True}
     twisted = list(twist_rows(block(n_across=2, n_down=1), Ogden(), np.ones(3), {"choosy": makers["choosy"]}))
     assert [r.verdict for r in twisted] == ["open", "open"]
 
@@ -221,7 +221,7 @@ def palpate_solvers():
 def test_a_solver_of_others_is_judged_when_it_is_asked_for(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr("palpate_validation.certificate_block.block_rows", lambda *_: iter(()))
+    monkeypatch.setattr("palpate_validation.comparison_block.block_rows", lambda *_: iter(()))
 
     def only_named(limb, material, theta, contenders, problem, references):
         assert references == ["jax"]
@@ -229,7 +229,7 @@ def test_a_solver_of_others_is_judged_when_it_is_asked_for(capsys, tmp_path, mon
             yield Row(problem=problem, material="", quantity="", solver=name, against="", tolerance=1.0,
                       difference=0.0 if name == "jax" else None)  # fmt: skip
 
-    monkeypatch.setattr("palpate_validation.certificate_twist.twist_rows", only_named)
+    monkeypatch.setattr("palpate_validation.comparison_twist.twist_rows", only_named)
     (tmp_path / "alien.py").write_text(ALIEN)
     call = ["--plugin", str(tmp_path / "alien.py"), "certify", "yeoh", "--json"]
     assert main(call) == 0

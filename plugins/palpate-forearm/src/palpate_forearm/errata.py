@@ -22,7 +22,7 @@ NOT_SHARED = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Doubt:
+class Erratum:
     """One inconsistency or gap of the paper.
 
     Parameters
@@ -42,7 +42,7 @@ class Doubt:
     here: str
 
 
-def doubts(results: Mapping[str, RunResult]) -> list[Doubt]:
+def errata(results: Mapping[str, RunResult]) -> list[Erratum]:
     """Everything in the paper that a reader of the comparison must know."""
     return [
         *_formulas(),
@@ -58,28 +58,28 @@ def doubts(results: Mapping[str, RunResult]) -> list[Doubt]:
     ]
 
 
-def _formulas() -> list[Doubt]:
+def _formulas() -> list[Erratum]:
     return [
-        Doubt(
+        Erratum(
             where="isochoric deformation",
             paper="F̃ = J^(1/3) F",
             found="a misprint: its determinant is J², where it must be 1",
             here="F̃ = J^(−1/3) F",
         ),
-        Doubt(
+        Erratum(
             where="Yeoh's energy",
             paper="Σ c_i (I_i − 3)^i",
             found="a misprint: Yeoh's law has the first invariant only, and (I3 − 3)^3 would be −8 at rest; "
             "the isochoric invariant is meant, and U(J) is left out",
             here="Σ c_i (Ĩ1 − 3)^i + κ/2 (ln J)²",
         ),
-        Doubt(
+        Erratum(
             where="Yeoh's ranges",
             paper="c2 in [−4.14e-5, −3e-3] MPa; nothing for κ",
             found="printed from high to low; κ cannot be searched without a range",
             here="c2 from −3e-3 to −4.14e-5 MPa; κ is 0.8 MPa",
         ),
-        Doubt(
+        Erratum(
             where="Yeoh's coefficients",
             paper="as FEBio 4.6 takes them",
             found="FEBio 4 leaves out the factor i of the derivative of the energy: its set (c1, c2, c3) is "
@@ -89,7 +89,7 @@ def _formulas() -> list[Doubt]:
     ]
 
 
-def _lowest_errors() -> Doubt:
+def _lowest_errors() -> Erratum:
     errors = table2()
     least = {
         scenario: errors.filter(pl.col("scenario") == scenario).sort("nmse").row(0, named=True)
@@ -98,7 +98,7 @@ def _lowest_errors() -> Doubt:
     told = " and ".join(
         f"{row['nmse']:g} for {name} ({row['material']}, point {row['point']})" for name, row in least.items()
     )
-    return Doubt(
+    return Erratum(
         where="table 2 and the text",
         paper="the Ogden model has the lowest errors for II (0.0037) and III (0.0274)",
         found=f"the table's lowest are {told}",
@@ -106,14 +106,14 @@ def _lowest_errors() -> Doubt:
     )
 
 
-def _highest_errors() -> Doubt:
+def _highest_errors() -> Erratum:
     errors = table2().filter(pl.col("scenario") == "I").pivot("material", index="point", values="nmse")
     others = errors.filter(pl.col("yeoh") < pl.col("neo_hookean"), pl.col("point") != 2)
     told = " and ".join(
         f"at point {row['point']} {row['yeoh']:g} is less than neo-Hookean's {row['neo_hookean']:g}"
         for row in others.iter_rows(named=True)
     )
-    return Doubt(
+    return Erratum(
         where="the text on the Yeoh model",
         paper="the least error in scenario I at point 2, the highest of the three models at the other points",
         found=told,
@@ -127,14 +127,14 @@ def _printed_sets() -> dict[tuple[str, int, str], tuple[float, ...]]:
     return {key: tuple(found["value"]) for key, found in rows}
 
 
-def _equal_curves() -> Doubt:
+def _equal_curves() -> Erratum:
     sets = _printed_sets()
     equal = [
         f"{material} at point {point} (I = {scenario})"
         for (material, point, scenario), values in sets.items()
         if scenario != "I" and sets[material, point, "I"] == values
     ]
-    return Doubt(
+    return Erratum(
         where="curves that coincide",
         paper="I and II at point 1 for Ogden and neo-Hookean and at point 2 for Ogden; I and III at point 1 "
         "for Yeoh",
@@ -143,10 +143,10 @@ def _equal_curves() -> Doubt:
     )
 
 
-def _recurring_sets() -> Doubt:
+def _recurring_sets() -> Erratum:
     seen = Counter((material, values) for (material, _, _), values in _printed_sets().items())
     recurring = sum(count for count in seen.values() if count > 1)
-    return Doubt(
+    return Erratum(
         where="table 1",
         paper="36 sets, one for each material, point and scenario",
         found=f"only {len(seen)} are different; {recurring} rows share a set with another row",
@@ -154,7 +154,7 @@ def _recurring_sets() -> Doubt:
     )
 
 
-def _generalised_set() -> Doubt:
+def _generalised_set() -> Erratum:
     errors = table2().filter(pl.col("material") == "yeoh", pl.col("scenario") == "I")["nmse"]
     bound = float(np.mean(errors.to_numpy()))
     values = (
@@ -167,7 +167,7 @@ def _generalised_set() -> Doubt:
         for row in values.iter_rows(named=True)
         if all(np.isclose(row[name], value, rtol=2e-3) for name, value in GENERALISED.items())
     ]
-    return Doubt(
+    return Erratum(
         where="the generalised Yeoh set",
         paper=f"mean Fopt {GENERALISED_FOPT[0]} ± {GENERALISED_FOPT[1]}",
         found=f"possible: the points' own best sets average {bound:.4f}, and no one set can have less; "
@@ -177,13 +177,13 @@ def _generalised_set() -> Doubt:
     )
 
 
-def _kept_sets(results: Mapping[str, RunResult]) -> Doubt:
+def _kept_sets(results: Mapping[str, RunResult]) -> Erratum:
     kept = [
         f"{result.design.n_sets} of {result.design.n_drawn} {name}"
         for name, result in results.items()
         if SETS_KEPT[name] < 250
     ]
-    return Doubt(
+    return Erratum(
         where="Drucker's criterion",
         paper="leaves 140 of 250 Yeoh sets; for which strains and loads is not said",
         found="over 20 draws of 250 the printed formula leaves 149 ± 5, FEBio 4's stress 171 ± 4 (uniaxial, "
@@ -192,7 +192,7 @@ def _kept_sets(results: Mapping[str, RunResult]) -> Doubt:
     )
 
 
-def _normaliser(results: Mapping[str, RunResult]) -> Doubt:
+def _normaliser(results: Mapping[str, RunResult]) -> Erratum:
     told = "an error of 10 % of a symmetric twist would score far more than one of 10 % of the force"
     if results:
         measured = next(iter(results.values())).measured
@@ -204,7 +204,7 @@ def _normaliser(results: Mapping[str, RunResult]) -> Doubt:
             "the mean of a symmetric twist's torque is nearly zero: divided by it the torque NMSE here would "
             f"be {min(factors.values()):.3g} to {max(factors.values()):.3g} times as large"
         )
-    return Doubt(
+    return Erratum(
         where="NMSE",
         paper="divided by the squared mean of the measured values",
         found=f"{told}; the errors of table 2 are not of that size",
@@ -212,23 +212,23 @@ def _normaliser(results: Mapping[str, RunResult]) -> Doubt:
     )
 
 
-def _contact() -> list[Doubt]:
+def _contact() -> list[Erratum]:
     return [
-        Doubt(
+        Erratum(
             where="friction",
             paper="FEBio's sliding-elastic contact in its penalty form, coefficient 1",
             found="that form forgets where a point stuck at every step: its torque is a property of the "
             "number of steps, which is not given",
             here="friction that remembers; `palpate friction-memory` shows the difference",
         ),
-        Doubt(
+        Erratum(
             where="contact stiffness",
             paper="penalty; the factor is not given",
             found="with FEBio's automatic penalty and factor 1 the sphere sinks about 1 mm into the tissue, "
             "which caps force and torque",
             here="a penalty in proportion to the tissue's stiffness that keeps it below 1 % of the depth",
         ),
-        Doubt(
+        Erratum(
             where="elements",
             paper="45,184 tetrahedra; of how many nodes is not said",
             found="linear ones lock in nearly incompressible tissue: at κ/μ = 40 they gave 38 N on a limb, "
@@ -238,7 +238,7 @@ def _contact() -> list[Doubt]:
     ]
 
 
-def _law(results: Mapping[str, RunResult]) -> Doubt:
+def _law(results: Mapping[str, RunResult]) -> Erratum:
     # A spot at which a scenario found nothing has a null, and is passed over.
     too_little = pl.col("I") < pl.col("II") + pl.col("III")
     broken = [
@@ -248,7 +248,7 @@ def _law(results: Mapping[str, RunResult]) -> Doubt:
     ]
     printed = table2().pivot("scenario", index=["material", "point"], values="nmse")
     n_right = int((printed["I"] >= printed["II"] + printed["III"]).sum())
-    return Doubt(
+    return Erratum(
         where="a check that table 2 passes",
         paper=f"I is at least II and III together in {n_right} of {printed.height} rows",
         found="it has to be: II and III are each the least error of one channel, I that of both at once",

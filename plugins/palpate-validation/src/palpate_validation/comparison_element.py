@@ -11,7 +11,7 @@ from palpate import mechanics
 from palpate.api import FloatArray, Material, PalpateError
 from palpate_febio.probe import COMPONENTS, TOLERANCE
 from palpate_febio.solver import FebioSolver
-from palpate_validation.certificate import ENERGIES, RECORDED, Row
+from palpate_validation.comparison import ENERGIES, RECORDED, Row
 
 RECORDED_VALUES: Mapping[str, tuple[str, tuple[float, ...]]] = {
     "ogden": ("ogden", (0.061, 3.1, 1.3)),

@@ -1,4 +1,4 @@
-"""``palpate febio-prove``: what FEBio says of the sets that a run chose by whatever solver."""
+"""``palpate febio-verify``: verify the selected sets of a run with FEBio."""
 
 from __future__ import annotations
 
@@ -16,21 +16,23 @@ if TYPE_CHECKING:
 HEADS = ("spot", "set_id", "verdict", "halving", "hold", "force", "torque", "message")
 
 
-def febio_prove(
+def febio_verify(
     context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False
 ) -> None:
-    """Run the chosen sets by FEBio: whether its gates on the torque pass, and it agrees with the run."""
+    """Verify the selected sets of a run with FEBio: its torque checks, and agreement with the run."""
     session = Session.of(context)
     checked = session.study(study)
     rows = []
-    for row in proofs(checked, run_folder(checked, out)):
+    for row in verified_sets(checked, run_folder(checked, out)):
         session.note(f"{row['spot']}, set {row['set_id']}: {row['verdict']}")
         rows.append(row)
     if as_json:
         session.json(rows)
     else:
-        session.table("Chosen sets by FEBio", list(HEADS), [[_cell(row[h]) for h in HEADS] for row in rows])
-    if any(row["verdict"] != "proved" for row in rows):
+        session.table(
+            "Selected sets verified with FEBio", list(HEADS), [[_cell(row[h]) for h in HEADS] for row in rows]
+        )
+    if any(row["verdict"] != "passed" for row in rows):
         raise typer.Exit(1)
 
 
@@ -40,19 +42,19 @@ def _cell(value: object) -> str:
     return f"{value:+.1%}" if isinstance(value, float) else str(value)
 
 
-def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
-    """One row per chosen set and spot.
+def verified_sets(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
+    """One row per selected set and spot.
 
     Yields
     ------
     dict
-        ``halving`` and ``hold`` are what the gates found; ``force`` and ``torque`` the relative
+        ``halving`` and ``hold`` are the results of the checks; ``force`` and ``torque`` the relative
         difference of FEBio from the run at the greatest depth and where the rotation first turns.
 
     Raises
     ------
     StudyError
-        The run has no selection yet, or its protocol has nothing to prove.
+        The run has no selection yet, or its protocol has no torque to verify.
     """
     from palpate.api import RunDirectory, job_for, load_limbs, stored
     from palpate_febio.solver import FebioSolver
@@ -62,7 +64,7 @@ def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
     measured = run.measured(tuple(spot.spot.name for spot in study.spots))
     limbs = load_limbs(study)
     if not limbs:
-        raise StudyError(f"study '{study.name}' has no meshes, so no torque to prove")
+        raise StudyError(f"study '{study.name}' has no meshes, so no torque to verify")
     own = study.solver if isinstance(study.solver, FebioSolver) else FebioSolver()
     solver = FebioSolver(own.settings.model_copy(update={"gates": "chosen"}))
     pairs = list(chosen.iter_rows())
@@ -76,7 +78,7 @@ def proofs(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
         yield {
             "spot": spot,
             "set_id": set_id,
-            "verdict": "proved" if found.get("passed") else "not proved",
+            "verdict": "passed" if found.get("passed") else "failed",
             "halving": found.get("halving"),
             "hold": found.get("hold"),
             **_differences(simulation, kept.get((spot, set_id))),

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.api import FloatArray, Limb, Material
 from palpate.specimens import block
-from palpate_validation.certificate import COUPLED, Case, Contender, Row, compared
+from palpate_validation.comparison import COUPLED, Case, Contender, Row, compared
 
 BONDED_RADIUS_MM = 5.0
 BONDED_TIMES = (0.6, 1.0, 2.0, 4.0)
