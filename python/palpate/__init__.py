@@ -16,6 +16,7 @@ Plugins mark their hooks with :data:`hookimpl`. Names are imported when they are
 first used, so that ``import palpate`` costs next to nothing.
 """
 
+import sys
 from typing import TYPE_CHECKING
 
 import pluggy
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
         Settings as Settings,
         Solver as Solver,
     )
+    from palpate.report.notebook_html import show_in_notebooks as show_in_notebooks
     from palpate.run.result import RunResult as RunResult
     from palpate.study.reading import Study as Study, read_study as read_study
 
@@ -79,3 +81,6 @@ if not TYPE_CHECKING:
 
     def __dir__() -> list[str]:
         return sorted({*globals(), *__getattr__("__all__")})
+
+    if "IPython" in sys.modules:
+        __getattr__("show_in_notebooks")()

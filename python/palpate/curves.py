@@ -109,11 +109,6 @@ class Curve:
             f"{x.min():.4g} … {x.max():.4g}; {y.min():.4g} … {y.max():.4g})"
         )
 
-    def _repr_html_(self) -> str:
-        from palpate.report import notebook_html as views
-
-        return views.picture(self)
-
     def _check_points(self) -> None:
         where = f"curve '{self.channel}'"
         if self.abscissa.ndim != 1 or self.abscissa.shape != self.ordinate.shape:
@@ -211,11 +206,6 @@ class Response:
 
     def __repr__(self) -> str:
         return f"Response({', '.join(map(repr, self.curves.values()))})"
-
-    def _repr_html_(self) -> str:
-        from palpate.report import notebook_html as views
-
-        return views.pictures(self.curves)
 
     def __getitem__(self, channel: str) -> Curve:
         return self.curves[channel]

@@ -352,11 +352,6 @@ class Design:
         names = ", ".join(p.name for p in self.parameters)
         return f"Design({self.n_sets} sets of {names}, seed {self.seed})"
 
-    def _repr_html_(self) -> str:
-        from palpate.report import notebook_html as views
-
-        return views.design(self)
-
     @property
     def n_sets(self) -> int:
         """Number of sets that are simulated."""

@@ -7,6 +7,8 @@ from typing import Any
 import polars as pl
 import pytest
 
+from palpate.report.notebook_html import html
+
 FILE = Path(__file__).parents[2] / "examples" / "notebook.py"
 
 
@@ -40,9 +42,9 @@ def test_every_cell_shows_itself_as_html_or_text(shown: tuple[dict[str, Any], li
     _, found = shown
     assert len(found) == 8
     for value in found:
-        html = value if isinstance(value, str) else value._repr_html_()
-        assert html.strip()
-        assert "object at 0x" not in html + repr(value)
+        shown_as = value if isinstance(value, str) else html(value) or value._repr_html_()
+        assert shown_as.strip()
+        assert "object at 0x" not in shown_as + repr(value)
 
 
 def test_frames_go_from_stage_to_stage(shown: tuple[dict[str, Any], list[Any]]) -> None:

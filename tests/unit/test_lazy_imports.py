@@ -97,3 +97,20 @@ def test_the_list_of_commands_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr.strip() == ""
+
+
+def test_a_notebook_shows_values_by_views_that_they_do_not_know():
+    code = """
+import sys, types
+views = {}
+by_name = lambda module, name, view: views.update({(module, name): view})
+html = types.SimpleNamespace(for_type_by_name=by_name)
+shell = types.SimpleNamespace(display_formatter=types.SimpleNamespace(formatters={"text/html": html}))
+sys.modules["IPython"] = types.SimpleNamespace(get_ipython=lambda: shell)
+import palpate, importlib
+assert all(hasattr(importlib.import_module(module), name) for module, name in views)
+print(views["palpate.curves", "Curve"](palpate.Curve(channel="<f>", abscissa=[0, 1], ordinate=[0, 2])))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "&lt;f&gt;" in done.stdout
+    assert "<polyline" in done.stdout

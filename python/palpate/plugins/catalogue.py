@@ -101,11 +101,6 @@ class Catalogue(Mapping[str, T]):
     def __repr__(self) -> str:
         return f"Catalogue({self.noun}: {', '.join(self)})"
 
-    def _repr_html_(self) -> str:
-        from palpate.report import notebook_html as views
-
-        return views.catalogue(cast("Catalogue[object]", self))
-
     def provider(self, name: str) -> str:
         """Name of the plugin that provides ``name``."""
         return self._entry(name)[1]

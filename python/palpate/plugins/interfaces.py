@@ -125,11 +125,6 @@ class Material(Component):
     fields: tuple[str, ...] = ()
     """Cell fields of the mesh that the energy takes: see :class:`AnisotropicMaterial`."""
 
-    def _repr_html_(self) -> str:
-        from palpate.report import notebook_html as views
-
-        return views.parameters(self.parameters, f"{self.name}: {self.summary}")
-
     def __eq__(self, other: object) -> bool:
         """Whether both have one class and equal settings, and so one energy: what is compiled is shared."""
         if self is other or not isinstance(other, Material):

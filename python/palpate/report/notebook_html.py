@@ -1,18 +1,22 @@
 """How studies, curves and results look in a notebook: HTML and SVG that stand alone.
 
-Every text is escaped, and colours follow the notebook's own (``currentColor``).
+IPython asks :data:`VIEWS`, so that the values themselves know nothing of HTML. Every text is
+escaped, and colours follow the notebook's own (``currentColor``).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from palpate.curves import Curve
+    from palpate.curves import Curve, Response
     from palpate.domain import Design, Parameter
     from palpate.plugins.catalogue import Catalogue
+    from palpate.plugins.interfaces import Material
     from palpate.run.result import RunResult
     from palpate.study.reading import Study
 
@@ -57,9 +61,9 @@ def _scaled(values: "np.ndarray[tuple[int], np.dtype[np.float64]]", size: int) -
     return scaled
 
 
-def pictures(curves: Mapping[str, "Curve"]) -> str:
+def pictures(shown: "Response") -> str:
     """Draw curves side by side."""
-    return "".join(picture(curve) for curve in curves.values())
+    return "".join(picture(curve) for curve in shown.curves.values())
 
 
 def study(shown: "Study") -> str:
@@ -82,6 +86,11 @@ def parameters(shown: Sequence["Parameter"], caption: str = "") -> str:
     columns = ("parameter", "unit", "lower", "upper", "description")
     rows = [(p.name, p.unit, p.lower, p.upper, p.description) for p in shown]
     return table(columns, rows, caption)
+
+
+def material(shown: "Material") -> str:
+    """Show a material's parameters."""
+    return parameters(shown.parameters, f"{shown.name}: {shown.summary}")
 
 
 def design(shown: "Design") -> str:
@@ -112,3 +121,32 @@ def run_result(shown: "RunResult") -> str:
     verdict = shown.report.verdict
     said = "".join(f"<p>{escape(str(line))}</p>" for line in (*verdict.sentences, *verdict.warnings))
     return f"{table(chosen.columns, chosen.rows(), caption)}{said}<p>report: <code>{page}</code></p>"
+
+
+VIEWS: Mapping[tuple[str, str], Callable[[Any], str]] = MappingProxyType(
+    {
+        ("palpate.curves", "Curve"): picture,
+        ("palpate.curves", "Response"): pictures,
+        ("palpate.domain", "Design"): design,
+        ("palpate.plugins.catalogue", "Catalogue"): catalogue,
+        ("palpate.plugins.interfaces", "Material"): material,
+        ("palpate.run.result", "RunResult"): run_result,
+        ("palpate.study.reading", "Study"): study,
+    }
+)
+"""What shows a value, by module and name of its class; subclasses are shown alike."""
+
+
+def html(value: object) -> str:
+    """Show a value as a notebook does; empty where it has no view."""
+    classes = ((cls.__module__, cls.__name__) for cls in type(value).__mro__)
+    return next((VIEWS[cls](value) for cls in classes if cls in VIEWS), "")
+
+
+def show_in_notebooks() -> None:
+    """Let the IPython session that runs here, if one does, show palpate's values as HTML."""
+    shell = sys.modules["IPython"].get_ipython()
+    if shell is not None:
+        formatter = shell.display_formatter.formatters["text/html"]
+        for (module, name), view in VIEWS.items():
+            formatter.for_type_by_name(module, name, view)

@@ -100,8 +100,3 @@ class RunResult:
     def __repr__(self) -> str:
         chosen = self.selected.selection.height
         return f"RunResult({self.folder}: {len(self.simulations)} simulations, {chosen} chosen sets)"
-
-    def _repr_html_(self) -> str:
-        from palpate.report import notebook_html as views
-
-        return views.run_result(self)

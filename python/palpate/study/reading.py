@@ -124,11 +124,6 @@ class Study:
             f"solver {self.solver.name})"
         )
 
-    def _repr_html_(self) -> str:
-        from palpate.report import notebook_html as views
-
-        return views.study(self)
-
     @property
     def folder(self) -> Path:
         """Folder of the study file."""
