@@ -1,6 +1,6 @@
-"""The frame of a spot, and where the signs of force, rotation and torque are decided.
+"""The frame of a spot: here the sign of torque is decided, and those of force and rotation.
 
-The spot is the origin and z its outward normal. All three signs hang on z alone:
+The spot is the origin and z its outward normal. The three signs depend on z alone:
 
 * force is that of the tissue on the indenter along z: positive in compression;
 * rotation is about z by the right-hand rule: positive is counter-clockwise, seen from outside;
