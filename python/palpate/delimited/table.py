@@ -58,6 +58,11 @@ class Column:
     unit: str = ""
     note: str = ""
 
+    @property
+    def shown_unit(self) -> str:
+        """Unit that the file gives, or the column's name; empty where neither does."""
+        return self.unit or unit_in(self.name)[1]
+
 
 class TextTable:
     """A delimited text file with a line of names.

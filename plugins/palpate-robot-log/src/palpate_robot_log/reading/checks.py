@@ -27,21 +27,20 @@ def check_position(position: Series, bounds: Plausible) -> None:
     CurveError
     """
     extent = float(np.ptp(position.values, axis=0).max())
+    unit = position.units[1]
+    _check_plausible(
+        position,
+        extent,
+        bounds.travel,
+        f"the tip moves {extent:.4g} mm in all with columns in {unit}",
+        "travel",
+    )
     reach = float(np.abs(position.values).max())
-    least, most = bounds.travel
-    if not least <= extent <= most:
-        raise position.fault(
-            f"the tip moves {extent:.4g} mm in all with columns in {position.units[1]}, plausible is "
-            f"{least:g} to "
-            f"{most:g} mm{_other_unit(extent, least, most)}; correct unit, or widen plausible.travel"
-        )
     if reach > bounds.reach:
-        index = int(np.argmax(np.abs(position.values).max(axis=1)))
         raise position.fault(
-            f"the tip is {reach:.4g} mm from the base with columns in {position.units[1]}, plausible is up "
-            "to "
+            f"the tip is {reach:.4g} mm from the base with columns in {unit}, plausible is up to "
             f"{bounds.reach:g} mm; correct unit, or raise plausible.reach",
-            index,
+            int(np.argmax(np.abs(position.values).max(axis=1))),
         )
 
 
@@ -54,28 +53,30 @@ def check_wrench(force: Series, moment: Series, bounds: Plausible) -> None:
     """
     force_range = float(np.ptp(force.values, axis=0).max())
     moment_range = float(np.ptp(moment.values, axis=0).max())
-    least, most = bounds.force
-    if not least <= force_range <= most:
-        raise force.fault(
-            f"it varies by {force_range:.4g} N with columns in {force.units[1]}, plausible is {least:g} to "
-            f"{most:g} N{_other_unit(force_range, least, most)}; correct unit, or widen plausible.force"
-        )
-    lever = moment_range / force_range
-    least, most = bounds.lever
-    if moment_range > 0.0 and not least <= lever <= most:
-        raise moment.fault(
+    what = f"it varies by {force_range:.4g} N with columns in {force.units[1]}"
+    _check_plausible(force, force_range, bounds.force, what, "force", "N")
+    if moment_range > 0.0:
+        lever = moment_range / force_range
+        what = (
             f"it varies by {moment_range:.4g} N·mm with columns in {moment.units[1]}, which with a force of "
-            f"{force_range:.4g} N is a lever of {lever:.3g} mm, plausible is {least:g} to {most:g} mm"
-            f"{_other_unit(lever, least, most)}; correct unit, or widen plausible.lever"
+            f"{force_range:.4g} N is a lever of {lever:.3g} mm"
         )
+        _check_plausible(moment, lever, bounds.lever, what, "lever")
 
 
-def _other_unit(value: float, least: float, most: float) -> str:
-    """Hint at a factor of 1000 where that would be plausible."""
-    for factor, word in ((1e3, "1000 times larger"), (1e-3, "1000 times smaller")):
-        if least <= value * factor <= most:
-            return f" (a unit {word} would do)"
-    return ""
+def _check_plausible(
+    series: Series, value: float, bounds: tuple[float, float], what: str, setting: str, unit: str = "mm"
+) -> None:
+    """Refuse a value out of its bounds; hint at a factor of 1000 where that would be plausible."""
+    least, most = bounds
+    if least <= value <= most:
+        return
+    factors = {"larger": 1e3, "smaller": 1e-3}
+    fitting = [word for word, factor in factors.items() if least <= value * factor <= most]
+    hint = f" (a unit 1000 times {fitting[0]} would do)" if fitting else ""
+    raise series.fault(
+        f"{what}, plausible is {least:g} to {most:g} {unit}{hint}; correct unit, or widen plausible.{setting}"
+    )
 
 
 def check_angles(orientation: Series, bounds: Plausible) -> None:
@@ -257,8 +258,7 @@ def check_quaternions(orientation: Series) -> float:
         first = int(np.argmax(off > 0.01))
         raise orientation.fault(
             f"the quaternion has length {lengths[first]:.4f} and not 1, as in {int((off > 0.01).sum())} "
-            "rows in all; "
-            "check that the columns are x, y, z, w of one orientation, and form",
+            "rows in all; check that the columns are x, y, z, w of one orientation, and form",
             first,
         )
     return float(off[worst])
@@ -278,8 +278,7 @@ def check_matrices(orientation: Series) -> float:
     if off[worst] > 0.01:
         raise orientation.fault(
             f"the nine numbers are no rotation (rows are {off[worst]:.3g} from unit length and right "
-            "angles); "
-            "check that they are the matrix row by row",
+            "angles); check that they are the matrix row by row",
             worst,
         )
     determinants = np.linalg.det(matrices)

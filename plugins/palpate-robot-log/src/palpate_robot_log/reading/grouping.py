@@ -41,7 +41,7 @@ class Group:
     def unit(self) -> str:
         """Unit that the first column shows; empty if none."""
         first = self.columns[0]
-        return first.unit or unit_in(first.name)[1]
+        return first.shown_unit
 
 
 def words_of(name: str) -> tuple[str, ...]:

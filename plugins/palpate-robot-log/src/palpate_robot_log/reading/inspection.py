@@ -1,14 +1,14 @@
 """``palpate experiment inspect``: what is in a log, and a map that may read it."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
 
 from palpate.api import CurveError, InspectedTable, Inspection
-from palpate.delimited import Column, kind_of, unit_in
+from palpate.delimited import Column, kind_of
 from palpate_robot_log.reading import processed_curves
 from palpate_robot_log.reading.assembly import assemble
 from palpate_robot_log.reading.channel_map import ChannelMap
@@ -19,6 +19,7 @@ from palpate_robot_log.reading.raw import RawLog, Stream
 
 _GAP_STEPS = 10.0
 _SHORTEST_GAP_S = 0.02
+_GAP = ("row", "time_s", "seconds")
 _MOST_GAPS = 20
 _TO_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -39,21 +40,21 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
     """
     log = read_log(path, request or Request())
     proposal = propose(log)
+    problem, text = "", ""
     # A force of three components is a sensor's, whatever else the log has of depth.
-    if "force" not in proposal.guesses and (processed := processed_curves.study_text(log)):
-        return _of_curves(path, log, processed)
+    if "force" not in proposal.guesses and (text := processed_curves.study_text(log)):
+        proposal = Proposal(guesses={}, time={})
+        new = ["processed curves and no log: the loader csv reads them; check names and units"]
+    else:
+        problem, reads = _try(log, proposal)
+        result = f"with this map: {problem}" if problem else f"this map reads the file: {reads}"
+        new = [*_to_check(proposal), *_others(proposal), result]
     clocks = {stream.name: _clock(stream, proposal) for stream in log.streams}
-    problem, reads = _try(log, proposal)
-    findings = [
-        *log.notes,
-        *_gap_findings(log, clocks),
-        *_to_check(proposal),
-        *_others(proposal),
-    ]
-    findings.append(f"with this map: {problem}" if problem else f"this map reads the file: {reads}")
-    text = study_text(log, proposal)
+    findings = [*log.notes, *([] if text else _gap_findings(log, clocks)), *new]
+    tables = () if text else (_streams_table(log, clocks),)
+    text = text or study_text(log, proposal)
     return Inspection(
-        tables=(_streams_table(log, clocks), _columns_table(log, proposal)),
+        tables=(*tables, _columns_table(log, proposal)),
         findings=tuple(findings),
         study_text=text,
         record={
@@ -64,27 +65,6 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
             "channels": channel_map(proposal),
             "findings": findings,
             "problem": problem,
-            "study_toml": text,
-        },
-    )
-
-
-def _of_curves(path: Path, log: RawLog, text: str) -> Inspection:
-    """Say that a file holds curves already, which the loader ``csv`` reads."""
-    nothing = Proposal(guesses={}, time={})
-    findings = [*log.notes, "processed curves and no log: the loader csv reads them; check names and units"]
-    return Inspection(
-        tables=(_columns_table(log, nothing),),
-        findings=tuple(findings),
-        study_text=text,
-        record={
-            "file": str(path),
-            "format": log.format,
-            "layout": dict(log.layout),
-            "streams": [_stream_record(stream, None, nothing) for stream in log.streams],
-            "channels": {},
-            "findings": findings,
-            "problem": "",
             "study_toml": text,
         },
     )
@@ -103,7 +83,7 @@ class _Clock:
     rate_hz: float
     n_repeated: int
     n_backwards: int
-    gaps: tuple[tuple[int, float, float], ...]  # row, time stamp, length
+    gaps: tuple[tuple[int, float, float], ...]  # as _GAP
 
 
 def _clock(stream: Stream, proposal: Proposal) -> _Clock | None:
@@ -111,7 +91,7 @@ def _clock(stream: Stream, proposal: Proposal) -> _Clock | None:
     if guess is None:
         return None
     column = stream.columns[guess.columns[0]]
-    unit = guess.unit or column.unit or unit_in(column.name)[1]
+    unit = guess.unit or column.shown_unit
     is_there = np.isfinite(column.values)
     time = column.values[is_there] * _TO_SECONDS.get(unit, 1.0)
     rows = stream.rows[is_there]
@@ -222,8 +202,7 @@ def _columns_table(log: RawLog, proposal: Proposal) -> InspectedTable:
 
 
 def _unit_shown(column: Column) -> str:
-    shown = column.unit or unit_in(column.name)[1]
-    return shown if kind_of(shown) or column.unit else ""
+    return column.shown_unit if kind_of(column.shown_unit) or column.unit else ""
 
 
 def _facts(column: Column) -> dict[str, float | int | None]:
@@ -237,21 +216,10 @@ def _facts(column: Column) -> dict[str, float | int | None]:
 
 def _stream_record(stream: Stream, clock: _Clock | None, proposal: Proposal) -> dict[str, object]:
     roles = _roles(stream, proposal)
-    time = None
-    if clock is not None:
-        time = {
-            "column": clock.column,
-            "begin_s": clock.begin_s,
-            "end_s": clock.end_s,
-            "rate_hz": clock.rate_hz,
-            "n_repeated": clock.n_repeated,
-            "n_backwards": clock.n_backwards,
-            "gaps": [{"row": row, "time_s": at, "seconds": length} for row, at, length in clock.gaps],
-        }
     return {
         "name": stream.name,
         "n_rows": int(stream.rows.size),
-        "time": time,
+        "time": clock and asdict(clock) | {"gaps": [dict(zip(_GAP, gap, strict=True)) for gap in clock.gaps]},
         "columns": [
             {
                 "name": column.name,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.api import convert
-from palpate.delimited import Column, Kind, factor_to_base, kind_of, unit_in
+from palpate.delimited import Column, Kind, factor_to_base, kind_of
 from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS
 from palpate_robot_log.reading.grouping import words_of
 from palpate_robot_log.reading.raw import RawLog
@@ -105,7 +105,7 @@ def _pair(columns: Iterable[Column], roles: tuple[_Role, _Role]) -> _Pair | None
 def _only(columns: Iterable[Column], role: _Role) -> tuple[str, float] | None:
     found = []
     for column in columns:
-        unit = column.unit or unit_in(column.name)[1]
+        unit = column.shown_unit
         if kind_of(unit) == role.kind and role.words & set(words_of(column.name)):
             factor = factor_to_base(unit, role.kind, column.name) * role.factor
             found.append((column.name, float(f"{factor:.12g}")))

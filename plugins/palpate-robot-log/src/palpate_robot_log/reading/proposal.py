@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate.delimited import Column, Kind, kind_of, unit_in
+from palpate.delimited import Column, Kind, kind_of
 from palpate_robot_log.reading.grouping import Group, groups_of, words_of
 from palpate_robot_log.reading.raw import RawLog, Stream
 
@@ -177,7 +177,7 @@ def _with_unit(log: RawLog, quantity: str, guess: Guess, best: Mapping[str, Gues
     """Guess with a unit judged by magnitude, where the file shows none."""
     columns = [log.stream(guess.stream).columns[name] for name in guess.columns]
     first = columns[0]
-    if guess.form in ("quaternion", "rotation_matrix") or kind_of(first.unit or unit_in(first.name)[1]):
+    if guess.form in ("quaternion", "rotation_matrix") or kind_of(first.shown_unit):
         return guess
     values = _values(columns)
     extent = float(np.ptp(values, axis=0).max(initial=0.0)) if len(values) else 0.0
@@ -216,7 +216,7 @@ def time_of(stream: Stream) -> Guess | None:
     score, _, column = max(candidates, key=lambda candidate: candidate[:2], default=(0.0, 0, None))
     if column is None or score <= 0.0:
         return None
-    shown = column.unit or unit_in(column.name)[1]
+    shown = column.shown_unit
     if kind_of(shown) == "time":
         return Guess(columns=(column.name,), stream=stream.name, score=score)
     unit = _likely_time_unit(column.values)
@@ -235,9 +235,7 @@ def _time_score(column: Column) -> float:
     usual = float(np.median(steps))
     evenness = float(np.mean(np.abs(steps - usual) < 0.5 * usual))
     words = set(words_of(column.name))
-    is_named = 2.0 * bool(words & _TIME_WORDS) + 2.0 * (
-        kind_of(column.unit or unit_in(column.name)[1]) == "time"
-    )
+    is_named = 2.0 * bool(words & _TIME_WORDS) + 2.0 * (kind_of(column.shown_unit) == "time")
     return is_named + evenness if is_named or evenness > 0.99 else 0.0
 
 

@@ -108,6 +108,5 @@ class RawLog:
             )
         return (
             f"{self.source}: no column '{missing[0]}'{close_to(missing[0], known)} "
-            f"(columns there: {listed(known)}); correct the channel map, "
-            "or see 'palpate experiment inspect'"
+            f"(columns there: {listed(known)}); correct the channel map, or see 'palpate experiment inspect'"
         )

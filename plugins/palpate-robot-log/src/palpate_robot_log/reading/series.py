@@ -174,6 +174,5 @@ def _complete(series: Series, channels: ChannelMap, time_name: str) -> Series:
     raise CurveError(
         f"{series.source}: {series.at(first)}, column '{name}': no value (NaN or empty), as in "
         f'{int(bad_rows.sum())} rows in all; repair or remove them, or set missing = "skip" in the channel '
-        "map "
-        "to interpolate between the rows that have one"
+        "map to interpolate between the rows that have one"
     )

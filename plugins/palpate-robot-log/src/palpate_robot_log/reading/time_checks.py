@@ -59,8 +59,7 @@ def _check_rate(series: Series, channels: ChannelMap, usual: float) -> None:
     if not bounds.shortest_step <= usual <= bounds.longest_step:
         raise series.fault(
             f"rows are {usual:g} s apart with time in {series.units[0]}, which no log of a press has; "
-            "correct the "
-            "unit of time, or widen plausible.shortest_step and longest_step in the channel map"
+            "correct the unit of time, or widen plausible.shortest_step and longest_step in the channel map"
         )
 
 
@@ -73,7 +72,6 @@ def _check_gaps(series: Series, channels: ChannelMap, steps: np.ndarray, usual: 
             f"no rows for {steps[first]:.4f} s from here to {series.at(first + 1)}, with {usual:.4g} s as "
             "the usual "
             f"step ({gaps.size} gaps longer than {longest:.3g} s in all); record again, or raise max_gap in "
-            "the "
-            "channel map if nothing happened meanwhile",
+            "the channel map if nothing happened meanwhile",
             first,
         )
