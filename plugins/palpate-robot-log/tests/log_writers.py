@@ -1,8 +1,5 @@
 """A press as a robot might log it, written in every format that is read."""
 
-import io
-import json
-import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -199,7 +196,7 @@ def _write_all(
         writer.write(connections[topic], time_ns, serialise(message, topics[topic]))
 
 
-# -------------------------------------------------------------------- evil files
+# ------------------------------------------------------------------ large files
 
 
 def npz_bomb(path: Path, n_bytes: int) -> None:
@@ -215,25 +212,3 @@ def npz_bomb(path: Path, n_bytes: int) -> None:
         )
         for _ in range(n_bytes >> 20):
             member.write(bytes(1 << 20))
-
-
-def matlab_bomb(path: Path, n_bytes: int) -> None:
-    """MATLAB file of a few kilobytes whose one variable unpacks to ``n_bytes``."""
-    import zlib
-
-    packer = zlib.compressobj(9)
-    packed = packer.compress(struct.pack("<II", 14, n_bytes))
-    for _ in range(n_bytes >> 20):
-        packed += packer.compress(bytes(1 << 20))
-    packed += packer.flush()
-    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
-    path.write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)
-
-
-def pickled_npz(path: Path) -> None:
-    content = io.BytesIO()
-    np.save(content, np.array([{"a": 1}, json], dtype=object)[:1], allow_pickle=True)
-    import zipfile
-
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("time_s.npy", content.getvalue())
