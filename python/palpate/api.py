@@ -60,6 +60,9 @@ if TYPE_CHECKING:
         Settings as Settings,
         Solver as Solver,
     )
+    from palpate.plugins.subcommands import (
+        SubCommand as SubCommand,
+    )
     from palpate.plugins.inspection import (
         InspectedTable as InspectedTable,
         Inspection as Inspection,

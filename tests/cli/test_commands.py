@@ -329,7 +329,7 @@ def test_limb_of_a_file_that_is_no_study_says_which_it_takes(call: Call, tmp_pat
     (tmp_path / "limb.vtu").write_text("<VTKFile/>")
     outcome = call("limb", "limb.vtu")
     assert outcome.code == 2
-    assert "neither a study (study.toml) nor a scan (.glb, .obj, .off, .ply, .stl)" in outcome.err
+    assert "nor a file that a plugin makes a mesh of (.glb, .obj, .off, .ply, .stl)" in outcome.err
 
 
 def test_limb_of_a_surface_is_meshed_or_refused_by_the_reader(call: Call, tmp_path: Path) -> None:

@@ -208,8 +208,8 @@ def split_option(option: str, arguments: Sequence[str]) -> tuple[list[str], list
 
 
 def _is_core_command(arguments: Sequence[str]) -> bool:
-    # Only a plugin's command, or the list of all commands, needs plugins this early.
-    own = {name_of(command) for command in (*COMMANDS, *STAGES)} - {name_of(limb)}
+    # Plugins' commands, groups that they add to and the list of all commands need plugins this early.
+    own = {name_of(command) for command in {*COMMANDS, *STAGES} - set(GROUPS)}
     return bool(arguments) and (arguments[0] in own or arguments[0] == "--version")
 
 

@@ -1,7 +1,7 @@
 """``palpate experiment inspect``: what a file holds that no study describes yet."""
 
 from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -20,20 +20,27 @@ STAGE = "study"
 
 
 class StageGroup(TyperGroup):
-    """A stage with commands of its own: a first word that names none of them is the study."""
+    """A stage with commands of its own: any other first word is a file of one, or the study."""
+
+    @property
+    def suffixes(self) -> dict[str, frozenset[str]]:
+        """Of the files whose name alone calls a command, by its name."""
+        return {name: getattr(command, "suffixes", frozenset()) for name, command in self.commands.items()}
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - a context of whichever click typer carries
         """Put the stage's own command before arguments that name no other."""
         is_help = args and args[0] in ctx.help_option_names
         if args and args[0] not in self.commands and not is_help:
-            args = [STAGE, *args]
+            suffix = PurePath(args[0]).suffix.lower()
+            names = (name for name, kinds in self.suffixes.items() if suffix in kinds)
+            args = [next(names, STAGE), *args]
         return super().parse_args(ctx, args)
 
 
-def stage_group(stage: Callable[..., None], kind: type[StageGroup], metavar: str) -> typer.Typer:
+def stage_group(stage: Callable[..., None], metavar: str) -> typer.Typer:
     """A stage as a group, which more commands may be added to."""
     group = typer.Typer(
-        cls=kind,
+        cls=StageGroup,
         no_args_is_help=True,
         rich_markup_mode=None,
         subcommand_metavar=metavar,
@@ -45,10 +52,8 @@ def stage_group(stage: Callable[..., None], kind: type[StageGroup], metavar: str
 
 def experiment_commands() -> typer.Typer:
     """``palpate experiment STUDY`` and ``palpate experiment inspect FILE``."""
-    group = stage_group(experiment, StageGroup, "STUDY | inspect FILE")
-    calls = examples(
-        "palpate experiment inspect press.csv", "palpate experiment inspect bag/ --loader robot_log"
-    )
+    group = stage_group(experiment, "STUDY | inspect FILE")
+    calls = examples("palpate experiment inspect press.csv", "palpate experiment inspect bag/ --loader NAME")
     group.command(epilog=calls)(inspect)
     return group
 
@@ -98,7 +103,7 @@ def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
         except CurveError as error:
             refusals.append(str(error) if len(asked) == 1 else f"{name}: {error}")
     if not refusals:
-        raise CurveError(f"{file}: no loader can inspect files; install palpate-robot-log")
+        raise CurveError(f"{file}: no loader can inspect files; install a plugin with one that can")
     raise CurveError("; ".join(refusals))
 
 

@@ -1,7 +1,6 @@
 """``palpate limb``: the meshes of a study, read and checked, or made from a scan."""
 
 from collections.abc import Mapping
-from pathlib import PurePath
 from typing import Any
 
 import typer
@@ -18,10 +17,12 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
 
     session = Session.of(context)
     if study.is_file() and study.suffix.lower() != ".toml":
-        scans = ", ".join(sorted(SCAN_SUFFIXES))
-        remedy = "install palpate-limb" if study.suffix.lower() in SCAN_SUFFIXES else "name one of the two"
+        stage = context.parent and context.parent.command
+        kinds = stage.suffixes.values() if isinstance(stage, StageGroup) else ()
+        others = ", ".join(sorted(set().union(*kinds)))
         raise StudyError(
-            f"{study}: neither a study (study.toml) nor a scan ({scans}) that can be meshed; {remedy}"
+            f"{study}: neither a study (study.toml) nor a file that a plugin makes a mesh of "
+            f"({others or 'no plugin that does is installed'}); name one of the two"
         )
     limbs = pipeline.check_study(session.study(study), session.plugins).limbs
     rows: list[dict[str, Any]] = [
@@ -50,21 +51,6 @@ def _sizes(row: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {size}" for name, size in row["node_sets"].items())
 
 
-SCAN = "scan"
-SCAN_SUFFIXES = frozenset({".ply", ".obj", ".glb", ".stl", ".off"})
-"""Of surfaces; what has no colours is refused when it is read, and says so."""
-
-
-class LimbGroup(StageGroup):
-    """The stage, whose first word may also be a scan where a plugin makes limbs of one."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - as in StageGroup
-        """Put the command for scans before a file that is one."""
-        if args and SCAN in self.commands and PurePath(args[0]).suffix.lower() in SCAN_SUFFIXES:
-            args = [SCAN, *args]
-        return super().parse_args(ctx, args)
-
-
 def limb_commands() -> typer.Typer:
-    """``palpate limb STUDY``, and what plugins add to it under names of their own."""
-    return stage_group(limb, LimbGroup, "STUDY | SCAN")
+    """``palpate limb STUDY``, and the commands that plugins add."""
+    return stage_group(limb, "STUDY | FILE")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         SetFilter,
         Solver,
     )
+    from palpate.plugins.subcommands import SubCommand
 
 hookspec = pluggy.HookspecMarker("palpate")
 
@@ -122,3 +123,11 @@ def palpate_scenarios() -> "Iterable[Scenario]":  # type: ignore[empty-body]
 @hookspec
 def palpate_commands(app: "typer.Typer") -> None:
     """Add commands to the command line; called when it starts, with the Typer application."""
+
+
+@hookspec
+def palpate_subcommands() -> "Iterable[SubCommand]":  # type: ignore[empty-body]
+    """Commands under the stages ``palpate experiment`` and ``palpate limb``.
+
+    One that names suffixes is also called by a file alone: ``palpate limb arm.ply``.
+    """

@@ -276,7 +276,7 @@ class ExperimentLoader(Component):
         CurveError
             The file cannot be read.
         """
-        raise CurveError(f"{path}: loader '{cls.name}' cannot inspect files; use loader 'robot_log'")
+        raise CurveError(f"{path}: loader '{cls.name}' cannot inspect files; use one that can")
 
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
         """Draw what :meth:`load` does to a file, for a person to look at; override it where that is much.

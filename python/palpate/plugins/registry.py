@@ -90,7 +90,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
 )
 """The catalogues in pipeline order, by the name of their attribute in :class:`Plugins`."""
 
-HOOKS = frozenset({*(kind.hook for kind in KINDS.values()), "palpate_commands"})
+HOOKS = frozenset({*(kind.hook for kind in KINDS.values()), "palpate_commands", "palpate_subcommands"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,15 +227,20 @@ class Registry:
         """Let every plugin add its commands, all of them or none."""
         broken = []
         for name, source in self.sources.items():
-            commands, groups = list(app.registered_commands), list(app.registered_groups)
+            apps = [app, *(group.typer_instance for group in app.registered_groups if group.typer_instance)]
+            kept = [(part, list(part.registered_commands), list(part.registered_groups)) for part in apps]
             before = _command_names(app)
             try:
                 with guarded():
                     self._call(name, "palpate_commands")(app=app)
+                    for result in self._call(name, "palpate_subcommands")():
+                        for command in _as_items(result, "palpate_subcommands"):
+                            command.add_to(app)
                     _refuse_command_clashes(app)
                 self.commands |= {command: name for command in _command_names(app) if command not in before}
             except PluginError as error:
-                app.registered_commands[:], app.registered_groups[:] = commands, groups
+                for part, commands, groups in kept:
+                    part.registered_commands[:], part.registered_groups[:] = commands, groups
                 broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
         return tuple(broken)
 

@@ -68,7 +68,7 @@ def test_every_hook_fills_a_catalogue_or_adds_commands() -> None:
 
     specified = {name for name, value in vars(hookspecs).items() if hasattr(value, "palpate_spec")}
     assert specified == HOOKS
-    assert {kind.hook for kind in KINDS.values()} == HOOKS - {"palpate_commands"}
+    assert {kind.hook for kind in KINDS.values()} == HOOKS - {"palpate_commands", "palpate_subcommands"}
 
 
 def test_a_file_provides_a_component(write: Write) -> None:
@@ -450,6 +450,38 @@ def test_a_plugin_with_broken_commands_adds_none(write: Write, name: str, then: 
     (broken,) = load(write("cmd", COMMAND.format(name=name, then=then))).add_commands(app)
     assert reason in broken.reason
     assert len(app.registered_commands) == 1
+
+
+SUBCOMMAND = """
+from palpate.api import SubCommand, hookimpl
+
+def {name}() -> None:
+    pass
+
+@hookimpl
+def palpate_subcommands():
+    return [SubCommand(stage="limb", function={name}), SubCommand(stage="{stage}", function={name})]
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "stage", "reason"),
+    [
+        ("cast", "run", "stage 'run' takes no commands; use one of experiment, limb"),
+        ("cast", "limb", "command 'limb cast' already exists"),
+        ("cast", "experiment", ""),
+    ],
+)
+def test_subcommands_are_added_to_their_stages_all_or_none(
+    write: Write, name: str, stage: str, reason: str
+) -> None:
+    app = typer.Typer()
+    groups = {key: typer.Typer() for key in ("experiment", "limb")}
+    for key, group in groups.items():
+        app.add_typer(group, name=key)
+    broken = load(write("sub", SUBCOMMAND.format(name=name, stage=stage))).add_commands(app)
+    assert [reason in one.reason for one in broken] == [True] * bool(reason)
+    assert [len(group.registered_commands) for group in groups.values()] == ([0, 0] if reason else [1, 1])
 
 
 def test_a_plugin_that_is_left_out_adds_no_command(write: Write) -> None:

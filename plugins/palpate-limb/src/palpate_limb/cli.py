@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 DEFAULT_SIZE = 0.28
 """Edge length under the indenter over its radius; ``mesh_error`` has what it costs."""
+SCAN_SUFFIXES = frozenset({".ply", ".obj", ".glb", ".stl", ".off"})
+"""Of surfaces; one without colours is refused when it is read."""
 DEFAULT_MARKS = ("p1=red", "p2=green", "p3=blue", "p4=yellow")
 
 
