@@ -56,9 +56,9 @@ if TYPE_CHECKING:
     )
     from palpate.pipeline import run_study as run_study
     from palpate.plugins.catalogue import Plugins as Plugins
+    from palpate.plugins.execution import Executor as Executor
     from palpate.plugins.interfaces import (
         AnisotropicMaterial as AnisotropicMaterial,
-        Executor as Executor,
         ExperimentLoader as ExperimentLoader,
         LimbSource as LimbSource,
         Material as Material,
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
         Solver as Solver,
     )
     from palpate.report.notebook_html import show_in_notebooks as show_in_notebooks
-    from palpate.run.result import RunResult as RunResult
+    from palpate.report.result import RunResult as RunResult
     from palpate.study.reading import Study as Study, read_study as read_study
 
 __version__ = "0.1.0"

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from palpate import __version__ as __version__, hookimpl as hookimpl
 from palpate.lazy_imports import deferred as deferred
+from palpate.plugins.versions import API_VERSION as API_VERSION
 
 # ruff: isort: off
 if TYPE_CHECKING:
@@ -46,12 +47,12 @@ if TYPE_CHECKING:
     )
 
     # ---- What a plugin subclasses, and what its methods return
+    from palpate.plugins.execution import Executor as Executor
     from palpate.plugins.interfaces import (
         NO_FIELDS as NO_FIELDS,
         AnisotropicMaterial as AnisotropicMaterial,
         Array as Array,
         Component as Component,
-        Executor as Executor,
         ExperimentLoader as ExperimentLoader,
         LimbSource as LimbSource,
         Material as Material,
@@ -142,9 +143,7 @@ if TYPE_CHECKING:
     from palpate.run.directory import (
         RunDirectory as RunDirectory,
     )
-    from palpate.run.result import (
-        RunResult as RunResult,
-    )
+    from palpate.report.result import RunResult as RunResult
     from palpate.run.result_files import (
         write_atomically as write_atomically,
     )
@@ -193,12 +192,6 @@ if TYPE_CHECKING:
     from palpate.report.table_files import (
         markdown as markdown,
     )
-
-API_VERSION = (1, 0)
-"""Major and minor: a new name raises the second; a name that goes, or changes its meaning, the first."""
-
-THIS_VERSION = "this is {}.{}; install another release of palpate, or of the plugin".format(*API_VERSION)
-"""What to do about a plugin that needs another version."""
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

@@ -24,11 +24,13 @@ from palpate.report import (
     draw_presses,
     write_report,
 )
+from palpate.report.result import Report, RunResult
 from palpate.run.directory import RunDirectory
+from palpate.run.keys import answers_key
 from palpate.run.ledger import Ledger
 from palpate.run.manifest import manifest
 from palpate.run.ownership import drawing_in
-from palpate.run.result import Report, RunResult, SelectionResult, StudyInputs
+from palpate.run.result import FitResult, SelectionResult, StudyInputs
 from palpate.run.stage_records import design_from, measured_from, scores_from, selection_from
 from palpate.run.study_diff import Changed, changed
 from palpate.stages import scoring, selection, simulation
@@ -36,9 +38,8 @@ from palpate.stages.completeness import completeness, without_result
 from palpate.stages.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
 from palpate.stages.generalisation import generalise
 from palpate.stages.identifiability import assess_identifiability, at_measured
-from palpate.stages.keys import answers_key
 from palpate.stages.limb import limb_warnings, load_limbs
-from palpate.stages.refinement import FitResult, refine
+from palpate.stages.refinement import refine
 from palpate.stages.stiffness_scaling import best_scaled_sets
 from palpate.stages.study_design import draw_study
 from palpate.stages.verification import verify

@@ -114,7 +114,7 @@ def test_status_of_a_run_at_work_names_the_runner(call, study, tmp_path):
 
 
 def test_failures_are_grouped_by_reason_whatever_its_numbers():
-    from palpate.run.status import failures
+    from palpate.stages.status import failures
 
     messages = ["step 3 of 10 at 1.5e-3 mm", "step 4 of 10 at 2 mm", "no licence", ""]
     frame = pl.DataFrame(

@@ -8,8 +8,8 @@ import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Sphere, Status
 from palpate.errors import MaterialError, MeshError, PluginError, StudyError
+from palpate.run.keys import solver_key
 from palpate.specimens import block
-from palpate.stages.keys import solver_key
 from palpate.testing import SolverContract
 from palpate_febio.conventions import remembered
 from palpate_febio.gates import check_torque

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.errors import MeshError
 from palpate.run.manifest import manifest
-from palpate.stages.limb import mesh_note
+from palpate.study.mesh_note import mesh_note
 from palpate_limb.cli import DEFAULT_SIZE
 from palpate_limb.mesh_error import RATIOS, mesh_error
 

@@ -193,7 +193,7 @@ class _Side:
 
     def _look(self) -> None:
         from palpate.executors.machine import usage
-        from palpate.run.status import Watcher
+        from palpate.stages.status import Watcher
 
         watcher = None if self._folder is None else Watcher(self._folder)
         before, pause_s = (time.monotonic(), usage()), LOOK_S

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     import polars as pl
 
     from palpate.cli.output import RunOutput
+    from palpate.report.result import RunResult
     from palpate.report.verdict import Verdict
-    from palpate.run.result import RunResult
     from palpate.study.reading import Study
 
 MOST_LINES = 5

@@ -12,7 +12,7 @@ from palpate.cli.session import Session
 
 if TYPE_CHECKING:
     from palpate.cli.output import StatusOutput
-    from palpate.run.status import RunStatus, Watcher
+    from palpate.stages.status import RunStatus, Watcher
 
 INTERVAL_S = 2.0
 """Seconds between two looks."""
@@ -34,7 +34,7 @@ def status(
     as_json: AsJson = False,
 ) -> None:
     """Show how far a run is, why simulations failed, and the best set so far."""
-    from palpate.run.status import Watcher
+    from palpate.stages.status import Watcher
 
     session, watcher = Session.of(context), Watcher(find_run(run))
     seen = watcher.look()

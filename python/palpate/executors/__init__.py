@@ -4,10 +4,9 @@ import contextlib
 from collections.abc import Iterator
 
 from palpate.executors.attempts import attempt
-from palpate.executors.batch import Batch, JobResult, Limits
 from palpate.executors.machine import n_cores, n_fitting, thread_limits
 from palpate.executors.pool import Pool, by_spot
-from palpate.plugins.interfaces import Executor
+from palpate.plugins.execution import Batch, Executor, JobResult, Limits
 
 __all__ = [
     "Batch",

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from palpate.domain import Curve, Indentation, Job, Response, Simulation, Status
 from palpate.errors import CurveError
-from palpate.run.result_files import plain
 
 LONGEST_MESSAGE = 4000
 """Most characters of a solver's message that are kept."""
@@ -100,3 +100,16 @@ def storable(message: object, longest: int = LONGEST_MESSAGE) -> str:
     if len(text) > longest:
         text = f"{text[: longest // 2]} … {text[-longest // 2 :]}"
     return text.encode(errors="backslashreplace").decode().replace("\0", "\\0")
+
+
+def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a solver reports
+    """Turn a solver's diagnostics into JSON: numbers, text, lists, tables; anything else as its text."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float) and not (abs(value) < float("inf")):
+        return str(value)
+    return value if value is None or isinstance(value, (str, bool, int, float)) else repr(value)

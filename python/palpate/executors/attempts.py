@@ -8,7 +8,7 @@ from time import perf_counter
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import CurveError
 from palpate.executors.answers import believable, checked, storable
-from palpate.executors.batch import JobResult
+from palpate.plugins.execution import JobResult
 from palpate.plugins.interfaces import Solver
 
 LONGEST_TRACEBACK = 20_000

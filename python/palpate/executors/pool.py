@@ -20,9 +20,9 @@ from typing import Any
 
 from palpate.domain import Job, Status
 from palpate.errors import ExecutorError, PluginError
-from palpate.executors.batch import Batch, JobResult
 from palpate.executors.machine import n_cores, thread_limits
 from palpate.executors.worker import packed, receive, send
+from palpate.plugins.execution import Batch, JobResult
 
 LARGEST_CHUNK = 16
 """Most jobs that a worker is handed at once."""

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from palpate.domain import Channel, Scenario, StudyTemplate
 from palpate.errors import PluginError
+from palpate.plugins.execution import Executor
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import (
-    Executor,
     ExperimentLoader,
     LimbSource,
     Material,

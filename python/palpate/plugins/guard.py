@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from palpate.api import THIS_VERSION
 from palpate.errors import NUMPY_IN_ENERGY, PalpateError, PluginError
+from palpate.plugins.versions import THIS_VERSION
 
 if TYPE_CHECKING:
     from palpate.plugins.interfaces import Component

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import typer
 
     from palpate.domain import Channel, Scenario, StudyTemplate
+    from palpate.plugins.execution import Executor
     from palpate.plugins.interfaces import (
-        Executor,
         ExperimentLoader,
         LimbSource,
         Material,

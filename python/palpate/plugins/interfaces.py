@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -30,9 +30,6 @@ from palpate.domain import (
 from palpate.errors import CurveError, MaterialError
 from palpate.plugins.fingerprints import CORE, code_fingerprint
 from palpate.plugins.inspection import Inspection
-
-if TYPE_CHECKING:
-    from palpate.executors.batch import Batch, JobResult
 
 Array = Any
 """An array of the array API: numpy in checks, JAX under differentiation."""
@@ -426,23 +423,3 @@ class Solver(Component):
         """
         for job in jobs:
             yield self.simulate(job, limb)
-
-
-class Executor(Component):
-    """Runs jobs somewhere, and hands every result back to this process, which alone keeps them."""
-
-    holds_limits: ClassVar[bool] = True
-    """False where a job cannot be held to a memory limit; a study that asks for one is refused."""
-
-    @abstractmethod
-    def results(self, batch: "Batch") -> "Iterator[JobResult]":
-        """Yield the result of each job as it comes, exactly one for each.
-
-        A job that fails, hangs or ends its worker has a result too. When ``batch.should_continue()``
-        turns false no further job is begun, and those begun are finished.
-
-        Raises
-        ------
-        ExecutorError
-            There is nowhere to run them.
-        """

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any
 
 import pluggy
 
-from palpate.api import API_VERSION, THIS_VERSION
 from palpate.errors import PluginError
 from palpate.plugins import hookspecs
 from palpate.plugins.fingerprints import CONTENT_HASH, content_hash
 from palpate.plugins.guard import guarded
+from palpate.plugins.versions import API_VERSION, THIS_VERSION
 
 if TYPE_CHECKING:
     import typer
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from palpate.plugins.interfaces import Component, Material
 
 DOMAIN, INTERFACES = "palpate.domain", "palpate.plugins.interfaces"
+
+CORE_PLUGIN = "palpate.stages.builtins"
+"""The core's own plugin, imported by name like any other."""
 
 MOST_ITEMS = 1000
 """Most items that one hook may return."""
@@ -84,7 +87,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "samplers": Kind("palpate_samplers", "sampler", INTERFACES, "Sampler"),
         "set_filters": Kind("palpate_set_filters", "set filter", INTERFACES, "SetFilter"),
         "solvers": Kind("palpate_solvers", "solver", INTERFACES, "Solver"),
-        "executors": Kind("palpate_executors", "executor", INTERFACES, "Executor"),
+        "executors": Kind("palpate_executors", "executor", "palpate.plugins.execution", "Executor"),
         "scenarios": Kind("palpate_scenarios", "scenario", DOMAIN, "Scenario"),
     }
 )
@@ -261,11 +264,9 @@ def admitted(files: Sequence[Path], *, entry_points: bool, without: Sequence[str
     PluginError
         A file does not exist, or nothing of a name in ``without`` is installed.
     """
-    from palpate.plugins import builtins
-
     paths = dict.fromkeys(_existing(path) for path in files)
     registry = Registry()
-    registry.admit(GROUP, "the core", lambda: builtins)
+    registry.admit(GROUP, "the core", lambda: importlib.import_module(CORE_PLUGIN))
     points = installed_points() if entry_points else []
     _check_known(without, points)
     for point in points:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from palpate import __version__, api
+import palpate
 from palpate.errors import PluginError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import Component
@@ -151,7 +151,7 @@ def _check_free(kind: str, name: str, plugins: Plugins, commands: Collection[str
         if point.name == name:
             source = point.dist.name if point.dist else point.value
             raise PluginError(f"plugin name '{name}' is taken by distribution {source}; choose another name")
-    if _class(name) in dir(api):
+    if _class(name) in dir(palpate):
         raise PluginError(
             f"plugin name '{name}': its class would hide palpate's own {_class(name)}; choose another name, "
             f"such as my_{name}"
@@ -228,5 +228,5 @@ def _entry_point(kit: Kit, package: str, name: str, shown: str) -> tuple[str, st
 
 def _bounds() -> str:
     """Versions of palpate, and of what is released with it, that the plugin is written for."""
-    major, minor = map(int, __version__.split(".")[:2])
+    major, minor = map(int, palpate.__version__.split(".")[:2])
     return f">={major}.{minor},<{major}.{minor + 1}"

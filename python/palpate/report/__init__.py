@@ -9,10 +9,10 @@ from pathlib import Path
 from palpate.domain import Channel, Response
 from palpate.report.convergence import by_spot, contact_along
 from palpate.report.report_data import ReportData
+from palpate.report.result import Report
 from palpate.report.table_files import write_tables
 from palpate.report.tables import finding, make_tables
 from palpate.run.ownership import keep_only
-from palpate.run.result import Report
 from palpate.stages.experiment import Presses
 
 __all__ = [

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from palpate.domain import Design, Parameter
     from palpate.plugins.catalogue import Catalogue
     from palpate.plugins.interfaces import Material
-    from palpate.run.result import RunResult
+    from palpate.report.result import RunResult
     from palpate.study.reading import Study
 
 WIDTH, HEIGHT = 220, 120
@@ -130,7 +130,7 @@ VIEWS: Mapping[tuple[str, str], Callable[[Any], str]] = MappingProxyType(
         ("palpate.domain", "Design"): design,
         ("palpate.plugins.catalogue", "Catalogue"): catalogue,
         ("palpate.plugins.interfaces", "Material"): material,
-        ("palpate.run.result", "RunResult"): run_result,
+        ("palpate.report.result", "RunResult"): run_result,
         ("palpate.study.reading", "Study"): study,
     }
 )
@@ -148,5 +148,5 @@ def show_in_notebooks() -> None:
     shell = sys.modules["IPython"].get_ipython()
     if shell is not None:
         formatter = shell.display_formatter.formatters["text/html"]
-        for (module, name), view in VIEWS.items():
-            formatter.for_type_by_name(module, name, view)
+        for module, name in VIEWS:
+            formatter.for_type_by_name(module, name, html)

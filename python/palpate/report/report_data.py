@@ -8,9 +8,9 @@ import polars as pl
 
 from palpate.domain import Channel, Design, Limb, Response, Scenario
 from palpate.report.convergence import Contact
+from palpate.run.result import FitResult
 from palpate.stages.completeness import Completeness, completeness, without_result
 from palpate.stages.identifiability import Swept
-from palpate.stages.refinement import FitResult
 from palpate.study.reading import Study
 
 

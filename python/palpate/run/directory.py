@@ -31,13 +31,14 @@ import polars as pl
 
 from palpate.domain import Channel, Design, Parameter, Response
 from palpate.errors import StudyError
+from palpate.executors.answers import plain
 from palpate.run.lock import locked
 from palpate.run.manifest import checked_manifest, finite, infinite, manifest
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
-from palpate.run.result_files import frame_of, plain, response_of, write_atomically, write_frame
+from palpate.run.result import FitResult
+from palpate.run.result_files import frame_of, response_of, write_atomically, write_frame
 from palpate.run.stage_records import COMMANDS, StageRecords
 from palpate.run.trust import IN_KEYS, fingerprints, recorded, trusting
-from palpate.stages.refinement import FitResult
 from palpate.study.reading import Study
 
 

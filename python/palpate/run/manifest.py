@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import Channel, HomogeneousTests, Indentation, Normaliser, PointWeights, Protocol
+from palpate.executors.answers import plain
 from palpate.plugins.fingerprints import distributions
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Component
-from palpate.run.result_files import plain
 from palpate.run.trust import fingerprints
-from palpate.stages.limb import mesh_note
+from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import Study, StudySpot, relative
 
 UNITS = "mm, N, MPa, N·mm, degrees"

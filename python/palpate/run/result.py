@@ -2,15 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import polars as pl
 
-from palpate.domain import Design, Limb, Response, Simulation
-
-if TYPE_CHECKING:
-    from palpate.report.verdict import Verdict
+from palpate.domain import Design, Limb, Response
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,35 +63,18 @@ class SelectionResult:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
-    """What the report shows, and where it lies.
+class FitResult:
+    """Where the local searches ended.
 
     Parameters
     ----------
-    tables : mapping of name to DataFrame
-    files : tuple of Path
-        Everything that was written.
-    verdict : Verdict
-        What the run amounts to, and its warnings.
+    table : DataFrame
+        One row per row of the selection: spot, scenario, start_set_id, start_fopt, fopt,
+        nmse_<channel>, r2_<channel>, n_simulations, message and <region.parameter>. All but
+        the start and the message are null where the start could not be simulated again.
+    responses : mapping of (spot, scenario) to Response
+        Simulated curves of each row.
     """
 
-    tables: Mapping[str, pl.DataFrame]
-    files: tuple[Path, ...]
-    verdict: "Verdict"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunResult:
-    """Everything a run found."""
-
-    folder: Path
-    measured: Mapping[str, Response]
-    design: Design
-    simulations: tuple[Simulation, ...]
-    scores: pl.DataFrame
-    selected: SelectionResult
-    report: Report
-
-    def __repr__(self) -> str:
-        chosen = self.selected.selection.height
-        return f"RunResult({self.folder}: {len(self.simulations)} simulations, {chosen} chosen sets)"
+    table: pl.DataFrame
+    responses: Mapping[tuple[str, str], Response]

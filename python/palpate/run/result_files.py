@@ -4,9 +4,7 @@ import io
 import os
 import re
 import secrets
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 
@@ -148,16 +146,3 @@ def parquet(frame: pl.DataFrame) -> bytes:
     buffer = io.BytesIO()
     frame.write_parquet(buffer)
     return buffer.getvalue()
-
-
-def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a solver reports
-    """Turn a solver's diagnostics into JSON: numbers, text, lists, tables; anything else as its text."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float) and not (abs(value) < float("inf")):
-        return str(value)
-    return value if value is None or isinstance(value, (str, bool, int, float)) else repr(value)

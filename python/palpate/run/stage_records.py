@@ -20,9 +20,10 @@ from typing import Any, TypeVar
 import polars as pl
 
 from palpate.errors import StudyError
+from palpate.executors.answers import plain
 from palpate.plugins.interfaces import Component
-from palpate.run.result_files import plain, write_atomically
-from palpate.stages.keys import identity
+from palpate.run.keys import identity
+from palpate.run.result_files import write_atomically
 from palpate.study.reading import Study
 
 COMMANDS = MappingProxyType(

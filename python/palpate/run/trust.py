@@ -12,7 +12,7 @@ from typing import Any
 from palpate.errors import StudyError
 from palpate.plugins.interfaces import Component
 from palpate.plugins.registry import suggestion
-from palpate.stages.keys import identity
+from palpate.run.keys import identity
 from palpate.study.reading import Study
 
 IN_KEYS = ("material:", "solver:")

@@ -17,7 +17,7 @@ import polars as pl
 
 from palpate import _core
 from palpate.domain import Design, FloatArray, IntArray, Parameter, Response, Scenario, Simulation
-from palpate.stages.refinement import FitResult
+from palpate.run.result import FitResult
 from palpate.stages.scoring import compare, point_weights
 from palpate.stages.selection import objectives
 from palpate.stages.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together

@@ -1,20 +1,17 @@
 """Limbs: made by the study's limb source, and refused when they cannot be simulated."""
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from palpate.domain import BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError, StudyError
 from palpate.plugins.guard import answering_for
-from palpate.run.plain_values import MOST_BYTES, check_plain
 from palpate.shape_functions import HEX_CORNERS, linear_simplex, multilinear, quadratic_simplex
 from palpate.stages.cell_fields import check_frames, with_fields
 from palpate.stages.mesh_joints import check_joints, holes
+from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import Study
 from palpate.topology import CELLS, Cell
 
@@ -84,32 +81,6 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
             )
         found.extend(f"spot '{name}': {hole}" for hole in holes(limb.mesh))
     return found
-
-
-def mesh_note(mesh: Path) -> dict[str, Any] | None:
-    """The note of a mesh by whoever made it, ``<mesh>.json``; None without one.
-
-    Raises
-    ------
-    MeshError
-        It is no JSON object, larger than 1 MB, or holds what JSON or a terminal does not take.
-    """
-    note_file = mesh.with_suffix(".json")
-    if not note_file.is_file():
-        return None
-    try:
-        if note_file.stat().st_size > MOST_BYTES:
-            raise ValueError("larger than 1 MB")
-        note = json.loads(note_file.read_text(encoding="utf-8"))
-        if not isinstance(note, dict):
-            raise ValueError("not an object")
-        check_plain(note)
-        json.dumps(note, allow_nan=False)
-    except (ValueError, RecursionError, OSError) as error:
-        raise MeshError(
-            f"{note_file}: not a note on the mesh of that name ({error}); write it again, or move it away"
-        ) from error
-    return note
 
 
 def check_limb(limb: Limb, regions: Sequence[str]) -> None:

@@ -19,6 +19,7 @@ from palpate import _core
 from palpate.domain import Design, FloatArray, Limb, Response, Scenario, Simulation, Status
 from palpate.executors.attempts import simulate_alone
 from palpate.progress import SILENT, Progress
+from palpate.run.result import FitResult
 from palpate.stages.sampling import NO_ROW
 from palpate.stages.scoring import compare, is_enough, point_weights, ranked_statuses, score_as_studied
 from palpate.stages.selection import objectives
@@ -39,24 +40,6 @@ NOTE_S = 10.0
 
 MOST_STEPS = 40
 """Most trial steps of one search, each with two simulations per parameter for the slopes."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitResult:
-    """Where the local searches ended.
-
-    Parameters
-    ----------
-    table : DataFrame
-        One row per row of the selection: spot, scenario, start_set_id, start_fopt, fopt,
-        nmse_<channel>, r2_<channel>, n_simulations, message and <region.parameter>. All but
-        the start and the message are null where the start could not be simulated again.
-    responses : mapping of (spot, scenario) to Response
-        Simulated curves of each row.
-    """
-
-    table: pl.DataFrame
-    responses: Mapping[tuple[str, str], Response]
 
 
 def refine(

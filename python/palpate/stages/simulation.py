@@ -17,8 +17,8 @@ from palpate.errors import StudyError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT, Progress
+from palpate.run.keys import JobKeys, limb_key
 from palpate.run.ledger import Ledger
-from palpate.stages.keys import JobKeys, limb_key
 from palpate.stages.sweep import Sweep, run_sweep
 from palpate.study.reading import Study
 
@@ -189,7 +189,7 @@ def stored(
 
 
 def keys(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> list[str]:
-    """Key of each job, as :func:`palpate.stages.keys.job_key` makes it."""
+    """Key of each job, as :func:`palpate.run.keys.job_key` makes it."""
     meshes = {spot.spot.name: limb_key(limbs.get(spot.spot.name)) for spot in study.spots}
     maker = JobKeys(study.solver, study.trusted)
     return [maker.key(job, meshes[job.spot]) for job in to_do]

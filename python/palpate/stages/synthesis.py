@@ -17,13 +17,14 @@ import numpy as np
 
 from palpate.domain import Channel, Curve, FloatArray, Job, Limb, Response, Status, moving_span
 from palpate.errors import CurveError, StudyError
+from palpate.executors.answers import plain
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.progress import SILENT, Progress
+from palpate.run.keys import job_key
 from palpate.run.manifest import manifest
-from palpate.run.result_files import plain, write_atomically
+from palpate.run.result_files import write_atomically
 from palpate.stages.experiment import load_measured
-from palpate.stages.keys import job_key
 from palpate.stages.limb import load_limbs
 from palpate.stages.simulation import check_jobs, homogeneous_tests
 from palpate.stages.sweep import results

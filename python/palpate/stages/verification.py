@@ -12,12 +12,12 @@ import polars as pl
 
 from palpate.domain import Design, Limb, Response, Simulation, SimulationId
 from palpate.errors import PalpateError, StoppedError, StudyError
+from palpate.executors.answers import plain
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Solver
 from palpate.progress import Progress
 from palpate.run.directory import RunDirectory
-from palpate.run.result_files import plain
-from palpate.stages.keys import job_key
+from palpate.run.keys import job_key
 from palpate.stages.simulation import stored
 from palpate.study.reading import Study
 

@@ -11,9 +11,9 @@ from pydantic import ValidationError
 from palpate.domain import ParameterSpace, Scenario
 from palpate.errors import PalpateError
 from palpate.plugins.catalogue import Catalogue, Plugins
+from palpate.plugins.execution import Executor
 from palpate.plugins.interfaces import (
     Component,
-    Executor,
     ExperimentLoader,
     LimbSource,
     Sampler,

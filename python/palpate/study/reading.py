@@ -10,8 +10,8 @@ from typing import Any, Literal
 from palpate.domain import Normaliser, ParameterSpace, PointWeights, Protocol, Scenario
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.interfaces import Executor, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
-from palpate.run.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
+from palpate.plugins.execution import Executor
+from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.study.build import (
     Components,
     Context,
@@ -23,6 +23,7 @@ from palpate.study.build import (
     check_stiffness_scaling,
 )
 from palpate.study.model import ExecutorTable, Tables
+from palpate.study.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
 from palpate.study.problems import Problems, read_tables, require
 from palpate.study.regions import build_space, build_truth
 from palpate.study.source_positions import KeyLines

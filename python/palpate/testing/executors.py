@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import Curve, HomogeneousTests, Job, Limb, Parameter, Response, Simulation, Status
-from palpate.executors.batch import Batch, JobResult, Limits
-from palpate.plugins.interfaces import Array, Component, Executor, Material, Solver
+from palpate.plugins.execution import Batch, Executor, JobResult, Limits
+from palpate.plugins.interfaces import Array, Component, Material, Solver
 from palpate.testing.components import ComponentContract, missing
 
 FAILING = 2

@@ -15,7 +15,7 @@ from palpate.errors import PluginError
 from palpate.plugins.fingerprints import code_hash
 from palpate.plugins.interfaces import Settings
 from palpate.plugins.registry import load_file
-from palpate.stages.keys import identity, job_key
+from palpate.run.keys import identity, job_key
 
 MATERIAL = """
 from palpate.domain import Parameter

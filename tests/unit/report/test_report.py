@@ -17,7 +17,7 @@ from palpate.report.figures import generalised, nmse_distribution, responses
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, parameter_space
 from palpate.report.style import STYLE, save
 from palpate.run.ownership import keep_only
-from palpate.stages.refinement import FitResult
+from palpate.run.result import FitResult
 from palpate.stages.scoring import score
 from palpate.stages.selection import select
 from palpate.stages.simulation import simulate

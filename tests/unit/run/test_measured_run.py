@@ -11,10 +11,10 @@ from palpate.domain import Curve, Indentation, PointWeights, Response, Sphere
 from palpate.errors import CurveError, PluginError, StudyError
 from palpate.report import draw_presses
 from palpate.run.directory import RunDirectory
+from palpate.run.keys import job_key
 from palpate.run.ownership import claim, keep_only
 from palpate.run.result_files import write_atomically
 from palpate.stages.experiment import Presses
-from palpate.stages.keys import job_key
 from palpate.stages.simulation import jobs
 
 SMALL = Indentation(

@@ -10,7 +10,7 @@ from palpate import pipeline
 from palpate.domain import Normaliser, Scenario
 from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.progress import Silent
-from palpate.run.status import Watcher
+from palpate.stages.status import Watcher
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 

@@ -11,10 +11,10 @@ from palpate import AnisotropicMaterial, Parameter
 from palpate.domain import Job, Limb, RegionMaterial, Spot
 from palpate.errors import MeshError, StudyError
 from palpate.plugins.interfaces import LimbSource
+from palpate.run.keys import limb_key
 from palpate.specimens import block
 from palpate.spot_frame import spot_axes
 from palpate.stages.cell_fields import check_frames, with_fields
-from palpate.stages.keys import limb_key
 from palpate.stages.limb import load_limbs
 from palpate.stages.simulation import check_jobs
 from palpate_febio.settings import FebioSettings

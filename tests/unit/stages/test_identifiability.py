@@ -7,10 +7,10 @@ import polars as pl
 import pytest
 
 from palpate.domain import Response, Status
+from palpate.run.result import FitResult
 from palpate.stages.experiment import load_measured
 from palpate.stages.generalisation import generalise
 from palpate.stages.identifiability import assess_identifiability, at_measured
-from palpate.stages.refinement import FitResult
 from palpate.stages.sampling import draw_design
 from palpate.stages.scoring import score
 from palpate.stages.selection import select

@@ -8,8 +8,9 @@ import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Limb, Mesh, Spot, Status
 from palpate.errors import MaterialError, MeshError, StudyError
+from palpate.run import keys
 from palpate.run.ledger import Entry, Ledger
-from palpate.stages import keys, simulation
+from palpate.stages import simulation
 from palpate.stages.experiment import load_measured
 from palpate.stages.sampling import draw_design
 from palpate.stages.sweep import is_final

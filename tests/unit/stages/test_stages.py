@@ -10,8 +10,8 @@ from palpate.domain import Curve, Design, Response
 from palpate.errors import StudyError
 from palpate.report.notebook_html import html
 from palpate.report.report_warnings import ReportWarning
+from palpate.report.result import Report
 from palpate.report.verdict import Verdict
-from palpate.run.result import Report
 
 
 @pytest.fixture

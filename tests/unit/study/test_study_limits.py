@@ -8,7 +8,7 @@ import pytest
 
 from palpate.errors import MeshError, StudyError
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.limb import mesh_note
+from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import read_study
 from palpate.units import convert
 

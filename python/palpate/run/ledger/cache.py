@@ -13,9 +13,9 @@ import polars as pl
 
 from palpate.domain import Job, Simulation, Status
 from palpate.errors import CurveError, LedgerError
-from palpate.executors.answers import believable
+from palpate.executors.answers import believable, plain
 from palpate.run.ledger.curve_files import pack, unpack
-from palpate.run.result_files import plain, write_atomically
+from palpate.run.result_files import write_atomically
 
 _SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)
 

@@ -1,12 +1,13 @@
-"""What an executor is handed, and what it hands back for each job."""
+"""Executors: what one is handed, and what it hands back for each job."""
 
-from collections.abc import Callable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from palpate.domain import Job, Limb, Response, Simulation, Status
-from palpate.plugins.interfaces import Solver
+from palpate.plugins.interfaces import Component, Solver
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,3 +93,23 @@ class Batch:
     plugin_files: Sequence[Path] = ()
     should_continue: Callable[[], bool] = _always
     running: Callable[[int], None] = _ignored
+
+
+class Executor(Component):
+    """Runs jobs somewhere, and hands every result back to this process, which alone keeps them."""
+
+    holds_limits: ClassVar[bool] = True
+    """False where a job cannot be held to a memory limit; a study that asks for one is refused."""
+
+    @abstractmethod
+    def results(self, batch: Batch) -> Iterator[JobResult]:
+        """Yield the result of each job as it comes, exactly one for each.
+
+        A job that fails, hangs or ends its worker has a result too. When ``batch.should_continue()``
+        turns false no further job is begun, and those begun are finished.
+
+        Raises
+        ------
+        ExecutorError
+            There is nowhere to run them.
+        """

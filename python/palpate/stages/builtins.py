@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 from palpate import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.plugins.interfaces import Executor, Sampler
+    from palpate.plugins.execution import Executor
+    from palpate.plugins.interfaces import Sampler
 
 
 @hookimpl
