@@ -1,4 +1,4 @@
-"""palpate finds what soft tissue is made of from how it pushes back and twists.
+"""palpate identifies material parameters of soft tissue from indentation force and torque.
 
 The stages of a study as functions, for scripts and notebooks, with polars frames in and out::
 

@@ -180,8 +180,8 @@ def test_nobody_at_the_address_is_told(study):
 
 def test_workers_of_other_versions_are_refused_with_both(study, monkeypatch):
     here = worker_runtime.versions
-    told = iter([here(study.solver, ()) | {"palpate": "9.9", "extra": "1"}])
-    monkeypatch.setattr(worker_runtime, "versions", lambda *given: next(told, None) or here(*given))
+    answers = iter([here(study.solver, ()) | {"palpate": "9.9", "extra": "1"}])
+    monkeypatch.setattr(worker_runtime, "versions", lambda *given: next(answers, None) or here(*given))
     with pytest.raises(ExecutorError, match=r"versions: palpate .* instead of 9\.9; extra absent instead"):
         list(DaskExecutor().results(batch_of(study)))
 

@@ -176,12 +176,12 @@ def test_more_sets_keep_the_first(made, plugins, results):
 
 
 def test_a_material_that_fails_does_not_stop_the_others(tmp_path, plugins):
-    told = []
+    announced = []
     both = scaled(prepare(tmp_path / "both", plugins, ["ogden", "neo_hookean"], 3), failing="ogden")
-    outcome = reproduction.run(both, plugins, announce=told.append)
+    outcome = reproduction.run(both, plugins, announce=announced.append)
     assert list(outcome.results) == ["neo_hookean"]
-    assert "ogden …" in told
-    assert any(line.startswith("ogden: none") and "no step" in line for line in told)
+    assert "ogden …" in announced
+    assert any(line.startswith("ogden: none") and "no step" in line for line in announced)
     text = write(compare(outcome), outcome.results, both.folder).read_text()
     assert "**Nothing of ogden:**" in text
     with pytest.raises(NothingSelectableError, match=r"ogden: .*no step"):
@@ -207,7 +207,7 @@ def test_a_folder_that_cannot_serve_is_refused(tmp_path, plugins):
     with pytest.raises(StudyError, match="'gent' is not in the paper; it has ogden, yeoh, neo_hookean"):
         prepare(tmp_path / "new", plugins, ["gent"], SETS)
     prepare(tmp_path / "new", plugins, ["yeoh"], SETS)
-    with pytest.raises(StudyError, match="was begun on the coarse phantom; leave out --fine"):
+    with pytest.raises(StudyError, match="was made with the coarse phantom; leave out --fine"):
         prepare(tmp_path / "new", plugins, ["yeoh"], SETS, "fine")
 
 

@@ -1,4 +1,4 @@
-"""Curves in text files: what is written is read, and every mistake is told by file, line and column."""
+"""Curves in text files: what is written is read, and every mistake is reported by file, line and column."""
 
 from pathlib import Path
 

@@ -90,7 +90,7 @@ def _options(
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
-    """Find what soft tissue is made of from how it pushes back and twists."""
+    """Identify material parameters of soft tissue from indentation force and torque."""
     if context.obj is None:
         context.obj = Session(plugin or (), no_plugin or ())
 

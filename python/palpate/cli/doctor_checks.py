@@ -149,8 +149,8 @@ def _solvers(plugins: Plugins) -> Iterator[Finding]:
 def _machine(folder: Path) -> Iterator[Finding]:
     yield Finding(topic="machine", what="cores", found=str(n_cores()))
     held = {name: os.environ[name] for name in THREAD_VARIABLES if name in os.environ}
-    told = ", ".join(f"{name}={value}" for name, value in held.items()) or "not set: workers share the cores"
-    yield Finding(topic="machine", what="thread settings", found=told)
+    found = ", ".join(f"{name}={value}" for name, value in held.items()) or "not set: workers share the cores"
+    yield Finding(topic="machine", what="thread settings", found=found)
     memory_MB = free_memory()
     if memory_MB is not None:
         yield _room("free memory", memory_MB, "ask for fewer workers (solver.n_workers) or a smaller mesh")
@@ -179,7 +179,7 @@ def _room(what: str, free_MB: float, advice: str) -> Finding:
 
 
 def file_system(folder: Path, mounts: Path = Path("/proc/self/mounts")) -> str:
-    """Type of the file system that holds a folder, such as ext4 or nfs4; empty where that is not told."""
+    """Type of the file system that holds a folder, such as ext4 or nfs4; empty if unknown."""
     try:
         lines = mounts.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

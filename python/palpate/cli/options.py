@@ -24,7 +24,9 @@ NumberOfSets: TypeAlias = Annotated[
 ]
 GoOn: TypeAlias = Annotated[
     bool,
-    typer.Option("--go-on", help="Go on in a run whose study has changed, with what is still valid of it."),
+    typer.Option(
+        "--go-on", help="Continue a run whose study has changed; reuse results that are still valid."
+    ),
 ]
 ForkTo: TypeAlias = Annotated[
     Path | None,

@@ -49,7 +49,7 @@ class CheckOutput(TypedDict):
 
 @closed
 class RunOutput(TypedDict):
-    """What a run found; ``tables`` are those of its report, ``warnings`` the gravest first."""
+    """What a run found; ``tables`` are those of its report, ``warnings`` the most severe first."""
 
     study: str
     data: str
@@ -114,7 +114,7 @@ class SelectOutput(TypedDict):
 
 @closed
 class ReportOutput(TypedDict):
-    """Files that were written, what they amount to, and warnings, the gravest first."""
+    """Files that were written, what they amount to, and warnings, the most severe first."""
 
     verdict: list[str]
     warnings: list[str]

@@ -87,7 +87,7 @@ class StageProgress:
         if self._bars is not None:
             self._bars.stop()
         if kind is not None and issubclass(kind, KeyboardInterrupt):
-            kept = "; the sweep's simulations are kept, and the same command goes on from there"
+            kept = "; the sweep's simulations are kept, and the same command continues from there"
             lost = _LOST.get(self._stage, "")
             raise StoppedError(f"stopped in stage '{self._stage}'{kept + lost if self._keeps else ''}")
 
@@ -130,7 +130,7 @@ class StageProgress:
             self._bars.update(self._task, notes=self._told())
 
     def note(self, text: str) -> None:
-        """Tell of something on the way."""
+        """Print a message during a stage."""
         if text.startswith(WARNING):
             self.warnings.append(text.removeprefix(WARNING))
         self._console.print(text, markup=False)
@@ -201,7 +201,7 @@ class _Side:
             now = (time.monotonic(), usage())
             parts = [_use(before, now)]
             before = now
-            # What is wrong with the folder is told by the sweep itself.
+            # The sweep itself reports what is wrong with the folder.
             with contextlib.suppress(PalpateError, OSError):
                 parts.append(best(watcher.look().best) if watcher else "")
             self.text = "; ".join(part for part in parts if part)

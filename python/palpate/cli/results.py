@@ -51,7 +51,7 @@ def _show(session: Session, study: "Study", result: "RunResult") -> None:
 
 
 def show_verdict(session: Session, verdict: "Verdict", files: Sequence[Path]) -> None:
-    """Print the verdict, its warnings, the gravest first, and how to open the page."""
+    """Print the verdict, its warnings, the most severe first, and how to open the page."""
     lines = verdict.sentences
     more = len(lines) - MOST_LINES
     for line in lines if more <= 0 else [*lines[: MOST_LINES - 1], f"… {more + 1} more on the page"]:

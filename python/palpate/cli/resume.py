@@ -21,9 +21,7 @@ def resume(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A run directory.", show_default=False)],
     study: Annotated[
         Path | None,
-        typer.Option(
-            "--study", help="The study file, where it does not lie where it did.", show_default=False
-        ),
+        typer.Option("--study", help="Study file, if it has moved.", show_default=False),
     ] = None,
     trust_plugins: TrustPlugins = False,
     n_sets: NumberOfSets = None,
@@ -32,7 +30,7 @@ def resume(
     trust: Trust = None,
     as_json: AsJson = False,
 ) -> None:
-    """Go on with a run; what is finished is kept, and the tables are those of a run never stopped."""
+    """Continue a run; finished simulations are kept, and the tables equal those of an uninterrupted run."""
     from palpate.run.directory import RunDirectory
     from palpate.study.reading import study_plugins
 

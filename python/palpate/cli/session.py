@@ -91,17 +91,17 @@ class Session:
         return read_study(path, self.plugins, need_measured=need_measured)
 
     def note(self, text: str) -> None:
-        """Tell people something (rich markup)."""
+        """Print a message to stderr (rich markup)."""
         self.stderr.print(text)
 
     def next(self, command: str, before: str = "") -> None:
-        """Tell which command to run next, with the plugin files of this one."""
+        """Print the command to run next, with the plugin files of this one."""
         files = "".join(f"--plugin {file} " for file in self.files)
         files += "".join(f"--no-plugin {name} " for name in self.without)
         self.stderr.print(f"{before}next: palpate {files}{command}", markup=False)
 
     def say(self, text: str) -> None:
-        """Print a line of the result, as it stands."""
+        """Print a line of the result, without markup."""
         self.stdout.print(text, markup=False)
 
     def paragraph(self, text: str) -> None:
@@ -114,7 +114,7 @@ class Session:
         typer.echo(visible(json.dumps(_plain(value), indent=2, ensure_ascii=False)))
 
     def frame(self, title: str, frame: "pl.DataFrame") -> None:
-        """Print a data frame as a table; a wide one of few rows lies on its side."""
+        """Print a data frame as a table; a wide one of few rows is transposed."""
         rows = [[cell(value) for value in row] for row in frame.head(MAX_ROWS).rows()]
         widths = [max(map(len, column)) + 3 for column in zip(frame.columns, *rows, strict=True)]
         if sum(widths) > self.stdout.width and len(rows) <= MAX_COLUMNS:

@@ -91,7 +91,7 @@ def _counts(seen: "RunStatus") -> str:
 
 
 def duration(seconds: float) -> str:
-    """Tell a time in two units at most."""
+    """Format a time in two units at most."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     hours, minutes = divmod(round(seconds / 60), 60)

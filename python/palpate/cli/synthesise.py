@@ -28,11 +28,11 @@ def synthesise(
     Before anyone touches a limb: write a study with the limb's mesh, the protocol, a guess of
     the tissue under [truth] and data = "simulated". This command simulates the truth at each
     spot, with the study's solver, into the files that the study names as measured; they need
-    not exist before. `palpate run` then shows which parameters the planned channels tell apart.
+    not exist before. `palpate run` then shows which parameters the planned channels identify.
 
     The curves come from the same model that will be fitted to them, so a good fit says that the
-    parameters can be told apart, not that the model is right. --noise makes it harder. Nothing
-    is overwritten; origin.json beside the curves says what made them.
+    parameters can be identified, not that the model is right. --noise makes it harder. Nothing
+    is overwritten; origin.json next to the curves records how they were made.
     """
     from palpate.stages.synthesis import synthesise as write_curves
 

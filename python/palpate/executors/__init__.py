@@ -1,4 +1,4 @@
-"""Where jobs run: in this very process, or in worker processes of this machine."""
+"""Where jobs run: in this process, or in worker processes of this machine."""
 
 import contextlib
 from collections.abc import Iterator
@@ -22,15 +22,15 @@ __all__ = [
 
 
 class InProcess(Executor):
-    """Runs the jobs in this very process.
+    """Runs the jobs in this process.
 
-    Nothing has to be started, but no limit holds: a job that hangs or ends the process takes
-    the sweep along.
+    Nothing has to be started, but no limit is enforced: a job that hangs or crashes the process
+    stops the sweep.
     """
 
     name = "in_process"
     holds_limits = False
-    summary = "one after the other in palpate's own process; no time or memory limit holds there"
+    summary = "one after the other in palpate's process; no time or memory limit there"
 
     def results(self, batch: Batch) -> Iterator[JobResult]:
         """Yield the result of each job as it ends."""

@@ -1,4 +1,4 @@
-"""Jobs of one limb through a solver, whatever the solver does."""
+"""Run jobs of one limb with a solver; every job gets a result."""
 
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +19,7 @@ Task = tuple[int, Job]
 
 
 class _InFlight:
-    """The jobs that a solver has taken and not yet answered, in order."""
+    """Jobs that a solver has taken and not yet answered, in order."""
 
     def __init__(
         self, tasks: Sequence[Task], started: Callable[[int], None], should_continue: Callable[[], bool]
@@ -38,7 +38,7 @@ class _InFlight:
             yield job
 
     def answer(self, answer: object) -> JobResult | None:
-        """Result of a simulation, or None for one that nobody asked for."""
+        """Result of a simulation, or None for a job that was not requested."""
         if not isinstance(answer, Simulation):
             checked(answer)
             return None
@@ -69,14 +69,14 @@ def attempt(
     limb : Limb or None
     tasks : sequence of (index, Job)
     started : callable
-        Told the index of a job when the solver takes it.
+        Called with the index of a job when the solver takes it.
     should_continue : callable
-        Asked before the solver takes a job; where it says no the rest has no result.
+        Called before the solver takes a job; if False, the rest has no result.
 
     Notes
     -----
-    A solver must not raise; if it does while it works on one job, that job has crashed and
-    the others go on. If it worked on several, each is tried alone to find the culprit.
+    A solver must not raise. If it raises during one job, that job has crashed and the others
+    continue. If it raises during several, each is run alone to find the cause.
     """
     left = list(tasks)
     while left and should_continue():
@@ -105,7 +105,7 @@ def attempt(
 
 
 def simulate_alone(solver: Solver, job: Job, limb: Limb | None) -> Simulation:
-    """Simulate one job in this process; whatever the solver does wrong is a status of it."""
+    """Simulate one job in this process; an error of the solver becomes its status."""
     return _attempt_alone(solver, limb, (0, job), lambda index: None).simulation(job)
 
 

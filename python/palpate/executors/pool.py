@@ -60,7 +60,7 @@ class Pool:
     Parameters
     ----------
     batch : Batch
-        Its jobs are not begun by themselves: see :meth:`results`.
+        Its jobs start with :meth:`results`.
     n_processes : int
         Most workers at a time.
     n_threads : int, optional

@@ -126,7 +126,7 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
 
 
 def _limit_memory(memory_MB: float) -> None:
-    """Let what follows take this much beside what the process has mapped by now."""
+    """Limit the address space to what is mapped now plus this much."""
     import resource
 
     mapped_pages = int(Path("/proc/self/statm").read_text().split()[0])

@@ -1,4 +1,4 @@
-"""Executors: what one is handed, and what it hands back for each job."""
+"""Executors: the batch that one takes, and the result that it returns for each job."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,12 +12,12 @@ from palpate.plugins.interfaces import Component, Solver
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobResult:
-    """What became of the job at ``index``; a :class:`Simulation` that can leave its process.
+    """Result of the job at ``index``: a :class:`Simulation` without the job, to be sent between processes.
 
     Parameters
     ----------
     quarantined : bool
-        The job ended its worker as often as it may; it is not to be tried again by itself.
+        The job crashed its worker as often as is tolerated; it is not retried automatically.
     """
 
     index: int
@@ -29,7 +29,7 @@ class JobResult:
     quarantined: bool = False
 
     def simulation(self, job: Job) -> Simulation:
-        """Put the result together with its job."""
+        """Return the result as a simulation of its job."""
         return Simulation(
             job=job,
             status=self.status,
@@ -42,16 +42,16 @@ class JobResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What one job may take; an executor in this very process cannot hold it to that.
+    """Limits of one job; an executor in this process cannot enforce them.
 
     Parameters
     ----------
     time_s : float
         A job that takes longer is stopped.
     memory_MB : float
-        Most memory that a job may take beside what its worker holds already; 0: no limit.
+        Most memory that a job may allocate on top of its worker; 0: no limit.
     n_attempts : int
-        How often a job may end its worker before it is quarantined.
+        Worker crashes tolerated per job; after that it is quarantined.
     """
 
     time_s: float
@@ -64,12 +64,12 @@ def _always() -> bool:
 
 
 def _ignored(n_running: int) -> None:
-    """Nobody wants to know."""
+    """Ignore the number of running jobs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Batch:
-    """Jobs to be done.
+    """Jobs of one sweep, with what they share.
 
     Parameters
     ----------
@@ -80,9 +80,9 @@ class Batch:
     plugin_files : sequence of Path
         One-file plugins that each worker loads before anything else.
     should_continue : callable
-        Asked before a job is begun; where it says no, those begun are finished and the rest left.
+        Called before a job starts; if False, running jobs finish and no other starts.
     running : callable
-        Told how many jobs are running, as far as the executor knows, whenever that changes.
+        Called with the number of running jobs whenever it changes.
     """
 
     solver: Solver

@@ -17,7 +17,7 @@ from palpate.stages.identifiability import ALL_SPOTS, UNCLEAR
 class Value:
     """One parameter of a best set, with the fitted optimum and the interval around that.
 
-    These are None where they are unknown; the set need not lie in the interval.
+    These are None where they are unknown; the set need not be in the interval.
     """
 
     value: float

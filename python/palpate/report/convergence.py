@@ -1,4 +1,4 @@
-"""How the simulations of a sweep ended, spot by spot, and how the sphere lay on the limb."""
+"""How the simulations of a sweep ended, spot by spot, and how the sphere touched the limb."""
 
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
@@ -15,7 +15,7 @@ CONTACT: Mapping[str, str] = MappingProxyType(
         "sticking": "share of the contact that sticks",
     }
 )
-"""What a solver may tell of the contact at each step of its path, and its label.
+"""Diagnostics of contact that a solver may give for each step of its path, and their labels.
 
 It does so in its diagnostics, as lists as long as ``depth_mm`` and ``rotation_deg`` there.
 """
@@ -34,7 +34,7 @@ def by_spot(simulations: Iterable[Simulation]) -> pl.DataFrame:
     -------
     DataFrame
         One row per spot: spot, simulations, a column per status that occurs, median_s and
-        longest_s with the longest_set, and the median of every number that the solver told
+        longest_s with the longest_set, and the median of every number that the solver reported
         of those that are ok, such as median_n_iterations.
     """
     rows = [
@@ -45,7 +45,7 @@ def by_spot(simulations: Iterable[Simulation]) -> pl.DataFrame:
     if not rows:
         return pl.DataFrame()
     frame = pl.DataFrame(rows, infer_schema_length=None)
-    told = [name for name in frame.columns if name not in ("spot", "set_id", "status", "seconds")]
+    reported = [name for name in frame.columns if name not in ("spot", "set_id", "status", "seconds")]
     statuses = [s.value for s in Status if s.value in frame["status"].unique()]
     return frame.group_by("spot", maintain_order=True).agg(
         pl.len().cast(pl.Int64).alias("simulations"),
@@ -53,7 +53,7 @@ def by_spot(simulations: Iterable[Simulation]) -> pl.DataFrame:
         pl.col("seconds").median().alias("median_s"),
         pl.col("seconds").max().alias("longest_s"),
         pl.col("set_id").get(pl.col("seconds").arg_max()).alias("longest_set"),
-        *(pl.col(name).median().alias(f"median_{name}") for name in told),
+        *(pl.col(name).median().alias(f"median_{name}") for name in reported),
     )
 
 
@@ -66,7 +66,7 @@ def _numbers(diagnostics: Mapping[str, Any]) -> dict[str, float]:
 
 
 def contact_along(simulations: Iterable[Simulation]) -> dict[tuple[str, int], Contact]:
-    """Collect the contact along the path by spot and set, of the simulations whose solver tells it."""
+    """Collect the contact along the path by spot and set, of the simulations that report it."""
     found = {(s.job.spot, s.job.set_id): _contact(s.diagnostics) for s in simulations}
     return {key: contact for key, contact in found.items() if contact}
 
@@ -76,8 +76,8 @@ def _contact(diagnostics: Mapping[str, Any]) -> Contact:
     if not all(_are_numbers(values) for values in path):
         return {}
     lists = {name: diagnostics[name] for name in CONTACT if _are_numbers(diagnostics.get(name))}
-    told = {name: values for name, values in lists.items() if len(values) == len(path[0] or [])}
-    return {"depth_mm": path[0], "rotation_deg": path[1], **told} if told else {}  # type: ignore[dict-item]
+    reported = {name: values for name, values in lists.items() if len(values) == len(path[0] or [])}
+    return {"depth_mm": path[0], "rotation_deg": path[1], **reported} if reported else {}  # type: ignore[dict-item]
 
 
 def _are_numbers(values: object) -> bool:

@@ -1,4 +1,4 @@
-"""How studies, curves and results look in a notebook: HTML and SVG that stand alone.
+"""How studies, curves and results look in a notebook: self-contained HTML and SVG.
 
 IPython asks :data:`VIEWS`, so that the values themselves know nothing of HTML. Every text is
 escaped, and colours follow the notebook's own (``currentColor``).
@@ -28,7 +28,7 @@ MOST_POINTS = 300
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> str:
-    """Lay text out as an HTML table."""
+    """Format text as an HTML table."""
     head = "".join(f'<th scope="col">{escape(name)}</th>' for name in columns)
     body = "".join(f"<tr>{''.join(f'<td>{_cell(value)}</td>' for value in row)}</tr>" for row in rows)
     title = f"<caption>{escape(caption)}</caption>" if caption else ""

@@ -42,7 +42,7 @@
 
   let drawing = 0;
 
-  /** While it draws, the library tells of selections that nobody has made. */
+  /** While it draws, the library reports selections that the user has not made. */
   function draw(id, traces, shape) {
     drawing += 1;
     const pictures = () => element(id).querySelectorAll(".main-svg").forEach((svg) => svg.setAttribute("aria-hidden", "true"));
@@ -102,7 +102,7 @@
     return best;
   }
 
-  /** Sets in the order in which to draw them: the best last, so that they lie on top. */
+  /** Sets in the order in which to draw them: the best last, so that they are on top. */
   function order(values) {
     const rank = (v) => (v === null ? Infinity : v);
     return values.map((_, i) => i).sort((a, b) => rank(values[b]) - rank(values[a]));
@@ -252,12 +252,12 @@
 
   function drawContact() {
     data.contact_labels.forEach((label, k) => {
-      const box = element(`contact-${k}`), told = contact(), values = told && told.series[k];
+      const box = element(`contact-${k}`), path = contact(), values = path && path.series[k];
       if (!box) return;
       box.hidden = !values;
       if (!values) return;
-      const trace = line(`set ${told.set_id}`, values.map((_, i) => i + 1), values, { color: colour(`line${state.scenario % 6}`), width: 2 });
-      Object.assign(trace, { mode: "lines+markers", text: told.depth.map((d, i) => `${four(d)} mm, ${four(told.rotation[i])}°`),
+      const trace = line(`set ${path.set_id}`, values.map((_, i) => i + 1), values, { color: colour(`line${state.scenario % 6}`), width: 2 });
+      Object.assign(trace, { mode: "lines+markers", text: path.depth.map((d, i) => `${four(d)} mm, ${four(path.rotation[i])}°`),
         hovertemplate: "%{text}: %{y:.4g}<extra>%{fullData.name}</extra>" });
       draw(`contact-${k}`, [trace], layout({ xaxis: axis("step of the path"), yaxis: axis(label, { rangemode: "tozero" }), height: 260 }));
     });
@@ -267,7 +267,7 @@
     drawContact();
     const box = element("scene");
     if (!box || !box.dataset.seen) return;
-    const told = contact(), shown = told && told.edge ? [...data.limbs[state.spot], told.edge] : data.limbs[state.spot];
+    const path = contact(), shown = path && path.edge ? [...data.limbs[state.spot], path.edge] : data.limbs[state.spot];
     const traces = shown.map((t) => Object.assign({}, t, { name: plain(t.name), showlegend: true }));
     traces.forEach((t) => {
       if (t.type === "scatter3d" && t.mode === "lines") t.line = Object.assign({ width: 6 }, t.line, { color: colour("ink") });
@@ -358,7 +358,7 @@
       document.documentElement.dataset.ready = "yes";
     } catch (error) {
       element("trouble").hidden = false;
-      element("trouble").textContent = `The figures cannot be drawn here (${error.message}); the same lie in the folder figures/.`;
+      element("trouble").textContent = `The figures cannot be drawn here (${error.message}); the same figures are in the folder figures/.`;
       throw error;
     }
   }

@@ -184,7 +184,7 @@ def _limbs(data: ReportData) -> list[list[dict[str, Any]]]:
 
 
 def _contacts(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
-    """Contact along the path of the set that each scenario selected; None where nobody told."""
+    """Contact along the path of the set that each scenario selected; None where the solver reported none."""
     chosen = data.selection.filter(pl.col("spot") == spot)
     sets = dict(chosen.select("scenario", "set_id").iter_rows())
     return [_contact(data, spot, sets.get(scenario.name)) for scenario in data.study.scenarios]
@@ -196,12 +196,12 @@ def _contact(data: ReportData, spot: str, set_id: int | None) -> dict[str, Any] 
         return None
     limb, protocol = data.limbs.get(spot), data.study.protocol_at(spot)
     edge = edge_of_contact(limb, protocol, contact) if limb and isinstance(protocol, Indentation) else None
-    told = {name: [_four(value) for value in values] for name, values in contact.items()}
-    series = [told.get(name) for name in CONTACT]
+    rounded = {name: [_four(value) for value in values] for name, values in contact.items()}
+    series = [rounded.get(name) for name in CONTACT]
     return {
         "set_id": set_id,
-        "depth": told["depth_mm"],
-        "rotation": told["rotation_deg"],
+        "depth": rounded["depth_mm"],
+        "rotation": rounded["rotation_deg"],
         "series": series,
         "edge": edge,
     }

@@ -46,7 +46,7 @@ class ReportData:
     limbs : mapping of spot name to Limb
         Empty where there is no mesh.
     manifest : mapping
-        What the numbers depended on, as :func:`palpate.run.manifest.manifest` tells it.
+        What the numbers depended on, as :func:`palpate.run.manifest.manifest` returns it.
     verification : DataFrame
         As :func:`palpate.stages.verification.verify` returns it; empty where the solver has none.
     comparisons : mapping of file name to its content

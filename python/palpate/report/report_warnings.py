@@ -40,7 +40,7 @@ CAUSES = (
 """Why force and torque of a press may disagree."""
 
 EDGE = 0.01
-"""Share of a range within which a value lies at its end."""
+"""Share of a range within which a value is at its end."""
 
 FAILED_SHARE = 0.1
 """Share of simulations without a rank that is worth a word."""
@@ -90,7 +90,8 @@ def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
     if not found.is_complete:
         yield ReportWarning(
             what="Incomplete sweep",
-            why=f"{found}. A set that was not simulated may fit better; `palpate run` simulates the rest.",
+            why=f"{found}. A set that was not simulated may fit better; run `palpate run` again to "
+            "simulate the rest.",
         )
     if missing := data.without_result:
         yield ReportWarning(
@@ -117,7 +118,7 @@ def _about_data(data: ReportData) -> Iterator[ReportWarning]:
     if not data.notice and all(curve.std is None for curve in curves):
         yield ReportWarning(
             what="No spread was measured",
-            why="Without repeated presses nothing is known of how far another press would lie from these "
+            why="Without repeated presses nothing is known of how much another press would differ from these "
             "curves; the intervals rest on the misfit alone.",
         )
 
@@ -188,8 +189,8 @@ def _about_ends(data: ReportData, bests: Sequence[Best]) -> Iterator[ReportWarni
     ]
     if ends:
         yield ReportWarning(
-            what="Best values lie at the end of their range",
-            why=f"{_some(ends)}. Widen the range: the least may lie outside it.",
+            what="Best values are at the end of their range",
+            why=f"{_some(ends)}. Widen the range: the minimum may be outside.",
         )
 
 
@@ -264,7 +265,7 @@ def _about_one_set(data: ReportData) -> Iterator[ReportWarning]:
     ]
     if costly:
         yield ReportWarning(
-            what="The set for all spots fits some of them much worse than their own",
+            what="The set for all spots fits some spots much worse than their best set",
             why=f"Fopt of the one set, over the least there: {_some(costly)}.",
         )
 
@@ -290,7 +291,7 @@ def _about_coarseness(data: ReportData, bests: Sequence[Best]) -> Iterator[Repor
     ]
     if outside:
         yield ReportWarning(
-            what="A better set lies between those that were drawn",
+            what="The optimum is between the sampled sets",
             why=f"{_some(outside)}. Search locally from the best sets ([selection] refine = true), "
             "or raise n_sets.",
         )
@@ -334,11 +335,11 @@ def _about_conventions(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_proofs(data: ReportData) -> Iterator[ReportWarning]:
-    doubtful = [row for row in data.verification.iter_rows(named=True) if not row["passed"]]
-    if doubtful:
+    failed = [row for row in data.verification.iter_rows(named=True) if not row["passed"]]
+    if failed:
         yield ReportWarning(
-            what=f"{len(doubtful)} of {len(data.verification)} selected sets failed verification",
-            why=_some([f"{row['spot']}, set {row['set_id']}: {row['message']}" for row in doubtful]),
+            what=f"{len(failed)} of {len(data.verification)} selected sets failed verification",
+            why=_some([f"{row['spot']}, set {row['set_id']}: {row['message']}" for row in failed]),
         )
 
 

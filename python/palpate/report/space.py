@@ -33,7 +33,7 @@ MOST_PAIRS = 15
 """Most pairs of parameters that one figure shows."""
 
 _PANEL_MM = {1: 65.0, 2: 60.0, 4: 42.0}
-"""Height of a panel by the number beside each other."""
+"""Height of a panel by the number of columns."""
 
 
 def colours() -> Colormap:
@@ -141,7 +141,7 @@ def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
     for label, (where, look) in kinds.items():
         if where.any():
             scatter(*(x[where] for x in at), label=f"{label}: {where.sum()} sets", **look)
-    # The best lie on top.
+    # The best are on top.
     order = np.argsort(-np.where(unranked | above, -np.inf, fopt))
     order = order[~(unranked | above)[order]]
     scatter(*(x[order] for x in at), c=fopt[order], cmap=colours(), vmin=0.0, vmax=COLOUR_LIMIT, s=14,

@@ -1,4 +1,4 @@
-"""How every figure for print looks: sizes in mm, type, colours that all eyes tell apart, files."""
+"""How every figure for print looks: sizes in mm, type, colours for all kinds of colour vision, files."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -62,7 +62,7 @@ LINES: tuple[tuple[str, Dash], ...] = (
     ("#56B4E9", (0, (5, 1, 1, 1, 1, 1))),
     ("#000000", (0, (1, 1))),
 )
-"""Okabe and Ito's colours, which people with any colour vision tell apart, each with its dash."""
+"""Okabe and Ito's colours, distinct for all kinds of colour vision, each with its dash."""
 
 SUFFIXES = (".svg", ".pdf", ".png")
 """Kinds of file that a figure is saved as."""

@@ -31,7 +31,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
 """Captions of the tables by name."""
 
 EXACT = 1e-6
-"""NMSE below which a curve is fitted as well as solvers can tell."""
+"""NMSE below which a curve is fitted to the accuracy of solvers."""
 
 
 def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
@@ -150,9 +150,9 @@ def _unfitted(
     search: str, table: pl.DataFrame, row: Mapping[str, Any], channel: str, scenarios: Mapping[str, Scenario]
 ) -> dict[str, object]:
     seeing = [name for name, scenario in scenarios.items() if scenario.weights.get(channel)]
-    beside = table.filter(pl.col("spot") == row["spot"], pl.col("scenario").is_in(seeing))
+    fitting = table.filter(pl.col("spot") == row["spot"], pl.col("scenario").is_in(seeing))
     nmse = float(row[f"nmse_{channel}"])
-    fitted = min(beside[f"nmse_{channel}"].drop_nulls().to_list(), default=None)
+    fitted = min(fitting[f"nmse_{channel}"].drop_nulls().to_list(), default=None)
     return {
         "search": search,
         "spot": row["spot"],
@@ -188,8 +188,9 @@ def finding(tables: Mapping[str, pl.DataFrame]) -> str:
         times = "which a fit to it does not miss"
     r2 = "" if worst["r2"] is None else f" (R² {worst['r2']:.3f})"
     return (
-        f"What a partial fit does not see: at spot {worst['spot']}, scenario '{worst['scenario']}' (fitted "
-        f"to {worst['fitted_to']}) misses {worst['unfitted']} with NMSE {worst['nmse']:.3g}{r2}, "
+        f"Misfit of the channels left out of the fit: at spot {worst['spot']}, scenario "
+        f"'{worst['scenario']}' (fitted to {worst['fitted_to']}) misses {worst['unfitted']} with NMSE "
+        f"{worst['nmse']:.3g}{r2}, "
         f"{times}."
     )
 
@@ -206,14 +207,14 @@ def generalised(data: ReportData) -> pl.DataFrame:
 
 
 def cost_of_one_set(data: ReportData) -> pl.DataFrame:
-    """Fopt of the set for all spots beside the least at each, and their ratio; empty for one spot."""
+    """Fopt of the set for all spots, the least at each spot, and their ratio; empty for one spot."""
     if data.generalisation.is_empty() or len(data.spots) < 2:
         return pl.DataFrame()
-    own = data.selection.filter(pl.col("scenario") == data.generalising.name)
-    own = own.select("spot", own_set="set_id", own_fopt="fopt")
+    best = data.selection.filter(pl.col("scenario") == data.generalising.name)
+    best = best.select("spot", best_set="set_id", best_fopt="fopt")
     one = data.generalisation.select("spot", "set_id", "fopt")
-    return one.join(own, on="spot", maintain_order="left").with_columns(
-        times=pl.when(pl.col("own_fopt") > 0.0).then(pl.col("fopt") / pl.col("own_fopt"))
+    return one.join(best, on="spot", maintain_order="left").with_columns(
+        times=pl.when(pl.col("best_fopt") > 0.0).then(pl.col("fopt") / pl.col("best_fopt"))
     )
 
 

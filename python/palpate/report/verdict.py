@@ -36,7 +36,7 @@ class Verdict:
     identifiability : tuple of str
         A sentence on each parameter; none where the set does not fit.
     warnings : tuple of ReportWarning
-        The gravest first.
+        The most severe first.
     without_result : mapping of (spot, scenario) to str
         Why no set could be selected there.
     """

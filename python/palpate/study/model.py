@@ -261,9 +261,7 @@ class ExecutorTable(Table):
     memory_limit: Megabytes | None = Field(
         default=None, gt=0.0, description="Most memory that one simulation may take; if left out no limit."
     )
-    attempts: int = Field(
-        default=2, ge=1, le=10, description="How often a job may end its worker before it is given up."
-    )
+    attempts: int = Field(default=2, ge=1, le=10, description="Worker crashes tolerated per job.")
     cache: FileName | None = Field(
         default=None, description="Folder of finished simulations that is shared with other studies."
     )

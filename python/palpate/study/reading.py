@@ -68,7 +68,7 @@ class Study:
     memory_limit_MB : float
         Most memory that one simulation may take; 0: no limit.
     n_attempts : int
-        How often a job may end its worker before it is given up.
+        Worker crashes tolerated per job.
     one_frame : bool
         Whether the meshes of all spots are in one frame.
     cache : Path, optional

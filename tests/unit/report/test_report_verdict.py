@@ -141,13 +141,13 @@ def test_a_best_value_at_the_end_of_its_range_is_named(content):
 def test_a_best_set_outside_the_interval_of_the_optimum_is_named(content):
     made = content()
     inside = made.identifiability.with_columns(lower=pl.lit(0.1), upper=pl.lit(50.0))
-    assert about(replace(made, identifiability=inside), "better set") is None
+    assert about(replace(made, identifiability=inside), "between the sampled sets") is None
     outside = inside.with_columns(
         lower=pl.when(pl.col("parameter") == "soft_tissue.stiffness").then(49.0).otherwise(0.1),
         optimum=pl.lit(49.5),
     )
     value = made.selection["soft_tissue.stiffness"][0]
-    why = about(replace(made, identifiability=outside), "better set")
+    why = about(replace(made, identifiability=outside), "between the sampled sets")
     assert why.startswith(f"stiffness at p1: set {value:.4g}, optimum 49.5; stiffness at p2: ")
     assert best_of(made).values[0].optimum == pytest.approx(0.4, rel=1e-3)
 
@@ -229,7 +229,7 @@ def test_the_price_of_one_set_is_the_ratio_to_the_least(content):
     assert costs["times"].to_list() == (made.generalisation["fopt"] / own).to_list()
     assert (costs["times"] >= 1.0).all()
     cheap = made.generalisation.with_columns(fopt=100.0 * own)
-    assert "p1 (100 times); p2 (100 times)" in about(replace(made, generalisation=cheap), "fits some of them")
+    assert "p1 (100 times); p2 (100 times)" in about(replace(made, generalisation=cheap), "fits some spots")
     assert about(replace(made, generalisation=made.generalisation[:0]), "No set for all spots")
 
 

@@ -48,7 +48,7 @@ def connected(settings: DaskSettings, n_workers: int) -> Iterator[Client]:
     """
     with contextlib.ExitStack() as stack:
         stack.enter_context(_quiet())
-        # Nothing is sent anywhere twice by itself: an unknown name or port is told at once.
+        # No automatic retry: an unknown name or port is an error at once.
         stack.enter_context(dask.config.set({"distributed.comm.retry.count": 0, **_NO_PAGES}))
         if settings.jobqueue is not None:
             cluster = stack.enter_context(_of_batch_system(settings, settings.jobqueue))
@@ -123,7 +123,7 @@ def _client(settings: DaskSettings, cluster: Any) -> Client:  # noqa: ANN401 - o
     except Exception as error:
         raise ExecutorError(
             f"no Dask scheduler answers at {where} within {settings.timeout:g} s "
-            f"({type(error).__name__}: {error}); start it, or mend the address or the certificates"
+            f"({type(error).__name__}: {error}); start it, or correct the address or the certificates"
         ) from error
     # Jobs of a batch system may wait for hours; workers of a scheduler at an address are there.
     patience = None if settings.jobqueue is not None else settings.timeout
@@ -156,7 +156,7 @@ def _security(settings: DaskSettings) -> Security | None:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Let errors be told once, by palpate."""
+    """Silence Dask's loggers; palpate reports the errors."""
     loggers = [logging.getLogger(name) for name in ("distributed", "asyncio", "tornado")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

@@ -7,12 +7,12 @@ from palpate_dask.settings import DaskSettings
 
 
 class DaskExecutor(Executor):
-    """Runs the jobs on a Dask cluster, each in a process of palpate's own beside Dask's.
+    """Runs the jobs on a Dask cluster, each in a worker process of palpate.
 
     Notes
     -----
-    Every result is its own answer, so what is finished is kept whatever becomes of the cluster.
-    Where the scheduler ends the sweep stops with an error, and the next run goes on.
+    Each result is returned as it comes, so finished jobs are kept if the cluster fails. If the
+    scheduler ends, the sweep stops with an error, and the next run continues it.
     """
 
     name = "dask"

@@ -35,7 +35,7 @@ def _runtime_on_workers(client: Client, batch: Batch) -> Iterator[str]:
         raise
     except Exception as error:
         raise ExecutorError(
-            f"a Dask worker cannot begin: {type(error).__name__}: {error}; "
+            f"a Dask worker cannot start: {type(error).__name__}: {error}; "
             "install palpate, palpate-dask and the study's plugins there, of the same versions as here"
         ) from error
     try:

@@ -11,7 +11,7 @@ from palpate.api import Quantity, Settings
 
 
 class TlsSettings(Settings):
-    """Files that prove who is who; paths as of where palpate is started."""
+    """TLS certificates; paths are relative to where palpate is started."""
 
     ca_file: str = Field(description="Certificate of the authority that signed all others.")
     cert: str = Field(description="Certificate of this side.")

@@ -1,7 +1,7 @@
-"""What palpate keeps on each Dask worker: worker processes of its own, warm between two jobs.
+"""The runtime on each Dask worker: worker processes that are reused from job to job.
 
-A job never runs in Dask's own process: it is held to its time, memory and attempts by the same
-code as on one machine, and its crash or hang costs Dask nothing.
+A job never runs in Dask's process. The same code as on one machine enforces its limits of time,
+memory and attempts, and its crash or hang does not affect Dask.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ from palpate.api import (
 )
 
 IDLE_S = 300.0
-"""Seconds after which processes that nobody has given a job are ended: their run may be gone."""
+"""Seconds after which idle processes are ended: their run may have ended."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,7 +22,7 @@ TITLES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """The paper's figures beside those of a reproduction.
+    """The paper's figures next to those of a reproduction.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Comparison:
 
 
 def compare(outcome: ReproductionResult) -> Comparison:
-    """Lay the paper's figures beside those of the runs, by material name."""
+    """Compare the paper's figures with those of the runs, by material name."""
     results = outcome.results
     return Comparison(tables=side_by_side(results), errata=tuple(errata(results)), failed=outcome.failed)
 
@@ -77,7 +77,7 @@ def _markdown(comparison: Comparison, results: Mapping[str, RunResult], folder: 
         "# The paper's study, repeated",
         "**The curves are simulated.** What this cannot have in common with the paper:",
         "\n".join(f"- {line}" for line in comparison.not_shared),
-        "Rows stand beside each other for their pattern: the spots are not the paper's points.",
+        "Compare the pattern of the rows: the spots are not the paper's points.",
         *(f"**Nothing of {name}:** {why}" for name, why in comparison.failed.items()),
         *(f"## {markdown(TITLES[name], frame)}" for name, frame in comparison.tables.items()),
         f"## {markdown('What in the paper does not fit', errata_table)}",

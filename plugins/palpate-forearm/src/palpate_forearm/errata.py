@@ -95,13 +95,13 @@ def _lowest_errors() -> Erratum:
         scenario: errors.filter(pl.col("scenario") == scenario).sort("nmse").row(0, named=True)
         for scenario in ("II", "III")
     }
-    told = " and ".join(
+    found = " and ".join(
         f"{row['nmse']:g} for {name} ({row['material']}, point {row['point']})" for name, row in least.items()
     )
     return Erratum(
         where="table 2 and the text",
         paper="the Ogden model has the lowest errors for II (0.0037) and III (0.0274)",
-        found=f"the table's lowest are {told}",
+        found=f"the table's lowest are {found}",
         here="the table is taken as right",
     )
 
@@ -109,14 +109,14 @@ def _lowest_errors() -> Erratum:
 def _highest_errors() -> Erratum:
     errors = table2().filter(pl.col("scenario") == "I").pivot("material", index="point", values="nmse")
     others = errors.filter(pl.col("yeoh") < pl.col("neo_hookean"), pl.col("point") != 2)
-    told = " and ".join(
+    found = " and ".join(
         f"at point {row['point']} {row['yeoh']:g} is less than neo-Hookean's {row['neo_hookean']:g}"
         for row in others.iter_rows(named=True)
     )
     return Erratum(
         where="the text on the Yeoh model",
         paper="the least error in scenario I at point 2, the highest of the three models at the other points",
-        found=told,
+        found=found,
         here="the table is taken as right",
     )
 
@@ -193,21 +193,21 @@ def _kept_sets(results: Mapping[str, RunResult]) -> Erratum:
 
 
 def _normaliser(results: Mapping[str, RunResult]) -> Erratum:
-    told = "an error of 10 % of a symmetric twist would score far more than one of 10 % of the force"
+    found = "an error of 10 % of a symmetric twist would score far more than one of 10 % of the force"
     if results:
         measured = next(iter(results.values())).measured
         factors = {
             spot: float(np.mean(np.abs(y)) / np.abs(np.mean(y))) ** 2
             for spot, y in ((s, r["torque"].ordinate) for s, r in measured.items())
         }
-        told = (
+        found = (
             "the mean of a symmetric twist's torque is nearly zero: divided by it the torque NMSE here would "
             f"be {min(factors.values()):.3g} to {max(factors.values()):.3g} times as large"
         )
     return Erratum(
         where="NMSE",
         paper="divided by the squared mean of the measured values",
-        found=f"{told}; the errors of table 2 are not of that size",
+        found=f"{found}; the errors of table 2 are not of that size",
         here="divided by the squared mean of |measured| (mean_abs)",
     )
 
@@ -217,9 +217,9 @@ def _contact() -> list[Erratum]:
         Erratum(
             where="friction",
             paper="FEBio's sliding-elastic contact in its penalty form, coefficient 1",
-            found="that form forgets where a point stuck at every step: its torque is a property of the "
+            found="that form resets the sticking points at every step: its torque depends on the "
             "number of steps, which is not given",
-            here="friction that remembers; `palpate friction-memory` shows the difference",
+            here="friction that keeps the sticking points; `palpate friction-memory` shows the difference",
         ),
         Erratum(
             where="contact stiffness",

@@ -1,4 +1,4 @@
-"""The paper's two tables, and the same tables of a reproduction beside them."""
+"""The paper's two tables, and the same tables of a reproduction."""
 
 from collections.abc import Mapping
 from importlib.resources import files
@@ -32,13 +32,13 @@ def _printed(name: str) -> pl.DataFrame:
 
 
 def side_by_side(results: Mapping[str, RunResult]) -> dict[str, pl.DataFrame]:
-    """The paper's tables beside those of a reproduction.
+    """The paper's tables next to those of a reproduction.
 
     Parameters
     ----------
     results : mapping of material name to RunResult
         Their spots are p1, p2 … in the order of the paper's points. They are other spots of
-        another limb: rows stand beside each other for their pattern, not to be equal.
+        another limb: compare the pattern of the rows, not the numbers.
 
     Returns
     -------

@@ -38,7 +38,7 @@ class PhantomBone:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InkMark:
-    """A spot's round mark: where it lies on the surface and its colour (sRGB, 0 to 1)."""
+    """A spot's round mark: its place on the surface and its colour (sRGB, 0 to 1)."""
 
     name: str
     station_mm: float

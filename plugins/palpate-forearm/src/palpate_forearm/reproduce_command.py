@@ -1,4 +1,4 @@
-"""``palpate reproduce``: the paper's study end to end, with its tables beside these."""
+"""``palpate reproduce``: the paper's study end to end, compared with the paper's tables."""
 
 import math
 import sys
@@ -23,11 +23,12 @@ LEAST_SETS = 2
 def reproduce(
     context: typer.Context,
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Folder of the reproduction; one that was begun goes on.")
+        Path,
+        typer.Argument(metavar="FOLDER", help="Folder of the reproduction; an existing one is continued."),
     ] = Path("runs/reproduce"),
     n_sets: Annotated[
         int | None,
-        typer.Option("--sets", min=LEAST_SETS, help="Sets to draw of each material; the paper draws 250."),
+        typer.Option("--sets", min=LEAST_SETS, help="Number of sets of each material; the paper draws 250."),
     ] = None,
     minutes: Annotated[
         float | None,
@@ -44,7 +45,7 @@ def reproduce(
 ) -> None:
     """Repeat the paper's study on a simulated phantom: three materials, four spots, three scenarios.
 
-    Without --sets and --minutes a reproduction that was begun goes on with the sets it has. For a
+    Without --sets and --minutes an existing reproduction continues with its sets. For a
     new one the time of several sizes is estimated, and asked for in a terminal. Called again with
     more sets it keeps what is simulated.
     """

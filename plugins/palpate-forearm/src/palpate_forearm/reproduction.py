@@ -5,7 +5,7 @@ The folder of a reproduction holds what it needs and what it found::
     study/measured/  study/meshes/  study/<material>.toml     the three studies
     study/phantom.txt                                         coarse or fine
     <material>/                                               a run directory each
-    tables/*.csv  comparison.md                               the paper's figures beside these
+    tables/*.csv  comparison.md                               the paper's figures and these
 
 so that it moves freely, any of the studies can be changed, and a run that was stopped goes on.
 """
@@ -79,7 +79,7 @@ kappa = "0.8 MPa"
 
 [sampling.filters.drucker]
 
-# What the curves were made with; its c3 lies just above the paper's range.
+# What the curves were made with; its c3 is just above the paper's range.
 [truth.soft_tissue]
 c1 = "1.41e-2 MPa"
 c2 = "-2.2e-3 MPa"
@@ -231,7 +231,7 @@ def refuse(folder: Path, materials: Sequence[str], phantom: str) -> None:
             raise StudyError(f"{folder}: holds no reproduction; name a new or an empty folder")
     elif begun != phantom:
         flag = "leave out --fine" if phantom == "fine" else "add --fine"
-        raise StudyError(f"{folder}: was begun on the {begun} phantom; {flag}, or name another folder")
+        raise StudyError(f"{folder}: was made with the {begun} phantom; {flag}, or name another folder")
 
 
 def sets_of(folder: Path, materials: Sequence[str], plugins: Plugins) -> int:
@@ -360,7 +360,7 @@ def run(
     plugins : Plugins
     progress : Progress
     announce : callable
-        Told which material is next, and which gave nothing.
+        Called with the material that is next, and with each that failed.
 
     Raises
     ------

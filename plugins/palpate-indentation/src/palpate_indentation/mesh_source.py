@@ -235,7 +235,7 @@ def _region_ids(path: Path, numbers: NDArray[np.generic], settings: MeshioSettin
         if len(names) != 1:
             raise MeshError(
                 f'{path}: region_data = "" makes the mesh one region, but regions names {len(names)} '
-                f"({', '.join(names)}); name the cell data that tells them apart"
+                f"({', '.join(names)}); name the cell data that separates them"
             )
         return np.zeros(len(numbers), dtype=np.int64)
     check_whole(path, f"cell data '{settings.region_data}'", numbers)

@@ -16,8 +16,8 @@ class InPlane(Settings):
     """Nodes in a plane n · x = at, such as a cut."""
 
     normal: tuple[float, float, float] = Field(description="Normal of the plane; its length does not count.")
-    at: Length = Field(description="Where the plane lies along its normal, from the origin.")
-    within: Length = Field(default=0.05, gt=0.0, description="How far a node may lie from the plane.")
+    at: Length = Field(description="Position of the plane along its normal, from the origin.")
+    within: Length = Field(default=0.05, gt=0.0, description="Largest distance of a node from the plane.")
 
 
 class NearSurface(Settings):
@@ -25,7 +25,7 @@ class NearSurface(Settings):
 
     surface: str = Field(description="File of the surface (.stl, .ply, .obj) in the mesh's folder and frame.")
     unit: str = Field(default="mm", description="Unit of that file's coordinates.")
-    within: Length = Field(default=0.5, gt=0.0, description="How far a node may lie from the surface.")
+    within: Length = Field(default=0.5, gt=0.0, description="Largest distance of a node from the surface.")
 
 
 Choice = str | InPlane | NearSurface
@@ -86,7 +86,7 @@ def _near(path: Path, points_mm: FloatArray, choice: NearSurface) -> IntArray:
     named = Path(choice.surface)
     if named.is_absolute() or ".." in named.parts:
         raise MeshError(
-            f"{path}: the surface '{named}' lies outside of the mesh's folder; move it beside the mesh"
+            f"{path}: the surface '{named}' is outside of the mesh's folder; move it next to the mesh"
         )
     _, distances = read_surface(path.parent / named, choice.unit).nearest(points_mm)
     found = np.flatnonzero(distances <= choice.within)

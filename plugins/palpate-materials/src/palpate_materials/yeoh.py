@@ -6,7 +6,7 @@ from pydantic import Field
 from palpate.api import Array, Parameter, Settings
 from palpate_materials.uncoupled import POSITIVE, Uncoupled, bulk_modulus, first_invariant, modulus
 
-# The paper's region of interest. Its numbers are in FEBio 4's convention, where c_k stands for k c_k.
+# The paper's ranges, in FEBio 4's convention: its c_k is k times the textbook's.
 PAPER_RANGES = ((1.4e-3, 3e-2), (-3e-3, -4.14e-5), (3e-6, 3e-4))
 
 

@@ -102,7 +102,7 @@ def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any,
         if any(issubclass(plugins.solvers[name], FebioSolver) for name in asked):
             raise
         febio = None
-        missing.append(f"FEBio itself: {error}. Its recorded curves stand in for it")
+        missing.append(f"FEBio itself: {error}. its recorded curves are used instead")
     for name in asked:
         if not plugins.solvers[name].needs_limb:
             raise PluginError(f"solver '{name}' takes no mesh, and every problem here has one")

@@ -25,7 +25,7 @@ from palpate.api import (
 RECORDED = "FEBio 4.11, recorded"
 
 ENERGIES = "palpate"
-"""What stands for a solver where the stress of a material is compared."""
+"""Name in place of a solver where the stress of a material is compared."""
 
 COUPLED = frozenset({"neo_hookean"})
 """Materials whose hex8 is a plain 8-point element in FEBio."""

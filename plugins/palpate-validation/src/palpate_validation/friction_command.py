@@ -64,10 +64,10 @@ def friction_memory(
 
 HEADS = ("problem", "contact", "steps", "torque [N·mm]", "of the right one", "stiffness found / true", "note")
 EXPLANATION = (
-    "The penalty form forgets where a point stuck, so its torque falls with the number of steps, and a "
-    "stiffness identified by torque rises as much: it is a property of the step, not of the tissue. The "
-    "augmented form remembers what its augmentation has converged, and forgets the rest in every step: its "
-    "gates show how much. The embedded solver remembers."
+    "The penalty form resets the sticking points in every step. Its torque falls with the number of steps, "
+    "and a stiffness identified by torque rises as much: a property of the step, not of the tissue. The "
+    "augmented form keeps what its augmentation has converged and resets the rest in every step: its "
+    "checks show how much. The embedded solver keeps the sticking points."
 )
 
 

@@ -1,7 +1,7 @@
 """Why the torque of FEBio's penalty friction identifies no material.
 
-A contact point that sticks must remember where it stuck. FEBio's penalty form
-of ``sliding-elastic`` anchors it anew in every step, so its traction is the
+The sticking point of a contact must be kept from step to step. FEBio's penalty
+form of ``sliding-elastic`` resets it in every step, so its traction is the
 penalty times the slip of one step: cut the twist into twice as many steps and
 the torque halves. Force hardly notices.
 
@@ -83,7 +83,7 @@ def friction_results(
     ----------
     runs : mapping of (form, number of steps) to the curves, or None and why there are none
     right : Response
-        Of a solver whose friction remembers, finely cut.
+        Of a solver that keeps the sticking points, with small steps.
     """
     truth = right["torque"].first_turn
     for (form, n_steps), (response, why) in runs.items():
