@@ -14,7 +14,6 @@ import pytest
 from palpate.cli.app import main
 from palpate.domain import (
     Indentation,
-    Normaliser,
     ParameterSpace,
     RegionMaterial,
     Response,
@@ -106,8 +105,6 @@ def make_study(tmp_path: Path, tissue: ModuleType, space: ParameterSpace) -> Cal
             seed=1,
             filters=(),
             solver=getattr(tissue, solver)() if isinstance(solver, str) else solver,
-            normaliser=Normaliser.MEAN_ABS,
-            minimum_coverage=0.95,
             scenarios=SCENARIOS,
             generalise_by="I",
             refine=False,

@@ -52,7 +52,7 @@ class Normaliser(StrEnum):
     UNIT = "unit"
 
 
-class PointWeights(StrEnum):
+class PointWeighting(StrEnum):
     """How much each measured point counts: all the same, or as 1/std² of its ordinate."""
 
     EQUAL = "equal"
@@ -421,6 +421,36 @@ class Simulation:
     def id(self) -> SimulationId:
         """Which simulation of its study this is."""
         return self.job.id
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScoringRules:
+    """How a simulated curve is compared with a measured one, and which are ranked.
+
+    Parameters
+    ----------
+    normaliser : Normaliser
+    point_weighting : PointWeighting
+    minimum_coverage : float
+        Smallest share of measured points, each counted with its weight, that a simulated curve
+        must reach to be ranked.
+    rank_partial : bool
+        Whether a curve that a diverged simulation left unfinished is ranked where it reaches that.
+    """
+
+    normaliser: Normaliser = Normaliser.MEAN_ABS
+    point_weighting: PointWeighting = PointWeighting.EQUAL
+    minimum_coverage: float = 0.95
+    rank_partial: bool = False
+
+    @property
+    def ranked_statuses(self) -> tuple[Status, ...]:
+        """Statuses of simulations whose curves are ranked."""
+        return (Status.OK, Status.DIVERGED) if self.rank_partial else (Status.OK,)
+
+    def is_enough(self, coverage: float) -> bool:
+        """Whether a coverage suffices; a share of counted points is exact only up to rounding."""
+        return coverage >= self.minimum_coverage - 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

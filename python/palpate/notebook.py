@@ -50,7 +50,7 @@ def measure(study: Study, plugins: Plugins | None = None) -> pl.DataFrame:
     PalpateError
     """
     measured = load_measured(study, (plugins or Plugins.load(study.plugin_files)).channels)
-    scoring.check_scorable(measured, study.normaliser, study.weights)
+    scoring.check_scorable(measured, study.scoring)
     frames = [frame_of(response).with_columns(spot=pl.lit(spot)) for spot, response in measured.items()]
     return pl.concat(frames, how="diagonal").select("spot", pl.exclude("spot"))
 
@@ -131,7 +131,7 @@ def score(study: Study, simulated: pl.DataFrame, measured: pl.DataFrame) -> pl.D
     ScoringError
     """
     _check_columns("simulated curves", simulated, _SIMULATED, "palpate.simulate")
-    return scoring.score_as_studied(study, _simulations(simulated), _responses(measured))
+    return scoring.score(_simulations(simulated), _responses(measured), study.scoring)
 
 
 def select(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:

@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
 from palpate import pipeline
-from palpate.domain import Indentation, Normaliser, ParameterSpace, RegionMaterial, Sphere, Spot
+from palpate.domain import Indentation, ParameterSpace, RegionMaterial, Sphere, Spot
 from palpate.executors import InProcess
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
@@ -63,7 +63,7 @@ def make_study(folder: Path, n_sets: int, n_workers: int) -> Study:
         loader=tissue.Table(), limb_source=None,
         protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=PATH, friction=1.0),
         space=ParameterSpace(regions=(region,)), sampler=LatinHypercube(), n_sets=n_sets, seed=1, filters=(),
-        solver=solver, normaliser=Normaliser.MEAN_ABS, minimum_coverage=0.95, scenarios=SCENARIOS,
+        solver=solver, scenarios=SCENARIOS,
         generalise_by="I", refine=False, truth={}, n_workers=n_workers, time_limit_s=60.0,
         plugin_files=(TISSUE_FILE,), executor=InProcess() if n_workers == 1 else None,
     )  # fmt: skip

@@ -47,7 +47,7 @@ def test_the_tables_are_read() -> None:
     assert [len(files) for files in (one.measured[""], small.measured[""])] == [3, 1]
     assert small.protocol.indenter.radius == 5.0
     assert RobotLogSettings.model_validate(settings | small.settings).gravity.weight == pytest.approx(0.61)
-    assert ScoringTable.model_validate(SPOTS["scoring"]).weights == "std"
+    assert ScoringTable.model_validate(SPOTS["scoring"]).point_weighting == "std"
 
 
 def test_the_steps_are_those_of_the_loader() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from palpate.domain import Curve, Job, Normaliser, Response, Simulation, Status
+from palpate.domain import Curve, Job, Normaliser, Response, ScoringRules, Simulation, Status
 from palpate.stages.scoring import score
 
 SCALED = [n for n in Normaliser if n is not Normaliser.UNIT]
@@ -30,7 +30,7 @@ def scored(pairs, measured, normaliser=Normaliser.RMS):
         for i, (x, y) in enumerate(pairs)
     ]
     experiment = {"p": Response(curves={"t": Curve(channel="t", abscissa=measured[0], ordinate=measured[1])})}
-    return score(simulations, experiment, normaliser=normaliser, minimum_coverage=0.9)
+    return score(simulations, experiment, ScoringRules(normaliser=normaliser, minimum_coverage=0.9))
 
 
 @given(loops, st.sampled_from(Normaliser))

@@ -46,9 +46,7 @@ class Swept:
             self.study.solver.simulate(job, None)
             for job in simulation.jobs(self.study, design, self.measured)
         ]
-        scores = scoring.score(
-            simulations, self.measured, normaliser=self.study.normaliser, minimum_coverage=0.95
-        )
+        scores = scoring.score(simulations, self.measured, self.study.scoring)
         return selection.objectives(scores, self.study.scenarios)
 
 

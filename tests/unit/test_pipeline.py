@@ -9,7 +9,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from palpate import pipeline
-from palpate.domain import Normaliser, Response, Status
+from palpate.domain import Normaliser, Response, ScoringRules, Status
 from palpate.errors import (
     CurveError,
     NothingSelectableError,
@@ -146,16 +146,16 @@ def test_a_design_of_other_parameters_is_refused(make_study, plugins, tmp_path, 
 @pytest.mark.parametrize(
     ("changes", "error"),
     [
-        ({"normaliser": Normaliser.MEAN}, ScoringError),
+        ({"scoring": ScoringRules(normaliser=Normaliser.MEAN)}, ScoringError),
         ({"n_sets": 0}, PalpateError),
-        ({"minimum_coverage": 1.0, "spots": "short"}, CurveError),
+        ({"scoring": ScoringRules(minimum_coverage=1.0), "spots": "short"}, CurveError),
     ],
 )
 def test_bad_input_writes_nothing(make_study, plugins, tmp_path, changes, error):
     if changes.get("spots"):
         (path,) = make_study().spots[0].measured[None]
         path.write_text("\n".join(path.read_text().splitlines()[:8]))
-        changes = {"minimum_coverage": 1.0}
+        changes = {"scoring": ScoringRules(minimum_coverage=1.0)}
     with pytest.raises(error):
         pipeline.run_study(make_study(**changes), tmp_path / "run", plugins)
     assert not (tmp_path / "run").exists()
@@ -213,10 +213,10 @@ def test_unfinished_curves_are_ranked_when_asked_for_and_marked_in_every_table(
             response = Response(curves={"torque": torque, "force": force})
             return replace(whole, status=Status.DIVERGED, response=response, message="stopped at 7 mm")
 
-    study = make_study(solver=Short(), minimum_coverage=0.5)
+    study = make_study(solver=Short(), scoring=ScoringRules(minimum_coverage=0.5))
     with pytest.raises(NothingSelectableError, match="stopped at 7 mm"):
         pipeline.run_study(study, tmp_path / "run", plugins)
-    asked = replace(study, rank_partial=True)
+    asked = replace(study, scoring=replace(study.scoring, rank_partial=True))
     result = pipeline.run_study(asked, tmp_path / "run", plugins)
     assert result.selected.selection["partial"].all()
     assert result.scores["status"].unique().to_list() == ["diverged"]
@@ -232,7 +232,7 @@ def test_the_manifest_says_what_the_numbers_depended_on(make_study, plugins, tmp
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert (tmp_path / "run" / "study.toml").read_text() == "# as run\n"
     assert manifest["data"] == "simulated"
-    assert manifest["normaliser"] == "mean_abs"
+    assert manifest["scoring"]["normaliser"] == "mean_abs"
     assert manifest["seed"] == 1
     assert manifest["truth"] == TRUTH
     assert manifest["units"] == "mm, N, MPa, N·mm, degrees"

@@ -18,7 +18,6 @@ import pytest
 
 from palpate.domain import (
     Indentation,
-    Normaliser,
     ParameterSpace,
     RegionMaterial,
     Scenario,
@@ -87,7 +86,6 @@ def study(file, tmp_path):
         protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=[(0.0, 0.0), (9.0, 0.0)], friction=1.0),
         space=ParameterSpace(regions=(region,)), sampler=LatinHypercube(), n_sets=8, seed=1, filters=(),
         solver=module.Press(module.PressSettings(log=str(tmp_path / "log.txt"))),
-        normaliser=Normaliser.MEAN_ABS, minimum_coverage=0.95,
         scenarios=(Scenario(name="force", weights={"force": 1.0}),), generalise_by="force", refine=False,
         truth={}, n_workers=2, time_limit_s=60.0, plugin_files=(file,), executor=DaskExecutor(),
     )  # fmt: skip

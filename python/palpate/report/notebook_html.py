@@ -75,7 +75,7 @@ def study(shown: "Study") -> str:
         ("solver", shown.solver.name),
         ("sets", f"{shown.n_sets} by {shown.sampler.name}, seed {shown.seed}"),
         ("scenarios", ", ".join(scenario.name for scenario in shown.scenarios)),
-        ("normaliser", shown.normaliser.value),
+        ("normaliser", shown.scoring.normaliser.value),
     ]
     about = table(("", ""), rows, f"{shown.name}: {shown.description}")
     return about + parameters(shown.space.parameters, "searched")

@@ -13,10 +13,11 @@ from palpate.report.best_sets import (
     with_brief_names,
 )
 from palpate.report.report_data import ReportData
-from palpate.report.tables import cost_of_one_set, failures_by_reason, finding
+from palpate.report.tables import cost_of_one_set, finding
 from palpate.stages.completeness import described
 from palpate.stages.experiment import measured_warnings
 from palpate.stages.identifiability import UNCLEAR, share_of_range
+from palpate.stages.selection import by_reason, failures, unranked
 
 GOOD_R2 = 0.95
 """R² in a fitted channel below which a fit is called poor."""
@@ -299,7 +300,7 @@ def _about_coarseness(data: ReportData, bests: Sequence[Best]) -> Iterator[Repor
 
 def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
     jobs = data.scores.select("spot", "set_id").unique().height
-    reasons = failures_by_reason(data.scores)
+    reasons = by_reason(failures(unranked(data.scores)))
     n_failed = int(reasons["n"].sum()) if reasons.height else 0
     if n_failed > FAILED_SHARE * jobs:
         first = reasons.row(0, named=True)
@@ -321,7 +322,7 @@ def _about_searches(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_conventions(data: ReportData) -> Iterator[ReportWarning]:
-    if data.study.normaliser.value == "mean":
+    if data.study.scoring.normaliser.value == "mean":
         yield ReportWarning(
             what="NMSE is over the mean of the measured curve",
             why="Over a symmetric twist that is close to zero, and inflates the error of the torque.",

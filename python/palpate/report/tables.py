@@ -9,7 +9,7 @@ import polars as pl
 from palpate.domain import Parameter, RegionMaterial, Scenario
 from palpate.report.report_data import ReportData
 from palpate.stages.completeness import Completeness
-from palpate.stages.selection import failures
+from palpate.stages.selection import by_reason, failures, unranked
 
 TITLES: Mapping[str, str] = MappingProxyType(
     {
@@ -55,7 +55,7 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
         "stiffness_scaling": data.stiffness_scaling,
         "distance_to_truth": distance_to_truth(data),
         "verification": data.verification.drop("key", strict=False),
-        "failures": failures_by_reason(data.scores),
+        "failures": by_reason(failures(unranked(data.scores))),
     }
     found = data.completeness
     return {
@@ -215,19 +215,6 @@ def cost_of_one_set(data: ReportData) -> pl.DataFrame:
     one = data.generalisation.select("spot", "set_id", "fopt")
     return one.join(best, on="spot", maintain_order="left").with_columns(
         times=pl.when(pl.col("best_fopt") > 0.0).then(pl.col("fopt") / pl.col("best_fopt"))
-    )
-
-
-def failures_by_reason(scores: pl.DataFrame) -> pl.DataFrame:
-    """Why sets are not ranked, most frequent first; messages that differ in their numbers are one reason."""
-    number = r"\d+(\.\d+)?([eE][+-]?\d+)?"
-    return (
-        failures(scores)
-        .group_by(
-            "status", pl.col("message").str.replace_all(number, "…").alias("reason"), maintain_order=True
-        )
-        .agg(pl.col("n").sum(), pl.col("example").first(), pl.col("remedy").first())
-        .sort("n", descending=True, maintain_order=True)
     )
 
 

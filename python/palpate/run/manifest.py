@@ -11,7 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Channel, HomogeneousTests, Indentation, Normaliser, PointWeights, Protocol
+from palpate.domain import (
+    Channel,
+    HomogeneousTests,
+    Indentation,
+    Normaliser,
+    PointWeighting,
+    Protocol,
+    ScoringRules,
+)
 from palpate.executors.answers import plain
 from palpate.plugins.fingerprints import distributions
 from palpate.plugins.guard import answering_for
@@ -58,10 +66,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "refill": study.refill,
         "seed": study.seed,
         "filters": [_component(keep) for keep in study.filters],
-        "normaliser": study.normaliser.value,
-        "point_weights": study.weights.value,
-        "minimum_coverage": study.minimum_coverage,
-        "rank_partial": study.rank_partial,
+        "scoring": asdict(study.scoring),
         "scenarios": {scenario.name: dict(scenario.weights) for scenario in study.scenarios},
         "generalise_by": study.generalise_by,
         "refine": study.refine,
@@ -156,8 +161,7 @@ _TYPES: Mapping[str, type | tuple[type, ...]] = MappingProxyType(
         "fingerprints": dict,
         "trusted": dict,
         "n_total": int,
-        "minimum_coverage": (int, float),
-        "rank_partial": bool,
+        "scoring": dict,
     }
 )
 """What is read of the manifest again."""
@@ -182,6 +186,24 @@ def checked_manifest(content: object) -> dict[str, Any]:
         for table in content[key].values():
             if not isinstance(table, dict) or not all(isinstance(each, kinds) for each in table.values()):
                 raise ValueError(f"'{key}' holds something of another type")
-    Normaliser(str(content.get("normaliser")))
-    PointWeights(str(content.get("point_weights")))
+    scoring_rules(content)
     return content
+
+
+def scoring_rules(content: Mapping[str, Any]) -> ScoringRules:
+    """Scoring rules of a manifest.
+
+    Raises
+    ------
+    ValueError, TypeError
+    """
+    rules = ScoringRules(
+        **content["scoring"]
+        | {
+            "normaliser": Normaliser(content["scoring"].get("normaliser")),
+            "point_weighting": PointWeighting(content["scoring"].get("point_weighting")),
+        }
+    )
+    if not isinstance(rules.minimum_coverage, (int, float)) or not isinstance(rules.rank_partial, bool):
+        raise TypeError("'scoring' holds something of another type")
+    return rules

@@ -163,14 +163,14 @@ def design_from(study: Study) -> dict[str, str]:
 
 def scores_from(study: Study, records: StageRecords, simulations: str) -> dict[str, str]:
     """What decides the scores; ``simulations`` is their own fingerprint."""
-    scoring = [study.minimum_coverage, study.rank_partial]
+    rules = study.scoring
     return {
         "measured curves": records.fingerprint("measured"),
         "design": records.fingerprint("design"),
         "simulations": simulations,
-        "normaliser": fingerprint(study.normaliser.value),
-        "point weights": fingerprint(study.weights.value),
-        "coverage or partial": fingerprint(scoring),
+        "normaliser": fingerprint(rules.normaliser.value),
+        "point weighting": fingerprint(rules.point_weighting.value),
+        "coverage or partial": fingerprint([rules.minimum_coverage, rules.rank_partial]),
     }
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import polars as pl
 
 from palpate.domain import Design, Scenario
-from palpate.stages.selection import failures
+from palpate.stages.selection import failures, unranked
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +80,7 @@ def without_result(
 
 def _reason(scores: pl.DataFrame, spot: str, scenario: Scenario) -> str:
     channels = [channel for channel, weight in scenario.weights.items() if weight > 0.0]
-    reasons = failures(scores.filter(pl.col("spot") == spot, pl.col("channel").is_in(channels)))
+    reasons = failures(unranked(scores.filter(pl.col("spot") == spot, pl.col("channel").is_in(channels))))
     if reasons.is_empty():
         return "no simulation was scored"
     status, message, *_ = reasons.row(0)

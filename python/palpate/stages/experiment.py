@@ -190,7 +190,7 @@ def _check_response(
         for name, curve in response.curves.items():
             _check_known(name, channels)
             if isinstance(protocol, Indentation):
-                check_covers(curve, channels[name], protocol, study.minimum_coverage)
+                check_covers(curve, channels[name], protocol, study.scoring.minimum_coverage)
                 if channels[name].abscissa in _PATH_COLUMNS:
                     check_gaps(curve)
             found += check_curve(curve, channels[name])

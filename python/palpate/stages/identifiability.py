@@ -18,7 +18,7 @@ import polars as pl
 from palpate import _core
 from palpate.domain import Design, FloatArray, IntArray, Parameter, Response, Scenario, Simulation
 from palpate.run.result import FitResult
-from palpate.stages.scoring import compare, point_weights
+from palpate.stages.scoring import compare, point_weights, residual_scale
 from palpate.stages.selection import objectives
 from palpate.stages.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
 from palpate.study.reading import Study
@@ -90,10 +90,10 @@ def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Respon
         for name, curve in response.curves.items()
     }
     for simulation in simulations:
-        spot = simulation.job.spot
+        spot, set_id = simulation.id
         if simulation.response is not None:
             for name, curve in measured[spot].curves.items():
-                swept[spot, name][simulation.job.set_id] = compare(simulation, curve).values
+                swept[spot, name][set_id] = compare(simulation, curve).values
     return swept
 
 
@@ -213,23 +213,17 @@ class _Curves:
         curve = self.measured[spot][channel]
         if curve.std is None:
             return 0.0
-        squares = float(np.average(curve.std**2, weights=point_weights(curve, self.study.weights)))
-        return squares / self._normaliser(spot, channel) ** 2
-
-    def _normaliser(self, spot: str, channel: str) -> float:
-        ordinate = self.measured[spot][channel].ordinate
-        return float(_core.normaliser(ordinate, self.study.normaliser.value))
+        rules = self.study.scoring
+        squares = float(np.average(curve.std**2, weights=point_weights(curve, rules.point_weighting)))
+        return squares / float(_core.normaliser(curve.ordinate, rules.normaliser.value)) ** 2
 
     def _residuals(self, spot: str, channel: str, weight: float, sets: IntArray) -> FloatArray:
         """Residuals (n_sets, n_points) of one channel at one spot."""
         curve, values = self.measured[spot][channel], self.swept[spot, channel][sets]
-        points = point_weights(curve, self.study.weights)
-        points = np.ones(curve.abscissa.size) if points is None else points
         # A point that hardly any set reaches says nothing of the others.
         reached = np.isfinite(values).mean(axis=0) > 0.5
-        points, values = points[reached], values[:, reached]
-        scale = np.sqrt(weight * points / points.sum()) / self._normaliser(spot, channel)
-        residuals: FloatArray = (values - curve.ordinate[reached]) * scale
+        scale = residual_scale(curve, self.study.scoring, weight, reached)
+        residuals: FloatArray = (values - curve.ordinate)[:, reached] * scale[reached]
         return residuals
 
 

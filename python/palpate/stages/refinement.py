@@ -15,13 +15,12 @@ import numpy as np
 import polars as pl
 from scipy.optimize import least_squares
 
-from palpate import _core
-from palpate.domain import Design, FloatArray, Limb, Response, Scenario, Simulation, Status
+from palpate.domain import Design, FloatArray, Limb, Response, Scenario, Simulation
 from palpate.executors.attempts import simulate_alone
 from palpate.progress import SILENT, Progress
 from palpate.run.result import FitResult
 from palpate.stages.sampling import NO_ROW
-from palpate.stages.scoring import compare, is_enough, point_weights, ranked_statuses, score_as_studied
+from palpate.stages.scoring import compare, point_weights, residual_scale, score
 from palpate.stages.selection import objectives
 from palpate.stages.simulation import job_for
 from palpate.study.reading import Study
@@ -102,10 +101,6 @@ class _Search:
     _seen: dict[bytes, FloatArray] = field(default_factory=dict)
 
     @property
-    def ranked(self) -> tuple[Status, ...]:
-        return ranked_statuses(rank_partial=self.study.rank_partial)
-
-    @property
     def lower(self) -> FloatArray:
         return np.array([p.lower for p in self.study.space.parameters])
 
@@ -145,7 +140,7 @@ class _Search:
         )
         if self.best is None:
             return begin
-        scores = score_as_studied(self.study, [self.best], {self.spot: self.measured})
+        scores = score([self.best], {self.spot: self.measured}, self.study.scoring)
         end = objectives(scores, [self.scenario]).drop("spot", "scenario", "set_id")
         values = pl.DataFrame(
             {p.name: [float(v)] for p, v in zip(self.study.space.parameters, self.best_values, strict=True)}
@@ -201,7 +196,7 @@ class _Search:
         self.n_simulations += 1
         simulation = simulate_alone(self.study.solver, job, self.limb)
         self._note()
-        if simulation.status not in self.ranked:
+        if simulation.status not in self.study.scoring.ranked_statuses:
             self.failure = f"{simulation.status}: {simulation.message or simulation.status.remedy}"
             return None
         parts = [
@@ -227,21 +222,14 @@ class _Search:
 
     def _channel_residuals(self, simulation: Simulation, channel: str, weight: float) -> FloatArray | None:
         """√(weight·w/Σw)·(sim − exp)/normaliser (n,); points that are not covered count as exact."""
-        curve = self.measured[channel]
+        curve, rules = self.measured[channel], self.study.scoring
         compared = compare(simulation, curve)
         covered = np.isfinite(compared.values)
-        points = point_weights(curve, self.study.weights)
-        points = np.ones(covered.size) if points is None else points
-        reached = points[covered].sum()
-        if compared.status not in self.ranked or not is_enough(
-            reached / points.sum(), self.study.minimum_coverage
-        ):
+        coverage = float(np.average(covered, weights=point_weights(curve, rules.point_weighting)))
+        if compared.status not in rules.ranked_statuses or not rules.is_enough(coverage):
             return None
         differences = np.where(covered, compared.values - curve.ordinate, 0.0)
-        scale = np.sqrt(weight * points / reached) / _core.normaliser(
-            curve.ordinate, self.study.normaliser.value
-        )
-        residuals: FloatArray = differences * scale
+        residuals: FloatArray = differences * residual_scale(curve, rules, weight, covered)
         return residuals
 
 

@@ -5,19 +5,25 @@ w = 1/std² of each measured point. Simulated curves are interpolated onto the m
 abscissae branch by branch, because a twist is a path and not a function of the angle.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
 
 from palpate import _core
-from palpate.domain import Curve, FloatArray, Normaliser, PointWeights, Response, Simulation, Status
+from palpate.domain import (
+    BoolArray,
+    Curve,
+    FloatArray,
+    Normaliser,
+    PointWeighting,
+    Response,
+    ScoringRules,
+    Simulation,
+    Status,
+)
 from palpate.errors import CurveError, ScoringError
-
-if TYPE_CHECKING:
-    from palpate.study.reading import Study
 
 SCHEMA = {
     "spot": pl.String,
@@ -39,7 +45,7 @@ Otherwise one point that happens to have next to none would count for all the ot
 """
 
 
-def point_weights(curve: Curve, weights: PointWeights) -> FloatArray | None:
+def point_weights(curve: Curve, weighting: PointWeighting) -> FloatArray | None:
     """How much each measured point counts: (n,), or None where all count the same.
 
     Raises
@@ -47,32 +53,29 @@ def point_weights(curve: Curve, weights: PointWeights) -> FloatArray | None:
     ScoringError
         The curve has no standard deviation, or only zeros, to weigh by.
     """
-    if weights is PointWeights.EQUAL:
+    if weighting is PointWeighting.EQUAL:
         return None
     if curve.std is None:
         raise ScoringError(
             "no point has a standard deviation; give repeated presses or a loader that states one, "
-            'or set scoring.weights = "equal"'
+            'or set scoring.point_weighting = "equal"'
         )
     scale = float(np.sqrt(np.mean(curve.std**2)))
     if scale == 0.0:
-        raise ScoringError('every standard deviation is zero; set scoring.weights = "equal"')
+        raise ScoringError('every standard deviation is zero; set scoring.point_weighting = "equal"')
     return 1.0 / np.maximum(curve.std / scale, LEAST_STD_SHARE) ** 2
 
 
-def is_enough(coverage: float, minimum_coverage: float) -> bool:
-    """Whether a coverage suffices; a share of counted points is exact only up to rounding."""
-    return coverage >= minimum_coverage - 1e-12
+def residual_scale(curve: Curve, rules: ScoringRules, weight: float, used: BoolArray) -> FloatArray:
+    """Factors (n,) on sim − exp at the points ``used`` (n,), so that the squares sum to weight · NMSE."""
+    points = point_weights(curve, rules.point_weighting)
+    points = np.ones(used.size) if points is None else points
+    normaliser = _core.normaliser(curve.ordinate, rules.normaliser.value)
+    scale: FloatArray = np.sqrt(weight * points / points[used].sum()) / normaliser
+    return scale
 
 
-def ranked_statuses(*, rank_partial: bool) -> tuple[Status, ...]:
-    """Statuses of simulations whose curves are ranked."""
-    return (Status.OK, Status.DIVERGED) if rank_partial else (Status.OK,)
-
-
-def check_scorable(
-    measured: Mapping[str, Response], normaliser: Normaliser, weights: PointWeights = PointWeights.EQUAL
-) -> None:
+def check_scorable(measured: Mapping[str, Response], rules: ScoringRules) -> None:
     """Refuse, before anything is simulated, a measured curve that cannot be normalised or weighed.
 
     Raises
@@ -83,19 +86,14 @@ def check_scorable(
     for spot, response in measured.items():
         for name, curve in response.curves.items():
             try:
-                _core.nmse(curve.ordinate, curve.ordinate, normaliser.value, point_weights(curve, weights))
+                weights = point_weights(curve, rules.point_weighting)
+                _core.nmse(curve.ordinate, curve.ordinate, rules.normaliser.value, weights)
             except ScoringError as error:
                 raise ScoringError(f"spot '{spot}', channel '{name}': {error}") from error
 
 
 def score(
-    simulations: Iterable[Simulation],
-    measured: Mapping[str, Response],
-    *,
-    normaliser: Normaliser,
-    minimum_coverage: float,
-    weights: PointWeights = PointWeights.EQUAL,
-    rank_partial: bool = False,
+    simulations: Iterable[Simulation], measured: Mapping[str, Response], rules: ScoringRules
 ) -> pl.DataFrame:
     """Score every simulation in every measured channel.
 
@@ -103,20 +101,14 @@ def score(
     ----------
     simulations : iterable of Simulation
     measured : mapping of spot name to Response
-    normaliser : Normaliser
-    minimum_coverage : float
-        Smallest share of measured points, each counted with its weight, that a simulated curve
-        must reach to be ranked.
-    weights : PointWeights
-    rank_partial : bool
-        Whether to rank what a simulation that diverged had reached, where that covers enough.
+    rules : ScoringRules
 
     Returns
     -------
     DataFrame
         Columns as in ``SCHEMA``, one row per simulation and measured channel, ordered by
         spot as measured, then set_id, then channel. ``nmse`` is null unless the status is
-        ok, or diverged with ``rank_partial``, and the coverage enough. ``r2`` is the
+        one that ``rules`` rank, and the coverage enough. ``r2`` is the
         coefficient of determination, with the same weights.
 
     Raises
@@ -124,50 +116,26 @@ def score(
     ScoringError
         A degenerate normaliser, or no standard deviation to weigh by.
     """
-    check_scorable(measured, normaliser, weights)
+    check_scorable(measured, rules)
     by_spot: dict[str, list[Simulation]] = {spot: [] for spot in measured}
     for simulation in simulations:
-        by_spot[simulation.job.spot].append(simulation)
+        by_spot[simulation.id.spot].append(simulation)
     rows: list[dict[str, object]] = []
-    ranked = ranked_statuses(rank_partial=rank_partial)
     for spot, of_spot in by_spot.items():
-        of_spot.sort(key=lambda s: s.job.set_id)
-        columns = [
-            _score_channel(
-                of_spot, curve, normaliser, point_weights(curve, weights), minimum_coverage, ranked
-            )
-            for curve in measured[spot].curves.values()
-        ]
+        of_spot.sort(key=lambda s: s.id.set_id)
+        columns = [_score_channel(of_spot, curve, rules) for curve in measured[spot].curves.values()]
         rows += [row for of_set in zip(*columns, strict=True) for row in of_set]
     return pl.DataFrame(rows, schema=SCHEMA)
 
 
-def score_as_studied(
-    study: "Study", simulations: Iterable[Simulation], measured: Mapping[str, Response]
-) -> pl.DataFrame:
-    """Score with the normaliser, weights, coverage and ranking that a study asks for."""
-    return score(
-        simulations,
-        measured,
-        normaliser=study.normaliser,
-        minimum_coverage=study.minimum_coverage,
-        weights=study.weights,
-        rank_partial=study.rank_partial,
-    )
-
-
 def _score_channel(
-    simulations: Sequence[Simulation],
-    measured: Curve,
-    normaliser: Normaliser,
-    weights: FloatArray | None,
-    minimum_coverage: float,
-    ranked: Collection[Status],
+    simulations: Sequence[Simulation], measured: Curve, rules: ScoringRules
 ) -> list[dict[str, object]]:
-    variance = _variance(measured.ordinate, normaliser, weights)
-    scored = _scored(simulations, measured, normaliser, weights)
+    weights = point_weights(measured, rules.point_weighting)
+    variance = _variance(measured.ordinate, rules.normaliser, weights)
+    scored = _scored(simulations, measured, rules.normaliser, weights)
     return [
-        _row(s, measured.channel, score, minimum_coverage, 1.0 - score.nmse / variance, ranked)
+        _row(s, measured.channel, score, 1.0 - score.nmse / variance, rules)
         for s, score in zip(simulations, scored, strict=True)
     ]
 
@@ -255,20 +223,16 @@ def _variance(ordinate: FloatArray, normaliser: Normaliser, weights: FloatArray 
 
 
 def _row(
-    simulation: Simulation,
-    channel: str,
-    scored: _Scored,
-    minimum_coverage: float,
-    r2: float,
-    statuses: Collection[Status],
+    simulation: Simulation, channel: str, scored: _Scored, r2: float, rules: ScoringRules
 ) -> dict[str, object]:
     nmse, coverage, message = scored.nmse, scored.coverage, scored.message
-    if scored.status is Status.OK and not is_enough(coverage, minimum_coverage):
-        message = f"covers {coverage:.3f} of the measured '{channel}', less than {minimum_coverage:g}"
-    ranked = scored.status in statuses and is_enough(coverage, minimum_coverage) and np.isfinite(nmse)
+    is_enough = rules.is_enough(coverage)
+    if scored.status is Status.OK and not is_enough:
+        message = f"covers {coverage:.3f} of the measured '{channel}', less than {rules.minimum_coverage:g}"
+    ranked = scored.status in rules.ranked_statuses and is_enough and np.isfinite(nmse)
     return {
-        "spot": simulation.job.spot,
-        "set_id": simulation.job.set_id,
+        "spot": simulation.id.spot,
+        "set_id": simulation.id.set_id,
         "channel": channel,
         "nmse": nmse if ranked else None,
         "r2": r2 if ranked and np.isfinite(r2) else None,

@@ -106,18 +106,14 @@ def select(scores: pl.DataFrame, scenarios: Sequence[Scenario], design: Design) 
     candidates = objectives(scores, scenarios)
     if candidates.is_empty():
         raise NothingSelectableError(_why_nothing(scores))
-    best = (
-        candidates.with_row_index("_order")
-        .sort("fopt", "set_id")
-        .group_by("spot", "scenario", maintain_order=True)
-        .first()
-        .sort("_order")
-        .drop("_order")
-    )
-    # The first row of a group is not in the order of spots and scenarios.
+    return with_parameters(_with_partial(least_fopt(candidates), scores), design)
+
+
+def least_fopt(candidates: pl.DataFrame) -> pl.DataFrame:
+    """Row with the least ``fopt`` of each spot and scenario, in their order; ties go to the lower set_id."""
+    least = candidates.sort("fopt", "set_id").group_by("spot", "scenario", maintain_order=True).first()
     keys = candidates.select("spot", "scenario").unique(maintain_order=True)
-    chosen = keys.join(best, on=["spot", "scenario"], maintain_order="left")
-    return with_parameters(_with_partial(chosen, scores), design)
+    return keys.join(least, on=["spot", "scenario"], maintain_order="left")
 
 
 def _with_partial(chosen: pl.DataFrame, scores: pl.DataFrame) -> pl.DataFrame:
@@ -142,33 +138,54 @@ def with_parameters(frame: pl.DataFrame, design: Design) -> pl.DataFrame:
     return frame.join(values, on="set_id", how="left", maintain_order="left")
 
 
-def failures(scores: pl.DataFrame) -> pl.DataFrame:
-    """Why sets are not ranked: status, message, n (simulations), an example, and what to try.
+def unranked(scores: pl.DataFrame) -> pl.DataFrame:
+    """One row for each simulation that is not ranked, of its first channel without an NMSE."""
+    return scores.filter(pl.col("nmse").is_null()).unique(
+        ["spot", "set_id"], keep="first", maintain_order=True
+    )
 
-    Rows are ordered by how often they occur.
+
+def failures(failed: pl.DataFrame) -> pl.DataFrame:
+    """Why simulations failed: status, message, n (simulations), an example, and what to try.
+
+    Parameters
+    ----------
+    failed : DataFrame
+        spot, set_id, status and message of each.
+
+    Returns
+    -------
+    DataFrame
+        Most frequent first.
     """
     remedies = {status.value: status.remedy for status in Status}
+    remedies[Status.OK.value] = "check that the simulated path reaches as far as the measured one"
     return (
-        scores.filter(pl.col("nmse").is_null())
-        .unique(["spot", "set_id"], keep="first", maintain_order=True)
-        .group_by("status", "message", maintain_order=True)
+        failed.group_by("status", "message", maintain_order=True)
         .agg(
             pl.len().cast(pl.Int64).alias("n"),
             pl.format("{}/{}", pl.col("spot").first(), pl.col("set_id").first()).alias("example"),
         )
-        .with_columns(
-            pl.when(pl.col("status") == Status.OK.value)
-            .then(pl.lit("check that the simulated path reaches as far as the measured one"))
-            .otherwise(pl.col("status").replace(remedies))
-            .alias("remedy")
+        .with_columns(pl.col("status").replace(remedies).alias("remedy"))
+        .sort("n", descending=True, maintain_order=True)
+    )
+
+
+def by_reason(found: pl.DataFrame) -> pl.DataFrame:
+    """Join failures whose messages differ in their numbers alone: status, reason, n, example, remedy."""
+    number = r"\d+(\.\d+)?([eE][+-]?\d+)?"
+    return (
+        found.group_by(
+            "status", pl.col("message").str.replace_all(number, "…").alias("reason"), maintain_order=True
         )
+        .agg(pl.col("n").sum(), pl.col("example").first(), pl.col("remedy").first())
         .sort("n", descending=True, maintain_order=True)
     )
 
 
 def _why_nothing(scores: pl.DataFrame) -> str:
     n_simulations = scores.select("spot", "set_id").n_unique()
-    reasons = failures(scores)
+    reasons = failures(unranked(scores))
     if reasons.is_empty():
         return "no simulation was scored, so nothing can be selected; run the simulations first"
     status, message, n, example, remedy = reasons.row(0)

@@ -8,10 +8,11 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Job, Normaliser, PointWeights, Response, Scenario, Status
+from palpate.domain import Job, Scenario, Status
 from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
 from palpate.run.lock import Runner, living_runner_of
+from palpate.run.manifest import scoring_rules
 from palpate.stages import scoring, selection
 
 
@@ -30,7 +31,7 @@ class RunStatus:
     seconds_left : float or None
         Estimated from the pace of this runner's; None where that cannot be told.
     failures : DataFrame
-        state, reason, n, example, remedy; most frequent first.
+        status, reason, n, example, remedy; most frequent first.
     best : DataFrame
         spot, scenario, set_id, fopt: least so far.
     """
@@ -91,7 +92,8 @@ class Watcher:
     def _score(
         self, run: RunDirectory, manifest: Mapping[str, Any], ledger: Ledger, rows: pl.DataFrame
     ) -> None:
-        states = [Status.OK.value, *([Status.DIVERGED.value] if manifest["rank_partial"] else [])]
+        rules = scoring_rules(manifest)
+        states = [status.value for status in rules.ranked_statuses]
         new = rows.filter(pl.col("state").is_in(states), ~pl.col("key").is_in(list(self._scored)))
         if new.is_empty():
             return
@@ -99,7 +101,8 @@ class Watcher:
         for spot, of_spot in new.group_by("spot", maintain_order=True):
             jobs = {row["key"]: _job(row) for row in of_spot.iter_rows(named=True)}
             found = ledger.simulations(jobs)
-            self._scores.append(_scored(found.values(), str(spot[0]), measured, manifest))
+            of_spot_measured = {str(spot[0]): measured[str(spot[0])]}
+            self._scores.append(scoring.score(found.values(), of_spot_measured, rules))
         self._scored.update(new["key"])
 
     def _best(self, manifest: Mapping[str, Any]) -> pl.DataFrame:
@@ -107,26 +110,7 @@ class Watcher:
         if not self._scores:
             return pl.DataFrame()
         candidates = selection.objectives(pl.concat(self._scores), scenarios)
-        least = candidates.sort("fopt", "set_id").group_by("spot", "scenario", maintain_order=True).first()
-        keys = candidates.select("spot", "scenario").unique(maintain_order=True)
-        best = keys.join(least, on=["spot", "scenario"], maintain_order="left")
-        return best.select("spot", "scenario", "set_id", "fopt")
-
-
-def _scored(
-    simulations: Any,  # noqa: ANN401 - any iterable of simulations
-    spot: str,
-    measured: Mapping[str, Response],
-    manifest: Mapping[str, Any],
-) -> pl.DataFrame:
-    return scoring.score(
-        simulations,
-        {spot: measured[spot]},
-        normaliser=Normaliser(manifest["normaliser"]),
-        minimum_coverage=manifest["minimum_coverage"],
-        weights=PointWeights(manifest["point_weights"]),
-        rank_partial=manifest["rank_partial"],
-    )
+        return selection.least_fopt(candidates).select("spot", "scenario", "set_id", "fopt")
 
 
 def _job(row: Mapping[str, Any]) -> Job:
@@ -135,20 +119,9 @@ def _job(row: Mapping[str, Any]) -> Job:
 
 
 def failures(rows: pl.DataFrame) -> pl.DataFrame:
-    """Group simulations that failed by state and reason, numbers aside, with what to try."""
-    remedies = {status.value: status.remedy for status in Status}
-    reason = pl.col("message").str.replace_all(r"\d+(\.\d+)?([eE][+-]?\d+)?", "…")
-    return (
-        rows.filter(pl.col("state") != Status.OK.value)
-        .unique("key", keep="first", maintain_order=True)
-        .group_by("state", reason.alias("reason"), maintain_order=True)
-        .agg(
-            pl.len().cast(pl.Int64).alias("n"),
-            pl.format("{}/{}", pl.col("spot").first(), pl.col("set_id").first()).alias("example"),
-        )
-        .with_columns(pl.col("state").replace(remedies).alias("remedy"))
-        .sort("n", descending=True, maintain_order=True)
-    )
+    """Group simulations that failed by status and reason, with what to try."""
+    failed = rows.rename({"state": "status"}).filter(pl.col("status") != Status.OK.value)
+    return selection.by_reason(selection.failures(failed.unique("key", keep="first", maintain_order=True)))
 
 
 def _seconds_left(rows: pl.DataFrame, n_left: int, runner: Runner | None) -> float | None:

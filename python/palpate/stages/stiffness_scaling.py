@@ -28,8 +28,8 @@ from palpate.domain import (
 from palpate.executors.attempts import simulate_alone
 from palpate.progress import SILENT, Progress
 from palpate.stages.sampling import NO_ROW, accepted_by_all
-from palpate.stages.scoring import score_as_studied
-from palpate.stages.selection import objectives
+from palpate.stages.scoring import score
+from palpate.stages.selection import least_fopt, objectives
 from palpate.stages.simulation import job_for
 from palpate.study.reading import Study
 
@@ -106,9 +106,7 @@ def best_scaled_sets(
         differs from what is expected, the message reports it.
     """
     multiples = best_scales(study, simulations, design, measured)
-    best = multiples.sort("fopt", "set_id").group_by("spot", "scenario", maintain_order=True).first()
-    keys = multiples.select("spot", "scenario").unique(maintain_order=True)
-    best = keys.join(best, on=["spot", "scenario"], maintain_order="left")
+    best = least_fopt(multiples)
     swept = {s.id: s for s in simulations}
     scenarios = {scenario.name: scenario for scenario in study.scenarios}
     progress.begin("stiffness_scaling", len(best))
@@ -151,7 +149,7 @@ class _Winner:
         return pl.concat([pl.DataFrame([head]), *end, pl.DataFrame([values])], how="horizontal")
 
     def _scored(self, simulation: Simulation) -> pl.DataFrame:
-        return objectives(score_as_studied(self.study, [simulation], self.measured), [self.scenario])
+        return objectives(score([simulation], self.measured, self.study.scoring), [self.scenario])
 
     def _message(self, expected: pl.DataFrame, kept: pl.DataFrame, simulation: Simulation) -> str:
         if kept.is_empty():
@@ -194,7 +192,7 @@ def scaled_sets(parameters: Sequence[Parameter], values: FloatArray, scale: Floa
 
 
 def _fopts(study: Study, simulations: Iterable[Simulation], measured: Mapping[str, Response]) -> pl.DataFrame:
-    return objectives(score_as_studied(study, simulations, measured), study.scenarios).select(*_KEYS, "fopt")
+    return objectives(score(simulations, measured, study.scoring), study.scenarios).select(*_KEYS, "fopt")
 
 
 def _scaled(study: Study, simulations: Iterable[Simulation], scale: float) -> Iterator[Simulation]:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from palpate.domain import Normaliser, PointWeights
+from palpate.domain import Normaliser, PointWeighting
 from palpate.study.plain_values import MOST_FILES, MOST_NAMED, MOST_SETS, MOST_WAYPOINTS
 from palpate.units import Quantity
 
@@ -270,7 +270,7 @@ class ExecutorTable(Table):
 class ScoringTable(Table):
     """How a simulated curve is compared with a measured one."""
 
-    partial: bool = Field(
+    rank_partial: bool = Field(
         default=False,
         description="Rank also what a simulation that diverged had reached, where that covers enough of "
         "the measured curve; its scores and selected sets say so.",
@@ -278,8 +278,8 @@ class ScoringTable(Table):
     normaliser: Annotated[Normaliser, Field(strict=False)] = Field(
         default=Normaliser.MEAN_ABS, description="What the squared error is divided by."
     )
-    weights: Annotated[PointWeights, Field(strict=False)] = Field(
-        default=PointWeights.EQUAL,
+    point_weighting: Annotated[PointWeighting, Field(strict=False)] = Field(
+        default=PointWeighting.EQUAL,
         description="Whether each measured point counts the same, or as its standard deviation says.",
     )
     minimum_coverage: float = Field(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from palpate.domain import Normaliser, ParameterSpace, PointWeights, Protocol, Scenario
+from palpate.domain import ParameterSpace, Protocol, Scenario, ScoringRules
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.execution import Executor
@@ -45,12 +45,8 @@ class Study:
     loader, protocol
         What the study does wherever a spot does not say otherwise: see :meth:`loader_at` and
         :meth:`protocol_at`. No protocol: homogeneous tests along the measured abscissae.
-    weights : PointWeights
-        How much each measured point counts.
-    minimum_coverage : float
-        Smallest share of measured points that a simulated curve must reach to be ranked.
-    rank_partial : bool
-        Whether a curve that a diverged simulation left unfinished is ranked where it reaches that.
+    scoring : ScoringRules
+        How simulated curves are compared with measured ones.
     generalise_by : str
         Name of the scenario whose mean over the spots decides the generalised set.
     refine : bool
@@ -97,9 +93,7 @@ class Study:
     seed: int
     filters: tuple[SetFilter, ...]
     solver: Solver
-    normaliser: Normaliser
-    weights: PointWeights = PointWeights.EQUAL
-    minimum_coverage: float
+    scoring: ScoringRules = field(default_factory=ScoringRules)
     scenarios: tuple[Scenario, ...]
     generalise_by: str
     refine: bool
@@ -110,7 +104,6 @@ class Study:
     plugin_files: tuple[Path, ...]
     executor: Executor | None = None
     memory_limit_MB: float = 0.0
-    rank_partial: bool = False
     n_attempts: int = 2
     one_frame: bool = False
     cache: Path | None = None
@@ -292,10 +285,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         seed=require(sampling).seed,
         filters=parts.filters,
         solver=require(parts.solver),
-        normaliser=require(tables.scoring).normaliser,
-        weights=require(tables.scoring).weights,
-        minimum_coverage=require(tables.scoring).minimum_coverage,
-        rank_partial=require(tables.scoring).partial,
+        scoring=ScoringRules(**dict(require(tables.scoring))),
         scenarios=scenarios,
         generalise_by=require(selection).generalise_by or scenarios[0].name,
         refine=require(selection).refine,

@@ -11,7 +11,7 @@ import pytest
 from matplotlib import rc_context, rcParams
 from matplotlib.image import imread
 
-from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario
+from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario, ScoringRules
 from palpate.report import ReportData, figures, finding, make_tables, write_report
 from palpate.report.figures import generalised, nmse_distribution, responses
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, parameter_space
@@ -263,7 +263,7 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
 
     design = draw_design(study.space, study.sampler, 20, 1)
     swept = simulate(study, design, {}, measured, tmp_path / "run")
-    scores = score(swept, measured, normaliser=study.normaliser, minimum_coverage=1.0)
+    scores = score(swept, measured, ScoringRules(minimum_coverage=1.0))
     chosen = select(scores, scenarios, design)
     assert chosen.select("spot", "scenario").rows() == [("p1", "UT"), ("p1", "all"), ("p2", "UT")]
     made = ReportData(

@@ -7,11 +7,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.domain import Normaliser, Response, Scenario
+from palpate.domain import Normaliser, Response, Scenario, ScoringRules
 from palpate.report import make_tables, report_warnings
 from palpate.report.style import DOUBLE_MM, SINGLE_MM, STYLE
-from palpate.report.tables import cost_of_one_set, failures_by_reason, weighted_channels
+from palpate.report.tables import cost_of_one_set, weighted_channels
 from palpate.report.verdict import make_verdict
+from palpate.stages.selection import by_reason, failures, unranked
 
 
 def verdict(content):
@@ -243,7 +244,7 @@ def test_few_sets_and_many_failures_are_named_by_reason(content):
         status=pl.when(pl.col("set_id") < 10).then(pl.lit("diverged")).otherwise(pl.col("status")),
         message=pl.format("no balance at step {}", pl.col("set_id")),
     )
-    reasons = failures_by_reason(failed)
+    reasons = by_reason(failures(unranked(failed)))
     assert reasons.select("status", "reason", "n").rows() == [("diverged", "no balance at step …", 20)]
     why = about(replace(made, scores=failed), "20 of 80 simulations could not be ranked")
     assert "no balance at step …" in why
@@ -254,7 +255,9 @@ def test_searches_conventions_solver_comparisons_and_unfinished_sets_are_named(c
     made = content(refine=True)
     region = replace(made.study.space.regions[0], convention="febio4")
     study = replace(
-        made.study, normaliser=Normaliser.MEAN, space=replace(made.study.space, regions=(region,))
+        made.study,
+        scoring=ScoringRules(normaliser=Normaliser.MEAN),
+        space=replace(made.study.space, regions=(region,)),
     )
     table = made.refined.table.with_columns(message=pl.lit("stopped after 40 steps"))
     doubtful = replace(

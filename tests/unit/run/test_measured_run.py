@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate import pipeline
-from palpate.domain import Curve, Indentation, PointWeights, Response, Sphere
+from palpate.domain import Curve, Indentation, PointWeighting, Response, ScoringRules, Sphere
 from palpate.errors import CurveError, PluginError, StudyError
 from palpate.report import draw_presses
 from palpate.run.directory import RunDirectory
@@ -161,7 +161,7 @@ def test_another_indenter_is_another_simulation(make_study):
 
 
 def test_a_study_that_weighs_by_std_needs_it_everywhere(make_study, plugins):
-    study = pressed_thrice(make_study(weights=PointWeights.STD))
+    study = pressed_thrice(make_study(scoring=ScoringRules(point_weighting=PointWeighting.STD)))
     with pytest.raises(Exception, match="spot 'p2', channel 'force': no point has a standard deviation"):
         pipeline.check_study(study, plugins)
     assert (

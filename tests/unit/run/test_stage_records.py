@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate import pipeline
-from palpate.domain import Normaliser, Scenario
+from palpate.domain import Normaliser, Scenario, ScoringRules
 from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.progress import Silent
 from palpate.stages.status import Watcher
@@ -93,9 +93,21 @@ def other_ranges(study):
     return replace(study, space=replace(study.space, regions=(replace(region, searched=searched),)))
 
 
+def scored_by(study, **rules):
+    return replace(study, scoring=ScoringRules(**rules))
+
+
 CHANGES = {
-    "normaliser": (lambda study: replace(study, normaliser=Normaliser.RMS), "score", "select"),
-    "coverage or partial": (lambda study: replace(study, minimum_coverage=0.5), "score", "select"),
+    "normaliser": (
+        lambda study: replace(study, scoring=ScoringRules(normaliser=Normaliser.RMS)),
+        "score",
+        "select",
+    ),
+    "coverage or partial": (
+        lambda study: scored_by(study, minimum_coverage=0.5),
+        "score",
+        "select",
+    ),
     "n_sets, refill or seed": (lambda study: replace(study, seed=5), "sample", "simulate"),
     "ranges": (other_ranges, "sample", "score"),
     "scenarios": (
@@ -116,7 +128,7 @@ def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugi
             with pytest.raises(StudyError, match=said):
                 getattr(pipeline, verb)(change(study), run, plugins)
     assert (run / "manifest.json").read_bytes() == manifest
-    changed = replace(study, normaliser=Normaliser.RMS)
+    changed = replace(study, scoring=ScoringRules(normaliser=Normaliser.RMS))
     for verb in ("score", "select", "report"):
         getattr(pipeline, verb)(changed, run, plugins)
 

@@ -32,7 +32,7 @@ def found(make_study, plugins, tmp_path):
         measured = {spot: _with_std(response, spread) for spot, response in measured.items()}
         design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
         simulations = change(simulate(study, design, {}, measured, tmp_path / "run"))
-        scores = score(simulations, measured, normaliser=study.normaliser, minimum_coverage=0.95)
+        scores = score(simulations, measured, study.scoring)
         chosen = select(scores, study.scenarios, design)
         swept = at_measured(simulations, measured, design.n_sets)
         all_spots = generalise(scores, study.scenarios[0], design, list(measured))

@@ -6,7 +6,15 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.domain import ParameterSpace, PointWeights, Response, Scenario, Simulation, Status
+from palpate.domain import (
+    ParameterSpace,
+    PointWeighting,
+    Response,
+    Scenario,
+    ScoringRules,
+    Simulation,
+    Status,
+)
 from palpate.stages import scoring, selection, simulation
 from palpate.stages.experiment import load_measured
 from palpate.stages.refinement import _Search, refine
@@ -17,7 +25,7 @@ def refined(study, plugins, tmp_path):
     measured = load_measured(study, plugins.channels)
     design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
     swept = simulation.simulate(study, design, {}, measured, tmp_path / "run")
-    scores = scoring.score_as_studied(study, swept, measured)
+    scores = scoring.score(swept, measured, study.scoring)
     chosen = selection.select(scores, study.scenarios, design)
     return chosen, refine(study, chosen, design, {}, measured)
 
@@ -46,11 +54,12 @@ def test_no_row_is_worse_than_where_it_began(make_study, plugins, tmp_path):
     assert (found.table["fopt"] <= found.table["start_fopt"]).all()
 
 
-@pytest.mark.parametrize("weights", PointWeights)
+@pytest.mark.parametrize("weights", PointWeighting)
 def test_the_squares_that_are_minimised_sum_to_fopt(make_study, plugins, weights):
     """With other numbers of points, weights and sizes in the two channels."""
     scenario = Scenario(name="I", weights={"force": 3.0, "torque": 0.5})
-    study = make_study(scenarios=(scenario,), weights=weights)
+    rules = ScoringRules(point_weighting=weights, minimum_coverage=1.0)
+    study = make_study(scenarios=(scenario,), scoring=rules)
     measured = {spot: unsure(response) for spot, response in load_measured(study, plugins.channels).items()}
     design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
     search = _Search(study=study, spot="p1", scenario=scenario, limb=None, measured=measured["p1"])
@@ -58,9 +67,7 @@ def test_the_squares_that_are_minimised_sum_to_fopt(make_study, plugins, weights
     scores = scoring.score(
         [study.solver.simulate(job, None) for job in jobs],
         {"p1": measured["p1"]},
-        normaliser=study.normaliser,
-        minimum_coverage=1.0,
-        weights=weights,
+        study.scoring,
     )
     fopt = selection.objectives(scores, [scenario])["fopt"].to_list()
     for values, expected in zip(design.values, fopt, strict=True):
@@ -81,7 +88,11 @@ def test_whoever_is_ranked_is_searched_from(make_study, plugins, tissue, std, ra
             return replace(whole, response=Response(curves={"force": short}))
 
     scenario = Scenario(name="III", weights={"force": 1.0})
-    study = make_study(solver=Short(), scenarios=(scenario,), weights=PointWeights.STD, minimum_coverage=0.9)
+    study = make_study(
+        solver=Short(),
+        scenarios=(scenario,),
+        scoring=ScoringRules(point_weighting=PointWeighting.STD, minimum_coverage=0.9),
+    )
     whole = load_measured(study, plugins.channels)["p1"]["force"]
     force = replace(whole, std=np.linspace(*std, whole.abscissa.size))
     measured = Response(curves={"force": force})
@@ -91,9 +102,7 @@ def test_whoever_is_ranked_is_searched_from(make_study, plugins, tissue, std, ra
     scores = scoring.score(
         [study.solver.simulate(job, None)],
         {"p1": measured},
-        normaliser=study.normaliser,
-        minimum_coverage=study.minimum_coverage,
-        weights=study.weights,
+        study.scoring,
     )
     assert scores["nmse"].is_not_null().to_list() == [ranked]
     assert (search.residuals(design.values[0]) is not None) == ranked
@@ -178,7 +187,9 @@ def test_what_a_diverged_simulation_reached_is_searched_where_the_study_ranks_it
         def behave(self, job):
             return replace(super().behave(job), status=Status.DIVERGED, message="stopped at the end")
 
-    _, found = refined(make_study(solver=Diverging(), rank_partial=True), plugins, tmp_path)
+    _, found = refined(
+        make_study(solver=Diverging(), scoring=ScoringRules(rank_partial=True)), plugins, tmp_path
+    )
     row = found.table.filter(_is("p1", "I")).row(0, named=True)
     assert row["message"] == "converged"
     assert row["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-5)

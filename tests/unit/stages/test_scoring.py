@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import Curve, Job, Normaliser, PointWeights, Response, Simulation, Status
+from palpate.domain import Curve, Job, Normaliser, PointWeighting, Response, ScoringRules, Simulation, Status
 from palpate.errors import ScoringError
 from palpate.stages.scoring import LEAST_STD_SHARE, SCHEMA, check_scorable, point_weights, score
 
@@ -20,8 +20,8 @@ def simulation(set_id=0, status=Status.OK, spot="p1", message="", **curves):
     return Simulation(job=job, status=status, response=response, message=message, seconds=2.0)
 
 
-def scored(simulations, measured, normaliser=Normaliser.MEAN_ABS, minimum_coverage=0.9):
-    return score(simulations, measured, normaliser=normaliser, minimum_coverage=minimum_coverage)
+def scored(simulations, measured, **rules):
+    return score(simulations, measured, ScoringRules(**{"minimum_coverage": 0.9, **rules}))
 
 
 FORCE = ([0.0, 1.0, 2.0], [0.0, 2.0, 4.0])
@@ -43,10 +43,7 @@ def unsure(std):
 
 def test_a_point_counts_as_its_standard_deviation_says():
     one = simulation(force=([0.0, 1.0, 2.0], [0.0, 3.0, 4.0]))
-    weighed = score(
-        [one], unsure([1.0, 2.0, 1.0]), normaliser=Normaliser.MEAN_ABS, minimum_coverage=0.9,
-        weights=PointWeights.STD,
-    ).row(0, named=True)  # fmt: skip
+    weighed = scored([one], unsure([1.0, 2.0, 1.0]), point_weighting=PointWeighting.STD).row(0, named=True)
     # The error of 1 has weight 1/4 of 9/4, over a mean of 2, which has no weights.
     assert weighed["nmse"] == pytest.approx(1 / 9 / 4, rel=1e-14)
     # Weighted, the curve has mean 2 and variance (4 + 0 + 4)/(9/4).
@@ -54,7 +51,7 @@ def test_a_point_counts_as_its_standard_deviation_says():
 
 
 def test_no_point_counts_beyond_measure():
-    weights = point_weights(unsure([0.0, 1.0, 1.0])["p1"]["force"], PointWeights.STD)
+    weights = point_weights(unsure([0.0, 1.0, 1.0])["p1"]["force"], PointWeighting.STD)
     floor = LEAST_STD_SHARE * np.sqrt(2 / 3)
     np.testing.assert_allclose(weights / weights[1], [1 / floor**2, 1.0, 1.0], rtol=1e-12)
 
@@ -63,13 +60,16 @@ def test_no_point_counts_beyond_measure():
     ("std", "says"),
     [
         (None, "spot 'p1', channel 'force': no point has a standard deviation; give repeated presses"),
-        ([0.0] * 3, "spot 'p1', channel 'force': every standard deviation is zero; set scoring.weights"),
+        (
+            [0.0] * 3,
+            "spot 'p1', channel 'force': every standard deviation is zero; set scoring.point_weighting",
+        ),
     ],
 )
 def test_weights_need_a_standard_deviation(std, says):
-    check_scorable(unsure(std), Normaliser.RMS)
+    check_scorable(unsure(std), ScoringRules(normaliser=Normaliser.RMS))
     with pytest.raises(ScoringError, match=says):
-        check_scorable(unsure(std), Normaliser.RMS, PointWeights.STD)
+        check_scorable(unsure(std), ScoringRules(point_weighting=PointWeighting.STD))
 
 
 def test_other_abscissae_are_interpolated():
@@ -130,8 +130,8 @@ def test_the_mean_of_a_twist_is_refused_before_anything_is_simulated():
     x = [0.0, -1.0, 0.0, 1.0, 0.0]
     twist = {"p7": Response(curves={"torque": curve("torque", x, [0.0, -2.0, 0.0, 2.0, 0.0])})}
     with pytest.raises(ScoringError, match=r"spot 'p7', channel 'torque': .*degenerate.*choose another"):
-        check_scorable(twist, Normaliser.MEAN)
-    check_scorable(twist, Normaliser.MEAN_ABS)
+        check_scorable(twist, ScoringRules(normaliser=Normaliser.MEAN))
+    check_scorable(twist, ScoringRules())
 
 
 def test_a_flat_measured_curve_has_no_r2():
@@ -145,10 +145,8 @@ def test_a_partial_curve_is_ranked_only_when_asked_for_and_marked_then(status):
     half = simulation(set_id=1, status=status, message="cut short", force=([0.0, 1.0], [0.0, 3.0]))
 
     def rows(minimum_coverage):
-        return score(
-            [half], MEASURED, normaliser=Normaliser.MEAN_ABS, minimum_coverage=minimum_coverage,
-            rank_partial=True,
-        ).row(0, named=True)  # fmt: skip
+        found = scored([half], MEASURED, minimum_coverage=minimum_coverage, rank_partial=True)
+        return found.row(0, named=True)
 
     assert rows(0.9)["nmse"] is None
     row = rows(0.5)

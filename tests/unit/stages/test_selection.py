@@ -7,7 +7,7 @@ import pytest
 from palpate.domain import Design, Parameter, Scenario, Status
 from palpate.errors import NothingSelectableError, ScoringError
 from palpate.stages.scoring import SCHEMA
-from palpate.stages.selection import failures, objectives, select
+from palpate.stages.selection import failures, objectives, select, unranked
 
 BOTH = Scenario(name="I", weights={"force": 1.0, "torque": 1.0})
 TORQUE = Scenario(name="II", weights={"torque": 1.0, "force": 0.0})
@@ -106,11 +106,11 @@ def test_a_scenario_of_an_unknown_channel_is_refused():
 
 
 def test_failures_are_counted_by_simulation_and_reason():
-    found = failures(scores({"p1": [(None, None), (0.1, 0.1), (None, None)]}))
+    found = failures(unranked(scores({"p1": [(None, None), (0.1, 0.1), (None, None)]})))
     assert found.select("status", "message", "n", "example").rows() == [("diverged", "too far", 2, "p1/0")]
     assert found["remedy"].to_list() == [Status.DIVERGED.remedy]
 
 
 def test_too_little_coverage_has_its_own_advice():
     rows = scores({"p1": [(None, None)]}, status="ok")
-    assert "simulated path" in failures(rows)["remedy"][0]
+    assert "simulated path" in failures(unranked(rows))["remedy"][0]

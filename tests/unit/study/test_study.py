@@ -10,7 +10,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from palpate.domain import Indentation, Normaliser, PointWeights
+from palpate.domain import Indentation, Normaliser, PointWeighting
 from palpate.plugins.catalogue import Plugins
 from palpate.study.model import NAMED_BY, json_schema
 from palpate.study.reading import Study, read_study
@@ -67,8 +67,8 @@ def test_the_file_becomes_a_study(read: Edit, tmp_path: Path) -> None:
 
 def test_defaults_are_the_papers(read: Edit) -> None:
     study = read(('generalise_by = "pull only"', ""))
-    assert study.normaliser is Normaliser.MEAN_ABS
-    assert study.minimum_coverage == 0.95
+    assert study.scoring.normaliser is Normaliser.MEAN_ABS
+    assert study.scoring.minimum_coverage == 0.95
     assert study.generalise_by == "pull only"
     assert study.refine is False
     assert study.filters == ()
@@ -180,9 +180,9 @@ def test_a_spot_may_be_pressed_again_with_another_indenter_and_read_otherwise(
 
 
 def test_points_may_count_as_their_standard_deviation_says(read: Edit) -> None:
-    assert read().weights is PointWeights.EQUAL
-    study = read(more='[scoring]\nweights = "std"\n')
-    assert study.weights is PointWeights.STD
+    assert read().scoring.point_weighting is PointWeighting.EQUAL
+    study = read(more='[scoring]\npoint_weighting = "std"\n')
+    assert study.scoring.point_weighting is PointWeighting.STD
 
 
 def test_comments_order_and_byte_order_do_not_matter(read: Edit, tmp_path: Path, plugins: Plugins) -> None:

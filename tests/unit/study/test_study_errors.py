@@ -58,7 +58,7 @@ CASES = {
         '"0 kPa", scale = "log"',
         "0 kPa",
         "region.rubber.parameters.k.scale",
-        "keep 0 out",
+        "bounds > 0",
     ),
     "sampler setting": (
         "n_sets = 20",
@@ -126,9 +126,9 @@ CASES = {
     ),
     "point weights": (
         "[selection]",
-        '[scoring]\nweights = "sdt"\n[selection]',
+        '[scoring]\npoint_weighting = "sdt"\n[selection]',
         "sdt",
-        "scoring.weights",
+        "scoring.point_weighting",
         "did you mean 'std'",
     ),
     "position": (
