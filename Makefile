@@ -47,6 +47,7 @@ lint: $(VENV)/installed ## ruff, mypy --strict, imports, dead code, clippy pedan
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/stubtest palpate._core --concise
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/vulture python plugins
 	$(BIN)/python tests/unused_exports.py

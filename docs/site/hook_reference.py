@@ -14,7 +14,8 @@ from typing import Any
 
 from palpate.errors import PluginError
 from palpate.plugins import hookspecs
-from palpate.plugins.interfaces import Component
+from palpate.plugins.interfaces import Component, ExperimentLoader, Solver
+from palpate.plugins.optional import CurveWriter, FileInspector, LoadingDrawer, Verifier
 from palpate.plugins.registry import KINDS
 from palpate.plugins.scaffold import KITS
 
@@ -25,6 +26,12 @@ CONTRACTS: Mapping[str, str] = MappingProxyType(
     {kit.catalogue: kit.contract for kit in KITS.values() if kit.contract}
 )
 """Contract test of :mod:`palpate.testing` by catalogue."""
+
+
+OPTIONAL: Mapping[type[Component], tuple[type[Any], ...]] = MappingProxyType(
+    {ExperimentLoader: (CurveWriter, FileInspector, LoadingDrawer), Solver: (Verifier,)}
+)
+"""What components may do beyond what they subclass."""
 
 
 def reference() -> str:
@@ -80,7 +87,7 @@ def _signature(function: Any) -> str:  # noqa: ANN401
 
 def _component(base: type[Component]) -> Iterator[str]:
     """List what a subclass sets, defines and may override."""
-    yield f"Subclass `palpate.plugins.interfaces.{base.__name__}`:"
+    yield f"Subclass `palpate.api.{base.__name__}`:"
     yield ""
     yield f"| `{base.__name__}` | | |"
     yield "|---|---|---|"
@@ -88,10 +95,15 @@ def _component(base: type[Component]) -> Iterator[str]:
         shown = kind if isinstance(kind, str) else inspect.formatannotation(kind)
         shown = re.sub(r"(typing\.)?ClassVar\[(.*)\]", r"\2", shown)
         yield f"| {'may set' if hasattr(base, name) else 'set'} | `{name}` | `{_short(shown)}` |"
+    for cls in (base, *OPTIONAL.get(base, ())):
+        yield from _methods(cls, "may override" if cls is base else f"may add, as a `{cls.__name__}`")
+
+
+def _methods(base: type[Any], else_called: str) -> Iterator[str]:
     for name, member in vars(base).items():
         if name.startswith("_") or not callable(getattr(base, name)) or inspect.isclass(member):
             continue
-        needed = "define" if name in base.__abstractmethods__ else "may override"
+        needed = "define" if name in getattr(base, "__abstractmethods__", ()) else else_called
         arguments = ", ".join(p for p in inspect.signature(getattr(base, name)).parameters if p != "self")
         summary = _plain((inspect.getdoc(getattr(base, name)) or "").split("\n")[0])
         yield f"| {needed} | `{name}({arguments})` | {summary} |"
@@ -99,7 +111,7 @@ def _component(base: type[Component]) -> Iterator[str]:
 
 def _fields(base: type) -> Iterator[str]:
     """List the fields of a value."""
-    yield f"Values of `palpate.{base.__name__}`:"
+    yield f"Values of `palpate.api.{base.__name__}`:"
     yield ""
     yield f"| `{base.__name__}` | |"
     yield "|---|---|"

@@ -64,6 +64,12 @@ if TYPE_CHECKING:
     from palpate.plugins.subcommands import (
         SubCommand as SubCommand,
     )
+    from palpate.plugins.optional import (
+        CurveWriter as CurveWriter,
+        FileInspector as FileInspector,
+        LoadingDrawer as LoadingDrawer,
+        Verifier as Verifier,
+    )
     from palpate.plugins.inspection import (
         InspectedTable as InspectedTable,
         Inspection as Inspection,

@@ -14,7 +14,6 @@ from palpate.cli.session import Session
 
 if TYPE_CHECKING:
     from palpate.plugins.inspection import Inspection
-    from palpate.plugins.interfaces import ExperimentLoader
 
 STAGE = "study"
 
@@ -91,23 +90,21 @@ def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
     """
     from palpate.errors import CurveError
     from palpate.plugins.guard import answering_for
+    from palpate.plugins.optional import FileInspector
 
     catalogue = session.plugins.loaders
-    able = [name for name, kind in catalogue.items() if _can_inspect(kind)]
+    able = [name for name, kind in catalogue.items() if isinstance(kind, FileInspector)]
     asked = able if loader is None else [loader]
     refusals = []
     for name in asked:
         try:
             with answering_for(catalogue[name], f"inspecting {file}"):
-                return catalogue[name].inspect(file)
+                kind = catalogue[name]
+                if not isinstance(kind, FileInspector):
+                    raise CurveError(f"{file}: loader '{name}' cannot inspect files; use one that can")
+                return kind.inspect(file)
         except CurveError as error:
             refusals.append(str(error) if len(asked) == 1 else f"{name}: {error}")
     if not refusals:
         raise CurveError(f"{file}: no loader can inspect files; install a plugin with one that can")
     raise CurveError("; ".join(refusals))
-
-
-def _can_inspect(kind: "type[ExperimentLoader]") -> bool:
-    from palpate.plugins.interfaces import ExperimentLoader
-
-    return any("inspect" in vars(base) for base in kind.__mro__ if base is not ExperimentLoader)

@@ -27,9 +27,8 @@ from palpate.domain import (
     Simulation,
     Spot,
 )
-from palpate.errors import CurveError, MaterialError
+from palpate.errors import MaterialError
 from palpate.plugins.fingerprints import CORE, code_fingerprint
-from palpate.plugins.inspection import Inspection
 
 Array = Any
 """An array of the array API: numpy in checks, JAX under differentiation."""
@@ -242,65 +241,6 @@ class ExperimentLoader(Component):
             Naming file, row and column.
         """
 
-    def save(self, path: Path, response: Response, channel: str | None = None) -> None:
-        """Write curves in the form that :meth:`load` reads; override it to let studies be synthesised.
-
-        Parameters
-        ----------
-        path : Path
-            In a folder that exists.
-        response : Response
-        channel : str, optional
-            As for :meth:`load`.
-
-        Raises
-        ------
-        CurveError
-            This form cannot hold these curves.
-        """
-        raise CurveError(f"{path}: loader '{self.name}' reads curves and cannot write them; use loader 'csv'")
-
-    @classmethod
-    def inspect(cls, path: Path) -> Inspection:
-        """Look into a file that no study describes yet; override it for ``palpate experiment inspect``.
-
-        Parameters
-        ----------
-        path : Path
-
-        Raises
-        ------
-        CurveError
-            The file cannot be read.
-        """
-        raise CurveError(f"{path}: loader '{cls.name}' cannot inspect files; use one that can")
-
-    def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
-        """Draw what :meth:`load` does to a file, for a person to look at; override it where that is much.
-
-        Pictures that can be drawn are worth having even of a file that cannot be loaded: draw
-        those before raising what :meth:`load` raises.
-
-        Parameters
-        ----------
-        path : Path
-        folder : Path
-            Exists, is empty, and is for the pictures of this file alone.
-        channel : str, optional
-            As for :meth:`load`.
-
-        Returns
-        -------
-        tuple of Path
-            What was written to ``folder``, in the order in which to look at it.
-
-        Raises
-        ------
-        CurveError
-            As for :meth:`load`.
-        """
-        return ()
-
 
 class LimbSource(Component):
     """Makes the limb around a spot from a file."""
@@ -308,6 +248,20 @@ class LimbSource(Component):
     @abstractmethod
     def load(self, path: Path, spot: Spot) -> Limb:
         """Read the mesh of one spot.
+
+        Parameters
+        ----------
+        path : Path
+        spot : Spot
+            As the study has it; a source that finds the spot in the file may ignore its position and normal.
+
+        Returns
+        -------
+        Limb
+            The spot, and a mesh in mm in the same frame: cells of kinds that the solver takes, none
+            inverted; a region for each cell, with the names that the study uses; node sets ``fixed``
+            (held still), ``contact`` (the outer surface, with the spot on it) and, where something
+            is glued to the indenter, ``bonded``; cell fields that the materials name.
 
         Raises
         ------
@@ -393,26 +347,6 @@ class Solver(Component):
     @abstractmethod
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job. A failure is a status, never an exception."""
-
-    def verify(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
-        """Verify the result of a selected set, for instance with halved steps.
-
-        Called for selected sets only, so it may cost as much as the simulation did. Override it where
-        an answer may be wrong and look right.
-
-        Parameters
-        ----------
-        job : Job
-        limb : Limb or None
-        simulation : Simulation
-            The answer, as it was kept.
-
-        Returns
-        -------
-        mapping of str to bool, float or str
-            ``passed``, ``message`` and any figures; empty where there is nothing to verify.
-        """
-        return {}
 
     def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
         """Simulate jobs of one limb, yielding each as it ends; override to share work.

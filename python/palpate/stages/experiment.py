@@ -17,6 +17,7 @@ from palpate.domain import (
 )
 from palpate.errors import CurveError, PalpateError
 from palpate.plugins.guard import answering_for
+from palpate.plugins.optional import LoadingDrawer
 from palpate.stages.curve_checks import check_curve, check_gaps, check_sizes
 from palpate.stages.repeats import average, described
 from palpate.study.reading import Study, StudySpot, relative
@@ -146,6 +147,8 @@ def draw_files(study: Study, spot: StudySpot, folder: Path) -> tuple[Path, ...]:
     """
     loader = study.loader_at(spot.spot.name)
     drawn: list[Path] = []
+    if not isinstance(loader, LoadingDrawer):
+        return ()
     for only, paths in spot.measured.items():
         for path in paths:
             own = _own_folder(folder, path.stem)

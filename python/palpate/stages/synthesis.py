@@ -20,6 +20,7 @@ from palpate.errors import CurveError, StudyError
 from palpate.executors.answers import plain
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import ExperimentLoader
+from palpate.plugins.optional import CurveWriter
 from palpate.progress import SILENT, Progress
 from palpate.run.keys import job_key
 from palpate.run.manifest import manifest
@@ -119,9 +120,15 @@ def _check(study: Study, noise: float) -> None:
         )
     if not (np.isfinite(noise) and noise >= 0.0):
         raise StudyError(f"noise {noise}: give a share of the curve's largest value, such as 0.01")
-    if type(study.loader).save is ExperimentLoader.save:
-        # Asked now, since it would refuse after the simulations.
-        study.loader.save(where, Response(curves={}))
+    _writer(study.loader, where)
+
+
+def _writer(loader: ExperimentLoader, where: object) -> CurveWriter:
+    if not isinstance(loader, CurveWriter):
+        raise CurveError(
+            f"{where}: loader '{loader.name}' reads curves and cannot write them; use loader 'csv'"
+        )
+    return loader
 
 
 def _targets(study: Study, out: Path | None) -> dict[tuple[str, str | None, int], Path]:
@@ -298,7 +305,7 @@ def _by_file(spot: StudySpot, response: Response) -> dict[str | None, Response]:
 
 def _save(loader: ExperimentLoader, path: Path, response: Response, channel: str | None) -> None:
     with answering_for(loader, f"writing {path}"):
-        loader.save(path, response, channel)
+        _writer(loader, path).save(path, response, channel)
     with answering_for(loader, f"reading {path}"):
         found = loader.load(path, channel)
     if set(found) != set(response) or not all(_same(found[c], response[c]) for c in response):

@@ -15,6 +15,7 @@ from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.executors.answers import plain
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Solver
+from palpate.plugins.optional import Verifier
 from palpate.progress import Progress
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import job_key
@@ -43,7 +44,7 @@ def verify(
     StoppedError
         ``progress`` said to stop; what is verified is kept.
     """
-    if type(study.solver).verify is Solver.verify:
+    if not isinstance(study.solver, Verifier):
         run.write_verification(pl.DataFrame())
         return pl.DataFrame()
     found = stored(study, design, limbs, measured, run.folder, set(_selected(run)))
@@ -88,7 +89,9 @@ def _row(solver: Solver, simulation: Simulation, limb: Limb | None, key: str) ->
     about = simulation.id._asdict()
     try:
         with answering_for(solver, f"verifying set {simulation.id.set_id} at spot '{simulation.id.spot}'"):
-            figures = plain(dict(solver.verify(simulation.job, limb, simulation)))
+            figures = plain(
+                dict(solver.verify(simulation.job, limb, simulation)) if isinstance(solver, Verifier) else {}
+            )
     except PalpateError as error:
         return {**about, "passed": False, "message": str(error), "key": ""}  # no key: tried again
     return {**about, **figures, "key": key} if figures else None

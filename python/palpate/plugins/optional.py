@@ -1,0 +1,102 @@
+"""What a component may do beyond its duty: it has the method, and inherits nothing for it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+from palpate.domain import Job, Limb, Response, Simulation
+from palpate.plugins.inspection import Inspection
+
+
+@runtime_checkable
+class CurveWriter(Protocol):
+    """A loader that can also write its files."""
+
+    def save(self, path: Path, response: Response, channel: str | None = None) -> None:
+        """Write curves in the form that :meth:`load` reads, for studies that are synthesised.
+
+        Parameters
+        ----------
+        path : Path
+            In a folder that exists.
+        response : Response
+        channel : str, optional
+            As for :meth:`load`.
+
+        Raises
+        ------
+        CurveError
+            This form cannot hold these curves.
+        """
+
+
+@runtime_checkable
+class FileInspector(Protocol):
+    """A loader that can look into a file without settings."""
+
+    @classmethod
+    def inspect(cls, path: Path) -> Inspection:
+        """Look into a file that no study describes yet, for ``palpate experiment inspect``.
+
+        Parameters
+        ----------
+        path : Path
+
+        Raises
+        ------
+        CurveError
+            The file cannot be read.
+        """
+
+
+@runtime_checkable
+class LoadingDrawer(Protocol):
+    """A loader that does so much to a file that a person should look at it."""
+
+    def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
+        """Draw what :meth:`load` does to a file, for a person to look at.
+
+        Pictures that can be drawn are worth having even of a file that cannot be loaded: draw
+        those before raising what :meth:`load` raises.
+
+        Parameters
+        ----------
+        path : Path
+        folder : Path
+            Exists, is empty, and is for the pictures of this file alone.
+        channel : str, optional
+            As for :meth:`load`.
+
+        Returns
+        -------
+        tuple of Path
+            What was written to ``folder``, in the order in which to look at it.
+
+        Raises
+        ------
+        CurveError
+            As for :meth:`load`.
+        """
+
+
+@runtime_checkable
+class Verifier(Protocol):
+    """A solver whose answer may be wrong and look right, and that can find out."""
+
+    def verify(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
+        """Verify the result of a selected set, for instance with halved steps.
+
+        Called for selected sets only, so it may cost as much as the simulation did.
+
+        Parameters
+        ----------
+        job : Job
+        limb : Limb or None
+        simulation : Simulation
+            The answer, as it was kept.
+
+        Returns
+        -------
+        mapping of str to bool, float or str
+            ``passed``, ``message`` and any figures; empty where there is nothing to verify.
+        """
