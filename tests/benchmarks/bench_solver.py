@@ -199,7 +199,7 @@ def one_path(mesh: str, **settings: Any) -> dict[str, Any]:
 
 
 def cold(mesh: str, n_sets: int, k: int) -> dict[str, Any]:
-    """Set k as a stranger to those before, from the start of the process on."""
+    """Set k as unlike those before, from the start of the process on."""
     from palpate_jax.solver import JaxSolver
 
     limb = load(mesh)

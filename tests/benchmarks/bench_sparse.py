@@ -137,7 +137,7 @@ def measure(solver: str, path: str) -> dict[str, float]:
     rhs = data["rhs"]
     Measured(solver, sp.eye_array(8, format="csr")).factorise()  # loads what it loads
     before = resident("VmRSS")
-    Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew
+    Path("/proc/self/clear_refs").write_text("5")  # the peak starts again
     start = time.process_time()
     solve = Measured(solver, matrix)
     analyse = time.process_time() - start

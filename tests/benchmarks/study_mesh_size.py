@@ -3,7 +3,7 @@
 The phantom's spots, Yeoh's material, a sphere of 7.5 mm, 10 mm deep, twisted by ±22.5°. All lengths
 of a mesh are in proportion to the edge under the sphere: far edges, and how far flat faces may leave
 the surfaces goes with its square. Richardson's extrapolation fits y(h) = y₀ + c hᵖ. Every mesh is
-made anew, so a value has an error of chance too: ``--again N`` moves the spot by a tenth of a mm
+made again, so a value has an error of chance too: ``--again N`` moves the spot by a tenth of a mm
 along the limb N times and prints the spread.
 
     python tests/benchmarks/study_mesh_size.py --spot p2 --sizes 0.4 0.3 0.225
@@ -96,7 +96,7 @@ def extrapolated(sizes: np.ndarray, values: np.ndarray) -> tuple[float, float]:
 
 
 def row(segment: Segment, ratio: float) -> tuple[float, float]:
-    """Force and torque of one mesh, told in a line."""
+    """Force and torque of one mesh, in one line."""
     start = time.perf_counter()
     limb, quality = meshed(segment, ratio)
     done, cpu = time.perf_counter(), time.process_time()

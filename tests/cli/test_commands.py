@@ -272,10 +272,10 @@ def test_a_scenario_without_a_set_ends_with_1_after_the_results(
     call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from palpate import pipeline
-    from palpate.report import content
+    from palpate.report import report_data
 
     missing = {("s1", "pull only"): "unreadable: a turn too many"}
-    for module in (pipeline, content):
+    for module in (pipeline, report_data):
         monkeypatch.setattr(module, "without_result", lambda *_: missing)
     said = "no set could be selected at s1, scenario pull only; reason: unreadable: a turn too many"
     for command in ("run", "select", "report"):

@@ -77,7 +77,7 @@ def test_a_missing_library_is_wrong(monkeypatch):
     assert "pip install no-such-library" in found.advice
 
 
-def test_what_is_slow_is_told_with_its_reason(examined, monkeypatch):
+def test_what_is_slow_is_reported_with_its_reason(examined, monkeypatch):
     assert examined["finding plugins"].level == "note"
     assert "importtime" in examined["finding plugins"].advice
     monkeypatch.setattr(doctor, "SLOW_WRITE_S", 0.0)

@@ -114,8 +114,8 @@ def test_the_command_tells_what_it_wrote_and_what_to_do_next(call: Call, tmp_pat
     assert outcome.code == 0, outcome.err
     assert "tests/test_my_view.py" in outcome.out
     assert "next: cd" in outcome.err
-    told = call("new-plugin", "scenario", "other", "--into", tmp_path, "--json").json
-    assert told["folder"] == str(tmp_path / "palpate-other")
+    reported = call("new-plugin", "scenario", "other", "--into", tmp_path, "--json").json
+    assert reported["folder"] == str(tmp_path / "palpate-other")
     assert (tmp_path / "palpate-other" / "src" / "palpate_other" / "__init__.py").is_file()
 
 
@@ -152,7 +152,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert not list((tmp_path / "palpate-mine").iterdir())
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(PluginError, match="cannot be written"):
         new_plugin("scenario", "mine", tmp_path / "file", NOTHING)

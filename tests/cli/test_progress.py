@@ -142,7 +142,7 @@ def test_the_use_of_workers_and_of_what_they_start_counts():
         child.wait()
 
 
-def test_a_disk_that_is_too_small_is_told_before_the_first_simulation(call, study, monkeypatch):
+def test_a_disk_that_is_too_small_is_reported_before_the_first_simulation(call, study, monkeypatch):
     import shutil
 
     usual = shutil.disk_usage

@@ -73,11 +73,11 @@ def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
 
 
 @pytest.mark.parametrize(
-    ("seconds", "told"),
+    ("seconds", "reported"),
     [(89.4, "89 s"), (100.0, "2 min"), (3500.0, "58 min"), (3590.0, "1 h 0 min"), (7190.0, "2 h 0 min")],
 )
-def test_a_time_is_told_in_two_units_at_most(seconds, told):
-    assert duration(seconds) == told
+def test_a_time_is_shown_in_two_units_at_most(seconds, reported):
+    assert duration(seconds) == reported
 
 
 def test_a_signal_outside_the_sweep_stops_at_once(call, study):
@@ -192,7 +192,7 @@ def test_a_changed_study_shows_what_changed_and_forks_or_goes_on(call, study, tm
     assert "already there; name a folder without a run" in call("run", study, "--fork", "forked").err
 
 
-def test_a_changed_input_file_that_costs_simulations_is_told_and_asked_about(call, study, tmp_path):
+def test_a_changed_input_file_that_costs_simulations_is_reported_and_asked_about(call, study, tmp_path):
     call("run", study)
     for name in ("s1.txt", "s2.txt"):
         lines = (study / name).read_text().splitlines()
@@ -214,7 +214,7 @@ def test_the_guide_reads_a_run_without_palpate(call, study):
     assert set(found["one"]["key"]) == {found["key"]}
 
 
-def test_a_change_that_costs_nothing_is_told_and_gone_on_with(call, study):
+def test_a_change_that_costs_nothing_is_reported_and_the_run_continues(call, study):
     call("run", study)
     path = study / "study.toml"
     path.write_text(path.read_text() + '\n[scoring]\nnormaliser = "rms"\n')

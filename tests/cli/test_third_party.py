@@ -1,4 +1,4 @@
-"""A stranger's plugin: installed from its own folder, used in a study, removed, and gone."""
+"""A third party's plugin: installed from its own folder, used in a study, removed, and gone."""
 
 import json
 import os

@@ -43,7 +43,7 @@ class Restless(Sound):
         ("an_extension_begins_with_the_points_there_were", Restless(), "changes the sets there were"),
     ],
 )
-def test_a_samplers_fault_is_told(test, sampler, said):
+def test_a_samplers_fault_is_reported(test, sampler, said):
     getattr(SamplerContract(), f"test_{test}")(Sound())
     with pytest.raises(AssertionError, match=said):
         getattr(SamplerContract(), f"test_{test}")(sampler)
@@ -84,7 +84,7 @@ SPACE, VALUES = ParameterSpace(regions=()), np.linspace(0.0, 2.0, 9)[:, None]
         ("judges_each_set_for_itself", BelowTheMean(), "depends on the other sets"),
     ],
 )
-def test_a_filters_fault_is_told(test, keep, said):
+def test_a_filters_fault_is_reported(test, keep, said):
     contract = SetFilterContract()
 
     def hold(each):

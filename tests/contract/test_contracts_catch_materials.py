@@ -140,7 +140,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("test", "material", "said"), CASES, ids=[type(m).__name__ for _, m, _ in CASES])
-def test_a_fault_is_told(test, material, said):
+def test_a_fault_is_reported(test, material, said):
     with pytest.raises((AssertionError, ValueError), match=f"(?s){said}"):
         hold(test, material)
 

@@ -119,7 +119,7 @@ def test_a_limb_sources_units_and_elements(test, source, said):
         _hold(LimbSourceContract(), test, offered)
 
 
-def test_a_scenario_of_no_channel_is_told():
+def test_a_scenario_of_no_channel_is_reported():
     contract, channels = ScenarioContract(), {"force", "torque"}
     contract.test_weighs_channels_that_exist(Scenario(name="V", weights={"force": 1.0}), channels)
     with pytest.raises(AssertionError, match="weighs lateral, which no plugin declares"):
@@ -194,11 +194,11 @@ class Claiming(Forgetful):
         ("every_job_has_one_result", Doubling(), "24 results for 12 jobs"),
         ("results_are_those_of_their_jobs", Silent(), "why it failed is lost"),
         ("results_are_those_of_their_jobs", Muddled(), "holds the answer of another job"),
-        ("begins_nothing_when_told_to_stop", Unstoppable(), "goes on although"),
+        ("starts_nothing_when_asked_to_stop", Unstoppable(), "goes on although"),
         ("results_are_those_of_their_jobs", Claiming(), "set holds_limits = False"),
     ],
 )
-def test_an_executors_fault_is_told(test, executor, said):
+def test_an_executors_fault_is_reported(test, executor, said):
     contract = ExecutorContract()
     jobs = ExecutorContract.jobs.__wrapped__(contract)
     with pytest.raises(AssertionError, match=said):

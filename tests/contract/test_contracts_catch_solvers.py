@@ -232,7 +232,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("test", "solver", "said"), FAULTS, ids=[type(s).__name__ for _, s, _ in FAULTS])
-def test_a_solvers_fault_is_told(test, solver, said):
+def test_a_solvers_fault_is_reported(test, solver, said):
     with pytest.raises(AssertionError, match=f"(?s){said}"):
         hold(test, solver)
 

@@ -126,7 +126,7 @@ def test_forces_are_the_slope_of_the_energy_and_the_stiffness_theirs(state):
 
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from(sorted(CASES)), st.integers(0, 2**32), st.floats(0.5, 30.0))
-def test_whatever_inverts_is_told_and_never_a_number(case, seed, size):
+def test_whatever_inverts_is_reported_and_never_a_number(case, seed, size):
     elements, rng = CASES[case], np.random.default_rng(seed)
     u = size * rng.standard_normal(elements.mesh.points_mm.shape)
     deformation, values = elements.block.deform(u), np.zeros(u.size**2)

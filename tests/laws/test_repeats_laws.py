@@ -100,14 +100,14 @@ def test_presses_that_cross_are_not_taken_to_agree_there():
     assert mean.std[0] == pytest.approx(np.sqrt(2.0) * 5.0, rel=0.06)
 
 
-def test_what_is_told_of_an_average():
+def test_what_is_reported_of_an_average():
     one = press([1.0], 11)
     presses = {"a": one, "b": replace(one, ordinate=one.ordinate + 0.2)}
-    told = described(average(presses), presses)
-    assert told["n_presses"] == 2
-    assert told["largest_std"] == pytest.approx(0.2 / np.sqrt(2.0))
+    reported = described(average(presses), presses)
+    assert reported["n_presses"] == 2
+    assert reported["largest_std"] == pytest.approx(0.2 / np.sqrt(2.0))
     scale = np.abs(one.ordinate + 0.1).mean()
-    assert told["nmse_from_mean"] == pytest.approx({"a": (0.1 / scale) ** 2, "b": (0.1 / scale) ** 2})
+    assert reported["nmse_from_mean"] == pytest.approx({"a": (0.1 / scale) ** 2, "b": (0.1 / scale) ** 2})
 
 
 @pytest.mark.parametrize(

@@ -183,7 +183,7 @@ def test_a_multiple_that_a_filter_refuses_is_left_alone(swept):
     np.testing.assert_array_equal(held["scale"].to_numpy()[~refused], free["scale"].to_numpy()[~refused])
 
 
-def test_a_solver_out_of_proportion_is_told(swept, tissue):
+def test_a_solver_out_of_proportion_is_reported(swept, tissue):
     class Offset(tissue.Analytic):
         def simulate(self, job, limb):
             whole = super().simulate(job, limb)

@@ -15,7 +15,7 @@ from palpate.errors import MaterialError
         (0.5, 3.0, r"physical range \[0.5, 3.0\] MPa; give"),
     ],
 )
-def test_a_physical_range_is_told_in_plain_numbers(lower, upper, says):
+def test_a_physical_range_is_reported_in_plain_numbers(lower, upper, says):
     parameter = Parameter(
         name="c1", unit="MPa", lower=1.0, upper=2.0, kind="modulus", description="",
         physical_lower=lower, physical_upper=upper,

@@ -122,7 +122,7 @@ class WithNumpy(Material):
         return np.sum(np.asarray(stretches) ** 2, axis=-1)
 
 
-def test_an_energy_that_calls_numpy_is_told_what_to_call():
+def test_an_energy_that_calls_numpy_gets_the_function_to_call():
     with pytest.raises(MaterialError, match=r"'with_numpy': .* calls numpy: take xp = stretches\.__array_na"):
         mechanics.initial_moduli(WithNumpy(), THETA)
     said = r"raised TracerArrayConversionError; JAX cannot .* xp = stretches"

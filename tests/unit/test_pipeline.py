@@ -180,7 +180,7 @@ def test_a_solver_without_a_version_is_named_and_nothing_written(make_study, plu
     assert not (tmp_path / "run").exists()
 
 
-def test_when_everything_fails_the_reason_is_told_and_the_scores_stay(make_study, plugins, tmp_path):
+def test_when_everything_fails_the_reason_is_reported_and_the_scores_stay(make_study, plugins, tmp_path):
     study = make_study(solver="Hopeless")
     with pytest.raises(
         NothingSelectableError, match=r"none of 24 simulations .*diverged: step too small; .*narrow"

@@ -170,7 +170,7 @@ def test_workers_stay_warm_and_what_is_not_to_go_on_is_drained(study, tmp_path):
 # ------------------------------------------------------------------ bad clusters
 
 
-def test_nobody_at_the_address_is_told(study):
+def test_nobody_at_the_address_is_reported(study):
     executor = DaskExecutor(DaskSettings(address="tcp://127.0.0.1:9", timeout="1 s"))
     with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9 within 1 s"):
         list(executor.results(batch_of(study)))
@@ -323,7 +323,7 @@ def until_ended(pid):
     assert not Path(f"/proc/{pid}").exists()
 
 
-def test_a_plugin_file_that_a_worker_cannot_load_is_told(study, tmp_path):
+def test_a_plugin_file_that_a_worker_cannot_load_is_reported(study, tmp_path):
     broken = tmp_path / "broken.py"
     broken.write_text("raise RuntimeError('no licence')")
     batch = replace(batch_of(study), plugin_files=(*study.plugin_files, broken))

@@ -39,7 +39,7 @@ def test_halving_is_undone_by_every_second_and_a_first_turn_has_no_turn(path):
 
 
 @given(paths, st.integers(1, 2**31 - 1))
-def test_what_febio_was_told_and_did_comes_back(path, seed):
+def test_what_febio_was_given_and_did_comes_back(path, seed):
     steps = steps_of(protocol(path), 3, 30.0)
     reaction = np.random.default_rng(seed).standard_normal((steps.n + 1, 2)) + 0.1
     record = "".join(

@@ -82,8 +82,8 @@ class Telling(CsvLoader):
     ("test", "caught"),
     [
         ("test_its_record_is_plain", TypeError),
-        ("test_draws_where_it_is_told_to", AssertionError),
-        ("test_a_spoilt_file_is_refused_or_read_but_never_falls_over", KeyError),
+        ("test_draws_in_the_given_folder", AssertionError),
+        ("test_a_corrupt_file_is_refused_or_read_but_never_falls_over", KeyError),
     ],
 )
 def test_the_contract_catches_a_loader_without_manners(

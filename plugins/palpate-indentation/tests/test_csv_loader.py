@@ -188,7 +188,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD.keys())
-def test_a_bad_file_is_told_by_line_and_column(file: Path, text: str, message: str) -> None:
+def test_a_bad_file_is_reported_by_line_and_column(file: Path, text: str, message: str) -> None:
     file.write_text(text)
     with pytest.raises(CurveError) as caught:
         loader().load(file)
@@ -228,7 +228,7 @@ def test_the_words_of_a_file_that_is_no_table_are_not_repeated(file: Path, text:
     assert not any(word in str(caught.value).removeprefix(str(file)) for word in ("hash", "secret"))
 
 
-def test_a_missing_file_is_told(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(CurveError, match=r"gone\.csv: cannot be read \(No such file"):
         loader().load(tmp_path / "gone.csv")
     with pytest.raises(CurveError, match=r"cannot be read \(Is a directory"):
@@ -261,7 +261,7 @@ def test_skipping_past_the_end_says_which_setting_to_lower(file: Path) -> None:
         loader(skip_lines=99).load(file)
 
 
-def test_a_scale_that_overflows_is_told_by_line(file: Path) -> None:
+def test_a_scale_that_overflows_is_reported_by_line(file: Path) -> None:
     file.write_text("x,y\n0,1\n1,1e300\n")
     channels = {"c": {"abscissa": "x", "ordinate": {"name": "y", "scale": 1e300}}}
     with pytest.raises(CurveError, match="line 2, column 'y': too large once scaled"):

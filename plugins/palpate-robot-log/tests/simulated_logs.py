@@ -87,11 +87,11 @@ def processed(spot: str) -> Processed:
 
 def truth(spot: str) -> Truth:
     """The simulated answer, and the frame, bias and drift of the log."""
-    told = json.loads((FOLDER / "truth.json").read_text(encoding="utf-8"))["spots"][spot]
-    bias, drift = np.array(told["bias_N_Nm"]), np.array(told["drift_per_s"])
+    reported = json.loads((FOLDER / "truth.json").read_text(encoding="utf-8"))["spots"][spot]
+    bias, drift = np.array(reported["bias_N_Nm"]), np.array(reported["drift_per_s"])
     return Truth(
-        normal=np.array(told["normal_base"]),
-        spot_mm=1e3 * np.array(told["spot_base_m"]),
+        normal=np.array(reported["normal_base"]),
+        spot_mm=1e3 * np.array(reported["spot_base_m"]),
         force_bias_N=bias[:3],
         moment_bias_Nmm=1e3 * bias[3:],
         force_drift_N_per_s=drift[:3],

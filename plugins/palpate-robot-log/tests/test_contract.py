@@ -38,16 +38,16 @@ class TestRobotLog(LoaderContract):
     def bad_files(self, tmp_path: Path) -> Sequence[Path]:
         """Half a press, one that never touches, one without a column, and one that is no log."""
         log = pl.read_parquet(LOG)
-        spoilt = {
+        corrupt = {
             "half.parquet": log[: len(log) // 4],
             "air.parquet": log[:50],
             "lacking.parquet": log.drop("qz"),
             "swapped.parquet": log.rename({"fx_N": "fz_N", "fz_N": "fx_N"}),
         }
-        for name, frame in spoilt.items():
+        for name, frame in corrupt.items():
             frame.write_parquet(tmp_path / name)
         (tmp_path / "text.csv").write_text("nothing\nhere\n")
-        return [*(tmp_path / name for name in spoilt), tmp_path / "text.csv"]
+        return [*(tmp_path / name for name in corrupt), tmp_path / "text.csv"]
 
 
 def test_who_lists_the_loaders_waits_for_none_of_what_they_use() -> None:

@@ -246,8 +246,8 @@ def test_the_standard_deviation_of_smoothed_values_is_that_of_repeats(method):
         smoothed(time, true + random.normal(0.0, 0.1, time.size), method=method, peak=12.0) for _ in range(60)
     ]
     spread = np.std([one.values for one in found], axis=0)
-    told = np.mean([one.std for one in found], axis=0)
-    assert 0.6 < np.median(told / spread) < 1.6
+    reported = np.mean([one.std for one in found], axis=0)
+    assert 0.6 < np.median(reported / spread) < 1.6
     assert np.mean([one.noise for one in found]) == pytest.approx(0.1, rel=0.1)
 
 
@@ -297,7 +297,7 @@ def test_rows_of_the_log_are_kept_without_resampling():
     assert len(curve.branches) == 3
 
 
-def test_spikes_are_replaced_and_told():
+def test_spikes_are_replaced_and_reported():
     whole = logs.recording("p1")
     spiky = whole.force_N.copy()
     spiky[[0, 50, 900, 3000]] += 200.0

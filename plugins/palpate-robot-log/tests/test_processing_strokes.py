@@ -73,16 +73,16 @@ def test_ripples_are_no_strokes_and_a_cut_stroke_says_so():
 
 
 def test_standard_deviations_of_instants_are_of_the_size_of_their_errors():
-    random, errors, told = np.random.default_rng(3), [], []
+    random, errors, reported = np.random.default_rng(3), [], []
     still = path([0.0, 5.0, 10.0], [0.0, 10.0, 10.0], minimum_jerk)[:2000]
     for _ in range(30):
         (stroke,) = strokes_of(TIME[:2000], still + random.normal(0.0, 0.006, 2000), 1.0)
         errors.append(stroke.stop.time_s - 5.0)
-        told.append(stroke.stop.std_s)
-    assert 0.3 < np.sqrt(np.mean(np.square(errors))) / np.mean(told) < 3.0
+        reported.append(stroke.stop.std_s)
+    assert 0.3 < np.sqrt(np.mean(np.square(errors))) / np.mean(reported) < 3.0
 
 
-def test_a_change_of_speed_is_told_from_a_smooth_motion():
+def test_a_change_of_speed_is_distinguished_from_a_smooth_motion():
     random = np.random.default_rng(4)
     near = slice(0, 300)
     noise = random.normal(0.0, 0.006, 300)

@@ -16,7 +16,7 @@ from palpate_robot_log.reading.raw import RawLog, Stream
 
 from . import log_writers as write
 
-Spoil = Callable[[write.Table], None]
+Damage = Callable[[write.Table], None]
 
 
 def log_of(table: write.Table, name: str = "log.csv") -> RawLog:
@@ -30,27 +30,27 @@ def reading(table: write.Table, **changes: Any) -> Reading:
     return assemble(log_of(table), write.channel_map(**changes))
 
 
-def _set(name: str, rows: slice, value: float | None) -> Spoil:
-    def spoil(table: write.Table) -> None:
+def _set(name: str, rows: slice, value: float | None) -> Damage:
+    def damage(table: write.Table) -> None:
         table[name][rows] = table[name][rows.start] if value is None else value
 
-    return spoil
+    return damage
 
 
-def _times(factor: float, *names: str) -> Spoil:
-    def spoil(table: write.Table) -> None:
+def _times(factor: float, *names: str) -> Damage:
+    def damage(table: write.Table) -> None:
         for name in names:
             table[name] = factor * table[name]
 
-    return spoil
+    return damage
 
 
-def _drop(rows: slice) -> Spoil:
-    def spoil(table: write.Table) -> None:
+def _drop(rows: slice) -> Damage:
+    def damage(table: write.Table) -> None:
         for name in table:
             table[name] = np.delete(table[name], rows)
 
-    return spoil
+    return damage
 
 
 def _stick(table: write.Table) -> None:
@@ -68,7 +68,7 @@ def _freeze(table: write.Table) -> None:
 
 
 X, F, T = ("x_m", "y_m", "z_m"), ("fx_N", "fy_N", "fz_N"), ("tx_Nm", "ty_Nm", "tz_Nm")
-BAD: dict[str, tuple[Spoil, str]] = {
+BAD: dict[str, tuple[Damage, str]] = {
     "time repeats": (
         _set("time_s", slice(40, 42), None),
         r"line 43 \(t = 0.2000 s\), .*the time of the row before once more \(1 such rows.*keep_first",
@@ -124,11 +124,11 @@ BAD: dict[str, tuple[Spoil, str]] = {
 }
 
 
-@pytest.mark.parametrize(("spoil", "message"), BAD.values(), ids=BAD.keys())
-def test_what_is_wrong_is_named(spoil: Spoil, message: str) -> None:
+@pytest.mark.parametrize(("damage", "message"), BAD.values(), ids=BAD.keys())
+def test_what_is_wrong_is_named(damage: Damage, message: str) -> None:
     table = write.press()
     assert reading(table).recording.n_rows == 240
-    spoil(table)
+    damage(table)
     with pytest.raises(CurveError, match=message) as caught:
         reading(table)
     assert str(caught.value).startswith("log.csv: ")
@@ -224,7 +224,7 @@ LINES = {
 
 
 @pytest.mark.parametrize(("text", "message"), LINES.values(), ids=LINES.keys())
-def test_bad_text_is_told_by_line_and_column(tmp_path: Path, text: str, message: str) -> None:
+def test_bad_text_is_reported_by_line_and_column(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "log.csv"
     path.write_text(text)
     with pytest.raises(CurveError, match=message) as caught:

@@ -1,4 +1,4 @@
-"""The same press out of every format: the numbers are the same, and damage is told."""
+"""The same press out of every format: the numbers are the same, and damage is reported."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -187,7 +187,7 @@ def test_lists_and_time_stamps_in_parquet(tmp_path: Path) -> None:
     assert notes == ("columns passed over: who (String)",)
 
 
-def test_transforms_are_told_apart_by_their_frames(tmp_path: Path) -> None:
+def test_transforms_are_distinguished_by_their_frames(tmp_path: Path) -> None:
     from rosbags.rosbag2 import Writer as BagWriter
     from rosbags.typesys import Stores, get_typestore
 
@@ -276,13 +276,13 @@ def test_other_kinds_of_files_are_named(tmp_path: Path, content: bytes, message:
         read_here(tmp_path / "log.dat", Request())
 
 
-def test_text_under_a_binary_ending_is_told(tmp_path: Path) -> None:
+def test_text_under_a_binary_ending_is_reported(tmp_path: Path) -> None:
     (tmp_path / "log.mat").write_text("time_s,x\n0,1\n")
     with pytest.raises(CurveError, match=r"the \.mat file is damaged"):
         read_here(tmp_path / "log.mat", Request())
 
 
-def test_what_is_not_there_is_told(tmp_path: Path) -> None:
+def test_what_is_not_there_is_reported(tmp_path: Path) -> None:
     with pytest.raises(CurveError, match=r"gone\.csv: cannot be read \(No such file"):
         read_log(tmp_path / "gone.csv", Request())
     with pytest.raises(CurveError, match="a folder without metadata"):

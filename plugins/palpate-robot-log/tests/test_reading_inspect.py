@@ -161,7 +161,7 @@ def test_names_of_many_makers_are_understood() -> None:
     assert proposed(makers["universal robots"])["orientation"]["form"] == "axis_angle"
 
 
-def test_millimetres_and_newton_millimetres_are_told_by_size() -> None:
+def test_millimetres_and_newton_millimetres_are_distinguished_by_size() -> None:
     table = write.press()
     columns = {name.rpartition("_")[0] or name: values for name, values in table.items()}
     for name in "xyz":

@@ -77,7 +77,7 @@ def test_a_line_of_units_counts_as_names_do(tmp_path: Path) -> None:
         ({"force": {"columns": ["fx_N", "fy_N", "fz_N"], "stream": "/ft"}}, "no stream '/ft'"),
     ],
 )
-def test_a_map_that_does_not_fit_is_told(changes: dict[str, Any], message: str) -> None:
+def test_a_map_that_does_not_fit_is_reported(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(CurveError, match=message):
         recording(write.press(), **changes)
 
@@ -190,11 +190,11 @@ def test_a_matrix_that_mirrors_or_is_no_turn_is_refused() -> None:
     columns = [f"o{i}" for i in range(9)]
     orientation = {"form": "rotation_matrix", "columns": columns}
     matrices = _q(table).as_matrix()
-    for spoilt, message in (
+    for corrupt, message in (
         (matrices * [1.0, 1.0, -1.0], "the matrix mirrors"),
         (1.1 * matrices, "no rotation"),
     ):
-        values = dict(zip(columns, spoilt.reshape(-1, 9).T.copy(), strict=True))
+        values = dict(zip(columns, corrupt.reshape(-1, 9).T.copy(), strict=True))
         with pytest.raises(CurveError, match=message):
             recording(table | values, orientation=orientation)
 
@@ -257,7 +257,7 @@ def test_the_times_of_the_pose_may_be_kept_instead() -> None:
     np.testing.assert_array_equal(reading.recording.force_N[:, 2], pose["fz_N"])
 
 
-def test_clocks_that_differ_are_told() -> None:
+def test_clocks_that_differ_are_reported() -> None:
     pose = write.press()
     pose["time_s"] = pose["time_s"] + 100.0
     with pytest.raises(

@@ -138,8 +138,10 @@ def test_what_inspection_proposes_reads_two_presses_and_draws_them(tmp_path, mon
     (tmp_path / "one.parquet").write_bytes((folder() / "logs" / "simulated_p1.parquet").read_bytes())
     pressed_again(tmp_path / "two.parquet", 1.1)
     assert main(["experiment", "inspect", "one.parquet"]) == 0
-    told = capsys.readouterr().out
-    write_study(tmp_path / "study.toml", '["one.parquet", "two.parquet"]', told[told.index("[experiment]") :])
+    shown = capsys.readouterr().out
+    write_study(
+        tmp_path / "study.toml", '["one.parquet", "two.parquet"]', shown[shown.index("[experiment]") :]
+    )
     assert main(["experiment", ".", "--out", "run", "--plots", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["channel"], row["n_presses"]) for row in rows] == [("force", 2), ("torque", 2)]
@@ -150,9 +152,9 @@ def test_what_inspection_proposes_reads_two_presses_and_draws_them(tmp_path, mon
     steps = ("1_as_read", "2_tared", "3_phases", "4_onset", "5_curves")
     assert drawn == {"curves.png", *(f"{log}/{step}.png" for log in ("one", "two") for step in steps)}
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
-    told = manifest["measured"]["p1"]
-    assert list(told["files"]) == ["one.parquet", "two.parquet"]
-    assert [phase["name"] for phase in told["files"]["two.parquet"]["phases"]][:3] == [
+    reported = manifest["measured"]["p1"]
+    assert list(reported["files"]) == ["one.parquet", "two.parquet"]
+    assert [phase["name"] for phase in reported["files"]["two.parquet"]["phases"]][:3] == [
         "approach", "press", "dwell_1",
     ]  # fmt: skip
 

@@ -33,8 +33,8 @@ from palpate.plugins.registry import (
     Kind,
     Registry,
     add_commands,
-    admitted,
     load_file,
+    registered,
     suggestion,
 )
 
@@ -176,7 +176,7 @@ class Plugins:
             A file does not exist. (A file that exists but does not work is
             listed as broken.)
         """
-        registry = admitted(files, entry_points=entry_points, without=without)
+        registry = registered(files, entry_points=entry_points, without=without)
         registry.collect()
         resolved = dict.fromkeys(path.resolve() for path in files)
         return cls(registry, list(resolved), entry_points=entry_points, without=without)

@@ -137,7 +137,7 @@ class Registry:
         self._qualifiers: dict[str, str] = {}
         self._points: list[tuple[str, importlib.metadata.EntryPoint]] = []
 
-    def admit(self, name: str, source: str, load: Callable[[], object], qualifier: str = "") -> None:
+    def register(self, name: str, source: str, load: Callable[[], object], qualifier: str = "") -> None:
         """Import one plugin and register its hooks, or list it as broken.
 
         ``qualifier`` goes before the name of a component to tell it from another of that name.
@@ -157,7 +157,7 @@ class Registry:
             return
         self.sources[name] = source
 
-    def admit_component(self, kind: str, point: importlib.metadata.EntryPoint) -> None:
+    def register_component(self, kind: str, point: importlib.metadata.EntryPoint) -> None:
         """Note an entry point of one component; it is imported when the catalogues are filled."""
         self._points.append((kind, point))
 
@@ -248,7 +248,7 @@ class Registry:
         return tuple(broken)
 
 
-def admitted(files: Sequence[Path], *, entry_points: bool, without: Sequence[str] = ()) -> Registry:
+def registered(files: Sequence[Path], *, entry_points: bool, without: Sequence[str] = ()) -> Registry:
     """Import the core's plugin, those released with it, other installed ones by name, and files.
 
     Parameters
@@ -266,18 +266,18 @@ def admitted(files: Sequence[Path], *, entry_points: bool, without: Sequence[str
     """
     paths = dict.fromkeys(_existing(path) for path in files)
     registry = Registry()
-    registry.admit(GROUP, "the core", lambda: importlib.import_module(CORE_PLUGIN))
+    registry.register(GROUP, "the core", lambda: importlib.import_module(CORE_PLUGIN))
     points = installed_points() if entry_points else []
     _check_known(without, points)
     for point in points:
         if {point.name, owner_of(point)} & set(without):
             continue
         if point.group == GROUP:
-            registry.admit(point.name, _source(point), point.load, qualifier=owner_of(point))
+            registry.register(point.name, _source(point), point.load, qualifier=owner_of(point))
         else:
-            registry.admit_component(point.group.removeprefix(f"{GROUP}."), point)
+            registry.register_component(point.group.removeprefix(f"{GROUP}."), point)
     for path in paths:
-        registry.admit(path.stem, str(path), functools.partial(load_file, path))
+        registry.register(path.stem, str(path), functools.partial(load_file, path))
     return registry
 
 
@@ -314,7 +314,7 @@ def add_commands(
     The list of commands is wanted at once, and what a plugin provides may take
     a while to import.
     """
-    registry = admitted(files, entry_points=True, without=without)
+    registry = registered(files, entry_points=True, without=without)
     return (*registry.broken, *registry.add_commands(app))
 
 

@@ -134,11 +134,11 @@ class ExecutorContract(ComponentContract):
             )
 
     def assert_failed(self, result: JobResult) -> None:
-        """Assert that a job whose simulation raised is told so."""
+        """Assert that a job whose simulation raised has that in its message."""
         assert result.status is Status.CRASHED, f"a simulation that raises is '{result.status.value}'"
         assert "a stretch of zero" in result.message, f"why it failed is lost: {result.message!r}"
 
-    def test_begins_nothing_when_told_to_stop(self, executor: Executor, jobs: list[Job]) -> None:
+    def test_starts_nothing_when_asked_to_stop(self, executor: Executor, jobs: list[Job]) -> None:
         found = [o.index for o in executor.results(self.batch(jobs, n_before_stop=1))]
         assert len(found) == len(set(found)), "two results of one job"
         assert len(found) < len(jobs), "goes on although `should_continue` said no"

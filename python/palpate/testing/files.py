@@ -126,7 +126,7 @@ class LoaderContract(ComponentContract):
         record = dict(loader.load(good_file, self.channel).record)
         assert json.loads(json.dumps(record, allow_nan=False)) == record
 
-    def test_draws_where_it_is_told_to(
+    def test_draws_in_the_given_folder(
         self, loader: ExperimentLoader, good_file: Path, tmp_path: Path
     ) -> None:
         if not isinstance(loader, LoadingDrawer):
@@ -136,14 +136,14 @@ class LoaderContract(ComponentContract):
         files = loader.draw(good_file, folder, self.channel)
         assert set(files) == set(folder.iterdir())
 
-    def test_a_spoilt_file_is_refused_or_read_but_never_falls_over(
+    def test_a_corrupt_file_is_refused_or_read_but_never_falls_over(
         self, loader: ExperimentLoader, good_file: Path, tmp_path: Path
     ) -> None:
         whole = good_file.read_bytes()
-        spoilt = {f"cut_{share}": whole[: len(whole) * share // 100] for share in (0, 30, 90)}
-        spoilt["flipped"] = bytes(byte ^ (0x80 if i % 97 == 50 else 0) for i, byte in enumerate(whole))
-        spoilt["junk"] = np.random.default_rng(1).bytes(2000)
-        for name, content in spoilt.items():
+        corrupt = {f"cut_{share}": whole[: len(whole) * share // 100] for share in (0, 30, 90)}
+        corrupt["flipped"] = bytes(byte ^ (0x80 if i % 97 == 50 else 0) for i, byte in enumerate(whole))
+        corrupt["junk"] = np.random.default_rng(1).bytes(2000)
+        for name, content in corrupt.items():
             path = tmp_path / f"{name}{good_file.suffix}"
             path.write_bytes(content)
             try:

@@ -3,7 +3,7 @@
 import functools
 
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.registry import admitted
+from palpate.plugins.registry import registered
 
 
 def plugins_with(*plugins: object) -> Plugins:
@@ -23,10 +23,10 @@ def plugins_with(*plugins: object) -> Plugins:
     AssertionError
         palpate would leave one of them out; with the reason.
     """
-    registry = admitted((), entry_points=False)
+    registry = registered((), entry_points=False)
     for plugin in plugins:
         name = getattr(plugin, "__name__", type(plugin).__name__)
-        registry.admit(name, "under test", functools.partial(_itself, plugin))
+        registry.register(name, "under test", functools.partial(_itself, plugin))
     registry.collect()
     assert not registry.broken, "; ".join(map(str, registry.broken))
     return Plugins(registry)

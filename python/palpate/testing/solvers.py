@@ -235,7 +235,7 @@ class SolverContract(ComponentContract):
         self, solver: Solver, hopeless: Job | None, limb: Limb | None
     ) -> None:
         if hopeless is None:
-            pytest.skip("no `hopeless` job is given: nothing shows that a failure is told")
+            pytest.skip("no `hopeless` job is given: nothing shows that a failure is reported")
         simulation = solver.simulate(hopeless, limb)
         assert simulation.status is not Status.OK, "status ok for a job that has no answer"
         assert simulation.message.strip(), f"status {simulation.status.value} without a message"

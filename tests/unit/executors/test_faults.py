@@ -65,12 +65,12 @@ LINE = {"channel": "force", "abscissa": np.array([0.0, 1.0]), "ordinate": np.arr
 def replaced(ordinate):
     """An answer whose curve was sound when it was made."""
 
-    def spoil(job, answer):
+    def damage(job, answer):
         curve = Curve(**LINE)
         object.__setattr__(curve, "ordinate", np.asarray(ordinate))
         return answer | {"response": Response(curves={"force": curve})}
 
-    return spoil
+    return damage
 
 
 NONSENSE = {
@@ -113,18 +113,18 @@ NONSENSE = {
 
 @pytest.mark.parametrize("name", NONSENSE)
 def test_nonsense_is_a_row_with_its_reason_and_the_others_go_on(make_study, tissue, tmp_path, name):
-    spoil, state, said = NONSENSE[name]
+    damage, state, said = NONSENSE[name]
 
-    class Spoilt(tissue.Analytic):
+    class Corrupt(tissue.Analytic):
         def behave(self, job):
             whole = super().behave(job)
             if job.set_id != 2:
                 return whole
-            told = {"status": Status.OK, "response": whole.response, "message": ""} | {"diagnostics": {}}
-            spoilt = spoil(job, told)
-            return spoilt if spoilt is None else Simulation(job=job, **spoilt)
+            reported = {"status": Status.OK, "response": whole.response, "message": ""} | {"diagnostics": {}}
+            corrupt = damage(job, reported)
+            return corrupt if corrupt is None else Simulation(job=job, **corrupt)
 
-    found = sweep(make_study(solver=Spoilt(), n_sets=4), tmp_path / "run")
+    found = sweep(make_study(solver=Corrupt(), n_sets=4), tmp_path / "run")
     assert [s.status.value for s in found] == ["ok", "ok", state, "ok"] * 2
     with Ledger(tmp_path / "run") as ledger:
         rows = ledger.frame("simulations").filter(set_id=2)

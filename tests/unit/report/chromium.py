@@ -105,10 +105,10 @@ class Chromium:
 
     def value(self, expression: str) -> Any:
         """Value of an expression of JavaScript in the page."""
-        told = self._call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
-        if "exceptionDetails" in told:
-            raise RuntimeError(json.dumps(told["exceptionDetails"])[:2000])
-        return told["result"].get("value")
+        answer = self._call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        if "exceptionDetails" in answer:
+            raise RuntimeError(json.dumps(answer["exceptionDetails"])[:2000])
+        return answer["result"].get("value")
 
     def press(self, key: str) -> None:
         """Press and let go a key, such as ``Tab``."""
@@ -142,10 +142,10 @@ class Chromium:
 
     def picture(self, path: Path, *, whole: bool = True) -> None:
         """Save what the page looks like."""
-        told = self._call(
+        answer = self._call(
             "Page.captureScreenshot", captureBeyondViewport=whole, **(self._all() if whole else {})
         )
-        path.write_bytes(base64.b64decode(told["data"]))
+        path.write_bytes(base64.b64decode(answer["data"]))
 
     def _all(self) -> dict[str, Any]:
         size = self._call("Page.getLayoutMetrics")["cssContentSize"]

@@ -45,15 +45,15 @@ def test_a_saved_figure_has_its_width_and_holds_its_fonts(saved):
 
 @pytest.mark.skipif(shutil.which("pdffonts") is None, reason="pdffonts of poppler-utils is not installed")
 def test_an_independent_reader_finds_every_font_embedded(saved):
-    told = subprocess.run(["pdffonts", saved[".pdf"]], capture_output=True, text=True, check=True).stdout
-    fonts = told.splitlines()[2:]
+    reported = subprocess.run(["pdffonts", saved[".pdf"]], capture_output=True, text=True, check=True).stdout
+    fonts = reported.splitlines()[2:]
     assert fonts
     for font in fonts:
         assert font.split()[-5] == "yes", font
         assert "Type 3" not in font
 
 
-def test_colours_are_told_apart_by_every_colour_vision():
+def test_colours_are_distinguished_by_every_colour_vision():
     """Distances in CIELAB after Machado et al.'s matrices of complete dichromacy (2009)."""
     sights = {
         "full": np.eye(3),

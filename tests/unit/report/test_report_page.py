@@ -136,9 +136,9 @@ def test_hostile_names_stay_text_in_markup_and_script(page):
     assert not [a for _, a, _ in made.elements if any(key.startswith("on") for key in a)]
     assert not [a for _, a, _ in made.all("a") if a["href"].startswith("javascript")]
     data = made.data()
-    told = json.dumps(data, ensure_ascii=False)
+    reported = json.dumps(data, ensure_ascii=False)
     for name in NAMES:
-        assert json.dumps(name, ensure_ascii=False)[1:-1] in told or name == NAMES[-1]
+        assert json.dumps(name, ensure_ascii=False)[1:-1] in reported or name == NAMES[-1]
     raw = next(t for _, a, t in made.elements if a.get("id") == "data")
     assert not re.search("[<>&\u2028\u2029]", raw)
     assert ATTACK in made.text()
@@ -285,12 +285,12 @@ def test_the_edge_of_the_contact_lies_on_the_pressed_sphere():
 
 
 def test_contact_is_taken_from_diagnostics_that_follow_the_path_alone():
-    def told(**diagnostics):
+    def reported(**diagnostics):
         job = Job(spot="p", set_id=3, materials={}, thetas={}, protocol=None)
         return contact_along([Simulation(job=job, status=Status.OK, response=None, diagnostics=diagnostics)])
 
     path = {"depth_mm": [1.0, 2.0], "rotation_deg": [0, 0]}
-    found = told(**path, sticking=[1.0, 0.5], penetration_mm=[0.1], contact_radius_mm="a")
+    found = reported(**path, sticking=[1.0, 0.5], penetration_mm=[0.1], contact_radius_mm="a")
     assert found == {("p", 3): path | {"sticking": [1.0, 0.5]}}
-    assert told(sticking=[1.0]) == {}
-    assert told(**path) == {}
+    assert reported(sticking=[1.0]) == {}
+    assert reported(**path) == {}

@@ -238,11 +238,11 @@ def killed(tmp_path):
         whole = tmp_path / "whole"
         shutil.copytree(tmp_path / "run", whole)
 
-    def copy(name, spoil):
+    def copy(name, damage):
         folder = tmp_path / name
         shutil.copytree(whole, folder)
         path = folder / "ledger.sqlite-wal"
-        path.write_bytes(spoil(path.read_bytes()))
+        path.write_bytes(damage(path.read_bytes()))
         return folder
 
     return copy
@@ -253,16 +253,16 @@ def flipped(content, place):
 
 
 @pytest.mark.parametrize(
-    ("name", "spoil"),
+    ("name", "damage"),
     [
         ("cut in a page", lambda wal: wal[:-1000]),
         ("cut between frames", lambda wal: wal[:-4120]),
         ("a bit of the end", lambda wal: flipped(wal, len(wal) - 50)),
     ],
 )
-def test_a_torn_journal_costs_its_last_group_and_says_so(killed, name, spoil):
+def test_a_torn_journal_costs_its_last_group_and_is_reported(killed, name, damage):
     """What a power cut leaves of the journal."""
-    folder = killed("copy", spoil)
+    folder = killed("copy", damage)
     assert list(read(folder, *range(6))) == [f"key{i}" for i in range(5)]
     with Writer(folder) as writer:
         assert "the last group of simulations was not written completely" in writer.repaired
@@ -275,8 +275,8 @@ def test_a_log_that_lost_more_than_the_last_group_is_refused_by_reader_and_write
     whole = killed("untouched", lambda wal: wal)
     assert Writer(whole).__enter__().repaired == ""
     for place in (9, 20, 32 + 3, 32 + 4120 * 2 + 500, None):
-        spoil = (lambda wal: b"") if place is None else (lambda wal, place=place: flipped(wal, place))
-        folder = killed(f"flipped {place}", spoil)
+        damage = (lambda wal: b"") if place is None else (lambda wal, place=place: flipped(wal, place))
+        folder = killed(f"flipped {place}", damage)
         damaged = (folder / "ledger.sqlite-wal").read_bytes()
         for use in (write, read):
             with pytest.raises(
@@ -370,7 +370,7 @@ def test_what_is_no_ledger_or_another_version_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("code", "told"),
+    ("code", "reported"),
     [
         (errno.ENOSPC, r"no space is left on the disk \(No space left on device\); make room"),
         (errno.EIO, r"cannot be written or read \(Input/output error\); check the disk"),
@@ -378,7 +378,7 @@ def test_what_is_no_ledger_or_another_version_is_refused(tmp_path):
     ],
 )
 @pytest.mark.parametrize("call", ["fsync", "replace"])
-def test_a_disk_that_fails_stops_the_sweep_and_keeps_what_was(tmp_path, monkeypatch, code, told, call):
+def test_a_disk_that_fails_stops_the_sweep_and_keeps_what_was(tmp_path, monkeypatch, code, reported, call):
     write(tmp_path, finished(0))
 
     def failing(*_):
@@ -386,7 +386,7 @@ def test_a_disk_that_fails_stops_the_sweep_and_keeps_what_was(tmp_path, monkeypa
 
     with monkeypatch.context() as broken:
         broken.setattr(os, call, failing)
-        with pytest.raises(LedgerError, match=rf"{told}.*; everything finished before is kept"):
+        with pytest.raises(LedgerError, match=rf"{reported}.*; everything finished before is kept"):
             write(tmp_path, finished(1))
     assert list(read(tmp_path, 0, 1)) == ["key0"]
     assert [path.suffix for path in (tmp_path / "curves").iterdir()].count(".palpate") == 0
@@ -431,14 +431,14 @@ def test_studies_share_what_would_end_the_same_way_again(tmp_path):
     assert found[Status.OK].job.set_id == 9
 
 
-def test_a_spoilt_file_of_the_cache_is_as_none(tmp_path):
+def test_a_corrupt_file_of_the_cache_is_as_none(tmp_path):
     cache = ResultCache(tmp_path)
     cache.store("key0", finished(0).simulation)
     (path,) = tmp_path.rglob("*.simulation")
     whole = path.read_bytes()
     other_head = [whole.replace(b'"status"', b'"stbtus"'), whole.replace(b'"ok"', b'"nk"'), b"[]\n"]
-    for spoilt in (b"", whole[:20], whole[:-1], whole[:-9] + b"x" + whole[-8:], *other_head):
-        path.write_bytes(spoilt)
+    for corrupt in (b"", whole[:20], whole[:-1], whole[:-9] + b"x" + whole[-8:], *other_head):
+        path.write_bytes(corrupt)
         assert cache.load("key0", job()) is None
         cache.store("key0", finished(0).simulation)
         assert path.read_bytes() == whole

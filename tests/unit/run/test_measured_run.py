@@ -59,24 +59,24 @@ def manifest(folder):
 def test_the_manifest_tells_how_each_file_became_a_curve(make_study, plugins, tmp_path, telling):
     study, out = pressed_thrice(make_study(loader=telling())), tmp_path / "run"
     pipeline.measure(study, out, plugins)
-    told = manifest(out)["measured"]
-    assert told["p1"]["files"]["again1/p1.csv"] == {"bias_N": 0.25, "steps": ["tare"]}
-    assert list(told["p1"]["files"]) == ["p1.csv", "again0/p1.csv", "again1/p1.csv"]
-    assert told["p1"]["averages"]["torque"]["n_presses"] == 3
-    assert "averages" not in told["p2"]
+    reported = manifest(out)["measured"]
+    assert reported["p1"]["files"]["again1/p1.csv"] == {"bias_N": 0.25, "steps": ["tare"]}
+    assert list(reported["p1"]["files"]) == ["p1.csv", "again0/p1.csv", "again1/p1.csv"]
+    assert reported["p1"]["averages"]["torque"]["n_presses"] == 3
+    assert "averages" not in reported["p2"]
     assert manifest(out)["spots"]["p1"] == {"measured": {"": ["p1.csv", "again0/p1.csv", "again1/p1.csv"]}}
     assert "again0/p1.csv" in manifest(out)["inputs"]
 
 
-def test_later_stages_keep_what_the_first_has_told(make_study, plugins, tmp_path, telling):
+def test_later_stages_keep_what_the_first_has_reported(make_study, plugins, tmp_path, telling):
     study, out = pressed_thrice(make_study(loader=telling())), tmp_path / "run"
     measured = pipeline.measure(study, out, plugins)
-    told = manifest(out)["measured"]
+    reported = manifest(out)["measured"]
     pipeline.sample(study, out, plugins)
-    assert manifest(out)["measured"] == told
+    assert manifest(out)["measured"] == reported
     found = RunDirectory(out).measured(("p1",))["p1"]
     np.testing.assert_array_equal(found["force"].std, measured["p1"]["force"].std)
-    assert found.record == told["p1"]
+    assert found.record == reported["p1"]
 
 
 def test_pictures_of_every_file_and_of_the_mean(make_study, plugins, tmp_path, telling):
@@ -137,10 +137,10 @@ def test_one_study_of_two_indenters_and_three_presses_runs_to_its_end(make_study
     assert {s.status.value for s in result.simulations} == {"ok"}
     radii = {s.job.spot: s.job.protocol.indenter.radius_mm for s in result.simulations}
     assert radii == {"p1": 7.5, "p2": 5.0}
-    told = manifest(tmp_path / "run")
-    assert told["protocol"]["radius_mm"] == 7.5
-    assert told["spots"]["p2"]["protocol"]["radius_mm"] == 5.0
-    assert "protocol" not in told["spots"]["p1"]
+    reported = manifest(tmp_path / "run")
+    assert reported["protocol"]["radius_mm"] == 7.5
+    assert reported["spots"]["p2"]["protocol"]["radius_mm"] == 5.0
+    assert "protocol" not in reported["spots"]["p1"]
     # The mean of 0.95, 1 and 1.05 times the answer is the answer.
     found = result.selected.refinement.filter(scenario="I", spot="p1").row(0, named=True)
     assert found["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-4)

@@ -45,13 +45,13 @@ def cut(content):
     return content[: len(content) // 2]
 
 
-@pytest.mark.parametrize("spoil", [flipped, cut])
-def test_a_damaged_file_names_the_stage_that_makes_it_again(done, plugins, spoil):
+@pytest.mark.parametrize("damage", [flipped, cut])
+def test_a_damaged_file_names_the_stage_that_makes_it_again(done, plugins, damage):
     study, run = done
     for i, (name, command) in enumerate(MADE_BY.items()):
         path = run / name
         whole = path.read_bytes()
-        path.write_bytes(spoil(whole))
+        path.write_bytes(damage(whole))
         for verb, n_read in READ_BY.items():
             if i < n_read:
                 said = rf"{path.name}: damaged or replaced.*run `palpate {command}` again"

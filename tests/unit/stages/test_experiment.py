@@ -80,13 +80,13 @@ def test_repeated_presses_become_their_mean_with_a_band(make_study, plugins):
         np.testing.assert_allclose(found[channel].ordinate, 1.1 * once[channel].ordinate, rtol=1e-12)
         assert found[channel].std is not None
     assert once["force"].std is None
-    told = found.record["averages"]["force"]
-    assert told["n_presses"] == 3
+    stated = found.record["averages"]["force"]
+    assert stated["n_presses"] == 3
     # 0.1/1.1 of the curve, whose mean square over its squared mean is what is left.
     y = once["force"].ordinate
     expected = (0.1 / 1.1) ** 2 * np.mean(y**2) / np.mean(np.abs(y)) ** 2
-    np.testing.assert_allclose(list(told["nmse_from_mean"].values()), [expected, 0.0, expected], atol=1e-15)
-    assert list(told["nmse_from_mean"]) == ["p1.csv", "p1_1.1.csv", "p1_1.2.csv"]
+    np.testing.assert_allclose(list(stated["nmse_from_mean"].values()), [expected, 0.0, expected], atol=1e-15)
+    assert list(stated["nmse_from_mean"]) == ["p1.csv", "p1_1.1.csv", "p1_1.2.csv"]
 
 
 def test_a_repeat_that_lacks_a_channel_is_named(make_study, plugins):

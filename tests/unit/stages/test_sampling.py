@@ -159,9 +159,9 @@ def test_refilling_without_need_changes_nothing(space):
     assert refilled.n_drawn == 20
 
 
-def test_a_share_too_small_to_refill_is_told(space):
-    told = r"only \d+ of 80 sets \(.* %\) pass 'seldom', and 20 are wanted; .*sampling.refill to 8 or more"
-    with pytest.raises(SamplingError, match=told):
+def test_a_share_too_small_to_refill_is_reported(space):
+    reason = r"only \d+ of 80 sets \(.* %\) pass 'seldom', and 20 are wanted; .*sampling.refill to 8 or more"
+    with pytest.raises(SamplingError, match=reason):
         draw_design(space, LatinHypercube(), 20, seed=1, filters=[Seldom()], refill=7)
     with pytest.raises(SamplingError, match=r"only 0 of 40 sets \(0 %\) pass 'nothing'"):
         draw_design(space, LatinHypercube(), 20, seed=1, filters=[Nothing(), Stiff()], refill=2)

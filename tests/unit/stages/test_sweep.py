@@ -18,7 +18,7 @@ from palpate.stages.sampling import draw_design
 
 
 class Following:
-    """Progress that stops after some steps and keeps what it was told."""
+    """Progress that stops after some steps and keeps what was reported."""
 
     def __init__(self, n_steps=10**9):
         self.n_steps, self.steps, self.notes = n_steps, [], []

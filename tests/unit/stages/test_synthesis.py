@@ -225,7 +225,7 @@ def test_what_cannot_be_simulated_is_refused_and_nothing_is_written(
     assert not (tmp_path / "planned").exists()
 
 
-def test_a_loader_that_cannot_write_is_told_before_the_simulation(
+def test_a_loader_that_cannot_write_is_reported_before_the_simulation(
     planned: Planned, tissue: ModuleType, plugins: Plugins, tmp_path: Path
 ) -> None:
     log = tmp_path / "log"

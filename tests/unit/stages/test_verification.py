@@ -69,7 +69,7 @@ def test_every_chosen_set_is_proved_once(doubting, make_study, plugins, tmp_path
     assert len(doubting.asked) == len(set(doubting.asked))
 
 
-def test_other_settings_are_proved_anew(doubting, make_study, plugins, tmp_path):
+def test_other_settings_are_proved_again(doubting, make_study, plugins, tmp_path):
     run_to_selection(make_study(doubting()), tmp_path / "run", plugins)
     n = len(doubting.asked)
     lax = make_study(doubting(doubting.Settings(strict=False)))

@@ -339,7 +339,7 @@ CASES = {
 
 
 @pytest.mark.parametrize(("old", "new", "place", "key", "remedy"), CASES.values(), ids=CASES)
-def test_a_mistake_is_told_with_line_key_and_remedy(
+def test_a_mistake_is_reported_with_line_key_and_remedy(
     tmp_path: Path, plugins: Plugins, old: str, new: str, place: str, key: str, remedy: str
 ) -> None:
     assert old in TEXT
@@ -426,7 +426,7 @@ def test_a_scenario_needs_channels_that_the_solver_computes(
     assert message.endswith("does not compute (it has push); choose another of either")
 
 
-def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(tmp_path: Path, plugins: Plugins) -> None:
+def test_all_mistakes_are_reported_at_once_in_the_order_of_the_file(tmp_path: Path, plugins: Plugins) -> None:
     text = TEXT
     for case in ("data", "file missing", "loader", "unit unknown", "n_sets 1", "solver", "generalise_by"):
         text = text.replace(*CASES[case][:2], 1)

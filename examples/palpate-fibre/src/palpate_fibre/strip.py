@@ -74,5 +74,5 @@ def _pair(line: str, where: str) -> tuple[float, float]:
     try:
         extension, force = map(float, line.split())
     except ValueError:
-        raise CurveError(f"{where} is no pair of extension_mm and force_N; mend the row") from None
+        raise CurveError(f"{where} is no pair of extension_mm and force_N; fix the row") from None
     return extension, force
