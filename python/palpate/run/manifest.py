@@ -63,7 +63,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "sampler": _component(study.sampler),
         "n_sets": study.n_sets,
         "n_total": study.n_total,
-        "refill": study.refill,
+        "max_draws": study.max_draws,
         "seed": study.seed,
         "filters": [_component(keep) for keep in study.filters],
         "scoring": asdict(study.scoring),

@@ -157,7 +157,7 @@ def design_from(study: Study) -> dict[str, str]:
         ),
         "sampler": fingerprint(_described(study.sampler)),
         "filters": fingerprint([_described(keep) for keep in study.filters]),
-        "n_sets, refill or seed": fingerprint([study.n_sets, study.refill, study.seed]),
+        "n_sets, max_draws or seed": fingerprint([study.n_sets, study.max_draws, study.seed]),
     }
 
 

@@ -1,12 +1,14 @@
 """One design for all spots: points of the unit cube, put into the ranges and filtered.
 
-With ``refill`` the draw goes on until as many sets pass the filters as are wanted: the points
-are extended to twice as many, again and again, so that the sets already kept stay the same,
-and the first sets that pass are the design.
+The draw continues until as many sets pass the filters as are wanted: the points are extended to
+twice as many, again and again, so that the sets already accepted stay the same, and the first
+sets that pass are the design.
 """
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from fractions import Fraction
+from math import ceil
 
 import numpy as np
 
@@ -15,6 +17,9 @@ from palpate.domain import BoolArray, Design, FloatArray, Parameter, ParameterSp
 from palpate.errors import SamplingError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Sampler, SetFilter
+
+DRAWS_EACH = 64
+"""Most sets drawn for each accepted one where a study does not say."""
 
 NO_ROW = -1
 """The ``set_id`` of a set that is no row of the design, such as a step of a local search.
@@ -30,7 +35,7 @@ def draw_design(
     seed: int,
     filters: Sequence[SetFilter] = (),
     *,
-    refill: int = 0,
+    max_draws: int = 0,
     n_total: int = 0,
     kept: FloatArray | None = None,
 ) -> Design:
@@ -41,14 +46,14 @@ def draw_design(
     space : ParameterSpace
     sampler : Sampler
     n_sets : int
-        Sets to draw, of which filters leave fewer; with ``refill`` the sets to keep.
+        Accepted sets.
     seed : int
     filters : sequence of SetFilter
         Applied in order, each to what the ones before it kept.
-    refill : int
-        Draw on until ``n_sets`` sets are kept, at most to this many times ``n_sets``,
-        rounded down to a power of 2; 0 draws once. ``n_drawn`` of the design then
-        counts the sets up to the last one kept.
+    max_draws : int
+        Most sets to draw for ``n_sets`` accepted ones, and in proportion for ``n_total``; 0 draws
+        up to ``DRAWS_EACH`` for each. No more than ``n_sets`` draws once and keeps what passes,
+        which may be fewer. ``n_drawn`` of the design counts the sets up to the last accepted one.
     n_total : int
         Extend the design of ``n_sets`` to this many, which begin with the same sets: the points
         are doubled until there are enough, so that a further extension begins with them too. Less
@@ -60,19 +65,19 @@ def draw_design(
     ------
     SamplingError
         Nothing is searched, the sampler leaves the unit cube or changes points when it
-        extends them, no set is kept, or too few of those that ``refill`` allows.
+        extends them, no set is kept, or too few of ``max_draws``.
     """
     parameters = space.parameters
     if not parameters:
         raise SamplingError("design: every parameter is fixed; give at least one a range to search")
     points = _unit_points(sampler, n_sets, len(parameters), seed)
-    n_wanted = n_total or n_sets
+    n_wanted, draws_each = n_total or n_sets, Fraction(max_draws, n_sets) if max_draws else DRAWS_EACH
     if kept is None or not kept.size:
-        return _drawn(space, sampler, points, seed, filters, refill, n_wanted)
+        return _drawn(space, sampler, points, seed, filters, draws_each, n_wanted)
     first = kept[accepted_by_all(filters, space, kept)][:n_wanted]
     if (n_rest := n_wanted - len(first)) == 0:
         return Design(parameters=parameters, values=first, seed=seed, n_drawn=n_wanted, n_kept=n_wanted)
-    rest = _drawn(space, sampler, points, seed, filters, refill, n_rest)
+    rest = _drawn(space, sampler, points, seed, filters, draws_each, n_rest)
     values = np.concatenate([first, rest.values])
     return replace(rest, values=values, n_drawn=rest.n_drawn + len(first), n_kept=len(first))
 
@@ -116,55 +121,43 @@ def _drawn(
     points: FloatArray,
     seed: int,
     filters: Sequence[SetFilter],
-    refill: int,
+    draws_each: Fraction | int,
     n_wanted: int,
 ) -> Design:
-    """Design of these points and, as far as more are wanted, those that extend them."""
-    if refill:
-        return _refilled(space, sampler, points, seed, filters, refill, n_wanted)
-    parameters = space.parameters
-    while len(points) < n_wanted:
-        points = _extended(sampler, points, 2 * len(points), seed)
-    values = _in_ranges(space, points[:n_wanted])
-    for keep in filters:
-        accepted = _accepted(keep, space, values)
-        if not accepted.any():
-            raise SamplingError(
-                f"design: filter '{keep.name}' rejects all {len(values)} sets{_why(keep, space, values[0])}; "
-                f"widen or move the ranges of "
-                f"{', '.join(p.name for p in parameters)}, draw more sets, or drop the filter"
-            )
-        values = values[accepted]
-    return Design(parameters=parameters, values=values, seed=seed, n_drawn=n_wanted)
-
-
-def _why(keep: SetFilter, space: ParameterSpace, row: FloatArray) -> str:
-    with answering_for(keep, "explaining why a set is dropped"):
-        reason = keep.reason(space, row)
-    return f" (the first: {reason})" if reason else ""
-
-
-def _refilled(
-    space: ParameterSpace,
-    sampler: Sampler,
-    points: FloatArray,
-    seed: int,
-    filters: Sequence[SetFilter],
-    refill: int,
-    n_sets: int,
-) -> Design:
-    """Double the points until ``n_sets`` of them pass the filters."""
-    accepted, n_first = accepted_by_all(filters, space, _in_ranges(space, points)), len(points)
-    while accepted.sum() < n_sets:
-        if 2 * len(points) > refill * max(n_sets, n_first):
-            raise _too_few(space, filters, int(accepted.sum()), len(points), n_sets)
+    """Double the points until ``n_wanted`` of them pass the filters, or as many are drawn as may be."""
+    most = ceil(draws_each * n_wanted)
+    accepted = accepted_by_all(filters, space, _in_ranges(space, points[:most]))
+    while accepted.sum() < n_wanted and len(points) < most:
         n_known = len(points)
         points = _extended(sampler, points, 2 * n_known, seed)
-        new = accepted_by_all(filters, space, _in_ranges(space, points[n_known:]))
+        new = accepted_by_all(filters, space, _in_ranges(space, points[n_known:most]))
         accepted = np.concatenate([accepted, new])
-    kept = np.flatnonzero(accepted)[:n_sets]
+    kept, n_drawn = np.flatnonzero(accepted)[:n_wanted], len(accepted)
+    if kept.size == n_wanted:
+        n_drawn = int(kept[-1]) + 1
+    elif not kept.size:
+        raise _none(space, filters, _in_ranges(space, points[:most]))
+    elif draws_each > 1:
+        raise _too_few(space, filters, kept.size, n_drawn, n_wanted)
     values = _in_ranges(space, points[kept])
-    return Design(parameters=space.parameters, values=values, seed=seed, n_drawn=int(kept[-1]) + 1)
+    return Design(parameters=space.parameters, values=values, seed=seed, n_drawn=n_drawn)
+
+
+def _none(space: ParameterSpace, filters: Sequence[SetFilter], values: FloatArray) -> SamplingError:
+    """Error that names the filter that rejects every set that those before it accept."""
+    left = [values[accepted_by_all(filters[:n], space, values)] for n in range(len(filters))]
+    keep, sets = next(
+        (keep, sets)
+        for keep, sets in zip(filters, left, strict=True)
+        if not _accepted(keep, space, sets).any()
+    )
+    with answering_for(keep, "explaining why a set is dropped"):
+        reason = keep.reason(space, sets[0])
+    why = f" (the first: {reason})" if reason else ""
+    return SamplingError(
+        f"design: filter '{keep.name}' rejects all {len(sets)} sets{why}; widen or move the ranges of "
+        f"{', '.join(p.name for p in space.parameters)}, raise sampling.max_draws, or drop the filter"
+    )
 
 
 def _too_few(
@@ -174,7 +167,7 @@ def _too_few(
         f"design: only {n_kept} of {n_drawn} sets ({100.0 * n_kept / n_drawn:.2g} %) pass "
         f"{', '.join(repr(keep.name) for keep in filters)}, and {n_sets} are wanted; narrow or move the "
         f"ranges of {', '.join(p.name for p in space.parameters)}, ask for fewer sets, or set "
-        f"sampling.refill to {2 * n_drawn // n_sets} or more"
+        f"sampling.max_draws to {2 * n_drawn} or more"
     )
 
 

@@ -27,7 +27,7 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
         study.n_sets,
         study.seed,
         study.filters,
-        refill=study.refill,
+        max_draws=study.max_draws,
         n_total=study.n_total,
         kept=_kept(study, earlier) if earlier else None,
     )

@@ -221,15 +221,13 @@ class SamplingTable(Table):
     """How parameter sets are drawn."""
 
     sampler: str = Field(default="lhs", description="Name of a sampler.")
-    n_sets: int = Field(
-        ge=2, le=MOST_SETS, description="Sets to draw, before the filters; with refill, after them."
-    )
-    refill: int = Field(
+    n_sets: int = Field(ge=2, le=MOST_SETS, description="Number of accepted parameter sets.")
+    max_draws: int = Field(
         default=0,
         ge=0,
-        le=1_000,
-        description="Draw on, at most to this many times n_sets, until n_sets sets pass the filters; "
-        "0: draw once and keep what passes.",
+        le=1_000 * MOST_SETS,
+        description="Most sets to draw for n_sets accepted ones; as many as n_sets: draw once and keep "
+        "what passes the filters; 0: 64 for each.",
     )
     seed: int = Field(default=1, ge=0, description="Seed of the draw.")
     settings: dict[str, Any] = Field(default={}, description="Settings of the sampler.")

@@ -89,7 +89,7 @@ class Study:
     space: ParameterSpace
     sampler: Sampler
     n_sets: int
-    refill: int = 0
+    max_draws: int = 0
     seed: int
     filters: tuple[SetFilter, ...]
     solver: Solver
@@ -281,7 +281,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         space=space,
         sampler=require(parts.sampler),
         n_sets=require(sampling).n_sets,
-        refill=require(sampling).refill,
+        max_draws=require(sampling).max_draws,
         seed=require(sampling).seed,
         filters=parts.filters,
         solver=require(parts.solver),
@@ -319,6 +319,8 @@ def _check_together(context: Context, tables: Tables, parts: Components, space: 
             ("sampling", "n_sets"),
             f"{n_simulations} simulations, and a study has at most {MOST_SIMULATIONS}; use fewer sets",
         )
+    if tables.sampling and 0 < tables.sampling.max_draws < tables.sampling.n_sets:
+        context.problems.add(("sampling", "max_draws"), "less than n_sets; raise it, or leave it out")
     if tables.selection and tables.selection.stiffness_scaling:
         check_stiffness_scaling(context, space)
     if parts.solver:

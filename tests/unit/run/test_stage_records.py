@@ -108,7 +108,7 @@ CHANGES = {
         "score",
         "select",
     ),
-    "n_sets, refill or seed": (lambda study: replace(study, seed=5), "sample", "simulate"),
+    "n_sets, max_draws or seed": (lambda study: replace(study, seed=5), "sample", "simulate"),
     "ranges": (other_ranges, "sample", "score"),
     "scenarios": (
         lambda study: replace(study, scenarios=(Scenario(name="I", weights={"force": 1.0, "torque": 2.0}),)),

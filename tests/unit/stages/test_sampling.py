@@ -81,7 +81,7 @@ def test_the_seed_decides_the_design(space):
 
 def test_filters_keep_rows_and_the_number_drawn_is_remembered(space):
     drawn = draw_design(space, LatinHypercube(), 20, seed=1)
-    kept = draw_design(space, LatinHypercube(), 20, seed=1, filters=[Stiff()])
+    kept = draw_design(space, LatinHypercube(), 20, seed=1, filters=[Stiff()], max_draws=20)
     assert np.array_equal(kept.values, drawn.values[drawn.values[:, 0] > 0.5])
     assert (kept.n_drawn, drawn.n_drawn) == (20, 20)
     assert 0 < kept.n_sets < 20
@@ -141,35 +141,35 @@ SAMPLERS = [
 @pytest.mark.parametrize("sampler", SAMPLERS, ids=lambda s: s.name)
 def test_refilling_keeps_the_sets_there_are_and_adds_what_lacks(space, sampler):
     filters = [Stiff(), Stiff()] if sampler.name == "corners" else [Seldom(), Stiff()]
-    design = draw_design(space, sampler, 24, seed=5, filters=filters, refill=64)
+    design = draw_design(space, sampler, 24, seed=5, filters=filters, max_draws=64 * 24)
     once = draw_design(space, sampler, 24, seed=5)
     kept_at_once = once.values[filters[0].accept(space, once.values)]
     assert np.array_equal(design.values[: len(kept_at_once)], kept_at_once)
     assert design.n_sets == 24
     assert 24 < design.n_drawn <= 64 * 24
     assert filters[0].accept(space, design.values).all()
-    again = draw_design(space, sampler, 24, seed=5, filters=filters, refill=64)
+    again = draw_design(space, sampler, 24, seed=5, filters=filters, max_draws=64 * 24)
     assert np.array_equal(again.values, design.values)
     assert again.n_drawn == design.n_drawn
 
 
 def test_refilling_without_need_changes_nothing(space):
-    plain, refilled = (draw_design(space, LatinHypercube(), 20, 1, refill=r) for r in (0, 8))
+    plain, refilled = (draw_design(space, LatinHypercube(), 20, 1, max_draws=m) for m in (20, 160))
     assert np.array_equal(plain.values, refilled.values)
     assert refilled.n_drawn == 20
 
 
-def test_a_share_too_small_to_refill_is_reported(space):
-    reason = r"only \d+ of 80 sets \(.* %\) pass 'seldom', and 20 are wanted; .*sampling.refill to 8 or more"
+def test_a_share_too_small_is_reported(space):
+    reason = r"only \d+ of 80 sets \(.* %\) pass 'seldom', and 20 are .*sampling.max_draws to 160 or"
     with pytest.raises(SamplingError, match=reason):
-        draw_design(space, LatinHypercube(), 20, seed=1, filters=[Seldom()], refill=7)
-    with pytest.raises(SamplingError, match=r"only 0 of 40 sets \(0 %\) pass 'nothing'"):
-        draw_design(space, LatinHypercube(), 20, seed=1, filters=[Nothing(), Stiff()], refill=2)
+        draw_design(space, LatinHypercube(), 20, seed=1, filters=[Seldom()], max_draws=80)
+    with pytest.raises(SamplingError, match=r"'nothing' rejects all 40 sets"):
+        draw_design(space, LatinHypercube(), 20, seed=1, filters=[Nothing(), Stiff()], max_draws=40)
 
 
 def test_a_sampler_must_keep_what_it_extends(space):
     with pytest.raises(SamplingError, match="'forgetful' changed points"):
-        draw_design(space, Forgetful(), 20, seed=1, filters=[Seldom()], refill=64)
+        draw_design(space, Forgetful(), 20, seed=1, filters=[Seldom()])
 
 
 def test_an_optimised_hypercube_is_more_even_than_a_plain_one(space):
@@ -231,9 +231,9 @@ def test_a_first_look_at_a_filtered_design_is_its_first_sets(space, plugins):
             return values[:, 0] < 0.55
 
     arguments = (space, plugins.samplers["lhs"](), 12, 1, (Half(),))
-    whole = draw_design(*arguments, refill=4)
+    whole = draw_design(*arguments, max_draws=48)
     for n in (2, 7, 12):
-        look = draw_design(*arguments, refill=4, n_total=n)
+        look = draw_design(*arguments, max_draws=48, n_total=n)
         np.testing.assert_array_equal(look.values, whole.values[:n])
 
 
@@ -287,8 +287,8 @@ def test_kept_sets_pass_the_filters_of_the_study_and_may_be_all_there_is(space, 
     sampler = plugins.samplers["lhs"]()
     wide, narrow = draw_design(space, sampler, 60, 1), narrowed(space, 0.4)
     kept = kept_sets(narrow, 1, wide, range(60))
-    for refill in (0, 8):
-        design = draw_design(narrow, sampler, 12, 1, (Left(),), refill=refill, kept=kept)
-        assert design.n_sets == 12 if refill else 0 < design.n_sets <= 12
+    for draws in (12, 96):
+        design = draw_design(narrow, sampler, 12, 1, (Left(),), max_draws=draws, kept=kept)
+        assert design.n_sets == 12 if draws > 12 else 0 < design.n_sets <= 12
         assert (design.values[:, 0] < 0.3).all()
     assert draw_design(narrow, sampler, 5, 1, kept=kept).n_kept == 5

@@ -250,12 +250,12 @@ def test_sampling_may_refill_and_spread_the_logarithm(read: Edit) -> None:
     study = read(
         (
             "n_sets = 20",
-            'n_sets = 20\nrefill = 16\nsampler = "optimised_lhs"\nsettings = { criterion = "maximin" }',
+            'n_sets = 20\nmax_draws = 320\nsampler = "optimised_lhs"\nsettings = { criterion = "maximin" }',
         ),
         ('upper = "3 MPa" }', 'upper = "3 MPa", scale = "log" }'),
     )
-    assert study.refill == 16
+    assert study.max_draws == 320
     assert study.sampler.settings.criterion == "maximin"
     assert study.space.parameters[0].scale == "log"
-    assert read().refill == 0
+    assert read().max_draws == 0
     assert read().space.parameters[0].scale == "linear"

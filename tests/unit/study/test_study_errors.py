@@ -39,11 +39,11 @@ CASES = {
     "missing key": ("n_sets = 20", "", "[sampling]", "sampling.n_sets", "add n_sets ="),
     "n_sets 1": ("= 20", "= 1", "n_sets", "sampling.n_sets", "greater than or equal to 2"),
     "n_sets text": ("= 20", '= "20"', "n_sets", "sampling.n_sets", "not a whole number"),
-    "refill negative": (
+    "max_draws negative": (
         "= 20",
-        "= 20\nrefill = -1",
-        "refill",
-        "sampling.refill",
+        "= 20\nmax_draws = -1",
+        "max_draws",
+        "sampling.max_draws",
         "greater than or equal to 0",
     ),
     "scale unknown": (

@@ -123,6 +123,7 @@ friction = 1.0
 
 [sampling]
 n_sets = $n_sets
+max_draws = $n_sets
 seed = 1
 
 [solver]
