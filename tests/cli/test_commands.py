@@ -244,6 +244,7 @@ def test_run_prints_results_to_stdout_and_progress_to_stderr(call: Call, study: 
     assert Path("here/design.parquet").is_file()
 
 
+@pytest.mark.usefixtures("one_figure")
 def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) -> None:
     whole = call("run", study, "--json").json
     assert whole["folder"] == "runs/toy"
@@ -268,6 +269,7 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
     assert any(file.endswith(".svg") for file in results["report"]["files"])
 
 
+@pytest.mark.usefixtures("one_figure")
 def test_a_scenario_without_a_set_ends_with_1_after_the_results(
     call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
