@@ -1,4 +1,4 @@
-"""Errors a user can mend.
+"""Errors a user can fix.
 
 Every message says what was wrong, where (file, row, key) and what to do about
 it. The command line prints a :class:`PalpateError` without a traceback and ends

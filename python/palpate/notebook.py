@@ -206,7 +206,7 @@ def _design(study: Study, frame: pl.DataFrame) -> Design:
         )
     if frame["set_id"].is_duplicated().any():
         twice = frame["set_id"].filter(frame["set_id"].is_duplicated())[0]
-        raise StudyError(f"design: set_id {twice} stands in two rows; number the sets apart")
+        raise StudyError(f"design: duplicate set_id {twice}; set_id must be unique")
     return Design(parameters=study.space.parameters, values=values, seed=study.seed, n_drawn=len(values))
 
 
@@ -234,14 +234,14 @@ def _responses(measured: pl.DataFrame) -> dict[str, Response]:
 def _frame_of(each: Simulation, set_id: int) -> pl.DataFrame:
     has_curves = each.response is not None and list(each.response)
     curves = frame_of(each.response) if each.response is not None and has_curves else _NO_CURVE
-    told = {
+    columns = {
         "spot": each.job.spot,
         "set_id": set_id,
         "status": each.status.value,
         "message": each.message,
         "seconds": each.seconds,
     }
-    typed = {name: pl.lit(value) for name, value in told.items()} | {"set_id": pl.lit(set_id, pl.Int64)}
+    typed = {name: pl.lit(value) for name, value in columns.items()} | {"set_id": pl.lit(set_id, pl.Int64)}
     return curves.with_columns(**typed).select(_SIMULATED)
 
 

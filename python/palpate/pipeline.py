@@ -95,7 +95,7 @@ def run_study(
     trust : collection of str
         Components whose results of earlier code are accepted: ``material:NAME``, ``solver:NAME``.
     confirm : callable
-        Told how the study differs from what the folder holds, before anything is written;
+        Called with how the study differs from what the folder holds, before anything is written;
         raises to stop there.
     adopt : bool
         Whether the run of another study file may be continued with this one.
@@ -425,7 +425,7 @@ def _scores_of(study: Study, run: RunDirectory, found: tuple[Simulation, ...]) -
         raise StudyError(
             f"{run.folder}: {n_scored - n_found} of {n_scored} scored simulations are not those of the study "
             "as it is now: a mesh, a material, the solver, its settings or a version has changed since; "
-            "`palpate run` simulates them again, with --fork in a copy of this folder"
+            "run `palpate run` again; add `--fork FOLDER` to keep this run"
         )
     run.records.check("scores", scores_from(study, run.records, answers_key(found)))
     return scores

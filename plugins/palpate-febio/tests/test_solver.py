@@ -143,7 +143,7 @@ def test_a_deck_that_is_refused_says_why_though_there_is_no_log(fake, monkeypatc
 
 
 def test_a_hanging_run_is_ended(fake):
-    simulation = fake("hang", time_limit_s=1.5).simulate(job_of(), LIMB)
+    simulation = fake("hang", time_limit="1.5 s").simulate(job_of(), LIMB)
     assert simulation.status is Status.TIMED_OUT
     assert simulation.response is None
 
@@ -303,7 +303,7 @@ def test_ogden_and_neo_hookean_fit_the_textbook(fake):
 
 def test_only_what_changes_a_result_makes_another_simulation(fake, tmp_path):
     key = solver_key(fake())
-    harmless = {"threads": 2, "time_limit_s": 9.0, "keep_folder": str(tmp_path / "kept"), "gates": "never"}
+    harmless = {"threads": 2, "time_limit": "9 s", "keep_folder": str(tmp_path / "kept"), "gates": "never"}
     assert solver_key(fake(**harmless)) == key
     assert len({key, solver_key(fake(penalty=50.0)), solver_key(fake(contact="paper"))}) == 3
 

@@ -111,7 +111,7 @@ def _check_searched(study: Study) -> None:
             if parameter.name in ignored:
                 raise StudyError(
                     f"{study.file.name}: region.{region.region}.parameters.{parameter.name} is searched, but "
-                    f"solver '{study.solver.name}' with these settings answers the same to every value; "
+                    f"solver '{study.solver.name}' with these settings does not use this parameter; "
                     f'fix it, e.g. {parameter.name} = "{parameter.lower:g} {parameter.unit}"'
                 )
 

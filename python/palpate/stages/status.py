@@ -29,7 +29,7 @@ class RunStatus:
     states : mapping of state to number
         Of those that are finished.
     seconds_left : float or None
-        Estimated from the pace of this runner's; None where that cannot be told.
+        Estimated from the pace of this runner's; None where it is unknown.
     failures : DataFrame
         status, reason, n, example, remedy; most frequent first.
     best : DataFrame

@@ -128,7 +128,7 @@ def _tell(sweep: Sweep, state: _State) -> None:
 
 
 def _warn_of_full_disk(sweep: Sweep, n_left: int) -> None:
-    """Say before the first simulation that there is no room for the last, as far as can be told."""
+    """Warn before the first simulation that there may be no room for the last."""
     with Ledger(sweep.folder) as ledger:
         wanted_MB = n_left * (ledger.bytes_each() or USUAL_BYTES) * 1e-6
     free_MB = shutil.disk_usage(sweep.folder).free * 1e-6

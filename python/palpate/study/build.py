@@ -112,8 +112,8 @@ def build_component(
     try:
         return component(checked)
     except (Exception, SystemExit) as error:
-        told = str(error) if isinstance(error, PalpateError) else f"{type(error).__name__}: {error}"
-        context.problems.add(settings_key, f"'{name}' cannot be made from these settings: {told}")
+        why = str(error) if isinstance(error, PalpateError) else f"{type(error).__name__}: {error}"
+        context.problems.add(settings_key, f"'{name}' cannot be made from these settings: {why}")
         return None
 
 
@@ -182,7 +182,7 @@ def _check_channels(
     """Refuse a scenario whose channels a spot does not measure, where the file says which it does."""
     for spot, found in measured.items():
         if not set(found) <= set(context.plugins.channels):
-            continue  # a file of several channels, or a channel that is told to be unknown
+            continue  # a file of several channels, or a channel that is reported as unknown
         missing = [c for c, weight in scenario.weights.items() if weight and c not in found]
         if missing:
             context.problems.add(

@@ -1,4 +1,4 @@
-"""Everything that is wrong with a study file, gathered so that it is told at once."""
+"""Everything that is wrong with a study file, gathered to be reported at once."""
 
 import contextlib
 import functools

@@ -249,7 +249,7 @@ def _parse(path: Path) -> tuple[str, dict[str, Any]]:
     except UnicodeDecodeError as error:
         raise StudyError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{path}: invalid TOML: {error}; fix the syntax there") from None
+        raise StudyError(f"{path}: invalid TOML: {error}; fix the syntax") from None
     except RecursionError:
         raise StudyError(f"{path}: tables or arrays nested too deep; make them flatter") from None
     except ValueError as error:

@@ -128,7 +128,7 @@ def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict
         context.problems.add(("truth",), 'only simulated data have a known answer; set data = "simulated"')
     truth: dict[str, float] = {}
     if not space.regions or len(space.regions) < len(tables.region):
-        return truth  # a region's own mistake is told already
+        return truth  # a region's mistake is reported already
     known = {
         f"{r.region}.{p.name}": p for r in space.regions for p in _in_convention(r.material, r.convention)
     }

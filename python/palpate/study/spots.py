@@ -113,7 +113,7 @@ def _spot_loader(
     if base is None or not table.settings:
         return None
     with context.problems.at("experiment", "loader"):
-        # A loader that is not there is told once, where it is named.
+        # A missing loader is reported once, where it is named.
         _ = context.plugins.loaders[base.loader]
         return build_component(
             context, context.plugins.loaders, base.loader, base.settings | table.settings, (*key, "settings")

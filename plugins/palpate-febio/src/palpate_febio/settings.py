@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from palpate.api import Settings
+from palpate.api import Quantity, Settings
 
 Rung = Literal["broyden", "newton", "broyden_soft", "broyden_half_steps", "newton_half_steps"]
 """One way to solve: the update of the stiffness; ``soft`` is a contact a quarter as stiff."""
@@ -35,15 +35,17 @@ class FebioSettings(Settings):
     threads: int = Field(
         1, ge=1, exclude=True, description="threads of one run; palpate runs several jobs side by side"
     )
-    time_limit_s: float = Field(
-        7200.0, gt=0.0, exclude=True, description="a run is stopped after this time [s]"
+    time_limit: Annotated[float, Quantity("s")] = Field(
+        7200.0, gt=0.0, exclude=True, description="a run is stopped after this time"
     )
-    stall_limit_s: float = Field(
-        1200.0, gt=0.0, exclude=True, description="a run is stopped when nothing was written for so long [s]"
+    stall_limit: Annotated[float, Quantity("s")] = Field(
+        1200.0, gt=0.0, exclude=True, description="a run is stopped when nothing was written for so long"
     )
     depth_steps: int = Field(20, ge=1, description="steps from the surface to the greatest depth")
     rotation_step_deg: float = Field(
-        4.5, gt=0.0, description="largest step of rotation [degrees]; friction forgets a little in each"
+        4.5,
+        gt=0.0,
+        description="largest step of rotation [degrees]; friction history error grows with the step",
     )
     contact: Literal["right", "paper"] = Field(
         "right",

@@ -344,7 +344,7 @@ class FebioSolver(Solver):
 
     @property
     def _limits(self) -> Limits:
-        return Limits(time_s=self.settings.time_limit_s, stall_s=self.settings.stall_limit_s)
+        return Limits(time_s=self.settings.time_limit, stall_s=self.settings.stall_limit)
 
     @property
     def _environment(self) -> dict[str, str]:
