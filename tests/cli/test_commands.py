@@ -188,7 +188,7 @@ def test_ctrl_c_ends_with_130_and_says_how_to_go_on(call: Call, monkeypatch: pyt
     monkeypatch.setattr(pipeline, "run_study", stopped)
     outcome = call("run", TOY)
     assert outcome.code == 130
-    assert "the same command goes on from there" in outcome.err
+    assert "the same command continues from there" in outcome.err
 
 
 def test_ctrl_c_that_a_callback_swallows_stops_the_next_stage(

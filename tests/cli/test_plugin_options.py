@@ -122,7 +122,7 @@ def test_a_study_names_its_own_plugin_files(call: Call, study: Path) -> None:
 
 def test_plugins_shows_commands_and_qualified_names(call: Call) -> None:
     assert "limb scan" in call("plugins", "commands").out
-    assert "plugin: febio" in call("plugins", "commands", "certify").out
+    assert "plugin: validation" in call("plugins", "commands", "certify").out
     assert "did you mean 'certify'" in call("plugins", "commands", "certfy").err
     assert "plugin: materials" in call("plugins", "materials", "palpate-materials:yeoh").out
 
@@ -131,7 +131,7 @@ def test_an_installed_plugin_can_be_left_out(call: Call) -> None:
     found = call("--no-plugin", "palpate-materials", "plugins", "--json").json
     assert "yeoh" not in [m["name"] for m in found["materials"]]
     commands = {each["name"]: each["plugin"] for each in found["commands"]}
-    assert commands["certify"] == "febio"
+    assert commands["certify"] == "validation"
     assert commands["limb scan"] == "limb"
     wrong = call("plugins", "--no-plugin=materails")
     assert wrong.code == 2

@@ -49,7 +49,7 @@ def press(monkeypatch):
 
 @pytest.mark.parametrize(
     ("presses", "said"),
-    [(1, r"stopped with \d+ of 20 simulations"), (2, "simulations are kept, and the same command goes on")],
+    [(1, r"stopped with \d+ of 20 simulations"), (2, "simulations are kept, and the same command continues")],
 )
 def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
     call, study, tmp_path, press, presses, said

@@ -146,7 +146,7 @@ def _nan() -> np.ndarray:
 
 
 BAD = {
-    "nan coordinate": ({"points": _nan()}, r"node 3 lies at \[0\.0, nan, 1\.0\]; every coordinate must be"),
+    "nan coordinate": ({"points": _nan()}, r"node 3 is at \[0\.0, nan, 1\.0\]; every coordinate must be"),
     "no regions": ({"cell_data": {}}, r"no cell data 'region' \(there: none\)"),
     "other regions": (
         {"cell_data": {"part": [np.array([0]), np.array([0, 1])]}},

@@ -113,5 +113,5 @@ def test_the_surface_of_a_phantom_s_bone_is_too_far_and_says_how_far(tmp_path: P
     write_phantom(tmp_path)
     sets = {"fixed": {"surface": "ulna.stl", "unit": "m"}, "contact": "pressed"}
     settings = MeshioSettings.model_validate(GROUPS["two_layers.msh"] | {"node_sets": sets})
-    with pytest.raises(MeshError, match=r"the nearest lies .* mm off; check its unit and frame"):
+    with pytest.raises(MeshError, match=r"the nearest is .* mm off; check its unit and frame"):
         MeshioSource(settings).load(tmp_path / "m.msh", SPOT)

@@ -47,21 +47,20 @@ def experiment(
     if as_json:
         session.json(rows)
         return
-    session.table(
-        "Measured curves",
-        ["spot", "channel", "points", "presses", "over", "values", "largest std"],
-        [
-            [
-                *(str(row[key]) for key in ("spot", "channel", "n_points", "n_presses", "over")),
-                f"{row['least']:.4g} to {row['largest']:.4g} {row['unit']}",
-                cell(std) if (std := row["largest_std"]) is None else f"{std:.2g} {row['unit']}",
-            ]
-            for row in rows
-        ],
-    )
+    heads = ["spot", "channel", "points", "presses", "over", "values", "largest std"]
+    session.table("Measured curves", heads, [_cells(row) for row in rows])
     if plots:
         session.note(f"pictures in {folder / 'measured' / 'plots'}")
     session.next(f"sample {study} --out {folder}", f"written to {folder}; ")
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    std = row["largest_std"]
+    return [
+        *(str(row[key]) for key in ("spot", "channel", "n_points", "n_presses", "over")),
+        f"{row['least']:.4g} to {row['largest']:.4g} {row['unit']}",
+        cell(std) if std is None else f"{std:.2g} {row['unit']}",
+    ]
 
 
 def _extent(curve: "Curve", channel: "Channel") -> dict[str, Any]:

@@ -173,7 +173,7 @@ class StageProgress:
 
 
 class _Side:
-    """What a thread of its own looks up beside a sweep: processor, memory, and the best sets so far."""
+    """Thread that reads processor load, memory and the best sets during a sweep."""
 
     def __init__(self, folder: Path | None) -> None:
         self.text = ""

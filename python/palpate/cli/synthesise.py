@@ -43,21 +43,12 @@ def synthesise(
     if as_json:
         session.json({"study": planned.name, "files": [str(file) for file in made.files]})
         return
-    session.table(
-        "Simulated curves",
-        ["spot", "channel", "points", "least", "largest"],
-        [
-            [
-                spot,
-                name,
-                str(curve.abscissa.size),
-                f"{curve.ordinate.min():.6g}",
-                f"{curve.ordinate.max():.6g}",
-            ]
-            for spot, response in made.responses.items()
-            for name, curve in response.curves.items()
-        ],
-    )
+    rows = [
+        [spot, name, str(y.size), f"{y.min():.6g}", f"{y.max():.6g}"]
+        for spot, response in made.responses.items()
+        for name, y in ((name, curve.ordinate) for name, curve in response.curves.items())
+    ]
+    session.table("Simulated curves", ["spot", "channel", "points", "least", "largest"], rows)
     for file in made.files:
         session.say(str(file))
     session.next(f"check {study}" if out is None else "check STUDY, once the study names these files")

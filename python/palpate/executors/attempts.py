@@ -65,8 +65,6 @@ def attempt(
 
     Parameters
     ----------
-    solver : Solver
-    limb : Limb or None
     tasks : sequence of (index, Job)
     started : callable
         Called with the index of a job when the solver takes it.
@@ -88,8 +86,7 @@ def attempt(
         except (Exception, SystemExit) as error:
             culprits = list(flight.taken.values())
             if len(culprits) == 1:
-                index, _, begun = culprits[0]
-                yield _failed(index, error, begun)
+                yield _failed(culprits[0][0], error, culprits[0][2])
             for index, job, _ in culprits if len(culprits) > 1 else ():
                 yield _attempt_alone(solver, limb, (index, job), started)
             if not culprits and not flight.n_answered:

@@ -62,7 +62,6 @@ def render(
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     environment.filters["shown"] = shown
     script, library = _own("page.js"), _library()
-    figures = page_data(data)
     return environment.get_template("index.html.jinja").render(
         study=data.study,
         notice=data.notice,
@@ -73,7 +72,7 @@ def render(
         tables={name: _table(name, frame) for name, frame in tables.items()},
         convergence=_table("convergence", data.convergence),
         intervals=list(_intervals(data)),
-        data=figures,
+        data=page_data(data),
         generalising=data.generalising.name,
         generalises="generalised" in tables and len(data.spots) > 1,
         provenance=list(_provenance(data.manifest)),

@@ -13,7 +13,7 @@ from palpate.run.result import SelectionResult
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What the report shows, and where it lies.
+    """What the report shows, and where it is.
 
     Parameters
     ----------

@@ -171,7 +171,7 @@ class Phantom:
         Parameters
         ----------
         spacing_mm : float
-            About how far the points lie apart.
+            Approximate distance of the points.
         """
         first, last = self.span_mm
         n_along = max(2, round((last - first) / spacing_mm) + 1)

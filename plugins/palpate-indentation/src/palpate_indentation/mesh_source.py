@@ -119,7 +119,7 @@ def _points(path: Path, content: MeshFile) -> NDArray[np.float64]:
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
         raise MeshError(
-            f"{path}: node {bad[0]} lies at {points[bad[0]].tolist()}; every coordinate must be finite, "
+            f"{path}: node {bad[0]} is at {points[bad[0]].tolist()}; every coordinate must be finite, "
             "write the mesh again"
         )
     return points

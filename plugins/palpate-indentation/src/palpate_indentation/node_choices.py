@@ -92,7 +92,7 @@ def _near(path: Path, points_mm: FloatArray, choice: NearSurface) -> IntArray:
     found = np.flatnonzero(distances <= choice.within)
     if not found.size:
         raise MeshError(
-            f"{path}: no node within {choice.within:g} mm of '{named}', the nearest lies "
+            f"{path}: no node within {choice.within:g} mm of '{named}', the nearest is "
             f"{distances.min():.4g} mm off; check its unit and frame, or take more"
         )
     return found

@@ -193,20 +193,6 @@ def _read(plugins: Plugins, mesh: Path) -> Limb:
 def _show(session: Session, comparison: Any) -> None:  # noqa: ANN401 -- a SolverComparison
     from palpate_validation.comparison import ENERGIES
 
-    rows = [
-        [
-            row.problem,
-            row.material,
-            row.quantity,
-            row.solver,
-            row.against,
-            "" if row.difference is None else f"{row.difference:.1e}",
-            f"{row.tolerance:.0e}",
-            row.verdict,
-            row.note,
-        ]
-        for row in comparison.rows
-    ]
     heads = [
         "problem",
         "material",
@@ -218,6 +204,8 @@ def _show(session: Session, comparison: Any) -> None:  # noqa: ANN401 -- a Solve
         "verdict",
         "note",
     ]
+    shown = {"difference": lambda d: "" if d is None else f"{d:.1e}", "tolerance": "{:.0e}".format}
+    rows = [[shown.get(head, str)(getattr(row, head)) for head in heads] for row in comparison.rows]
     session.table("Solver comparison", heads, rows)
     for name, version in comparison.solvers.items():
         session.say(f"{name}: {version}")
