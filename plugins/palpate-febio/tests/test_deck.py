@@ -79,7 +79,7 @@ def test_decks_are_these(name, monkeypatch):
     if name == "paper":
         settings = settings.model_copy(update={"contact": "paper"})
     if name == "newton":
-        settings = settings.model_copy(update={"ladder": ("newton",), "linear_solver": "skyline"})
+        settings = settings.model_copy(update={"fallbacks": ("newton",), "linear_solver": "skyline"})
     if name == "bonded":
         sets = {**limb.mesh.node_sets, "bonded": [4, 5]}
         limb = replace(limb, mesh=replace(limb.mesh, node_sets=sets))

@@ -1,4 +1,4 @@
-"""The solver against a stand-in for FEBio: ladder, gates, conventions, litter."""
+"""The solver against a stand-in for FEBio: fallbacks, verification, conventions, litter."""
 
 import tempfile
 from dataclasses import replace
@@ -12,12 +12,12 @@ from palpate.run.keys import solver_key
 from palpate.specimens import block
 from palpate.testing import SolverContract
 from palpate_febio.conventions import remembered
-from palpate_febio.gates import check_torque
 from palpate_febio.log import read_log
 from palpate_febio.probe import Fit
 from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver, FebioWarning
 from palpate_febio.steps import Steps
+from palpate_febio.torque_verification import check_torque
 from palpate_febio.verdict import Verdict
 from palpate_materials import Demiray, NeoHookean, Ogden, Yeoh
 
@@ -82,7 +82,7 @@ def test_the_answer_has_the_protocols_points_and_a_history(fake, tmp_path):
     assert simulation.response["force"].abscissa[-1] == 2.0
     assert set(PATH[1:, 1]) <= set(simulation.response["torque"].abscissa)
     found = simulation.diagnostics
-    assert [t["rung"] for t in found["tries"]] == ["broyden"]
+    assert [t["method"] for t in found["tries"]] == ["broyden"]
     assert found["conventions"] == {"soft_tissue": "febio4"}
     assert found["contact"] == "augmented"
     assert list((tmp_path / "tmp").iterdir()) == []
@@ -92,18 +92,18 @@ def test_the_ladder_is_climbed_and_recorded(fake):
     simulation = fake("broyden_fails").simulate(job_of(), LIMB)
     assert simulation.status is Status.OK
     tries = simulation.diagnostics["tries"]
-    assert [(t["rung"], t["status"]) for t in tries] == [("broyden", "diverged"), ("newton", "ok")]
+    assert [(t["method"], t["status"]) for t in tries] == [("broyden", "diverged"), ("newton", "ok")]
     assert "negative Jacobian" in tries[0]["message"]
 
 
 def test_half_steps_answer_at_the_same_points(fake):
     whole = fake().simulate(job_of(), LIMB)
-    halves = fake(ladder=("broyden_half_steps",)).simulate(job_of(), LIMB)
+    halves = fake(fallbacks=("broyden_half_steps",)).simulate(job_of(), LIMB)
     for channel in ("force", "torque"):
         np.testing.assert_array_equal(halves.response[channel].abscissa, whole.response[channel].abscissa)
 
 
-def test_a_run_that_diverges_on_every_rung_keeps_what_it_reached(fake):
+def test_a_run_that_diverges_by_every_method_keeps_what_it_reached(fake):
     simulation = fake("diverge").simulate(job_of(), LIMB)
     assert simulation.status is Status.DIVERGED
     assert len(simulation.diagnostics["tries"]) == 5
@@ -159,34 +159,34 @@ def test_runs_are_kept_when_asked_for(fake, tmp_path):
     assert not (tmp_path / "x").exists()
 
 
-# ---------------------------------------------------------------------- gates
+# ---------------------------------------------------------------------- verification
 
 
 def test_a_torque_that_remembers_passes_its_gates(fake):
-    simulation = fake(gates="every").simulate(job_of(), LIMB)
-    gates = simulation.diagnostics["gates"]
-    assert gates["passed"]
-    assert abs(gates["halving"]) < 1e-9
-    assert abs(gates["hold"]) < 1e-9
+    simulation = fake(verification="every").simulate(job_of(), LIMB)
+    verification = simulation.diagnostics["verification"]
+    assert verification["passed"]
+    assert abs(verification["halving"]) < 1e-9
+    assert abs(verification["hold"]) < 1e-9
     assert simulation.message == ""
 
 
 def test_the_papers_contact_warns_and_fails_its_gates(fake):
-    solver = fake(gates="every", contact="paper")
+    solver = fake(verification="every", contact="paper")
     with pytest.warns(FebioWarning, match="no memory"):
         solver.check(job_of(), LIMB)
     simulation = solver.simulate(job_of(), LIMB)
-    gates = simulation.diagnostics["gates"]
-    assert not gates["passed"]
-    assert gates["halving"] == pytest.approx(-0.5)
-    assert gates["hold"] == pytest.approx(-0.5)
+    verification = simulation.diagnostics["verification"]
+    assert not verification["passed"]
+    assert verification["halving"] == pytest.approx(-0.5)
+    assert verification["hold"] == pytest.approx(-0.5)
     assert "NOT to be relied on" in simulation.message
     assert any("no memory" in remark for remark in simulation.diagnostics["remarks"])
 
 
 def test_there_is_nothing_to_prove_without_a_twist_or_friction(fake):
     for job in (job_of(path=PATH[:2]), job_of(friction=0.0)):
-        assert fake(gates="every").simulate(job, LIMB).diagnostics["gates"] == {}
+        assert fake(verification="every").simulate(job, LIMB).diagnostics["verification"] == {}
 
 
 @pytest.mark.parametrize(("n_rows", "halving"), [(9, 0.0), (8, None)])
@@ -198,10 +198,10 @@ def test_a_finer_run_that_does_not_end_proves_nothing_and_tells_what_it_can(n_ro
         status = Status.DIVERGED
         return Verdict(status=status, message="no balance", rows=rows[:n_rows], log=read_log(""))
 
-    gates = check_torque(steps, -2.0, run, 0.02)
-    assert (gates.passed, gates.halving, gates.hold) == (False, halving, None)
-    assert "no balance" in str(gates)
-    assert ("halved steps" in str(gates)) == (halving is not None)
+    verification = check_torque(steps, -2.0, run, 0.02)
+    assert (verification.passed, verification.halving, verification.hold) == (False, halving, None)
+    assert "no balance" in str(verification)
+    assert ("halved steps" in str(verification)) == (halving is not None)
 
 
 # ---------------------------------------------------------------- conventions
@@ -303,7 +303,12 @@ def test_ogden_and_neo_hookean_fit_the_textbook(fake):
 
 def test_only_what_changes_a_result_makes_another_simulation(fake, tmp_path):
     key = solver_key(fake())
-    harmless = {"threads": 2, "time_limit": "9 s", "keep_folder": str(tmp_path / "kept"), "gates": "never"}
+    harmless = {
+        "threads": 2,
+        "time_limit": "9 s",
+        "keep_folder": str(tmp_path / "kept"),
+        "verification": "never",
+    }
     assert solver_key(fake(**harmless)) == key
     assert len({key, solver_key(fake(penalty=50.0)), solver_key(fake(contact="paper"))}) == 3
 

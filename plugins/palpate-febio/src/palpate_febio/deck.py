@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.api import FloatArray, IntArray, Mesh
 from palpate_febio.contact_surface import contact_faces
-from palpate_febio.settings import PENALTY, FebioSettings, Rung
+from palpate_febio.settings import PENALTY, FebioSettings, Method
 from palpate_febio.spelling import DENSITY_T_PER_MM3, Written
 from palpate_febio.sphere import sphere_mesh
 from palpate_febio.steps import Steps
@@ -47,8 +47,8 @@ class Problem:
     friction : float
     steps : Steps
     settings : FebioSettings
-    rung : str
-        How to solve; see :data:`palpate_febio.settings.Rung`.
+    method : str
+        How to solve; see :data:`palpate_febio.settings.Method`.
     """
 
     mesh: Mesh
@@ -57,7 +57,7 @@ class Problem:
     friction: float
     steps: Steps
     settings: FebioSettings
-    rung: Rung = "broyden"
+    method: Method = "broyden"
 
     @property
     def bonded(self) -> bool:
@@ -73,7 +73,7 @@ class Problem:
     def penalty(self) -> float:
         """Of the contact, in units of FEBio's automatic one."""
         chosen = self.settings.penalty or PENALTY[self.settings.contact]
-        return chosen / 4.0 if self.rung == "broyden_soft" else chosen
+        return chosen / 4.0 if self.method == "broyden_soft" else chosen
 
 
 def write_deck(problem: Problem) -> bytes:
@@ -166,7 +166,7 @@ def _control(root: ET.Element, problem: Problem) -> None:
         ("rhoi", 0),
     ):
         _leaf(solver, name, value)
-    if problem.rung.startswith("broyden"):
+    if problem.method.startswith("broyden"):
         _leaf(ET.SubElement(solver, "qn_method", type="Broyden"), "max_ups", BROYDEN_UPDATES)
     else:
         ET.SubElement(solver, "qn_method", type="full Newton")

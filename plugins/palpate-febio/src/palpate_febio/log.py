@@ -33,7 +33,7 @@ _REASONS: tuple[tuple[re.Pattern[str], str, str], ...] = tuple(
         (
             r"max(?:\.|imum)? ?(?:nr|number) of reformations reached[^\n]*",
             "too many reformations",
-            "the step did not balance: another rung of the ladder, or smaller steps",
+            "the step did not balance: another of the fallbacks, or smaller steps",
         ),
         (
             r"^[^\n]*(?:invalid|missing|unknown|unrecognized|duplicate)[^\n]*"
@@ -76,7 +76,7 @@ _REASONS: tuple[tuple[re.Pattern[str], str, str], ...] = tuple(
         (
             r"max\.? nr of retries reached[^\n]*",
             "too many retries",
-            "the step did not balance however short: another rung of the ladder, or a finer mesh",
+            "the step did not balance however short: another of the fallbacks, or a finer mesh",
         ),
     )
 )

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from palpate.api import Quantity, Settings
 
-Rung = Literal["broyden", "newton", "broyden_soft", "broyden_half_steps", "newton_half_steps"]
+Method = Literal["broyden", "newton", "broyden_soft", "broyden_half_steps", "newton_half_steps"]
 """One way to solve: the update of the stiffness; ``soft`` is a contact a quarter as stiff."""
 
 PENALTY: Mapping[str, float] = MappingProxyType({"right": 200.0, "paper": 20.0})
@@ -63,7 +63,7 @@ class FebioSettings(Settings):
         gt=0.0,
         lt=1.0,
         description="relative change of the contact tractions at which augmentation ends; what is left is "
-        "forgotten in the next step, and the gates show it",
+        "forgotten in the next step, and verification shows it",
     )
     gap_tolerance_mm: float = Field(
         0.01,
@@ -79,21 +79,21 @@ class FebioSettings(Settings):
         "force by "
         "0.1 % or less from 1 mm depth on, and a finer sphere takes FEBio longer to search",
     )
-    ladder: tuple[Rung, ...] = Field(
+    fallbacks: tuple[Method, ...] = Field(
         ("broyden", "newton", "broyden_soft", "broyden_half_steps", "newton_half_steps"),
         min_length=1,
         description="ways to solve, tried in turn while runs diverge; each try is recorded",
     )
     linear_solver: str = Field("", description="FEBio's name of the linear solver; empty: its default")
-    gates: Literal["chosen", "every", "never"] = Field(
+    verification: Literal["chosen", "every", "never"] = Field(
         "chosen",
         exclude=True,
-        description="which sets to prove the torque of, by one more run up to the first turn, with halved "
+        description="which sets to verify the torque of, by one more run up to the first turn, with halved "
         "steps and then held: those that a run chose, every one, or none; a set whose torque changes is "
         "marked",
     )
-    gate_tolerance: float = Field(
-        0.02, gt=0.0, exclude=True, description="relative change of the torque that a gate allows"
+    verification_tolerance: float = Field(
+        0.02, gt=0.0, exclude=True, description="relative change of the torque that verification allows"
     )
     template: str = Field(
         "",

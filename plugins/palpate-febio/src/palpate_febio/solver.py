@@ -33,12 +33,12 @@ from palpate_febio.binary import Binary, examine, find_binary
 from palpate_febio.contact_surface import contact_faces
 from palpate_febio.conventions import remembered
 from palpate_febio.deck import DECK_NAME, LOG_NAME, RECORD_NAME, Problem, write_deck
-from palpate_febio.gates import check_torque
 from palpate_febio.probe import Fit, run_probe
-from palpate_febio.settings import PAPER_CONTACT, FebioSettings, Rung
+from palpate_febio.settings import PAPER_CONTACT, FebioSettings, Method
 from palpate_febio.spelling import expected_convention, written
 from palpate_febio.steps import Steps, halved, steps_of, up_to_first_turn
 from palpate_febio.template import fill_template
+from palpate_febio.torque_verification import check_torque
 from palpate_febio.verdict import Verdict, as_rows, judge
 
 OPTIONS = ("-noconfig", "-nosplash", "-no_title")
@@ -47,8 +47,8 @@ OPTIONS = ("-noconfig", "-nosplash", "-no_title")
 USABLE = (Status.OK, Status.DIVERGED)
 """Statuses whose curves, whole or partial, are FEBio's answer to what was asked."""
 
-GATE_RUNGS: tuple[Rung, ...] = ("broyden", "newton")
-"""Ways to solve the run that proves another, whose steps are given."""
+VERIFICATION_METHODS: tuple[Method, ...] = ("broyden", "newton")
+"""Ways to solve the run that verifies another, whose steps are given."""
 
 PROBE_LIMITS = Limits(time_s=300.0, stall_s=300.0)
 
@@ -59,9 +59,9 @@ class FebioWarning(UserWarning):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Try:
-    """One run of FEBio: which rung, and what became of it."""
+    """One run of FEBio: which method, and what became of it."""
 
-    rung: Rung
+    method: Method
     steps: Steps
     verdict: Verdict
     ended: Ended
@@ -69,7 +69,7 @@ class Try:
     def row(self) -> dict[str, Any]:
         """For the diagnostics."""
         return {
-            "rung": self.rung,
+            "method": self.method,
             "status": self.verdict.status.value,
             "message": self.verdict.message,
             "n_steps": self.steps.n,
@@ -182,7 +182,7 @@ class FebioSolver(Solver):
             warnings.warn(PAPER_CONTACT, FebioWarning, stacklevel=2)
 
     def problem(
-        self, job: Job, limb: Limb, conventions: Mapping[str, str] | None = None, rung: Rung | None = None
+        self, job: Job, limb: Limb, conventions: Mapping[str, str] | None = None, method: Method | None = None
     ) -> Problem:
         """Everything that decides the deck of a job.
 
@@ -192,11 +192,11 @@ class FebioSolver(Solver):
         limb : Limb
         conventions : mapping of region to convention, optional
             How FEBio reads each material; default: as FEBio 4.4 to 4.11 was measured to.
-        rung : str, optional
-            Default: the first of the ladder.
+        method : str, optional
+            Default: the first of the fallbacks.
         """
         protocol, limb = indentation_of(job, limb, self.name)
-        rung = rung or self.settings.ladder[0]
+        method = method or self.settings.fallbacks[0]
         steps = steps_of(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
         known = conventions or {r: expected_convention(m) for r, m in job.materials.items()}
         return Problem(
@@ -204,9 +204,9 @@ class FebioSolver(Solver):
             materials={r: written(m, job.thetas[r], known[r]) for r, m in job.materials.items()},
             radius_mm=protocol.indenter.radius_mm,
             friction=protocol.friction,
-            steps=halved(steps) if rung.endswith("half_steps") else steps,
+            steps=halved(steps) if method.endswith("half_steps") else steps,
             settings=self.settings,
-            rung=rung,
+            method=method,
         )
 
     def write_deck(self, job: Job, limb: Limb) -> bytes:
@@ -231,7 +231,7 @@ class FebioSolver(Solver):
     # ---------------------------------------------------------------- the run
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
-        """Climb the ladder until a run is sound; each run is in the diagnostics."""
+        """Try the fallbacks until a run is sound; each run is in the diagnostics."""
         started = time.perf_counter()
         try:
             protocol, limb = indentation_of(job, limb, self.name)
@@ -241,7 +241,7 @@ class FebioSolver(Solver):
             return Simulation(job=job, status=Status.CRASHED, response=None, message=str(error))
         last = tries[-1]
         rows = last.verdict.rows
-        if last.rung.endswith("half_steps"):
+        if last.method.endswith("half_steps"):
             rows = rows[::2]
         response = indentation_response(*rows.T)
         simulation = Simulation(
@@ -258,12 +258,12 @@ class FebioSolver(Solver):
                 "remarks": self._remarks(last),
             },
         )
-        return self._proved(simulation, limb) if self.settings.gates == "every" else simulation
+        return self._verified(simulation, limb) if self.settings.verification == "every" else simulation
 
-    def _proved(self, simulation: Simulation, limb: Limb) -> Simulation:
-        """The simulation with its proof, and a message where that fails."""
+    def _verified(self, simulation: Simulation, limb: Limb) -> Simulation:
+        """The simulation with its verification, and a message where that fails."""
         found = self.verify(simulation.job, limb, simulation)
-        marked = replace(simulation, diagnostics={**simulation.diagnostics, "gates": dict(found)})
+        marked = replace(simulation, diagnostics={**simulation.diagnostics, "verification": dict(found)})
         return replace(marked, message=found["message"]) if found and not found["passed"] else marked
 
     @property
@@ -280,8 +280,8 @@ class FebioSolver(Solver):
 
     def _climb(self, job: Job, limb: Limb, conventions: Mapping[str, str]) -> Sequence[Try]:
         tries: list[Try] = []
-        for rung in self.settings.ladder:
-            tries.append(self._try(job, self.problem(job, limb, conventions, rung)))
+        for method in self.settings.fallbacks:
+            tries.append(self._try(job, self.problem(job, limb, conventions, method)))
             if tries[-1].verdict.status is not Status.DIVERGED:
                 return tries
         # All diverged: the longest answer, and each is on record.
@@ -289,7 +289,7 @@ class FebioSolver(Solver):
         return [*(t for t in tries if t is not best), best]
 
     def _try(self, job: Job, problem: Problem, label: str = "") -> Try:
-        with self._folder(job, label or problem.rung) as folder:
+        with self._folder(job, label or problem.method) as folder:
             (folder / DECK_NAME).write_bytes(self._deck(problem))
             for file in self._beside_template():
                 shutil.copy(file, folder)  # never a link: FEBio may write to it
@@ -301,7 +301,7 @@ class FebioSolver(Solver):
                 is_scratch=not self.settings.keep_folder,
             )
             verdict = self.read_response(ended, folder, problem)
-        return Try(rung=problem.rung, steps=problem.steps, verdict=verdict, ended=ended)
+        return Try(method=problem.method, steps=problem.steps, verdict=verdict, ended=ended)
 
     def read_response(self, ended: Ended, folder: Path, problem: Problem) -> Verdict:
         """Judge what a run left in its folder."""
@@ -314,24 +314,26 @@ class FebioSolver(Solver):
     def verify(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
         """Whether the torque of a sound run stays when steps are halved, and in a hold.
 
-        Empty where nothing twists, nothing rubs, or the setting ``gates`` wants no proof. A run that
-        was proved as it was made is not proved again.
+        Empty where nothing twists, nothing rubs, or the setting ``verification`` is "never". A run that
+        was verified as it was made is not verified again.
         """
         protocol, limb = indentation_of(job, limb, self.name)
         twists = bool(protocol.path[:, 1].any()) and protocol.friction > 0.0
-        if self.settings.gates == "never" or not twists or simulation.status is not Status.OK:
+        if self.settings.verification == "never" or not twists or simulation.status is not Status.OK:
             return {}
         told = simulation.diagnostics
-        if "gates" in told:
-            return dict(told["gates"])
-        problem = self.problem(job, limb, told["conventions"], told["tries"][-1]["rung"])
+        if "verification" in told:
+            return dict(told["verification"])
+        problem = self.problem(job, limb, told["conventions"], told["tries"][-1]["method"])
         points = Steps(np.array(told["depth_mm"]), np.array(told["rotation_deg"]))
 
         def run(steps: Steps) -> Verdict:
             """The first answer that is whole, or the longest; the contact stays as stiff as it was."""
             longest: Verdict | None = None
-            for rung in (problem.rung,) if problem.rung == "broyden_soft" else GATE_RUNGS:
-                verdict = self._try(job, replace(problem, steps=steps, rung=rung), f"gates-{rung}").verdict
+            for method in (problem.method,) if problem.method == "broyden_soft" else VERIFICATION_METHODS:
+                verdict = self._try(
+                    job, replace(problem, steps=steps, method=method), f"verification-{method}"
+                ).verdict
                 if verdict.status is not Status.DIVERGED:
                     return verdict
                 if longest is None or verdict.n_steps > longest.n_steps:
@@ -340,7 +342,7 @@ class FebioSolver(Solver):
             return longest
 
         torque_Nmm = float(told["torque_Nmm"][up_to_first_turn(points).n])
-        return check_torque(problem.steps, torque_Nmm, run, self.settings.gate_tolerance).row()
+        return check_torque(problem.steps, torque_Nmm, run, self.settings.verification_tolerance).row()
 
     @property
     def _limits(self) -> Limits:

@@ -66,7 +66,7 @@ def verified_sets(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
     if not limbs:
         raise StudyError(f"study '{study.name}' has no meshes, so no torque to verify")
     own = study.solver if isinstance(study.solver, FebioSolver) else FebioSolver()
-    solver = FebioSolver(own.settings.model_copy(update={"gates": "chosen"}))
+    solver = FebioSolver(own.settings.model_copy(update={"verification": "chosen"}))
     pairs = list(chosen.iter_rows())
     before = stored(study, design, limbs, measured, folder, pairs)
     kept = {(s.job.spot, s.job.set_id): s for s in before}

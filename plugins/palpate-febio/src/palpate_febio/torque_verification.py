@@ -1,7 +1,7 @@
-"""Two proofs that a torque is the material's and not the solver's.
+"""Two verifications that a torque is the material's and not the solver's.
 
 Friction that remembers gives the same torque however finely the twist is cut,
-and keeps it while the indenter is held. One more run proves both: every step in
+and keeps it while the indenter is held. One more run verifies both: every step in
 two halves up to the first turn of the rotation, and then a hold.
 """
 
@@ -17,8 +17,8 @@ N_HELD = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gates:
-    """What the two gates found: changes relative to the torque of the run that is proved, None if unknown."""
+class Verification:
+    """What the two checks found: changes relative to the verified torque, None if unknown."""
 
     tolerance: float
     halving: float | None = None
@@ -32,7 +32,7 @@ class Gates:
         return all(change is not None and abs(change) <= self.tolerance for change in changes)
 
     def row(self) -> dict[str, Any]:
-        """For the diagnostics and the run's table of proofs."""
+        """For the diagnostics and the run's table of verifications."""
         return {
             "passed": self.passed,
             "message": str(self),
@@ -44,7 +44,7 @@ class Gates:
     def __str__(self) -> str:
         if self.halving is None or self.hold is None:
             found = "" if self.halving is None else f"halved steps change it by {self.halving:+.1%}, and "
-            return f"torque not proved: {found}{self.message}"
+            return f"torque not verified: {found}{self.message}"
         verdict = "torque verified" if self.passed else "torque NOT to be relied on"
         return (
             f"{verdict}: halved steps change it by {self.halving:+.1%}, a hold by {self.hold:+.1%} "
@@ -52,13 +52,15 @@ class Gates:
         )
 
 
-def check_torque(steps: Steps, torque_Nmm: float, run: Callable[[Steps], Verdict], tolerance: float) -> Gates:
+def check_torque(
+    steps: Steps, torque_Nmm: float, run: Callable[[Steps], Verdict], tolerance: float
+) -> Verification:
     """Run once more, finer and with a hold, and compare.
 
     Parameters
     ----------
     steps : Steps
-        Of the run to be proved.
+        Of the run to be verified.
     torque_Nmm : float
         Its answer where the rotation first turns.
     run : callable
@@ -67,13 +69,13 @@ def check_torque(steps: Steps, torque_Nmm: float, run: Callable[[Steps], Verdict
         Largest relative change.
     """
     if not torque_Nmm:
-        return Gates(tolerance=tolerance, message="there is no torque where the rotation first turns")
+        return Verification(tolerance=tolerance, message="there is no torque where the rotation first turns")
     fine = halved(up_to_first_turn(steps))
     verdict = run(with_hold(fine, N_HELD))
     turned = verdict.status in (Status.OK, Status.DIVERGED) and verdict.n_steps >= fine.n
     before = float(verdict.rows[fine.n, 3]) if turned else None
     held = None if before is None or verdict.status is not Status.OK else float(verdict.rows[-1, 3]) - before
-    return Gates(
+    return Verification(
         tolerance=tolerance,
         halving=None if before is None else (before - torque_Nmm) / torque_Nmm,
         hold=None if held is None else held / torque_Nmm,
