@@ -90,9 +90,11 @@ if TYPE_CHECKING:
         MeshError as MeshError,
         NothingSelectableError as NothingSelectableError,
         PalpateError as PalpateError,
+        ParameterError as ParameterError,
         PluginError as PluginError,
         SamplingError as SamplingError,
         ScoringError as ScoringError,
+        SolverError as SolverError,
         StoppedError as StoppedError,
         StudyError as StudyError,
     )

@@ -22,7 +22,13 @@ from palpate.curves import (
     frozen_floats,
     moving_span as moving_span,
 )
-from palpate.errors import CurveError, MaterialError, MeshError, SamplingError, ScoringError
+from palpate.errors import (
+    MeshError,
+    ParameterError,
+    SamplingError,
+    ScoringError,
+    StudyError,
+)
 
 if TYPE_CHECKING:
     from palpate.plugins.interfaces import Material
@@ -172,13 +178,13 @@ class Indentation:
         object.__setattr__(self, "path", frozen_floats(self.path))
         path = self.path
         if path.ndim != 2 or path.shape[1] != 2 or path.shape[0] < 2 or not np.isfinite(path).all():
-            raise CurveError("protocol: the path needs at least two finite rows of (depth_mm, rotation_deg)")
+            raise StudyError("protocol: the path needs at least two finite rows of (depth_mm, rotation_deg)")
         if path[0].any():
-            raise CurveError(f"protocol: the path starts at {tuple(path[0])}; start it at (0, 0)")
+            raise StudyError(f"protocol: the path starts at {tuple(path[0])}; start it at (0, 0)")
         if (path[:, 0] < 0.0).any():
-            raise CurveError(f"protocol: depth {path[:, 0].min()} mm lies outside the limb; keep depths >= 0")
+            raise StudyError(f"protocol: depth {path[:, 0].min()} mm lies outside the limb; keep depths >= 0")
         if not (np.isfinite(self.friction) and self.friction >= 0.0):
-            raise MaterialError(f"protocol: friction {self.friction}; give a coefficient >= 0")
+            raise StudyError(f"protocol: friction {self.friction}; give a coefficient >= 0")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -225,12 +231,12 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
-            raise SamplingError(
+            raise ParameterError(
                 f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} "
                 f"{self.unit}; swap them"
             )
         if self.scale == "log" and self.lower <= 0.0 <= self.upper:
-            raise SamplingError(
+            raise ParameterError(
                 f"'{self.name}': log scale needs bounds > 0, got {self.lower:g} to {self.upper:g}"
             )
         for bound in (self.lower, self.upper):
@@ -241,10 +247,10 @@ class Parameter:
 
         Raises
         ------
-        MaterialError
+        ParameterError
         """
         if not (np.isfinite(value) and self.physical_lower <= value <= self.physical_upper):
-            raise MaterialError(
+            raise ParameterError(
                 f"parameter '{self.name}' = {value} {self.unit} lies outside its physical range "
                 f"{self._physical_range}; give a value inside it"
             )

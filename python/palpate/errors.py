@@ -34,7 +34,15 @@ class SamplingError(PalpateError, ValueError):
 
 
 class MaterialError(PalpateError, ValueError):
-    """Parameters are missing, out of their physical range, or have no stable reference state."""
+    """A material is not known, or has no stable reference state."""
+
+
+class ParameterError(MaterialError):
+    """A value or a range of a parameter is missing, the wrong way round, or has no physical meaning."""
+
+
+class SolverError(PalpateError):
+    """A solver cannot simulate what is asked: another kind of test, more regions, directions."""
 
 
 class MeshError(PalpateError):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import Field
 
 from palpate import (
     Curve,
@@ -20,6 +21,7 @@ from palpate import (
 from palpate.domain import Limb, Mesh
 from palpate.errors import MeshError
 from palpate.executors import InProcess, Processes
+from palpate.plugins.interfaces import Settings
 from palpate.specimens import block
 from palpate.testing import (
     ExecutorContract,
@@ -27,6 +29,7 @@ from palpate.testing import (
     LimbSourceContract,
     LoaderContract,
     ScenarioContract,
+    check_described,
 )
 
 
@@ -126,6 +129,20 @@ def test_a_scenario_of_no_channel_is_reported():
         contract.test_weighs_channels_that_exist(Scenario(name="V", weights={"lateral": 1.0}), channels)
     with pytest.raises(AssertionError, match="'V' needs a description"):
         contract.test_says_what_it_is(Scenario(name="V", weights={"force": 1.0}))
+
+
+class Timed(Settings):
+    patience: float = Field(1.0, description="Longest wait.")
+    wait_s: float = Field(1.0, description="Longest wait.")
+
+
+class TimedSource(Block):
+    Settings = Timed
+
+
+def test_a_setting_of_a_time_names_its_unit():
+    with pytest.raises(AssertionError, match=r"setting 'wait_s' of .* write \[mm\] in the description"):
+        check_described(TimedSource())
 
 
 # ----------------------------------------------------------------------- executors

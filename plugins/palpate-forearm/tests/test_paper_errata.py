@@ -10,7 +10,7 @@ import pytest
 
 from palpate import _core
 from palpate.domain import Normaliser, Parameter, ScoringRules
-from palpate.errors import SamplingError, ScoringError
+from palpate.errors import ParameterError, ScoringError
 from palpate.stages.scoring import check_scorable
 from palpate_materials.ogden import Ogden
 from palpate_materials.yeoh import Yeoh
@@ -47,7 +47,7 @@ def test_erratum_1b_every_yeoh_term_is_a_power_of_the_first_invariant():
 
 
 def test_erratum_1c_a_reversed_range_is_refused_and_the_default_runs_low_to_high():
-    with pytest.raises(SamplingError, match=r"lower -4.14e-05 must be less than upper -0.003"):
+    with pytest.raises(ParameterError, match=r"lower -4.14e-05 must be less than upper -0.003"):
         Parameter(name="c2", unit="MPa", lower=-4.14e-5, upper=-3e-3, kind="modulus", description="")
     c2 = next(p for p in Yeoh().parameters if p.name == "c2")
     assert (2 * c2.lower, 2 * c2.upper) == pytest.approx((-3e-3, -4.14e-5), rel=1e-12)

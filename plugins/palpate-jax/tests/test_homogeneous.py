@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Sphere, Status
-from palpate.errors import CurveError, MaterialError
+from palpate.errors import CurveError, MaterialError, SolverError
 from palpate.plugins.interfaces import Material
 from palpate.testing import SolverContract
 from palpate_jax.homogeneous import CHANNELS, MODES, HomogeneousSettings, HomogeneousSolver
@@ -176,10 +176,10 @@ def test_equal_materials_share_what_was_compiled():
 @pytest.mark.parametrize(
     ("solver", "bad", "error", "what"),
     [
-        (COMPRESSIBLE, {"paths": {"torsion": PATH}}, CurveError, "channel 'torsion'"),
+        (COMPRESSIBLE, {"paths": {"torsion": PATH}}, SolverError, "channel 'torsion'"),
         (COMPRESSIBLE, {"paths": {"uniaxial": PATH - 1.0}}, CurveError, "value 0.0 at index 0"),
         (COMPRESSIBLE, {"paths": {"uniaxial": [1.0, np.nan]}}, CurveError, "at index 1"),
-        (INCOMPRESSIBLE, {"paths": {"confined_compression": PATH}}, CurveError, "changes the volume"),
+        (INCOMPRESSIBLE, {"paths": {"confined_compression": PATH}}, SolverError, "changes the volume"),
         (COMPRESSIBLE, {"theta": [0.1, 0.5]}, MaterialError, "physical range"),
         (COMPRESSIBLE, {"theta": [0.1]}, MaterialError, "takes 2 parameters"),
     ],
@@ -199,7 +199,7 @@ def test_check_refuses_two_regions_and_indentation():
         thetas={"skin": one.thetas["rubber"], "fat": one.thetas["rubber"]},
         protocol=one.protocol,
     )
-    with pytest.raises(MaterialError, match="one region, not 2"):
+    with pytest.raises(SolverError, match="one region, not 2"):
         COMPRESSIBLE.check(two, None)
 
     pressed = Job(
@@ -209,7 +209,7 @@ def test_check_refuses_two_regions_and_indentation():
         thetas=one.thetas,
         protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=[[0, 0], [1, 0]], friction=1.0),
     )
-    with pytest.raises(CurveError, match="cannot indent"):
+    with pytest.raises(SolverError, match="cannot indent"):
         COMPRESSIBLE.check(pressed, None)
     assert COMPRESSIBLE.simulate(pressed, None).status is Status.DIVERGED
 

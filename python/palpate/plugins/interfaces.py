@@ -27,7 +27,7 @@ from palpate.domain import (
     Simulation,
     Spot,
 )
-from palpate.errors import MaterialError
+from palpate.errors import MaterialError, ParameterError
 from palpate.plugins.fingerprints import CORE, code_fingerprint
 
 Array = Any
@@ -161,10 +161,10 @@ class Material(Component):
 
         Raises
         ------
-        MaterialError
+        ParameterError
         """
         if len(theta) != len(self.parameters):
-            raise MaterialError(
+            raise ParameterError(
                 f"material '{self.name}' takes {len(self.parameters)} parameters, got {len(theta)}"
             )
         for parameter, value in zip(self.parameters, theta, strict=True):

@@ -3,11 +3,19 @@
 # ruff: noqa: D102 - the name of a test says what must hold
 
 import pickle
+import re
 from typing import Never
 
 import pytest
 
 from palpate.plugins.interfaces import Component
+from palpate.units import Quantity
+
+DIMENSIONAL = re.compile(
+    r"time|duration|length|distance|radius|diameter|depth|height|width|thickness|angle|rotation|edge|size|memory"
+    r"|_(s|mm|m|deg|rad|MB|GB)$"
+)
+"""Names of settings whose value has a unit."""
 
 
 def missing(fixture: str, contract: str) -> Never:
@@ -20,7 +28,14 @@ def check_described(component: Component) -> None:
     assert component.name.isidentifier(), f"name {component.name!r} must be an identifier"
     assert component.summary.strip(), f"'{component.name}' needs a summary"
     for name, field in type(component.settings).model_fields.items():
-        assert field.description, f"setting '{name}' of '{component.name}' needs a description"
+        said = f"setting '{name}' of '{component.name}'"
+        assert field.description, f"{said} needs a description"
+        if "float" in str(field.annotation) and DIMENSIONAL.search(name):
+            typed = any(isinstance(each, Quantity) for each in field.metadata)
+            assert typed or "[" in field.description, (
+                f"{said}: a time, length, angle or size needs its unit; write [mm] in the description, "
+                'or annotate it as Annotated[float, Quantity("mm")]'
+            )
 
 
 class ComponentContract:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate import AnisotropicMaterial, Parameter
 from palpate.domain import Job, Limb, RegionMaterial, Spot
-from palpate.errors import MeshError, StudyError
+from palpate.errors import MeshError, SolverError, StudyError
 from palpate.plugins.interfaces import LimbSource
 from palpate.run.keys import limb_key
 from palpate.specimens import block
@@ -233,5 +233,5 @@ def test_febio_refuses_directions_where_its_deck_is_turned_against_the_mesh(make
         thetas=THETA,
         protocol=make_study().protocol,
     )
-    with pytest.raises(MeshError, match="has directions, and FEBio's deck is in the frame of the spot"):
+    with pytest.raises(SolverError, match="has directions, and FEBio's deck is in the frame of the spot"):
         FebioSolver(FebioSettings()).check(job, limb)

@@ -9,7 +9,7 @@ from scipy.spatial.distance import pdist
 from scipy.stats import qmc
 
 from palpate.domain import ParameterSpace
-from palpate.errors import SamplingError
+from palpate.errors import ParameterError, SamplingError
 from palpate.plugins.interfaces import Sampler, SetFilter
 from palpate.stages.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 from palpate.stages.sampling import draw_design, kept_sets
@@ -210,7 +210,7 @@ def test_a_log_scale_spreads_the_logarithm(space):
 
 
 def test_a_log_scale_keeps_off_zero(space):
-    with pytest.raises(SamplingError, match=r"log scale needs bounds > 0, got -1 to 2"):
+    with pytest.raises(ParameterError, match=r"log scale needs bounds > 0, got -1 to 2"):
         replace(space.parameters[0], lower=-1.0, upper=2.0, physical_lower=-5.0, scale="log")
 
 

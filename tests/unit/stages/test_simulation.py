@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Limb, Mesh, Spot, Status
-from palpate.errors import MaterialError, MeshError, StudyError
+from palpate.errors import MeshError, ParameterError, StudyError
 from palpate.run import keys
 from palpate.run.ledger import Entry, Ledger
 from palpate.stages import simulation
@@ -148,7 +148,7 @@ def test_a_value_outside_the_physical_range_is_refused_before_anything_runs(swee
         replace(p, lower=-1.0, physical_lower=-np.inf) if p.name == "stiffness" else p
         for p in region.searched
     )
-    with pytest.raises(MaterialError, match="'stiffness' = -"):
+    with pytest.raises(ParameterError, match="'stiffness' = -"):
         sweep(space=replace(space, regions=(replace(region, searched=unphysical),)))
     assert not (tmp_path / "run").exists()
 

@@ -19,10 +19,10 @@ from palpate.api import (
     Job,
     Limb,
     Material,
-    MeshError,
     PalpateError,
     Simulation,
     Solver,
+    SolverError,
     Status,
     StudyError,
 )
@@ -167,7 +167,7 @@ class FebioSolver(Solver):
         for region in limb.mesh.regions:
             check_reference_state(job.materials[region], job.thetas[region])
             if not job.materials[region].isotropic and limb.spot.normal[2] != 1.0:
-                raise MeshError(
+                raise SolverError(
                     f"spot '{job.spot}': region '{region}' has directions, and FEBio's deck is in the frame "
                     "of the spot, not of the mesh; give a mesh whose normal there is +z, or use solver 'jax'"
                 )

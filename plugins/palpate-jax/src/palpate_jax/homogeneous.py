@@ -43,12 +43,12 @@ from palpate.api import (
     Job,
     Limb,
     Material,
-    MaterialError,
     PalpateError,
     Response,
     Settings,
     Simulation,
     Solver,
+    SolverError,
     Status,
     __version__,
 )
@@ -269,7 +269,7 @@ class HomogeneousSolver(Solver):
         ------
         CurveError
             The protocol, a mode or a stretch cannot be tested.
-        MaterialError
+        SolverError
             Several regions, or a material without a sound reference state.
         """
         self._check_tests(job)
@@ -349,11 +349,11 @@ class HomogeneousSolver(Solver):
         for mode, path in _tests(job).paths.items():
             where = f"spot '{job.spot}', channel '{mode}'"
             if mode not in MODES:
-                raise CurveError(
+                raise SolverError(
                     f"{where}: no homogeneous test has this name; use one of: {', '.join(MODES)}"
                 )
             if mode == "confined_compression" and self.settings.incompressible:
-                raise CurveError(
+                raise SolverError(
                     f"{where}: confined compression changes the volume; "
                     "set the solver's incompressible = false, or leave this test out"
                 )
@@ -381,7 +381,7 @@ def _batch_key(job: Job) -> tuple[object, ...]:
 
 def _tests(job: Job) -> HomogeneousTests:
     if not isinstance(job.protocol, HomogeneousTests):
-        raise CurveError(
+        raise SolverError(
             f"spot '{job.spot}': the homogeneous solver cannot indent a limb; "
             "leave out the protocol, or choose a finite element solver"
         )
@@ -391,7 +391,7 @@ def _tests(job: Job) -> HomogeneousTests:
 def _specimen(job: Job) -> tuple[Material, FloatArray]:
     """Return the one material of the specimen, and its checked parameters."""
     if len(job.materials) != 1:
-        raise MaterialError(
+        raise SolverError(
             f"spot '{job.spot}': a homogeneous specimen has one region, not {len(job.materials)} "
             f"({', '.join(job.materials)}); describe one"
         )
