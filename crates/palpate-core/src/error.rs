@@ -3,7 +3,7 @@
 use crate::curve::Direction;
 use crate::nmse::Normaliser;
 
-/// Any failure of a kernel, grouped by who can mend it.
+/// Any failure of a kernel, grouped by who can fix it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {

@@ -12,7 +12,7 @@ use crate::error::{Error, SamplingError};
 use crate::rng::Rng;
 use crate::swap::{Correlation, Discrepancy, Distance, Room, Swap, Swappable};
 
-/// Exchanges tried for each value of the design unless told otherwise, in a design of moderate
+/// Exchanges tried for each value of the design by default, in a design of moderate
 /// size.
 const SWAPS_PER_VALUE: u64 = 20;
 /// Most exchanges times values that a search of its own accord spends: a few seconds.
@@ -78,7 +78,7 @@ impl Search {
     }
 }
 
-/// Exchanges that a search tries unless told otherwise: 20 for each value of the design, fewer in a
+/// Exchanges that a search tries by default: 20 for each value of the design, fewer in a
 /// large one so that it ends within seconds.
 #[must_use]
 pub fn default_swaps(n: usize, d: usize) -> u64 {

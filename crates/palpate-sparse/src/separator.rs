@@ -224,7 +224,7 @@ impl<'a> Separation<'a> {
             if moved[v] || self.sides[v] != Side::Between {
                 continue;
             }
-            // Gains that fell are found out here; those that rose were offered anew.
+            // Gains that fell are found out here; those that rose were offered again.
             if gain > self.gain(v, side) {
                 self.offer(&mut queue, v, side);
                 continue;

@@ -63,7 +63,7 @@ def parse_xml(path: Path, text: bytes) -> ET.Element:
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise MeshError(
             f"{path}: line {parser.CurrentLineNumber}: not XML that can be read safely ({error}); "
-            "write the deck anew"
+            "write the deck again"
         ) from None
     return root
 

@@ -113,13 +113,13 @@ class FebioSolver(Solver):
     def version(self) -> str:
         """Versions of FEBio and of this plugin, and digests of the binary and of the template."""
         binary = self.binary()
-        told = f"FEBio {binary.version} ({binary.digest[:12]}), palpate-febio {__version__}"
+        version = f"FEBio {binary.version} ({binary.digest[:12]}), palpate-febio {__version__}"
         if not self.settings.template:
-            return told
+            return version
         digest = hashlib.sha256()
         for file in (Path(self.settings.template), *self._beside_template()):
             digest.update(hashlib.sha256(_template_bytes(file)).digest())
-        return f"{told}, template {digest.hexdigest()[:12]}"
+        return f"{version}, template {digest.hexdigest()[:12]}"
 
     def command(self, folder: Path) -> list[str]:
         """What is run in a folder that holds the deck; every name is relative to it."""
@@ -321,11 +321,11 @@ class FebioSolver(Solver):
         twists = bool(protocol.path[:, 1].any()) and protocol.friction > 0.0
         if self.settings.verification == "never" or not twists or simulation.status is not Status.OK:
             return {}
-        told = simulation.diagnostics
-        if "verification" in told:
-            return dict(told["verification"])
-        problem = self.problem(job, limb, told["conventions"], told["tries"][-1]["method"])
-        points = Steps(np.array(told["depth_mm"]), np.array(told["rotation_deg"]))
+        diagnostics = simulation.diagnostics
+        if "verification" in diagnostics:
+            return dict(diagnostics["verification"])
+        problem = self.problem(job, limb, diagnostics["conventions"], diagnostics["tries"][-1]["method"])
+        points = Steps(np.array(diagnostics["depth_mm"]), np.array(diagnostics["rotation_deg"]))
 
         def run(steps: Steps) -> Verdict:
             """The first answer that is whole, or the longest; the contact stays as stiff as it was."""
@@ -341,7 +341,7 @@ class FebioSolver(Solver):
             assert longest is not None
             return longest
 
-        torque_Nmm = float(told["torque_Nmm"][up_to_first_turn(points).n])
+        torque_Nmm = float(diagnostics["torque_Nmm"][up_to_first_turn(points).n])
         return check_torque(problem.steps, torque_Nmm, run, self.settings.verification_tolerance).row()
 
     @property
