@@ -99,7 +99,8 @@ def test_a_parameter_without_effect_reaches_across_its_range(seed, curved, noise
     least = form(form.minimum())
     margin = max(least, found.error, 1e-6 * float(np.median(fopt)))
     low, high = form.interval(2, least + margin)
-    assert high - low > 0.6
+    # Noise of a tenth of the slopes is a slope to 60 sets, by chance: then never a narrow interval.
+    assert high - low > (0.8 if noise < 0.1 else 0.3)
 
 
 @given(seed=SEEDS)
