@@ -81,6 +81,7 @@ kappa = "0.5 MPa"
 
 [sampling]
 n_sets = 32
+max_draws = 32
 seed = 1
 
 [sampling.filters.drucker]
