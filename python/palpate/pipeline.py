@@ -2,7 +2,7 @@
 
 Each verb reads what the verbs before it left in the run directory and leaves
 its own result there, so any of them can run alone; :func:`run_study` is all of
-them in a row. Whatever can be inputs is inputs before the first file is
+them in a row. Whatever can be checked is checked before the first file is
 written.
 """
 
