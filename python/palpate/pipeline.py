@@ -129,7 +129,7 @@ def run_study(
             progress.note(f"the design begins with {n_kept} sets of an earlier one with wider ranges")
         simulations = _simulate(study, run, inputs, progress, check_lock)
         scores = _score(study, run, inputs, simulations)
-        selected = _select(study, run, inputs, scores, progress)
+        selected = _select(study, run, inputs, simulations, scores, progress)
         return RunResult(
             folder=run_folder,
             measured=inputs.measured,
@@ -273,10 +273,11 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     with run.locked(study, plugins.channels):
         study = run.trusting(study)
         inputs = _from_files(study, run)
-        scores = _scores_of(study, run, _stored(study, run, inputs))
+        simulations = _stored(study, run, inputs)
+        scores = _scores_of(study, run, simulations)
         progress.begin("select", 1)
         run.initialise(study, plugins.channels)
-        selected = _select(study, run, inputs, scores, progress)
+        selected = _select(study, run, inputs, simulations, scores, progress)
         _warn_of_missing(study, inputs.design, scores, progress)
     progress.step()
     return selected
@@ -348,31 +349,32 @@ def _score(
 
 
 def _select(
-    study: Study, run: RunDirectory, inputs: StudyInputs, scores: pl.DataFrame, progress: Progress
+    study: Study,
+    run: RunDirectory,
+    inputs: StudyInputs,
+    simulations: tuple[Simulation, ...],
+    scores: pl.DataFrame,
+    progress: Progress,
 ) -> SelectionResult:
-    chosen = selection.select(scores, study.scenarios, inputs.design)
+    design, limbs, measured = inputs.design, inputs.limbs, inputs.measured
+    chosen = selection.select(scores, study.scenarios, design)
     for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
-    generalisation = generalise(scores, for_all, inputs.design, study.spot_names)
+    generalisation = generalise(scores, for_all, design, study.spot_names)
     refined = FitResult(table=pl.DataFrame(), responses={})
     if study.refine:
-        refined = refine(study, chosen, inputs.design, inputs.limbs, inputs.measured, progress)
-    scaled = _scaled_sets(study, run, inputs, progress)
+        refined = refine(study, chosen, design, limbs, measured, progress)
+    scaled = pl.DataFrame()
+    if study.stiffness_scaling:
+        scaled = best_scaled_sets(study, simulations, design, limbs, measured, progress)
     run.write_selection(chosen, generalisation, refined, scaled, selection_from(study, run.records))
     return SelectionResult(
         selection=chosen,
         generalisation=generalisation,
         refinement=refined.table,
         stiffness_scaling=scaled,
-        verification=verify(study, run, inputs.design, inputs.limbs, inputs.measured, progress),
+        verification=verify(study, run, design, limbs, measured, progress),
         without_result=without_result(scores, chosen, study.scenarios, study.spot_names),
     )
-
-
-def _scaled_sets(study: Study, run: RunDirectory, inputs: StudyInputs, progress: Progress) -> pl.DataFrame:
-    if not study.stiffness_scaling:
-        return pl.DataFrame()
-    swept = _stored(study, run, inputs)
-    return best_scaled_sets(study, swept, inputs.design, inputs.limbs, inputs.measured, progress)
 
 
 def _report(
