@@ -2,7 +2,7 @@
 
 Names are imported when they are first used: ``from palpate.api import Curve`` costs what ``Curve`` needs.
 Public too are :mod:`palpate.testing` (contracts), :mod:`palpate.mechanics`, :mod:`palpate.specimens`,
-:mod:`palpate.spot_frame`, :mod:`palpate.topology`, :mod:`palpate.shape_functions`,
+:mod:`palpate.mesh` (the frame of a spot, the numbering of nodes, the shape functions),
 :mod:`palpate.delimited` (text files of columns) and :mod:`palpate.sandbox` (programs and functions
 within limits of time and memory).
 

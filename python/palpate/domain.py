@@ -90,7 +90,7 @@ class Mesh:
     ----------
     points_mm : (n_nodes, 3) array
     cells : mapping of kind to (n_cells, n_nodes_of_kind) integer array
-        Kinds are the keys of :data:`palpate.topology.CELLS`, which numbers their nodes.
+        Kinds are the keys of :data:`palpate.mesh.topology.CELLS`, which numbers their nodes.
     cell_regions : mapping of kind to (n_cells,) integer array
         Index into ``regions``.
     regions : tuple of str

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 from meshio._common import num_nodes_per_cell
 
-from palpate.shape_functions import HEX_CORNERS, barycentric, linear_simplex, multilinear, quadratic_simplex
+from palpate.mesh.shape_functions import (
+    HEX_CORNERS,
+    barycentric,
+    linear_simplex,
+    multilinear,
+    quadratic_simplex,
+)
+from palpate.mesh.topology import CELLS, outer_faces
 from palpate.specimens import block
-from palpate.topology import CELLS, outer_faces
 
 TET_CORNERS = np.vstack([np.zeros(3), np.eye(3)])
 CORNERS = {"tet4": TET_CORNERS, "tet10": TET_CORNERS, "hex8": HEX_CORNERS}

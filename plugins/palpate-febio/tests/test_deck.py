@@ -11,7 +11,7 @@ import pytest
 
 from palpate.domain import Indentation, Job, Limb, Mesh, Sphere, Spot
 from palpate.errors import MaterialError, MeshError
-from palpate.spot_frame import in_spot_frame
+from palpate.mesh.spot_frame import in_spot_frame
 from palpate_febio.deck import rigid_id
 from palpate_febio.deck_reader import read_deck
 from palpate_febio.settings import FebioSettings

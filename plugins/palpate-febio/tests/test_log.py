@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from palpate.domain import Status
+from palpate.mesh.spot_frame import indentation_response
 from palpate.sandbox import Ended
-from palpate.spot_frame import indentation_response
 from palpate_febio.log import BAD_BANNER, GOOD_BANNER, last_reason, read_log
 from palpate_febio.record import RecordError, read_record
 from palpate_febio.steps import Steps

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.spot_frame import spot_axes
+from palpate.mesh.spot_frame import spot_axes
 from palpate_robot_log.processing.alignment import shifted
 from palpate_robot_log.processing.chain import process
 from palpate_robot_log.processing.drift import Drift, find_drift, without_drift

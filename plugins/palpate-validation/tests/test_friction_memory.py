@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from palpate.domain import Curve, Response, Simulation, Status
-from palpate.spot_frame import indentation_response
+from palpate.mesh.spot_frame import indentation_response
 from palpate_febio.steps import steps_of
 from palpate_validation.friction_memory import SCENARIOS, best_multiple, friction_results, recorded, resampled
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
-from palpate.topology import CELLS
+from palpate.mesh.topology import CELLS
 
 Role = Literal["contact", "fixed", "free", "interface", "sphere"]
 

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
-from palpate.shape_functions import HEX_CORNERS
-from palpate.topology import CELLS
+from palpate.mesh.shape_functions import HEX_CORNERS
+from palpate.mesh.topology import CELLS
 
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
 """One region throughout."""

@@ -7,13 +7,13 @@ import numpy as np
 
 from palpate.domain import BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError, StudyError
+from palpate.mesh.shape_functions import HEX_CORNERS, linear_simplex, multilinear, quadratic_simplex
+from palpate.mesh.topology import CELLS, Cell
 from palpate.plugins.guard import answering_for
-from palpate.shape_functions import HEX_CORNERS, linear_simplex, multilinear, quadratic_simplex
 from palpate.stages.cell_fields import check_frames, with_fields
 from palpate.stages.mesh_joints import check_joints, holes
 from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import Study
-from palpate.topology import CELLS, Cell
 
 
 def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
-from palpate.topology import CELLS
+from palpate.mesh.topology import CELLS
 
 SAME_PLACE = 1e-6
 """Distance of two nodes, over the length of the limb, below which they are at one place."""

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from palpate import AnisotropicMaterial, Parameter
 from palpate.domain import Job, Limb, RegionMaterial, Spot
 from palpate.errors import MeshError, SolverError, StudyError
+from palpate.mesh.spot_frame import spot_axes
 from palpate.plugins.interfaces import LimbSource
 from palpate.run.keys import limb_key
 from palpate.specimens import block
-from palpate.spot_frame import spot_axes
 from palpate.stages.cell_fields import check_frames, with_fields
 from palpate.stages.limb import load_limbs
 from palpate.stages.simulation import check_jobs

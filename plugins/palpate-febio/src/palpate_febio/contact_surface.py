@@ -3,7 +3,7 @@
 import numpy as np
 
 from palpate.api import IntArray, Mesh, MeshError
-from palpate.topology import outer_faces
+from palpate.mesh.topology import outer_faces
 
 FEBIO_NAMES = {3: "tri3", 4: "quad4", 6: "tri6"}
 """Kinds of faces by their number of nodes."""

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, MeshError
-from palpate.topology import CELLS
+from palpate.mesh.topology import CELLS
 from palpate_febio.safe_xml import read_xml
 
 RIGID = "rigid body"

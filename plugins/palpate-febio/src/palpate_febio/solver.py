@@ -26,8 +26,8 @@ from palpate.api import (
     Status,
     StudyError,
 )
+from palpate.mesh.spot_frame import in_spot_frame, indentation_of, indentation_response
 from palpate.sandbox import Ended, Limits, run_program
-from palpate.spot_frame import in_spot_frame, indentation_of, indentation_response
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
 from palpate_febio.contact_surface import contact_faces

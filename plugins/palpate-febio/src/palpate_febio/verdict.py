@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from palpate.api import FloatArray, Status
+from palpate.mesh.spot_frame import SpotWrench
 from palpate.sandbox import Ended
-from palpate.spot_frame import SpotWrench
 from palpate_febio.deck import RECORD_DATA
 from palpate_febio.log import LogSummary, read_log
 from palpate_febio.record import Record, RecordError, read_record

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
-from palpate.topology import CELLS
+from palpate.mesh.topology import CELLS
 from palpate_indentation.mesh_files import MeshFile, read_mesh_file
 from palpate_indentation.node_choices import Choice, check_whole, chosen
 
@@ -75,7 +75,7 @@ class MeshioSource(LimbSource):
 
     Elements ``tetra``, ``tetra10`` and ``hexahedron`` become ``tet4``, ``tet10``
     and ``hex8`` with their nodes in the file's order as meshio gives it, that of
-    :mod:`palpate.topology`. Edges may be curved. Points, lines and faces are passed over; any
+    :mod:`palpate.mesh.topology`. Edges may be curved. Points, lines and faces are passed over; any
     other element is refused. Cell data of one number or one vector for each element, such as the
     direction of fibres, go to the materials that name them.
     """

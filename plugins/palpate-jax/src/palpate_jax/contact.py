@@ -435,7 +435,7 @@ def _face_stiffness(surface: ContactSurface, faces: IntArray, jacobians: FloatAr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """Force and moment of the contact, with the signs of :mod:`palpate.spot_frame`.
+    """Force and moment of the contact, with the signs of :mod:`palpate.mesh.spot_frame`.
 
     Parameters
     ----------

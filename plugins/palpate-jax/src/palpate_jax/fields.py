@@ -24,8 +24,8 @@ import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, Material, Mesh
 from palpate.mechanics import stress
-from palpate.spot_frame import in_spot_frame, spot_axes
-from palpate.topology import CELLS
+from palpate.mesh.spot_frame import in_spot_frame, spot_axes
+from palpate.mesh.topology import CELLS
 from palpate_jax.body import Block, blocks, points_of_cells
 from palpate_jax.contact import Contact, Points
 from palpate_jax.load_stepping import LoadStep

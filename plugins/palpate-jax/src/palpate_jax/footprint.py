@@ -3,7 +3,7 @@
 import numpy as np
 
 from palpate.api import Indentation, IntArray, Limb, Mesh, MeshError
-from palpate.spot_frame import in_spot_frame
+from palpate.mesh.spot_frame import in_spot_frame
 from palpate_jax.contact_surface import contact_surfaces
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from palpate.api import FloatArray, IntArray, Limb, Material, Mesh, MeshError
-from palpate.spot_frame import in_spot_frame, spot_axes
+from palpate.mesh.spot_frame import in_spot_frame, spot_axes
 from palpate_jax.body import Body
 from palpate_jax.contact import Answer, Contact, ContactState, Motion, Pose
 from palpate_jax.sparse import LinearSolver, Pattern

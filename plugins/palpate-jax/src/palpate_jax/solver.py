@@ -26,7 +26,7 @@ from palpate.api import (
     StudyError,
 )
 from palpate.mechanics import check_reference_state, initial_moduli
-from palpate.spot_frame import in_spot_frame, indentation_of, indentation_response
+from palpate.mesh.spot_frame import in_spot_frame, indentation_of, indentation_response
 from palpate_jax import __version__
 from palpate_jax.contact import ContactLaw
 from palpate_jax.diagnosis import explained

@@ -14,7 +14,7 @@ import polars as pl
 import pytest
 
 from palpate.domain import Indentation, Job, Limb, Mesh, Sphere, Spot, Status
-from palpate.topology import CELLS
+from palpate.mesh.topology import CELLS
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden

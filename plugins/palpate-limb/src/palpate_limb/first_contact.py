@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.api import FloatArray, Limb
-from palpate.topology import CELLS
+from palpate.mesh.topology import CELLS
 
 
 def moved_to_contact(limb: Limb, radius_mm: float) -> tuple[Limb, float]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from palpate.api import Limb
-from palpate.topology import CELLS
+from palpate.mesh.topology import CELLS
 from palpate_limb.from_scan import ReadScan, ScannedLimb
 from palpate_limb.mesh_error import mesh_error
 

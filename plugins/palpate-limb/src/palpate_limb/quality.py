@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, MeshError
-from palpate.shape_functions import quadratic_simplex
-from palpate.topology import CELLS
+from palpate.mesh.shape_functions import quadratic_simplex
+from palpate.mesh.topology import CELLS
 from palpate_limb.segment import Segment
 
 LEAST_SCALED_JACOBIAN = 0.02

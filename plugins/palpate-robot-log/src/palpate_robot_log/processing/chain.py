@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import Curve, FloatArray, IntArray
-from palpate.spot_frame import SpotWrench
+from palpate.mesh.spot_frame import SpotWrench
 from palpate_robot_log.processing import checks, record
 from palpate_robot_log.processing.curves import branch, joined, with_shift_std
 from palpate_robot_log.processing.drift import Drift, find_drift, without_drift

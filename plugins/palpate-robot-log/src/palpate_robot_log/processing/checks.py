@@ -3,7 +3,7 @@
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate.spot_frame import SpotWrench
+from palpate.mesh.spot_frame import SpotWrench
 from palpate_robot_log.processing.contact import Contact
 from palpate_robot_log.processing.motion import Motion
 from palpate_robot_log.processing.noise import noise_std

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 from palpate.api import Curve, FloatArray, IntArray, Response
-from palpate.spot_frame import SpotWrench
+from palpate.mesh.spot_frame import SpotWrench
 from palpate_robot_log.processing.alignment import Lag
 from palpate_robot_log.processing.drift import Drift
 from palpate_robot_log.processing.gravity import ToolLoad

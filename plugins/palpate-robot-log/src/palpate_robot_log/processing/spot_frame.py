@@ -1,7 +1,7 @@
-"""The wrench of a recording in the frame of the spot (:mod:`palpate.spot_frame`)."""
+"""The wrench of a recording in the frame of the spot (:mod:`palpate.mesh.spot_frame`)."""
 
 from palpate.api import FloatArray
-from palpate.spot_frame import SpotWrench, spot_axes
+from palpate.mesh.spot_frame import SpotWrench, spot_axes
 from palpate_robot_log.processing.rotation import cross, rotated
 from palpate_robot_log.recording import Recording
 

@@ -1,6 +1,6 @@
 """Shape functions of simplices, and of squares and cubes, on their reference elements.
 
-Nodes are numbered as in :mod:`palpate.topology`.
+Nodes are numbered as in :mod:`palpate.mesh.topology`.
 """
 
 from collections.abc import Sequence
