@@ -10,7 +10,6 @@ import queue
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
@@ -40,10 +39,10 @@ START_LIMIT_S = 300.0
 """Longest time that a worker may take to import the solver."""
 
 LONGEST_LINE = 2000
-"""Bytes of a worker's last words that go into a message."""
+"""Bytes of a worker's output that are kept: its end, for a message."""
 
-MOST_OUTPUT = 1_000_000
-"""Bytes of a worker's output that are kept; a solver that prints without end fills no disk."""
+LAST_OUTPUT_S = 5.0
+"""Longest wait for the end of an ended process's output: what it has started may hold the pipe open."""
 
 
 def by_spot(jobs: Sequence[Job]) -> dict[str, deque[int]]:
@@ -314,7 +313,7 @@ def packed_or_refused(value: object, what: str) -> bytes:
 
 
 class _Worker:
-    """One worker process, and the thread that listens to it."""
+    """One worker process, and the threads that read its answers and its output."""
 
     def __init__(
         self,
@@ -328,31 +327,39 @@ class _Worker:
         self.started: set[int] = set()
         self.begun = self.last_heard = monotonic()
         self.last_output = ""
-        self._output = tempfile.TemporaryFile("a+b")  # noqa: SIM115 - closed in stop()
+        self._output = b""
         search_path = os.pathsep.join(path or os.getcwd() for path in sys.path)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", "from palpate.executors.worker import main; main()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=self._output,
+            stderr=subprocess.PIPE,
             env={**os.environ, **thread_limits(n_threads), "PYTHONPATH": search_path},
             start_new_session=True,  # Ctrl-C is for this process, which then stops the workers
         )
-        self._listener = threading.Thread(target=self._listen, args=(events,), daemon=True)
-        self._listener.start()
+        self._readers = (
+            threading.Thread(target=self._listen, args=(events,), daemon=True),
+            threading.Thread(target=self._keep_output, daemon=True),
+        )
+        for reader in self._readers:
+            reader.start()
         self.tell(*setup)
 
     def _listen(self, events: "queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]]") -> None:
         assert self._process.stdout is not None
-        with contextlib.suppress(EOFError, OSError, ValueError):
+        with self._process.stdout as stream, contextlib.suppress(EOFError, OSError, ValueError):
             while True:
-                events.put((self, receive(self._process.stdout)))
+                events.put((self, receive(stream)))
         events.put((self, ("gone",)))
+
+    def _keep_output(self) -> None:
+        assert self._process.stderr is not None
+        with self._process.stderr as stream:
+            while chunk := os.read(stream.fileno(), 1 << 16):
+                self._output = (self._output + chunk)[-LONGEST_LINE:]
 
     def heard(self) -> None:
         self.last_heard = monotonic()
-        if os.fstat(self._output.fileno()).st_size > MOST_OUTPUT:
-            self._output.truncate(0)  # the worker appends, so it goes on at the new end
 
     def tell(self, *message: object) -> None:
         assert self._process.stdin is not None
@@ -381,18 +388,15 @@ class _Worker:
         """End the process, let go of all that it held here, and keep its last words."""
         self.kill()
         self._process.wait()
-        self._listener.join()
-        for stream in (self._process.stdin, self._process.stdout):
-            with contextlib.suppress(BrokenPipeError):
-                if stream is not None:
-                    stream.close()
+        for reader in self._readers:
+            reader.join(LAST_OUTPUT_S)  # it closes what it reads
+        with contextlib.suppress(BrokenPipeError):
+            if self._process.stdin is not None:
+                self._process.stdin.close()
         self.last_output = self._last_line()
-        self._output.close()
 
     def _last_line(self) -> str:
-        size = os.fstat(self._output.fileno()).st_size
-        self._output.seek(max(0, size - LONGEST_LINE))
-        lines = self._output.read().decode(errors="replace").splitlines()
+        lines = self._output.decode(errors="replace").splitlines()
         return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
     @property

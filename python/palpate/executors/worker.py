@@ -4,6 +4,7 @@ Messages are pickles behind their length. What a solver prints goes to stderr, s
 that it cannot garble the answers.
 """
 
+import contextlib
 import io
 import os
 import pickle
@@ -85,7 +86,8 @@ def main() -> None:
         _serve(inbox, tell)
     except (EOFError, BrokenPipeError):
         # The exit handlers of a numerical library may wait for threads that nobody needs any more.
-        sys.stderr.flush()
+        with contextlib.suppress(BrokenPipeError):  # the parent reads the output too
+            sys.stderr.flush()
         os._exit(0)
 
 

@@ -213,9 +213,17 @@ class Hard(Solver):
                 os.write(2, b"x" * 100_000 + b"\\n")
             print("last words")
         if job.set_id == 3:
+            for _ in range(60):
+                os.write(2, b"x" * 100_000)
             os.kill(os.getpid(), signal.SIGKILL)
         if job.set_id == 4:
             sys.exit(3)
+        if job.set_id == 7:
+            os.write(2, b"I leave one behind\\n")
+            child = subprocess.Popen(["sleep", "60"], start_new_session=True)
+            with Path(self.settings.pids).open("a") as pids:
+                pids.write(f"{child.pid} ")
+            os._exit(1)
         if job.set_id >= 10:
             with Path(self.settings.pids).open("a") as pids:
                 pids.write(f"{job.set_id} {os.getpid()}\\n")
@@ -242,26 +250,30 @@ def has_ended(pid):
         return True
 
 
-def test_whatever_a_job_does_to_its_worker_it_has_one_outcome(hard, tmp_path, monkeypatch):
-    sizes, heard = [], pool._Worker.heard
-
-    def watched(self):
-        heard(self)
-        sizes.append(os.fstat(self._output.fileno()).st_size)
-
-    monkeypatch.setattr(pool._Worker, "heard", watched)
+def test_whatever_a_job_does_to_its_worker_it_has_one_outcome(hard, tmp_path):
     found = {o.index: o for o in Processes().results(batch_for(hard, 6, time_s=2.0))}
     assert sorted(found) == list(range(6))
     assert [found[i].status.value for i in range(6)] == ["ok", "timed_out", "ok", "crashed", "crashed", "ok"]
-    assert "signal SIGKILL (killed from outside, or for its memory)" in found[3].message
+    how = "signal SIGKILL (killed from outside, or for its memory); last output: "
+    assert found[3].message.endswith(f"on this job: {how}{'x' * pool.LONGEST_LINE}")
     assert not found[3].quarantined  # what is killed from outside may end well another time
     assert found[4].message == "SystemExit: 3"
-    assert max(sizes) <= pool.MOST_OUTPUT
     for pid in (tmp_path / "pids").read_text().split():
         deadline = time.monotonic() + 5.0
         while not has_ended(pid) and time.monotonic() < deadline:
             time.sleep(0.02)
         assert has_ended(pid), "a process that a job had started outlived it"
+
+
+def test_a_process_that_leaves_the_group_keeps_nobody_waiting(hard, tmp_path, monkeypatch):
+    monkeypatch.setattr(pool, "LAST_OUTPUT_S", 0.1)
+    batch = batch_for(hard, 8)
+    (found,) = Processes().results(replace(batch, jobs=batch.jobs[7:]))
+    assert found.status is Status.CRASHED
+    assert found.message.endswith("last output: I leave one behind")
+    for pid in (tmp_path / "pids").read_text().split():
+        assert not has_ended(pid)
+        os.kill(int(pid), signal.SIGKILL)
 
 
 def test_a_worker_that_somebody_kills_costs_no_job(hard, tmp_path):
