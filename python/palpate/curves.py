@@ -81,6 +81,9 @@ class Curve:
     std : (n,) array, optional
         Standard deviation of each ordinate, in its unit: how far one more measurement of
         this point may lie from it. None where nobody has said.
+    slopes : mapping of name to (n,) array
+        Derivative of a simulated ordinate in each textbook parameter, named ``region.parameter``, and
+        in the coefficient of ``friction``; per unit of the parameter. Empty where none was asked for.
 
     Raises
     ------
@@ -93,6 +96,7 @@ class Curve:
     abscissa: FloatArray
     ordinate: FloatArray
     std: FloatArray | None = None
+    slopes: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "abscissa", frozen_floats(self.abscissa))
@@ -101,6 +105,14 @@ class Curve:
         if self.std is not None:
             object.__setattr__(self, "std", frozen_floats(self.std))
             self._check_std(self.std)
+        slopes = {name: frozen_floats(values) for name, values in self.slopes.items()}
+        object.__setattr__(self, "slopes", MappingProxyType(slopes))
+        for name, values in slopes.items():
+            if values.shape != self.ordinate.shape or not np.isfinite(values).all():
+                raise CurveError(
+                    f"curve '{self.channel}': slopes in '{name}' of shape {values.shape} for "
+                    f"{self.ordinate.shape} points; give one finite number for each point"
+                )
 
     def __repr__(self) -> str:
         x, y = self.abscissa, self.ordinate
@@ -149,6 +161,7 @@ class Curve:
             abscissa=self.abscissa[rows],
             ordinate=self.ordinate[rows],
             std=None if self.std is None else self.std[rows],
+            slopes={name: values[rows] for name, values in self.slopes.items()},
         )
 
     @cached_property

@@ -396,8 +396,16 @@ class SimulationId(NamedTuple):
 class Job:
     """One simulation to do: a parameter set at a spot.
 
-    ``materials`` and ``thetas`` are by region; ``thetas`` are textbook values in
-    the order of the material's parameters.
+    Parameters
+    ----------
+    materials : mapping of region to Material
+    thetas : mapping of region to (n_parameters,) array
+        Textbook values in the order of the material's parameters.
+    slopes : bool
+        Whether each curve's derivatives in the parameters and the friction are wanted too; asked only of a
+        solver that declares ``gives_slopes``.
+    fine : bool
+        Whether it is done on the spot's finer mesh.
     """
 
     spot: str
@@ -405,6 +413,13 @@ class Job:
     materials: Mapping[str, "Material"]
     thetas: Mapping[str, FloatArray]
     protocol: Protocol
+    slopes: bool = False
+    fine: bool = False
+
+    @property
+    def limb_name(self) -> str:
+        """Name of the limb it is done on, among those of a batch: the spot's, or that of its finer mesh."""
+        return f"{self.spot}/fine" if self.fine else self.spot
 
     @property
     def id(self) -> SimulationId:

@@ -324,6 +324,9 @@ class Solver(Component):
     homogeneous: ClassVar[bool] = False
     """True for a solver of homogeneous tests alone; a study that gives it a protocol is refused."""
 
+    gives_slopes: ClassVar[bool] = False
+    """Whether a job with ``slopes`` gets exact derivatives with its curves; else they are differenced."""
+
     channels: ClassVar[tuple[str, ...] | None] = None
     """Channels that it computes; a study that weights another one is refused. None: not declared."""
 
