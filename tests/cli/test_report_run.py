@@ -13,7 +13,6 @@ import numpy as np
 from palpate import Curve, Response, Simulation, Solver, Status, hookimpl
 class Meshed(Solver):
     name, summary, needs_limb = "meshed", "Wants a mesh, and does nothing with it", True
-    def version(self): return "1"
     def simulate(self, job, limb):
         (theta,), x = job.thetas.values(), np.linspace(1.0, 2.0, 11)
         curve = Curve(channel="pull", abscissa=x, ordinate=theta[0] * (x - 1.0))

@@ -49,7 +49,7 @@ def test_changed_code_is_named_and_its_results_are_made_again(call, study, tmp_p
     refused = call("run", study, plugin=plugin(2.0))
     assert refused.code == 2
     assert "material:spring: code changed, source " in refused.err
-    assert "solver:closed_form: code changed, version 1, palpate " in refused.err
+    assert "solver:closed_form: code changed, source " in refused.err
     assert "0 of 20 finished simulations are still valid" in refused.err
     assert "--trust material:spring --trust solver:closed_form keeps them" in refused.err
     assert call("run", study, "--go-on", plugin=plugin(2.0)).code == 0

@@ -33,9 +33,6 @@ class Sound(Solver):
 
     name, summary, needs_limb, n_steps = "sound", "without fault", False, 40
 
-    def version(self):
-        return "1"
-
     def simulate(self, job, limb):
         stiffness = self.stiffness(job)
         if stiffness <= 0.0:
@@ -264,9 +261,6 @@ class Stretched(Solver):
     """Small-strain stress of a uniaxial and a shear test."""
 
     name, summary, needs_limb, factor = "stretched", "homogeneous", False, 1.0
-
-    def version(self):
-        return "1"
 
     def simulate(self, job, limb):
         (material,), (theta,) = job.materials.values(), job.thetas.values()

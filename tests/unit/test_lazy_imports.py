@@ -49,9 +49,6 @@ class {name}(Solver):
     name = "{name}"
     summary = "asks for moduli"
 
-    def version(self):
-        return "1"
-
     def simulate(self, job, limb):
         return mechanics.initial_moduli(job.materials["a"], job.thetas["a"])
 

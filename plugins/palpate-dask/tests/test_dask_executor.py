@@ -55,7 +55,6 @@ class PressSettings(Settings):
     hurts: bool = Field(False, description="Whether some jobs end or stop their process.")
 class Press(Solver):
     name, summary, Settings, needs_limb = "press", "closed form", PressSettings, False
-    def version(self): return "1"
     def simulate(self, job, limb):
         with Path(self.settings.log).open("a") as log:
             log.write(f"{job.set_id} {os.getpid()}\\n")

@@ -30,9 +30,6 @@ class Failing(Solver):
     summary = "diverges"
     needs_limb = False
 
-    def version(self) -> str:
-        return "1"
-
     def simulate(self, job, limb):
         return Simulation(job=job, status=Status.DIVERGED, response=None, message="no step", seconds=0.1)
 
@@ -43,9 +40,6 @@ class Scaled(Solver):
     name = "scaled"
     summary = "closed form"
     needs_limb = False
-
-    def version(self) -> str:
-        return "1"
 
     def simulate(self, job, limb):
         material, theta = job.materials["soft_tissue"], job.thetas["soft_tissue"]

@@ -60,9 +60,6 @@ class Echo(Solver):
         super().__init__()
         self.respond = respond
 
-    def version(self):
-        return "1"
-
     def simulate(self, job, limb):
         return self.respond(job)
 
@@ -205,9 +202,6 @@ from palpate import Simulation, Solver, Status, hookimpl
 class Alien(Solver):
     name = "alien"
     summary = "has no answer"
-
-    def version(self):
-        return "1"
 
     def simulate(self, job, limb):
         return Simulation(job=job, status=Status.DIVERGED, response=None, message="no idea")

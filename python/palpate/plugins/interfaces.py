@@ -334,9 +334,12 @@ class Solver(Component):
         """Names of the material's parameters that cannot change an answer; a study has to fix them."""
         return ()
 
-    @abstractmethod
     def version(self) -> str:
-        """Version of whatever computes the numbers; part of each simulation's key."""
+        """Version of what computes the numbers, part of each simulation's key: by itself that of the code.
+
+        Override it to add a program or a library whose version changes the numbers.
+        """
+        return self.fingerprint()
 
     def check(self, job: Job, limb: Limb | None) -> None:
         """Refuse, before the first step, what cannot be simulated.

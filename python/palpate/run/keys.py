@@ -58,7 +58,7 @@ def solver_key(solver: Solver, trusted: Mapping[str, str] = NOTHING_TRUSTED) -> 
 
 
 def identity(component: Component) -> str:
-    """Fingerprint of a component's code; of a solver with the versions that it states and of palpate.
+    """Fingerprint of a component's code; of a solver with its version and that of palpate.
 
     Raises
     ------
@@ -68,12 +68,13 @@ def identity(component: Component) -> str:
     with answering_for(component, "asking for its version and fingerprint"):
         parts = [component.fingerprint()]
         if isinstance(component, Solver):  # it computes with palpate's own elements and stresses
-            parts = [f"version {component.version()}", f"{CORE} {metadata.version(CORE)}", *parts]
-    if not all(isinstance(part, str) and part for part in parts):
-        raise PluginError(
-            f"'{component.name}': fingerprint() returned {parts[-1]!r}; return a non-empty text"
-        )
-    return ", ".join(parts)
+            parts = [component.version(), f"{CORE} {metadata.version(CORE)}", *parts]
+    for part in parts:
+        if not (isinstance(part, str) and part):
+            raise PluginError(
+                f"'{component.name}': its version or fingerprint is {part!r}; return a non-empty text"
+            )
+    return ", ".join(dict.fromkeys(parts))
 
 
 class JobKeys:

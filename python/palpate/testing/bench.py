@@ -75,10 +75,6 @@ class HalfSpace(Solver):
     summary = "a sphere on a half-space in closed form, for tests of plugins"
     needs_limb = False
 
-    def version(self) -> str:
-        """One."""
-        return "1"
-
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job."""
         if not isinstance(job.protocol, Indentation):

@@ -39,10 +39,6 @@ class LinearSolver(Solver):
     needs_limb = False
     homogeneous = True
 
-    def version(self) -> str:
-        """One."""
-        return "1"
-
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job."""
         if job.set_id == FAILING:

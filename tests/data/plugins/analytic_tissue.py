@@ -76,9 +76,6 @@ class Analytic(Solver):
     Settings = AnalyticSettings
     needs_limb = False
 
-    def version(self) -> str:
-        return "1"
-
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         if self.settings.log:
             with Path(self.settings.log).open("a") as file:

@@ -119,9 +119,6 @@ class ClosedForm(Solver):
     needs_limb = False
     homogeneous = True
 
-    def version(self) -> str:
-        return "1"
-
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         assert isinstance(job.protocol, HomogeneousTests)
         ((_, theta),) = job.thetas.items()

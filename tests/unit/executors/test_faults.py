@@ -201,7 +201,6 @@ class HardSettings(Settings):
     pids: str = Field(description="File for the ids of the processes.")
 class Hard(Solver):
     name, summary, needs_limb, Settings = "hard", "does as it likes", False, HardSettings
-    def version(self): return "1"
     def simulate(self, job, limb):
         if job.set_id == 1:
             signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -120,7 +120,7 @@ def test_a_class_in_no_file_is_refused_unless_it_says_what_it_is(tmp_path, key, 
     typed["Fat"].fingerprint = lambda self: "2"
     assert key(typed["Fat"]()) != pinned
     typed["Fat"].fingerprint = lambda self: None
-    with pytest.raises(PluginError, match=r"fingerprint\(\) returned None; return a non-empty text"):
+    with pytest.raises(PluginError, match=r"its version or fingerprint is None; return a non-empty text"):
         key(typed["Fat"]())
 
 

@@ -118,7 +118,6 @@ import numpy as np
 from palpate import Curve, Response, Simulation, Solver, Status
 class Greedy(Solver):
     name, summary = "greedy", "takes memory"
-    def version(self): return "1"
     def simulate(self, job, limb):
         room = np.ones(int((1 if job.set_id else 400) * 1e6 / 8))
         rise = Curve(channel="force", abscissa=[0, 1], ordinate=[0, 1])

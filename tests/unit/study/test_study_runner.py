@@ -25,9 +25,6 @@ def test_a_study_of_the_bench_alone_finds_a_set_near_the_truth(runner):
 class Failing(Solver):
     name, summary, needs_limb = "failing", "has no answer for a set", False
 
-    def version(self):
-        return "1"
-
     def simulate(self, job, limb):
         if job.set_id == 2:
             return Simulation(job=job, status=Status.DIVERGED, response=None, message="no balance")

@@ -27,7 +27,6 @@ from palpate.api import (
 )
 from palpate.mechanics import check_reference_state, initial_moduli
 from palpate.mesh.spot_frame import in_spot_frame, indentation_of, indentation_response
-from palpate_jax import __version__
 from palpate_jax.contact import ContactLaw
 from palpate_jax.diagnosis import explained
 from palpate_jax.footprint import check_footprint
@@ -123,10 +122,6 @@ class JaxSolver(Solver):
         super().__init__(settings)
         self._materials: dict[tuple[type[Material], str], Material] = {}
         self._last: _Prepared | None = None
-
-    def version(self) -> str:
-        """Version of this plugin."""
-        return __version__
 
     def check(self, job: Job, limb: Limb | None) -> None:
         """Refuse what cannot be simulated, before the first step.
