@@ -6,12 +6,15 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from palpate import AnisotropicMaterial
 from palpate.domain import Indentation, Job, Limb, Mesh, Sphere, Spot
-from palpate.errors import MaterialError, MeshError
+from palpate.errors import MaterialError, MeshError, SolverError
 from palpate.mesh.spot_frame import in_spot_frame
+from palpate.specimens import block
 from palpate_febio.deck import rigid_id
 from palpate_febio.deck_reader import read_deck
 from palpate_febio.settings import FebioSettings
@@ -145,6 +148,26 @@ def test_a_surface_that_cannot_be_touched_is_refused():
     sets = {**limb.mesh.node_sets, "contact": [4, 5]}
     with pytest.raises(MeshError, match="no outer face"):
         SOLVER.write_deck(job_of(), replace(limb, mesh=replace(limb.mesh, node_sets=sets)))
+
+
+class Fibred(AnisotropicMaterial):
+    """A matrix and fibres along e1."""
+
+    name, summary, parameters = "fibred", "one family of fibres", NeoHookean.parameters
+
+    def energy_from_F(self, F, theta, fields=None):  # noqa: N802 - the interface's name
+        J = jnp.linalg.det(F)
+        matrix = jnp.sum(F * F) * J ** (-2 / 3) - 3.0
+        return theta[0] * (matrix + (jnp.sum(F[:, 0] ** 2) - 1.0) ** 2) + theta[1] * jnp.log(J) ** 2
+
+
+def test_directions_are_refused_where_the_deck_is_turned_against_the_mesh():
+    limb = block("hex8", n_across=2, n_down=1, width_mm=4.0, height_mm=3.0)
+    limb = replace(limb, spot=Spot(name="p1", normal=[0.0, np.sin(0.3), np.cos(0.3)]))
+    thetas = {"soft_tissue": np.array([0.02, 0.4])}
+    job = replace(job_of(), materials={"soft_tissue": Fibred()}, thetas=thetas)
+    with pytest.raises(SolverError, match="has directions, and FEBio's deck is in the frame of the spot"):
+        SOLVER.check(job, limb)
 
 
 # ---------------------------------------------------------------------- steps
