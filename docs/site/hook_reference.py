@@ -31,7 +31,7 @@ CONTRACTS: Mapping[str, str] = MappingProxyType(
 OPTIONAL: Mapping[type[Component], tuple[type[Any], ...]] = MappingProxyType(
     {ExperimentLoader: (CurveWriter, FileInspector, LoadingDrawer), Solver: (Verifier,)}
 )
-"""What components may do beyond what they subclass."""
+"""Optional protocols of components."""
 
 
 def reference() -> str:
@@ -72,11 +72,11 @@ def _hook(name: str, spec: Any, kind: str | None) -> Iterator[str]:  # noqa: ANN
 
 
 def _around(kind: str) -> Iterator[str]:
-    """Say how to list, to begin and to test something of a kind."""
+    """Write how to list, scaffold and test components of a kind."""
     yield f"Listed by `palpate plugins {kind.replace('_', '-')}`."
     for word, kit in KITS.items():
         if kit.catalogue == kind:
-            yield f"Begun by `palpate new-plugin {word} NAME`."
+            yield f"Scaffold: `palpate new-plugin {word} NAME`."
     if kind in CONTRACTS:
         yield f"Tested by `palpate.testing.{CONTRACTS[kind]}`."
 
@@ -117,7 +117,7 @@ def _fields(base: type) -> Iterator[str]:
     yield "|---|---|"
     for field in dataclasses.fields(base):
         kind = field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
-        needed = "" if field.default is dataclasses.MISSING else ", may be left out"
+        needed = "" if field.default is dataclasses.MISSING else ", optional"
         yield f"| `{field.name}` | `{_short(kind)}`{needed} |"
 
 

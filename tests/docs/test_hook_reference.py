@@ -43,7 +43,7 @@ def test_a_text_without_marks_is_refused(text: str) -> None:
 
 def test_every_contract_is_listed_with_its_laws() -> None:
     contracts = {name for name in testing.__all__ if name.endswith("Contract")} - {"ComponentContract"}
-    table = README.split("| contract | tells |")[1].split("## Hooks")[0]
+    table = README.split("| contract | detects |")[1].split("## Hooks")[0]
     assert set(re.findall(r"`(\w+Contract)`", table)) == contracts
     assert {kit.contract for kit in KITS.values() if kit.contract} == contracts
     assert contracts == set(re.findall(r"palpate\.testing\.(\w+)", reference()))

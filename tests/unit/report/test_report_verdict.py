@@ -286,7 +286,7 @@ def test_a_proof_that_failed_is_named(content, passed):
     assert (about(replace(content(), verification=verification), "verification") is None) is passed
 
 
-def test_the_guide_tells_the_limits_that_are_applied():
+def test_the_guide_has_the_limits_that_are_applied():
     guide = (Path(__file__).parents[3] / "docs" / "report.md").read_text(encoding="utf-8")
     for said in (
         f"R² below {report_warnings.GOOD_R2:g}", f"R² below {report_warnings.NO_FIT_R2:g}",
@@ -296,4 +296,4 @@ def test_the_guide_tells_the_limits_that_are_applied():
     ):  # fmt: skip
         assert said in guide
     assert report_warnings.COSTLY == 3.0
-    assert "three times the least Fopt there, or more" in guide
+    assert "Fopt there is three times the minimum, or more" in guide
