@@ -32,6 +32,7 @@ class Sound(Solver):
     """
 
     name, summary, needs_limb, n_steps = "sound", "without fault", False, 40
+    gives_slopes = True
 
     def simulate(self, job, limb):
         stiffness = self.stiffness(job)
@@ -39,7 +40,16 @@ class Sound(Solver):
             return Simulation(job=job, status=Status.DIVERGED, response=None, message="no stable state")
         thickness = np.ptp(limb.mesh.points_mm[:, 2]) if limb else np.inf
         curves = self.curves(stiffness, job.protocol, thickness)
+        if job.slopes:
+            curves = {name: replace(c, slopes=self.slopes(c, job)) for name, c in curves.items()}
         return Simulation(job=job, status=Status.OK, response=Response(curves=curves))
+
+    def slopes(self, curve, job):
+        per_e = curve.ordinate / sum(theta[0] for theta in job.thetas.values())
+        f = job.protocol.friction
+        grips = curve.channel == "torque"
+        per_f = grips * 0.1 / (1 + f) ** 2 / (0.9 + 0.1 * f / (1 + f)) * curve.ordinate
+        return {**{f"{region}.e": per_e for region in job.thetas}, "friction": per_f}
 
     def stiffness(self, job):
         """Young's modulus: that of ``LinearMaterial`` is its parameter, and its Poisson's ratio 0."""
@@ -169,6 +179,22 @@ class InKilonewtons(Sound):
         return scaled(super().curves(*given), 1e-3)
 
 
+class Steep(Sound):
+    def slopes(self, curve, job):
+        return {name: 1.05 * values for name, values in super().slopes(curve, job).items()}
+
+
+class BlindSlopes(Sound):
+    def slopes(self, curve, job):
+        found = super().slopes(curve, job)
+        return {**found, "friction": 0.0 * found["friction"]}
+
+
+class FewSlopes(Sound):
+    def slopes(self, curve, job):
+        return {"r0.e": super().slopes(curve, job)["r0.e"]}
+
+
 class WithSinkage(Sound):
     """Also measures how far the skin sinks beside the sphere: no modulus changes it."""
 
@@ -201,6 +227,7 @@ def hold(test, solver, contract=SolverContract):
 
 HALF_SPACE = "a_half_space_has_the_force_of_hertz_and_the_torque_of_reissner_and_sagoci"
 INPUTS, PARAMETERS = "radius_friction_and_limb_matter", "a_parameter_matters_unless_it_is_ignored"
+SLOPES = "slopes_are_those_of_central_differences"
 FAULTS = [
     ("simulates_the_whole_protocol", CutShort(), r"'force'.* runs 0 → 1\.75 where"),
     (
@@ -225,6 +252,9 @@ FAULTS = [
     (HALF_SPACE, Downwards(), "'force': -.* positive on the way in"),
     (HALF_SPACE, Mirrored(), "'torque': -.* of the rotation's sign"),
     (HALF_SPACE, InKilonewtons(), "force is in N"),
+    (SLOPES, Steep(), r"'force': the slope in 'r0\.e' is off the central difference by"),
+    (SLOPES, BlindSlopes(), "'torque': the slope in 'friction' is off"),
+    (SLOPES, FewSlopes(), r"slopes in r0\.e instead of friction, r0\.e, r1\.e"),
 ]
 
 

@@ -59,7 +59,11 @@ def _checked_curves(response: object) -> Response:
             raise UnreadableError(f"channel '{channel}' holds a curve of channel '{curve.channel}'")
         # Made again, since its arrays may have been replaced after it was checked.
         curves[channel] = Curve(
-            channel=channel, abscissa=curve.abscissa, ordinate=curve.ordinate, std=curve.std
+            channel=channel,
+            abscissa=curve.abscissa,
+            ordinate=curve.ordinate,
+            std=curve.std,
+            slopes=curve.slopes,
         )
     return Response(curves=curves)
 

@@ -28,8 +28,8 @@ def job_key(job: Job, limb: Limb | None, solver: Solver, trusted: Mapping[str, s
     """Hash of everything that decides the result of a job.
 
     That is the mesh, the spot, each region's material with its code, settings and values, the
-    protocol, and the solver with its version, code and settings. The ``set_id`` is a name and
-    decides nothing.
+    protocol, the solver with its version, code and settings, and whether slopes are wanted. The
+    ``set_id`` is a name and decides nothing.
 
     Parameters
     ----------
@@ -93,6 +93,8 @@ class JobKeys:
         for region in sorted(job.materials):
             digest.update(self._region(region, job.materials[region]))
             _add(digest, job.thetas[region])
+        if job.slopes:
+            _add(digest, "slopes")
         return digest.hexdigest()
 
     def _head(self, protocol: Protocol, limb: str) -> "hashlib._Hash":
@@ -125,6 +127,8 @@ def answers_key(simulations: Iterable[Simulation]) -> str:
         _add(digest, job.spot, int(job.set_id), simulation.status.value, simulation.message)
         for name, curve in simulation.response.curves.items() if simulation.response is not None else ():
             _add(digest, name, curve.abscissa, curve.ordinate)
+            if curve.slopes:
+                _add(digest, curve.slopes)
     return digest.hexdigest()[:16]
 
 

@@ -38,14 +38,16 @@ class LinearSolver(Solver):
     summary = "closed form, for tests of executors"
     needs_limb = False
     homogeneous = True
+    gives_slopes = True
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job."""
         if job.set_id == FAILING:
             raise ZeroDivisionError("a stretch of zero")
         assert isinstance(job.protocol, HomogeneousTests)
-        ((theta,), path) = job.thetas.values(), job.protocol.paths["uniaxial"]
-        curve = Curve(channel="uniaxial", abscissa=path, ordinate=theta[0] * (path - 1.0))
+        ((region, theta),), path = job.thetas.items(), job.protocol.paths["uniaxial"]
+        slopes = {f"{region}.e": path - 1.0} if job.slopes else {}
+        curve = Curve(channel="uniaxial", abscissa=path, ordinate=theta[0] * (path - 1.0), slopes=slopes)
         return Simulation(
             job=job,
             status=Status.OK,
@@ -84,6 +86,7 @@ class ExecutorContract(ComponentContract):
                 materials={"tissue": LinearMaterial()},
                 thetas={"tissue": np.array([0.1 * (1 + set_id)])},
                 protocol=protocol,
+                slopes=True,
             )
             for spot in ("p1", "p2")
             for set_id in range(self.n_sets)
@@ -124,6 +127,10 @@ class ExecutorContract(ComponentContract):
             expected = job.thetas["tissue"][0] * np.linspace(0.0, 0.5, 6)
             said = f"result {result.index} holds the answer of another job"
             np.testing.assert_allclose(stress, expected, rtol=1e-12, atol=1e-15, err_msg=said)
+            slopes = result.response["uniaxial"].slopes
+            lost = "the slopes of the curves are lost on the way"
+            assert slopes.keys() == {"tissue.e"}, lost
+            np.testing.assert_allclose(slopes["tissue.e"], np.linspace(0.0, 0.5, 6), atol=1e-15, err_msg=lost)
             here = result.diagnostics.get("process") == os.getpid()
             assert not (here and executor.holds_limits), (
                 "jobs run in palpate's own process, which no memory limit can end: set holds_limits = False"

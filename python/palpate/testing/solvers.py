@@ -40,6 +40,9 @@ DEPTH, ROTATION = 0, 1
 CHANGE = 1e-9
 """Least change of a curve, relative to its largest ordinate, that is more than rounding."""
 
+SLOPE_STEP = 1e-3
+"""Step of the central differences that slopes are compared with, relative to the value."""
+
 
 class SolverContract(ComponentContract):
     """Laws of a solver; override ``solver``, ``job`` and, where it needs one, ``limb``.
@@ -56,6 +59,9 @@ class SolverContract(ComponentContract):
 
     degrees: Mapping[str, int] = MappingProxyType({})
     """Degree in the moduli of channels where it is not 1: 0 for a displacement."""
+
+    slope_tolerance = 0.02
+    """Largest deviation of a slope from a central difference, relative to the largest along the curve."""
 
     half_space_tolerance = 0.2
     """Largest relative deviation from the force and the torque of a half-space."""
@@ -185,6 +191,34 @@ class SolverContract(ComponentContract):
                 )
                 assert matters or name in ignored or "parameters" in self.blind_to, (
                     f"'{region}.{name}' changes nothing: use every region, or name it in `ignored`"
+                )
+
+    def test_slopes_are_those_of_central_differences(
+        self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
+    ) -> None:
+        if not solver.gives_slopes:
+            pytest.skip("the solver declares no slopes")
+        simulation = solver.simulate(replace(job, slopes=True), limb)
+        self.assert_scaled(simulation, answer, 1.0)
+        assert simulation.response is not None
+        names = {f"{region}.{p.name}" for region, m in job.materials.items() for p in m.parameters}
+        names |= {"friction"} if isinstance(job.protocol, Indentation) else set()
+        for channel, curve in simulation.response.curves.items():
+            assert set(curve.slopes) == names, (
+                f"channel '{channel}': slopes in {', '.join(sorted(curve.slopes)) or 'nothing'} instead of "
+                f"{', '.join(sorted(names))}"
+            )
+        for name, step, ahead, behind in _neighbours(job):
+            after, before = (solver.simulate(other, limb).response for other in (ahead, behind))
+            assert after is not None
+            assert before is not None
+            for channel, curve in simulation.response.curves.items():
+                change = 0.5 * (after[channel].ordinate - before[channel].ordinate)
+                off = np.abs(step * curve.slopes[name] - change).max()
+                rounding = self.scaling_tolerance * np.abs(curve.ordinate).max()
+                assert off <= self.slope_tolerance * np.abs(change).max() + rounding, (
+                    f"channel '{channel}': the slope in '{name}' is off the central difference by "
+                    f"{off / step:.3g}, where the difference reaches {np.abs(change).max() / step:.3g}"
                 )
 
     def test_a_half_space_has_the_force_of_hertz_and_the_torque_of_reissner_and_sagoci(
@@ -353,6 +387,29 @@ def _moved(material: Material, theta: FloatArray) -> Iterator[tuple[str, FloatAr
         except MaterialError:
             moved[k] -= 2.0 * step
         yield parameter.name, moved
+
+
+def _neighbours(job: Job) -> Iterator[tuple[str, float, Job, Job]]:
+    """Each parameter by name, the step, and the job with it moved up and down; friction too."""
+    for region, material in job.materials.items():
+        for k, parameter in enumerate(material.parameters):
+            theta = np.asarray(job.thetas[region], dtype=np.float64)
+            step = SLOPE_STEP * float(abs(theta[k]) or parameter.upper - parameter.lower)
+            moved = [theta + sign * step * (np.arange(theta.size) == k) for sign in (1.0, -1.0)]
+            try:
+                material.check(moved[0])
+                material.check(moved[1])
+            except MaterialError:
+                continue  # next to a limit of its physical range
+            ahead, behind = (replace(job, thetas={**job.thetas, region: other}) for other in moved)
+            yield f"{region}.{parameter.name}", step, ahead, behind
+    press = job.protocol
+    if isinstance(press, Indentation) and press.friction > 0.0:
+        step = SLOPE_STEP * press.friction
+        ahead, behind = (
+            replace(job, protocol=replace(press, friction=press.friction + sign * step)) for sign in (1, -1)
+        )
+        yield "friction", step, ahead, behind
 
 
 def _first_isotropic(job: Job) -> tuple[Material, FloatArray]:

@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import io
 import os
 import shutil
 import sqlite3
@@ -10,6 +11,8 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
 
 from palpate.domain import Curve, Job, Response, Simulation, Status
 from palpate.errors import LedgerError
@@ -85,6 +88,28 @@ def test_curves_of_many_keys_share_a_file_and_stay_apart():
         same(found[key], expected)
     assert np.array_equal(found["a"]["torque"].std, std)
     assert unpack(pack({}), []) == {}
+
+
+NAMES = st.lists(st.sampled_from(["tissue.c1", "skin.E", "d_", "friction", "std"]), unique=True)
+
+
+@given(st.lists(NAMES, min_size=1, max_size=3), st.data())
+def test_slopes_come_back_to_the_last_bit(names_of_each, data):
+    """Of curves with different parameters in one file; a file without slopes has no column for them."""
+    finite = arrays(np.float64, 5, elements=st.floats(allow_nan=False, allow_infinity=False))
+    curve = Curve(channel="force", abscissa=np.arange(5.0), ordinate=np.ones(5))
+    every = {
+        f"key{k}": Response(curves={"force": replace(curve, slopes={n: data.draw(finite) for n in names})})
+        for k, names in enumerate(names_of_each)
+    }
+    content = pack(every)
+    for key, found in unpack(content, list(every)).items():
+        expected = every[key]["force"].slopes
+        assert found["force"].slopes.keys() == expected.keys()
+        for name, values in expected.items():
+            assert found["force"].slopes[name].tobytes() == values.tobytes()
+    columns = set(pl.read_parquet(io.BytesIO(content)).columns[6:])
+    assert columns == {f"d_{name}" for names in names_of_each for name in names}
 
 
 def test_rows_that_cannot_be_used_are_unreadable_and_block_nothing(tmp_path):

@@ -212,6 +212,7 @@ def test_everything_that_decides_a_result_is_in_its_key(make_study, plugins, tis
         "node sets": key(limb=moved),
         "spot": key(limb=tilted),
         "no limb": key(limb=None),
+        "slopes": key(replace(job, slopes=True)),
         "version": key(solver=Newer()),
         "settings": key(solver=tissue.Analytic(tissue.AnalyticSettings(offset=1.0))),
     }

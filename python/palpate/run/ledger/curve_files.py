@@ -1,10 +1,11 @@
 """Curves of several simulations in one Parquet file, which anything can read.
 
-A row is a point: ``key`` of the simulation, channel, point, abscissa, ordinate, std.
+A row is a point: ``key`` of the simulation, channel, point, abscissa, ordinate, std, and, where a
+curve has slopes, a column for each parameter: ``d_`` and its name.
 """
 
 import io
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -24,6 +25,9 @@ _SCHEMA = pl.Schema(
     }
 )
 
+SLOPE = "d_"
+"""What the name of a column of slopes begins with."""
+
 
 def pack(responses: Mapping[str, Response]) -> bytes:
     """Content of a Parquet file with the curves of each key."""
@@ -34,15 +38,20 @@ def pack(responses: Mapping[str, Response]) -> bytes:
         "channel": pl.Series([curve.channel for _, curve in curves], dtype=pl.String),
     }
     repeated = pl.Series(np.repeat(np.arange(len(curves)), lengths), dtype=pl.UInt32)
+    names = dict.fromkeys(name for _, curve in curves for name in curve.slopes)
+    slopes = {
+        SLOPE + name: _column([curve.slopes.get(name) for _, curve in curves], lengths) for name in names
+    }
     frame = pl.DataFrame(
         {
             **{name: column.gather(repeated) for name, column in columns.items()},
             "point": pl.Series(_joined([np.arange(n, dtype=np.float64) for n in lengths])).cast(pl.Int64),
             "abscissa": _joined([curve.abscissa for _, curve in curves]),
             "ordinate": _joined([curve.ordinate for _, curve in curves]),
-            "std": pl.Series(_joined([_std(curve) for _, curve in curves])).fill_nan(None),
+            "std": _column([curve.std for _, curve in curves], lengths),
+            **slopes,
         },
-        schema=_SCHEMA,
+        schema=pl.Schema({**_SCHEMA, **dict.fromkeys(slopes, pl.Float64)}),
     )
     buffer = io.BytesIO()
     frame.write_parquet(buffer)
@@ -60,7 +69,7 @@ def unpack(content: bytes, keys: Collection[str]) -> dict[str, Response | CurveE
     frame = pl.read_parquet(io.BytesIO(content)).filter(pl.col("key").is_in(list(keys)))
     curves: dict[str, dict[str, Curve]] = {key: {} for key in keys}
     unusable: dict[str, CurveError] = {}
-    for key, channel, make in _curves(frame.select(_SCHEMA.names())):
+    for key, channel, make in _curves(frame.select(*_SCHEMA, f"^{SLOPE}.*$")):
         try:
             curves[key][channel] = make()
         except CurveError as error:
@@ -72,26 +81,30 @@ def _curves(frame: pl.DataFrame) -> Iterator[tuple[str, str, Callable[[], Curve]
     """Cut the columns where a curve ends, which is much faster than a table for each curve."""
     abscissa, ordinate = frame["abscissa"].to_numpy(), frame["ordinate"].to_numpy()
     std = frame["std"].to_numpy()
+    slopes = {c.name.removeprefix(SLOPE): c.to_numpy() for c in frame.iter_columns() if c.name not in _SCHEMA}
     lengths = frame.group_by("key", "channel", maintain_order=True).len()
     end = 0
     for key, channel, length in lengths.iter_rows():
         begin, end = end, end + length
-        spread = std[begin:end]
+        rows = slice(begin, end)
         yield (
             key,
             channel,
             partial(
                 Curve,
                 channel=channel,
-                abscissa=abscissa[begin:end],
-                ordinate=ordinate[begin:end],
-                std=None if np.isnan(spread).any() else spread,
+                abscissa=abscissa[rows],
+                ordinate=ordinate[rows],
+                std=None if np.isnan(std[rows]).any() else std[rows],
+                slopes={n: values[rows] for n, values in slopes.items() if not np.isnan(values[rows]).any()},
             ),
         )
 
 
-def _std(curve: Curve) -> FloatArray:
-    return np.full(curve.abscissa.shape, np.nan) if curve.std is None else curve.std
+def _column(arrays: Sequence[FloatArray | None], lengths: Sequence[int]) -> pl.Series:
+    """Values of all curves, null for a curve without."""
+    filled = [np.full(n, np.nan) if a is None else a for a, n in zip(arrays, lengths, strict=True)]
+    return pl.Series(_joined(filled), dtype=pl.Float64).fill_nan(None)
 
 
 def _joined(arrays: list[FloatArray]) -> FloatArray:
