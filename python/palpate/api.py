@@ -59,6 +59,7 @@ if TYPE_CHECKING:
         Sampler as Sampler,
         SetFilter as SetFilter,
         Settings as Settings,
+        SettingsT as SettingsT,
         Solver as Solver,
     )
     from palpate.plugins.subcommands import (

@@ -136,8 +136,8 @@ class Timed(Settings):
     wait_s: float = Field(1.0, description="Longest wait.")
 
 
-class TimedSource(Block):
-    Settings = Timed
+class TimedSource(Block, LimbSource[Timed]):
+    pass
 
 
 def test_a_setting_of_a_time_names_its_unit():

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from palpate.domain import Job, Limb, Response, Simulation, Status
-from palpate.plugins.interfaces import Component, Solver
+from palpate.plugins.interfaces import Component, SettingsT, Solver
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +95,7 @@ class Batch:
     running: Callable[[int], None] = _ignored
 
 
-class Executor(Component):
+class Executor(Component[SettingsT]):
     """Runs jobs somewhere, and hands every result back to this process, which alone keeps them."""
 
     holds_limits: ClassVar[bool] = True

@@ -2,8 +2,8 @@
 
 A component is built from its checked settings; the class attributes ``name``
 and ``summary`` are what ``palpate plugins`` shows. A study names components by
-``name`` and passes their ``settings`` table, which the ``Settings`` model
-checks: every field there needs a description.
+``name`` and passes their ``settings`` table, which the model of settings checks:
+``class Grid(Sampler[GridSettings])``. Every field there needs a description.
 """
 
 from abc import ABC, abstractmethod
@@ -11,10 +11,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, cast, get_args, get_origin
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
+from typing_extensions import TypeVar, get_original_bases
 
 from palpate.domain import (
     BoolArray,
@@ -43,21 +44,37 @@ class Settings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Component(ABC):
+SettingsT = TypeVar("SettingsT", bound=Settings, default=Settings, covariant=True)
+"""Settings of a component."""
+
+
+class Component(ABC, Generic[SettingsT]):
     """Something that a plugin provides under a name.
 
     Parameters
     ----------
     settings : Settings, optional
-        An instance of the class's own ``Settings``; its defaults when left out.
+        Of the class in brackets, as in ``Sampler[GridSettings]``, which is also the attribute
+        ``Settings``; its defaults when left out.
     """
 
     name: ClassVar[str]
     summary: ClassVar[str]
     Settings: ClassVar[type[Settings]] = Settings
 
-    def __init__(self, settings: BaseModel | None = None) -> None:
-        self.settings: Any = self.Settings() if settings is None else settings
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        bases = [
+            base for base in get_original_bases(cls) if issubclass(get_origin(base) or object, Component)
+        ]
+        for argument in (each for base in bases for each in get_args(base)):
+            if isinstance(argument, type) and issubclass(argument, Settings):
+                cls.Settings = argument
+            elif not isinstance(argument, TypeVar):
+                raise TypeError(f"class {cls.__name__}[{argument}]: name a subclass of palpate.api.Settings")
+
+    def __init__(self, settings: SettingsT | None = None) -> None:
+        self.settings = cast("SettingsT", self.Settings()) if settings is None else settings
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.settings})"
@@ -78,7 +95,7 @@ class Component(ABC):
         return code_fingerprint(type(self)) or f"{CORE} {metadata.version(CORE)}"
 
 
-class Material(Component):
+class Material(Component[SettingsT]):
     """A hyperelastic material, given by its energy alone.
 
     Stress, tangent, initial moduli and stability follow from the energy in
@@ -171,7 +188,7 @@ class Material(Component):
             parameter.check(float(value))
 
 
-class AnisotropicMaterial(Material):
+class AnisotropicMaterial(Material[SettingsT]):
     """A hyperelastic material with directions of its own, such as fibres.
 
     Its energy depends on more than the principal stretches, so it is given by the deformation
@@ -221,7 +238,7 @@ class AnisotropicMaterial(Material):
         raise MaterialError(f"material '{self.name}' has directions: use energy_from_F(F, theta)")
 
 
-class ExperimentLoader(Component):
+class ExperimentLoader(Component[SettingsT]):
     """Reads measured curves."""
 
     @abstractmethod
@@ -242,7 +259,7 @@ class ExperimentLoader(Component):
         """
 
 
-class LimbSource(Component):
+class LimbSource(Component[SettingsT]):
     """Makes the limb around a spot from a file."""
 
     @abstractmethod
@@ -270,7 +287,7 @@ class LimbSource(Component):
         """
 
 
-class Sampler(Component):
+class Sampler(Component[SettingsT]):
     """Draws points of the unit cube."""
 
     @abstractmethod
@@ -300,7 +317,7 @@ class Sampler(Component):
         return np.vstack([points, self.draw(n_total - n_points, n_parameters, seed + n_points)])
 
 
-class SetFilter(Component):
+class SetFilter(Component[SettingsT]):
     """Keeps the parameter sets that make sense, such as the stable ones."""
 
     @abstractmethod
@@ -312,7 +329,7 @@ class SetFilter(Component):
         return ""
 
 
-class Solver(Component):
+class Solver(Component[SettingsT]):
     """Simulates a job."""
 
     takes_fields: ClassVar[bool] = False

@@ -18,12 +18,11 @@ class LatinHypercubeSettings(Settings):
     )
 
 
-class LatinHypercube(Sampler):
+class LatinHypercube(Sampler[LatinHypercubeSettings]):
     """Latin hypercube: one point in each of ``n_sets`` equal slices of every parameter."""
 
     name = "lhs"
     summary = "Latin hypercube: every slice of every parameter is visited once"
-    Settings = LatinHypercubeSettings
 
     def draw(self, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
         """Points (n_sets, n_parameters) in (0, 1); the same seed gives the same bits."""
@@ -55,7 +54,7 @@ class OptimisedLatinHypercubeSettings(LatinHypercubeSettings):
     )
 
 
-class OptimisedLatinHypercube(Sampler):
+class OptimisedLatinHypercube(Sampler[OptimisedLatinHypercubeSettings]):
     """Latin hypercube whose values are ordered, within each parameter, so that the sets lie well apart.
 
     A threshold-accepting search exchanges two values of a parameter at a time. Its criterion
@@ -64,7 +63,6 @@ class OptimisedLatinHypercube(Sampler):
 
     name = "optimised_lhs"
     summary = "Latin hypercube that fills the box evenly, by discrepancy, distance or correlation"
-    Settings = OptimisedLatinHypercubeSettings
 
     def draw(self, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
         """Points (n_sets, n_parameters) in (0, 1); the same seed gives the same bits."""

@@ -70,10 +70,9 @@ class AnalyticSettings(Settings):
     log: str = Field(default="", description="File that gets a line for each simulation.")
 
 
-class Analytic(Solver):
+class Analytic(Solver[AnalyticSettings]):
     name = "analytic"
     summary = "closed form"
-    Settings = AnalyticSettings
     needs_limb = False
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:

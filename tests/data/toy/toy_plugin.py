@@ -61,10 +61,9 @@ class LineSettings(Settings):
     skip: int = Field(default=0, ge=0, description="Rows to skip at the top.")
 
 
-class LineLoader(ExperimentLoader):
+class LineLoader(ExperimentLoader[LineSettings]):
     name = "lines"
     summary = "Two columns per line"
-    Settings = LineSettings
 
     def load(self, path: Path, channel: str | None = None) -> Response:
         rows = []

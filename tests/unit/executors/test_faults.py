@@ -199,8 +199,8 @@ from pydantic import Field
 from palpate import Curve, Response, Settings, Simulation, Solver, Status
 class HardSettings(Settings):
     pids: str = Field(description="File for the ids of the processes.")
-class Hard(Solver):
-    name, summary, needs_limb, Settings = "hard", "does as it likes", False, HardSettings
+class Hard(Solver[HardSettings]):
+    name, summary, needs_limb = "hard", "does as it likes", False
     def simulate(self, job, limb):
         if job.set_id == 1:
             signal.signal(signal.SIGTERM, signal.SIG_IGN)

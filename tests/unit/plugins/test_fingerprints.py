@@ -13,7 +13,7 @@ from pydantic import Field
 from palpate.domain import HomogeneousTests, Indentation, Job, Sphere
 from palpate.errors import PluginError
 from palpate.plugins.fingerprints import code_hash
-from palpate.plugins.interfaces import Settings
+from palpate.plugins.interfaces import Settings, Solver
 from palpate.plugins.registry import load_file
 from palpate.run.keys import identity, job_key
 
@@ -152,8 +152,8 @@ class ManySettings(Settings):
 
 
 def test_the_order_of_settings_is_no_difference(tissue, key):
-    class Sorted(tissue.Analytic):
-        Settings = ManySettings
+    class Sorted(tissue.Analytic, Solver[ManySettings]):
+        pass
 
     one, two = ({"a": 1.0, "b": 2.0}, {"b": 2.0, "a": 1.0})
     keys = {key(tissue.Spongy(), solver=Sorted(ManySettings(by_name=each))) for each in (one, two)}

@@ -125,10 +125,15 @@ BROKEN = {
         grid(
             "class Grid(Sampler):",
             "from palpate.plugins.interfaces import Settings\nclass S(Settings):\n    n: int = 1\n"
-            "class Grid(Sampler):\n    Settings = S",
+            "class Grid(Sampler[S]):",
         ),
         "setting 'n' of 'x' has no description",
         "pydantic.Field",
+    ),
+    "settings of another class": (
+        grid("(Sampler)", "(Sampler[int])"),
+        "name a subclass of palpate.api.Settings",
+        "",
     ),
     "nothing": (
         "from palpate.plugins.interfaces import Sampler\n",

@@ -9,6 +9,7 @@ from polars.testing import assert_frame_equal
 
 from palpate import pipeline
 from palpate.errors import StoppedError, StudyError
+from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT
 from palpate.report import make_tables
 from palpate.report.page import render
@@ -25,8 +26,7 @@ def doubting(tissue):
     class Strictness(tissue.Analytic.Settings):
         strict: bool = True
 
-    class Doubting(tissue.Analytic):
-        Settings = Strictness
+    class Doubting(tissue.Analytic, Solver[Strictness]):
         asked: ClassVar[list] = []
         is_away = False
 

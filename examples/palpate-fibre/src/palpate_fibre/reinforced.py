@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import jax.numpy as jnp
-from pydantic import BaseModel, Field, field_validator
+from pydantic import Field, field_validator
 
 from palpate.api import NO_FIELDS, AnisotropicMaterial, Array, Parameter, Settings
 
@@ -41,7 +41,7 @@ def _modulus(name: str, lower: float, upper: float, description: str) -> Paramet
     )
 
 
-class Reinforced(AnisotropicMaterial):
+class Reinforced(AnisotropicMaterial[ReinforcedSettings]):
     """Ψ = μ/2 (Ĩ1 − 3) + k1/(2 k2) (exp(k2 (I4 − 1)²) − 1) + κ/2 (ln J)², with I4 = a · C a.
 
     The fibre term is that of Holzapfel, Gasser and Ogden (2000), in the whole I4: a fibre that a
@@ -50,7 +50,6 @@ class Reinforced(AnisotropicMaterial):
 
     name = "reinforced"
     summary = "one family of fibres that stiffen exponentially, in a neo-Hookean matrix"
-    Settings = ReinforcedSettings
     parameters = (
         _modulus("mu", 0.005, 0.05, "shear modulus of the matrix"),
         _modulus("k1", 0.005, 0.1, "stiffness of the fibres"),
@@ -66,7 +65,7 @@ class Reinforced(AnisotropicMaterial):
         _modulus("kappa", 0.25, 2.5, "bulk modulus"),
     )
 
-    def __init__(self, settings: BaseModel | None = None) -> None:
+    def __init__(self, settings: ReinforcedSettings | None = None) -> None:
         super().__init__(settings)
         self.fields = (self.settings.field,) if self.settings.field else ()
 

@@ -6,7 +6,7 @@ from palpate.api import Batch, Executor, JobResult, n_cores, packed_or_refused
 from palpate_dask.settings import DaskSettings
 
 
-class DaskExecutor(Executor):
+class DaskExecutor(Executor[DaskSettings]):
     """Runs the jobs on a Dask cluster, each in a worker process of palpate.
 
     Notes
@@ -17,7 +17,6 @@ class DaskExecutor(Executor):
 
     name = "dask"
     summary = "a Dask cluster: this machine, an address, or the nodes of a batch system"
-    Settings = DaskSettings
 
     def results(self, batch: Batch) -> Iterator[JobResult]:
         """Yield the result of each job as it comes.

@@ -82,8 +82,8 @@ def study_lines(region: str, material: DeckMaterial, materials: Mapping[str, typ
         lines = [f"[region.{region}]", f'material = "{name}"']
         if (convention := expected_convention(built)) != "textbook":
             lines.append(f'convention = "{convention}"')
-        if "terms" in type(built.settings).model_fields:
-            lines.append(f"settings = {{ terms = {built.settings.terms} }}")
+        if "terms" in (settings := dict(built.settings)):
+            lines.append(f"settings = {{ terms = {settings['terms']} }}")
         lines.append(f"[region.{region}.parameters]")
         numbers = [(p.name, p.unit, material.values[renamed.get(p.name, p.name)]) for p in built.parameters]
         return "\n".join(

@@ -32,7 +32,7 @@ class FebioDeckSettings(Settings):
     )
 
 
-class FebioDeckSource(LimbSource):
+class FebioDeckSource(LimbSource[FebioDeckSettings]):
     """Limbs from ``.feb`` decks, versions 2.5 to 4.0: mesh, sets and materials; rigid bodies are left out.
 
     What the deck says about its materials' coefficients comes with
@@ -41,7 +41,6 @@ class FebioDeckSource(LimbSource):
 
     name = "febio_deck"
     summary = "decks of FEBio (.feb) with regions by material and node sets or surfaces"
-    Settings = FebioDeckSettings
 
     def load(self, path: Path, spot: Spot) -> Limb:
         """Read the mesh of one spot.

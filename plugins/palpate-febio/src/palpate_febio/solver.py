@@ -13,7 +13,6 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-from pydantic import BaseModel
 
 from palpate.api import (
     Job,
@@ -78,7 +77,7 @@ class Try:
         }
 
 
-class FebioSolver(Solver):
+class FebioSolver(Solver[FebioSettings]):
     """Quasi-static finite elements by FEBio 4, a program of its own.
 
     Each run has a folder and a process group of its own, and leaves neither
@@ -88,10 +87,9 @@ class FebioSolver(Solver):
 
     name = "febio"
     summary = "finite elements by FEBio 4 (a program of its own): decks, conventions probed, torque gated"
-    Settings = FebioSettings
     channels = ("force", "torque")
 
-    def __init__(self, settings: BaseModel | None = None) -> None:
+    def __init__(self, settings: FebioSettings | None = None) -> None:
         super().__init__(settings)
         self._binary: Binary | None = None
         self._fits: dict[tuple[type[Material], str], Fit] = {}

@@ -97,7 +97,7 @@ class CsvSettings(TextFormat):
     skip_lines: int | None = Field(default=0, ge=0, description="Lines of preamble before the line of names.")
 
 
-class CsvLoader(ExperimentLoader):
+class CsvLoader(ExperimentLoader[CsvSettings]):
     """Processed curves in CSV, TSV or semicolon-separated text.
 
     Rows are in the order travelled. Each channel keeps the rows between the
@@ -114,7 +114,6 @@ class CsvLoader(ExperimentLoader):
 
     name = "csv"
     summary = "processed curves in CSV or TSV, with an optional preamble and unit factors"
-    Settings = CsvSettings
 
     def load(self, path: Path, channel: str | None = None) -> Response:
         """Read one file.
@@ -153,7 +152,7 @@ class CsvLoader(ExperimentLoader):
             The settings name no columns for a channel, columns for one that the curves
             lack, or one column for two of them.
         """
-        settings: CsvSettings = self.settings
+        settings = self.settings
         known: dict[str, ChannelColumns] = dict(settings.channels)
         if channel is not None:
             own = {channel: _columns("abscissa", "ordinate")}

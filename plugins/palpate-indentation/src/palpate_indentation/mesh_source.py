@@ -70,7 +70,7 @@ class MeshioSettings(Settings):
         return regions
 
 
-class MeshioSource(LimbSource):
+class MeshioSource(LimbSource[MeshioSettings]):
     """Limbs from any mesh file that meshio reads: VTU, VTK, Gmsh, Abaqus, XDMF and more.
 
     Elements ``tetra``, ``tetra10`` and ``hexahedron`` become ``tet4``, ``tet10``
@@ -82,7 +82,6 @@ class MeshioSource(LimbSource):
 
     name = "meshio"
     summary = "mesh files (VTU, Gmsh, Abaqus …) with regions in cell data and node sets in point data"
-    Settings = MeshioSettings
 
     def load(self, path: Path, spot: Spot) -> Limb:
         """Read the mesh of one spot.
@@ -93,7 +92,7 @@ class MeshioSource(LimbSource):
             The file cannot be read, or an array in it is missing or malformed;
             the message names what the file has.
         """
-        settings: MeshioSettings = self.settings
+        settings = self.settings
         content = read_mesh_file(path)
         points = _points(path, content) * convert(f"1 {settings.unit}", "mm")
         _check_extent(path, points, settings.unit)

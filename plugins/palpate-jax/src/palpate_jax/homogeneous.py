@@ -225,12 +225,11 @@ class HomogeneousSettings(Settings):
 Evaluate = Callable[[FloatArray, dict[str, FloatArray]], dict[str, Array]]
 
 
-class HomogeneousSolver(Solver):
+class HomogeneousSolver(Solver[HomogeneousSettings]):
     """Stress of homogeneous tests from the energy alone, for one region."""
 
     name = "homogeneous"
     summary = "homogeneous tests (uniaxial, equibiaxial, pure and simple shear, confined) without a mesh"
-    Settings = HomogeneousSettings
     needs_limb = False
     homogeneous = True
     channels = MODES

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from urllib.parse import quote
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from palpate.api import (
     FloatArray,
@@ -109,16 +109,15 @@ class _Prepared:
         return self.finished.setdefault(key, WarmStart(self.materials))
 
 
-class JaxSolver(Solver):
+class JaxSolver(Solver[JaxSettings]):
     """Quasi-static finite elements of a limb under a rigid sphere with friction that remembers."""
 
     name = "jax"
     summary = "finite elements (hex8, tet10, tet4) under a rigid sphere, friction with memory; embedded"
-    Settings = JaxSettings
     takes_fields = True
     channels = ("force", "torque")
 
-    def __init__(self, settings: BaseModel | None = None) -> None:
+    def __init__(self, settings: JaxSettings | None = None) -> None:
         super().__init__(settings)
         self._materials: dict[tuple[type[Material], str], Material] = {}
         self._last: _Prepared | None = None

@@ -13,7 +13,7 @@ class OgdenSettings(Settings):
     terms: int = Field(default=1, ge=1, le=6, description="Number of terms; the paper uses one.")
 
 
-class Ogden(Uncoupled):
+class Ogden(Uncoupled[OgdenSettings]):
     """Ogden, uncoupled, with n terms.
 
     Ψ = Σ_k c_k/m_k² (λ̃1^m_k + λ̃2^m_k + λ̃3^m_k − 3) + κ/2 (ln J)²
@@ -32,7 +32,6 @@ class Ogden(Uncoupled):
 
     name = "ogden"
     summary = "Ogden: powers of the principal stretches, nearly incompressible"
-    Settings = OgdenSettings
 
     def __init__(self, settings: OgdenSettings | None = None) -> None:
         super().__init__(settings)

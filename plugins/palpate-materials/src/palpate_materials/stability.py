@@ -35,7 +35,7 @@ class DruckerSettings(Settings):
         return self
 
 
-class Drucker(SetFilter):
+class Drucker(SetFilter[DruckerSettings]):
     """Keep the sets for which dτ : dε > 0 for every strain increment, in every region.
 
     The Hessian ∂²Ψ/∂ε_i∂ε_j in the logarithmic principal strains must be
@@ -62,7 +62,6 @@ class Drucker(SetFilter):
 
     name = "drucker"
     summary = "Drucker stability along simple deformation modes, over a range of stretches"
-    Settings = DruckerSettings
 
     def accept(self, space: ParameterSpace, values: FloatArray) -> BoolArray:
         """Which sets are stable in every region.

@@ -3,13 +3,13 @@
 import sys
 from abc import abstractmethod
 
-from palpate.api import Array, Material, Parameter
+from palpate.api import Array, Material, Parameter, SettingsT
 
 POSITIVE = sys.float_info.min
 """Lower physical limit of what must be greater than zero."""
 
 
-class Uncoupled(Material):
+class Uncoupled(Material[SettingsT]):
     """A material whose energy splits into a part of shape and a part of volume.
 
     Ψ = Ψ̃(λ̃1, λ̃2, λ̃3) + κ/2 (ln J)², with λ̃ = J^(−1/3) λ. (The paper prints

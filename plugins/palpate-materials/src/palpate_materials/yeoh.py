@@ -16,7 +16,7 @@ class YeohSettings(Settings):
     terms: int = Field(default=3, ge=1, le=6, description="Number of terms; the paper uses three.")
 
 
-class Yeoh(Uncoupled):
+class Yeoh(Uncoupled[YeohSettings]):
     """Yeoh, uncoupled, with n terms.
 
     Ψ = Σ_k c_k (Ĩ1 − 3)^k + κ/2 (ln J)²
@@ -41,7 +41,6 @@ class Yeoh(Uncoupled):
 
     name = "yeoh"
     summary = "Yeoh: powers of the first invariant, nearly incompressible"
-    Settings = YeohSettings
 
     def __init__(self, settings: YeohSettings | None = None) -> None:
         super().__init__(settings)

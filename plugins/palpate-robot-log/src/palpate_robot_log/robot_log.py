@@ -30,7 +30,7 @@ class RobotLogSettings(ProcessingSettings):
     )
 
 
-class RobotLogLoader(ExperimentLoader):
+class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
     """A press as a robot and a six-axis sensor logged it.
 
     The file gives the channels ``force`` (over depth) and, where the tool twists, ``torque``
@@ -40,7 +40,6 @@ class RobotLogLoader(ExperimentLoader):
 
     name = "robot_log"
     summary = "pose and wrench over time: text, Parquet, MATLAB, NumPy or ROS bag, to force and torque"
-    Settings = RobotLogSettings
 
     def load(self, path: Path, channel: str | None = None) -> Response:
         """Read and process one log.
@@ -119,5 +118,5 @@ class RobotLogLoader(ExperimentLoader):
     def _read(self, path: Path) -> "Reading":
         from palpate_robot_log.reading import read_recording
 
-        settings: RobotLogSettings = self.settings
+        settings = self.settings
         return read_recording(path, settings.channels, settings.text, settings.limits)
