@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from palpate.executors.attempts import attempt
 from palpate.executors.machine import n_cores, n_fitting, thread_limits
-from palpate.executors.pool import Pool, by_spot
+from palpate.executors.pool import Pool, by_limb
 from palpate.plugins.execution import Batch, Executor, JobResult, Limits
 
 __all__ = [
@@ -38,9 +38,9 @@ class InProcess(Executor):
         def started(index: int) -> None:
             batch.running(1)
 
-        for spot, indices in by_spot(batch.jobs).items():
+        for name, indices in by_limb(batch.jobs).items():
             tasks = [(i, batch.jobs[i]) for i in indices]
-            yield from attempt(batch.solver, batch.limbs.get(spot), tasks, started, batch.should_continue)
+            yield from attempt(batch.solver, batch.limbs.get(name), tasks, started, batch.should_continue)
 
 
 class Processes(Executor):

@@ -27,13 +27,13 @@ class _InFlight:
         self._waiting = list(tasks)
         self._started = started
         self._should_continue = should_continue
-        self.taken: dict[tuple[str, int], tuple[int, Job, float]] = {}
+        self.taken: list[tuple[int, Job, float]] = []
         self.n_answered = 0
 
     def feed(self) -> Iterator[Job]:
         while self._waiting and self._should_continue():
             index, job = self._waiting.pop(0)
-            self.taken[job.spot, job.set_id] = (index, job, perf_counter())
+            self.taken.append((index, job, perf_counter()))
             self._started(index)
             yield job
 
@@ -42,16 +42,27 @@ class _InFlight:
         if not isinstance(answer, Simulation):
             checked(answer)
             return None
-        name = (answer.job.spot, answer.job.set_id)
-        if name not in self.taken:
+        if (place := self._place_of(answer.job)) is None:
             return None
-        index, job, begun = self.taken.pop(name)
+        index, job, begun = self.taken.pop(place)
         self.n_answered += 1
         return job_result(index, job, answer, perf_counter() - begun)
+
+    def _place_of(self, answered: Job) -> int | None:
+        """Find the job itself, or the only one with the name of a copy."""
+        for place, (_, job, _) in enumerate(self.taken):
+            if job is answered:
+                return place
+        same = [place for place, (_, job, _) in enumerate(self.taken) if _name(job) == _name(answered)]
+        return same[0] if len(same) == 1 else None
 
     @property
     def left(self) -> list[Task]:
         return list(self._waiting)
+
+
+def _name(job: Job) -> tuple[object, ...]:
+    return job.limb_name, job.set_id, job.slopes
 
 
 def attempt(
@@ -84,7 +95,7 @@ def attempt(
                 if (result := flight.answer(simulation)) is not None:
                     yield result
         except (Exception, SystemExit) as error:
-            culprits = list(flight.taken.values())
+            culprits = flight.taken
             if len(culprits) == 1:
                 yield _failed(culprits[0][0], error, culprits[0][2])
             for index, job, _ in culprits if len(culprits) > 1 else ():
@@ -94,7 +105,7 @@ def attempt(
                 return
             left = flight.left
         else:
-            unanswered = [(index, job) for index, job, _ in flight.taken.values()]
+            unanswered = [(index, job) for index, job, _ in flight.taken]
             if should_continue():
                 unanswered += flight.left
             yield from (_unanswered(index) for index, _ in unanswered)

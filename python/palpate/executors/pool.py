@@ -45,11 +45,11 @@ LAST_OUTPUT_S = 5.0
 """Longest wait for the end of an ended process's output: what it has started may hold the pipe open."""
 
 
-def by_spot(jobs: Sequence[Job]) -> dict[str, deque[int]]:
-    """Indices of the jobs of each spot."""
+def by_limb(jobs: Sequence[Job]) -> dict[str, deque[int]]:
+    """Indices of the jobs on each limb."""
     groups: dict[str, deque[int]] = {}
     for index, job in enumerate(jobs):
-        groups.setdefault(job.spot, deque()).append(index)
+        groups.setdefault(job.limb_name, deque()).append(index)
     return groups
 
 
@@ -100,7 +100,7 @@ class Pool:
             The system starts no worker.
         """
         packed_or_refused(jobs[0], "a material of the study")
-        self._jobs, self._pending, n_left = jobs, by_spot(jobs), len(jobs)
+        self._jobs, self._pending, n_left = jobs, by_limb(jobs), len(jobs)
         self._crashes.clear()
         self._unbegun.clear()
         for worker in list(self._workers):
@@ -160,10 +160,10 @@ class Pool:
         indices = self._take(worker)
         if not indices:
             return
-        spot = self._jobs[indices[0]].spot
-        if worker.spot != spot and spot in self._limbs:
-            worker.tell("limb", spot, packed(self._limbs[spot]))
-        worker.spot = spot
+        name = self._jobs[indices[0]].limb_name
+        if worker.limb_name != name and name in self._limbs:
+            worker.tell("limb", name, packed(self._limbs[name]))
+        worker.limb_name = name
         worker.assigned = indices
         worker.tell("jobs", packed([(i, self._jobs[i]) for i in indices]))
         worker.heard()
@@ -172,14 +172,14 @@ class Pool:
         """Take the next jobs for a worker, all of one limb: best of the one that it already holds."""
         if self._alone:
             return [self._alone.popleft()]
-        waiting = {spot: indices for spot, indices in self._pending.items() if indices}
+        waiting = {name: indices for name, indices in self._pending.items() if indices}
         if not waiting:
             return []
-        served = {w.spot for w in self._workers if w is not worker and w.assigned}
-        spot = max(waiting, key=lambda s: (s == worker.spot, s not in served, len(waiting[s])))
+        served = {w.limb_name for w in self._workers if w is not worker and w.assigned}
+        name = max(waiting, key=lambda n: (n == worker.limb_name, n not in served, len(waiting[n])))
         n_waiting = sum(map(len, waiting.values()))
-        n_taken = min(LARGEST_CHUNK, -(-n_waiting // (2 * self._n_processes)), len(waiting[spot]))
-        return [waiting[spot].popleft() for _ in range(n_taken)]
+        n_taken = min(LARGEST_CHUNK, -(-n_waiting // (2 * self._n_processes)), len(waiting[name]))
+        return [waiting[name].popleft() for _ in range(n_taken)]
 
     # ------------------------------------------------------------------ listening
 
@@ -287,7 +287,7 @@ class Pool:
         suspects = [i for i in worker.assigned if i in worker.started] or worker.assigned[:1]
         for index in reversed(worker.assigned):
             if index not in suspects:
-                self._pending[self._jobs[index].spot].appendleft(index)
+                self._pending[self._jobs[index].limb_name].appendleft(index)
         return suspects
 
 
@@ -322,7 +322,7 @@ class _Worker:
         events: "queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]]",
     ) -> None:
         self.ready = False
-        self.spot: str | None = None
+        self.limb_name: str | None = None
         self.assigned: list[int] = []
         self.started: set[int] = set()
         self.begun = self.last_heard = monotonic()

@@ -117,11 +117,11 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
     while True:
         kind, *content = receive(inbox)
         if kind == "limb":
-            spot, limb_pickle = content
-            limbs = {spot: pickle.loads(limb_pickle)}
+            name, limb_pickle = content
+            limbs = {name: pickle.loads(limb_pickle)}
         else:
             tasks = pickle.loads(content[0])
-            limb, started = limbs.get(tasks[0][1].spot), partial(tell, "started")
+            limb, started = limbs.get(tasks[0][1].limb_name), partial(tell, "started")
             for result in attempt(solver, limb, tasks, started):
                 tell("done", result)
             tell("idle")

@@ -58,7 +58,7 @@ def verify(
             raise StoppedError(
                 f"stopped while verifying the selected sets; `palpate resume {run.folder}` continues"
             )
-        limb = limbs.get(simulation.id.spot)
+        limb = limbs.get(simulation.job.limb_name)
         key = _key(study, simulation, limb)
         row = known.get(key) or _row(study.solver, simulation, limb, key)
         if row is not None:

@@ -2,6 +2,7 @@
 
 import os
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -85,6 +86,26 @@ def test_a_solver_that_swallows_a_job_leaves_it_unreadable(make_study, tissue):
     statuses = [found[i].status for i in range(8)]
     assert [i for i, s in enumerate(statuses) if s is not Status.OK] == [2, 6, 7]
     assert "without a result" in found[2].message
+
+
+@pytest.mark.parametrize("copies", [False, True])
+def test_jobs_of_one_name_keep_their_own_answers(make_study, tissue, copies):
+    class Backwards(tissue.Analytic):
+        def simulate_many(self, jobs, limb):
+            for job in reversed(list(jobs)):
+                answer = self.simulate(job, limb)
+                yield replace(answer, job=replace(job)) if copies else answer
+
+    study = make_study(solver=Backwards())
+    design = SimpleNamespace(n_sets=4, values=np.linspace([0.2, 10.0], [0.8, 40.0], 4))
+    to_do = [replace(job, set_id=-1) for job in jobs(study, design, {})[:4]]
+    found = {o.index: o for o in InProcess().results(batch_of(study, to_do))}
+    if copies:  # which of the jobs is meant cannot be known
+        assert {o.status for o in found.values()} == {Status.UNREADABLE}
+        return
+    for index, job in enumerate(to_do):
+        expected = study.solver.simulate(job, None).response["torque"].ordinate
+        assert np.array_equal(found[index].response["torque"].ordinate, expected)
 
 
 def test_workers_stay_warm(make_study, tissue, tmp_path):
