@@ -42,6 +42,7 @@ from palpate.stages.limb import limb_warnings, load_limbs
 from palpate.stages.refinement import refine
 from palpate.stages.stiffness_scaling import best_scaled_sets
 from palpate.stages.study_design import draw_study
+from palpate.stages.sweep import Simulations
 from palpate.stages.verification import verify
 from palpate.study.checks import odd_settings
 from palpate.study.reading import Study
@@ -127,14 +128,15 @@ def run_study(
         run.write_design(inputs.design, design_from(study))
         if n_kept := inputs.design.n_kept:
             progress.note(f"the design begins with {n_kept} sets of an earlier one with wider ranges")
-        simulations = _simulate(study, run, inputs, progress, check_lock)
-        scores = _score(study, run, inputs, simulations)
-        selected = _select(study, run, inputs, simulations, scores, progress)
+        with Simulations(study, run_folder, inputs.limbs, progress, check_lock) as simulations:
+            swept = simulation.run_sweep(simulations, inputs.design, inputs.measured)
+            scores = _score(study, run, inputs, swept)
+            selected = _select(simulations, run, inputs, swept, scores)
         return RunResult(
             folder=run_folder,
             measured=inputs.measured,
             design=inputs.design,
-            simulations=simulations,
+            simulations=swept,
             scores=scores,
             selected=selected,
             report=_report(study, run, inputs, plugins, progress),
@@ -216,7 +218,9 @@ def simulate(
         inputs = _from_files(study, run)
         simulation.check_jobs(study, simulation.jobs(study, inputs.design, inputs.measured), inputs.limbs)
         run.initialise(study, plugins.channels, simulating=True)
-        return _simulate(study, run, inputs, progress, check_lock)
+        return simulation.simulate(
+            study, inputs.design, inputs.limbs, inputs.measured, run_folder, progress, check_lock
+        )
 
 
 def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simulation:
@@ -238,7 +242,7 @@ def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simu
             f"from 0 to {n_sets - 1}"
         )
     job = simulation.job_for(study, spot, set_id, inputs.design.values[set_id], inputs.measured)
-    return simulate_alone(study.solver, job, inputs.limbs.get(spot))
+    return simulate_alone(study.solver, job, inputs.limbs.get(job.limb_name))
 
 
 def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:
@@ -270,14 +274,15 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     """
     run = RunDirectory(run_folder)
     run.require("scores")
-    with run.locked(study, plugins.channels):
+    with run.locked(study, plugins.channels) as check_lock:
         study = run.trusting(study)
         inputs = _from_files(study, run)
-        simulations = _stored(study, run, inputs)
-        scores = _scores_of(study, run, simulations)
+        swept = _stored(study, run, inputs)
+        scores = _scores_of(study, run, swept)
         progress.begin("select", 1)
         run.initialise(study, plugins.channels)
-        selected = _select(study, run, inputs, simulations, scores, progress)
+        with Simulations(study, run_folder, inputs.limbs, progress, check_lock) as simulations:
+            selected = _select(simulations, run, inputs, swept, scores)
         _warn_of_missing(study, inputs.design, scores, progress)
     progress.step()
     return selected
@@ -327,14 +332,6 @@ def _from_run(study: Study, run: RunDirectory, progress: Progress) -> StudyInput
     return StudyInputs(measured=measured, limbs=limbs, design=design, of_last_sweep=True)
 
 
-def _simulate(
-    study: Study, run: RunDirectory, inputs: StudyInputs, progress: Progress, check_lock: Callable[[], None]
-) -> tuple[Simulation, ...]:
-    return simulation.simulate(
-        study, inputs.design, inputs.limbs, inputs.measured, run.folder, progress, check_lock
-    )
-
-
 def _stored(study: Study, run: RunDirectory, inputs: StudyInputs) -> tuple[Simulation, ...]:
     limbs = None if inputs.of_last_sweep else inputs.limbs
     return simulation.stored(study, inputs.design, limbs, inputs.measured, run.folder)
@@ -349,13 +346,13 @@ def _score(
 
 
 def _select(
-    study: Study,
+    simulations: Simulations,
     run: RunDirectory,
     inputs: StudyInputs,
-    simulations: tuple[Simulation, ...],
+    swept: tuple[Simulation, ...],
     scores: pl.DataFrame,
-    progress: Progress,
 ) -> SelectionResult:
+    study, progress = simulations.study, simulations.progress
     design, limbs, measured = inputs.design, inputs.limbs, inputs.measured
     chosen = selection.select(scores, study.scenarios, design)
     for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
@@ -365,7 +362,7 @@ def _select(
         refined = refine(study, chosen, design, limbs, measured, progress)
     scaled = pl.DataFrame()
     if study.stiffness_scaling:
-        scaled = best_scaled_sets(study, simulations, design, limbs, measured, progress)
+        scaled = best_scaled_sets(simulations, swept, design, measured)
     run.write_selection(chosen, generalisation, refined, scaled, selection_from(study, run.records))
     return SelectionResult(
         selection=chosen,

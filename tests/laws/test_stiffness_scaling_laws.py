@@ -18,6 +18,7 @@ from palpate.stages import scoring, selection, simulation
 from palpate.stages.experiment import load_measured
 from palpate.stages.sampling import draw_design
 from palpate.stages.stiffness_scaling import best_scaled_sets, best_scales, scale_bounds, scaled_sets
+from palpate.stages.sweep import Simulations
 from palpate.study.reading import read_study
 
 TOY = Path(__file__).parents[1] / "data" / "toy"
@@ -27,7 +28,8 @@ KEYS = ["spot", "scenario", "set_id"]
 class Swept:
     """A study with its measured curves, design and simulations."""
 
-    def __init__(self, study, plugins):
+    def __init__(self, study, plugins, folder):
+        self.folder = folder
         self.study, self.measured = study, load_measured(study, plugins.channels)
         self.design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
         jobs = simulation.jobs(study, self.design, self.measured)
@@ -37,7 +39,8 @@ class Swept:
         return best_scales(self.study, self.simulations, self.design, self.measured)
 
     def best(self):
-        return best_scaled_sets(self.study, self.simulations, self.design, {}, self.measured)
+        with Simulations(self.study, self.folder, {}) as simulations:
+            return best_scaled_sets(simulations, self.simulations, self.design, self.measured)
 
     def objectives(self, values):
         """Fopt of other sets, from simulations of their own."""
@@ -51,8 +54,8 @@ class Swept:
 
 
 @pytest.fixture
-def swept(make_study, plugins):
-    return lambda **changes: Swept(make_study(**changes), plugins)
+def swept(make_study, plugins, tmp_path):
+    return lambda **changes: Swept(make_study(**changes), plugins, tmp_path / "run")
 
 
 def test_fopt_on_the_ray_is_that_of_a_simulation_there(swept):

@@ -21,10 +21,7 @@ if TYPE_CHECKING:
 _ASKING = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask to stop; batch systems send the second before they kill."""
 
-_LOST = {
-    "refine": "; the local searches begin again",
-    "stiffness_scaling": "; the stiffness scaling begins again",
-}
+_LOST = {"refine": "; the local searches begin again"}
 """What a stage that is stopped loses."""
 
 LINE_S = 60.0

@@ -69,12 +69,12 @@ def _ignored(n_running: int) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Batch:
-    """Jobs of one sweep, with what they share.
+    """Jobs that run together, with what they share.
 
     Parameters
     ----------
-    limbs : mapping of spot name to Limb
-        Empty for a solver that needs none.
+    limbs : mapping of limb name to Limb
+        By :attr:`Job.limb_name`; empty for a solver that needs none.
     n_workers : int
         0 means one per core.
     plugin_files : sequence of Path
@@ -112,4 +112,10 @@ class Executor(Component[SettingsT]):
         ------
         ExecutorError
             There is nowhere to run them.
+        """
+
+    def close(self) -> None:
+        """End what is kept from one batch for the next, such as worker processes.
+
+        Called once a command ends, also by an error; a later batch starts it again.
         """

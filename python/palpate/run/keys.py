@@ -37,7 +37,7 @@ def job_key(job: Job, limb: Limb | None, solver: Solver, trusted: Mapping[str, s
         Fingerprints of earlier code whose results count as those of the code as it is, by
         ``material:NAME`` or ``solver:NAME``.
     """
-    return JobKeys(solver, trusted).key(job, limb_key(limb))
+    return JobKeys(solver, {} if limb is None else {job.limb_name: limb}, trusted).key(job)
 
 
 def limb_key(limb: Limb | None) -> str:
@@ -80,16 +80,22 @@ def identity(component: Component) -> str:
 class JobKeys:
     """Keys of jobs; what all sets of a spot have in common is hashed once."""
 
-    def __init__(self, solver: Solver, trusted: Mapping[str, str] = NOTHING_TRUSTED) -> None:
+    def __init__(
+        self, solver: Solver, limbs: Mapping[str, Limb], trusted: Mapping[str, str] = NOTHING_TRUSTED
+    ) -> None:
+        self._limbs = limbs
+        self._limb_keys: dict[str, str] = {}
         self._trusted = trusted
         self._solver = solver_key(solver, trusted)
         # The object itself is kept next to the answer, so that no other object gets its id.
         self._heads: dict[tuple[str, int], tuple[Protocol, hashlib._Hash]] = {}
         self._regions: dict[tuple[str, int], tuple[Material, bytes]] = {}
 
-    def key(self, job: Job, limb: str) -> str:
-        """Key of a job on the limb with this key."""
-        digest = self._head(job.protocol, limb).copy()
+    def key(self, job: Job) -> str:
+        """Key of a job on its limb."""
+        if (name := job.limb_name) not in self._limb_keys:
+            self._limb_keys[name] = limb_key(self._limbs.get(name))
+        digest = self._head(job.protocol, self._limb_keys[name]).copy()
         for region in sorted(job.materials):
             digest.update(self._region(region, job.materials[region]))
             _add(digest, job.thetas[region])

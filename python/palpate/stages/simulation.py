@@ -1,7 +1,6 @@
 """The sweep: every set at every spot, each result kept as it comes, none computed twice."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from palpate.domain import (
@@ -17,9 +16,9 @@ from palpate.errors import StudyError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT, Progress
-from palpate.run.keys import JobKeys, limb_key
+from palpate.run.keys import JobKeys
 from palpate.run.ledger import Ledger
-from palpate.stages.sweep import Sweep, run_sweep
+from palpate.stages.sweep import Simulations, of_job
 from palpate.study.reading import Study
 
 
@@ -85,11 +84,11 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
         for region, theta in job.thetas.items():
             with answering_for(job.materials[region], f"checking set {job.set_id}"):
                 job.materials[region].check(theta)
-        if job.spot not in asked:
-            _check_fields(study.solver, job, limbs.get(job.spot))
-            with answering_for(study.solver, f"checking spot '{job.spot}'"):
-                study.solver.check(job, limbs.get(job.spot))
-            asked.add(job.spot)
+        if (name := job.limb_name) not in asked:
+            _check_fields(study.solver, job, limbs.get(name))
+            with answering_for(study.solver, f"checking spot '{name}'"):
+                study.solver.check(job, limbs.get(name))
+            asked.add(name)
 
 
 def _check_fields(solver: Solver, job: Job, limb: Limb | None) -> None:
@@ -151,15 +150,18 @@ def simulate(
     StoppedError
         ``progress`` said to stop; what is finished is kept.
     """
-    to_do = jobs(study, design, measured)
-    check_jobs(study, to_do, limbs)
-    job_keys = keys(study, to_do, limbs)
-    done = run_sweep(
-        Sweep(
-            study=study, jobs=to_do, keys=job_keys, limbs=limbs, folder=folder, progress=progress, check=check
-        )
-    )
-    return tuple(_of_job(done[key], job) for key, job in zip(job_keys, to_do, strict=True))
+    with Simulations(study, folder, limbs, progress, check) as simulations:
+        return run_sweep(simulations, design, measured)
+
+
+def run_sweep(
+    simulations: Simulations, design: Design, measured: Mapping[str, Response]
+) -> tuple[Simulation, ...]:
+    """Simulate every job as :func:`simulate` does, with what other stages of the command use too."""
+    to_do = jobs(simulations.study, design, measured)
+    check_jobs(simulations.study, to_do, simulations.limbs)
+    simulations.plan(to_do)
+    return tuple(simulations.of(to_do))
 
 
 def stored(
@@ -185,18 +187,10 @@ def stored(
             to_do = [job for job in to_do if (job.spot, job.set_id) in planned]
             job_keys = [planned[job.spot, job.set_id] for job in to_do]
         found = ledger.simulations(dict(zip(job_keys, to_do, strict=True)))
-    return tuple(_of_job(found[key], job) for key, job in zip(job_keys, to_do, strict=True) if key in found)
+    return tuple(of_job(found[key], job) for key, job in zip(job_keys, to_do, strict=True) if key in found)
 
 
 def keys(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> list[str]:
     """Key of each job, as :func:`palpate.run.keys.job_key` makes it."""
-    meshes = {spot.spot.name: limb_key(limbs.get(spot.spot.name)) for spot in study.spots}
-    maker = JobKeys(study.solver, study.trusted)
-    return [maker.key(job, meshes[job.spot]) for job in to_do]
-
-
-def _of_job(simulation: Simulation, job: Job) -> Simulation:
-    """Put the result under another set_id, where two rows of a design have one key."""
-    if simulation.job is job:
-        return simulation
-    return replace(simulation, job=job)
+    maker = JobKeys(study.solver, limbs, study.trusted)
+    return [maker.key(job) for job in to_do]

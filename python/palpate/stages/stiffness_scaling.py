@@ -17,7 +17,7 @@ import polars as pl
 from palpate.domain import (
     Design,
     FloatArray,
-    Limb,
+    Job,
     Parameter,
     Response,
     Scenario,
@@ -25,12 +25,11 @@ from palpate.domain import (
     SimulationId,
     Status,
 )
-from palpate.executors.attempts import simulate_alone
-from palpate.progress import SILENT, Progress
 from palpate.stages.sampling import NO_ROW, accepted_by_all
 from palpate.stages.scoring import score
 from palpate.stages.selection import least_fopt, objectives
 from palpate.stages.simulation import job_for
+from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study
 
 LEAST_SCALE = 1e-3
@@ -80,22 +79,20 @@ def best_scales(
 
 
 def best_scaled_sets(
-    study: Study,
-    simulations: Sequence[Simulation],
+    simulations: Simulations,
+    sweep: Sequence[Simulation],
     design: Design,
-    limbs: Mapping[str, Limb],
     measured: Mapping[str, Response],
-    progress: Progress = SILENT,
 ) -> pl.DataFrame:
     """Choose the best multiple of any set for each spot and scenario, and simulate it.
 
     Parameters
     ----------
-    study : Study
-    simulations : sequence of Simulation
-        Of the whole sweep.
+    simulations : Simulations
+    sweep : sequence of Simulation
+        Of every set at every spot.
     design : Design
-    limbs, measured : mapping of spot name to Limb, Response
+    measured : mapping of spot name to Response
 
     Returns
     -------
@@ -105,24 +102,25 @@ def best_scaled_sets(
         set), message and <region.parameter>. Ties go to the lower set_id. Where the simulation
         differs from what is expected, the message reports it.
     """
-    multiples = best_scales(study, simulations, design, measured)
-    best = least_fopt(multiples)
-    swept = {s.id: s for s in simulations}
+    study = simulations.study
+    best = least_fopt(best_scales(study, sweep, design, measured))
+    swept = {s.id: s for s in sweep}
     scenarios = {scenario.name: scenario for scenario in study.scenarios}
-    progress.begin("stiffness_scaling", len(best))
-    rows = []
+    winners = []
     for row in best.iter_rows(named=True):
         spot, set_id = row["spot"], row["set_id"]
         winner = _Winner(
             study=study,
+            found=row,
             scenario=scenarios[row["scenario"]],
             simulation=swept[SimulationId(spot, set_id)],
             measured={spot: measured[spot]},
-            scale=row["scale"],
             values=scaled_sets(design.parameters, design.values[[set_id]], np.array([row["scale"]]))[0],
         )
-        rows.append(winner.row(row, limbs.get(spot)))
-        progress.step()
+        winners.append(winner)
+    simulations.progress.begin("stiffness_scaling", len(winners))
+    again = simulations.of([winner.job for winner in winners])
+    rows = [winner.row(simulation) for winner, simulation in zip(winners, again, strict=True)]
     return pl.concat(rows, how="diagonal") if rows else pl.DataFrame()
 
 
@@ -131,18 +129,20 @@ class _Winner:
     """The best multiple at one spot in one scenario."""
 
     study: Study
+    found: Mapping[str, Any]
     scenario: Scenario
     simulation: Simulation
     measured: Mapping[str, Response]
-    scale: float
     values: FloatArray
 
-    def row(self, found: Mapping[str, Any], limb: Limb | None) -> pl.DataFrame:
-        expected = self._scored(next(_scaled(self.study, [self.simulation], self.scale)))
-        again = job_for(self.study, found["spot"], NO_ROW, self.values, self.measured)
-        simulation = simulate_alone(self.study.solver, again, limb)
+    @property
+    def job(self) -> Job:
+        return job_for(self.study, self.found["spot"], NO_ROW, self.values, self.measured)
+
+    def row(self, simulation: Simulation) -> pl.DataFrame:
+        expected = self._scored(next(_scaled(self.study, [self.simulation], self.found["scale"])))
         kept = self._scored(simulation)
-        head = {name: found[name] for name in (*_KEYS, "scale")}
+        head = {name: self.found[name] for name in (*_KEYS, "scale")}
         head |= {"fopt_scaled": expected["fopt"][0], "message": self._message(expected, kept, simulation)}
         values = {p.name: float(v) for p, v in zip(self.study.space.parameters, self.values, strict=True)}
         end = [] if kept.is_empty() else [kept.drop(_KEYS)]

@@ -1,22 +1,25 @@
-"""Every job that is not done yet: through an executor, into the ledger, each key once.
+"""Simulations of a run: from its ledger, from the cache, else through an executor, each key once.
 
 Only this process writes results. A job that crashed is tried again by the next run; one that is
 quarantined only with more attempts.
 """
 
+import contextlib
+import functools
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import PluginError, StoppedError
 from palpate.executors import Batch, JobResult, Limits, Processes
 from palpate.executors.attempts import job_result
+from palpate.plugins.execution import Executor
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT, CountsRunning, Progress
+from palpate.run.keys import JobKeys
 from palpate.run.ledger import Entry, Finished, Ledger, Writer
 from palpate.run.ledger.cache import ResultCache
 from palpate.study.reading import Study
@@ -24,70 +27,164 @@ from palpate.study.reading import Study
 USUAL_BYTES = 15_000
 """What a simulation takes on the disk where none is there to tell: two curves of 300 points."""
 
+_Found = Iterator[tuple[str, Simulation]]
+"""Simulations with their keys."""
+
 
 def _no_check() -> None:
     """Nothing has to be checked where no lock is held."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sweep:
-    """What is to be simulated, and where it is kept.
+class Simulations:
+    """What any stage of a command simulates, as a context: each key once, and every result is kept.
+
+    The stages ask one after the other; the executor stays warm and the ledger open until the end.
+    A stage that is stopped and asks for the same again gets the same answers.
 
     Parameters
     ----------
-    jobs, keys : sequences
-        In the same order; jobs of one key are simulated once.
+    study : Study
     folder : Path
-        The run directory.
+        The run directory; nothing is written there before something is asked for.
+    limbs : mapping of limb name to Limb
+    progress : Progress
     check : callable
         Raises where the lock on the folder is lost.
     """
 
-    study: Study
-    jobs: Sequence[Job]
-    keys: Sequence[str]
-    limbs: Mapping[str, Limb]
-    folder: Path
-    progress: Progress
-    check: Callable[[], None] = _no_check
+    def __init__(
+        self,
+        study: Study,
+        folder: Path,
+        limbs: Mapping[str, Limb],
+        progress: Progress = SILENT,
+        check: Callable[[], None] = _no_check,
+    ) -> None:
+        self.study = study
+        self.folder = folder
+        self.limbs = limbs
+        self.progress = progress
+        self._check = check
+        self._keys = JobKeys(study.solver, limbs, study.trusted)
+        self._known: dict[str, Simulation] = {}
+        self._opened = contextlib.ExitStack()
 
+    def __enter__(self) -> "Simulations":
+        self._executor = self._opened.enter_context(executor_of(self.study))
+        return self
 
-@dataclass(slots=True)
-class _State:
-    """Keys that are done; the simulation is None where the ledger has it."""
+    def __exit__(self, *raised: object) -> None:
+        self._opened.__exit__(*raised)  # type: ignore[arg-type]
 
-    done: dict[str, Simulation | None] = field(default_factory=dict)
-    statuses: dict[str, Status] = field(default_factory=dict)
+    def plan(self, jobs: Sequence[Job]) -> None:
+        """Note the jobs of the sweep that begins, and begin its stage.
 
+        Raises
+        ------
+        LedgerError
+            The ledger cannot be written, or is damaged.
+        """
+        keys = [self._keys.key(job) for job in jobs]
+        self._writer.plan(keys, jobs)
+        self.progress.begin("simulate", len(jobs))
+        final, _ = self._kept
+        self._warn_of_full_disk(len(set(keys) - final - self._known.keys()))
 
-def run_sweep(sweep: Sweep) -> dict[str, Simulation]:
-    """Simulate what is missing, and return every simulation of the sweep by key.
+    def of(self, jobs: Sequence[Job]) -> list[Simulation]:
+        """Return the simulation of each job; each is a step of the running stage.
 
-    Raises
-    ------
-    LedgerError
-        The ledger cannot be written, or is damaged.
-    StoppedError
-        The caller asked to stop; what is finished is kept.
-    """
-    by_key: dict[str, Job] = {}
-    for key, job in zip(sweep.keys, sweep.jobs, strict=True):
-        by_key.setdefault(key, job)
-    with Writer(sweep.folder, sweep.check) as writer:
+        Raises
+        ------
+        LedgerError
+            The ledger cannot be written, or is damaged.
+        StoppedError
+            The caller asked to stop; what is finished is kept.
+        """
+        keys = [self._keys.key(job) for job in jobs]
+        n_jobs, writer = Counter(keys), self._writer
+        by_key: dict[str, Job] = {}
+        for key, job in zip(keys, jobs, strict=True):
+            by_key.setdefault(key, job)
+        for source in (self._in_memory, self._in_ledger, self._in_cache, self._simulated):
+            for key, simulation in source(by_key):
+                self._known[key] = simulation
+                for _ in range(n_jobs[key]):
+                    self.progress.step(simulation.status.value)
+            by_key = {key: job for key, job in by_key.items() if key not in self._known}
+        writer.flush()
+        if by_key:
+            raise StoppedError(
+                f"stopped with {len(n_jobs) - len(by_key)} of {len(n_jobs)} simulations finished and kept; "
+                f"`palpate resume {self.folder}` goes on from there"
+            )
+        return [of_job(self._known[key], job) for key, job in zip(keys, jobs, strict=True)]
+
+    # -------------------------------------------------------- where they come from
+
+    def _in_memory(self, by_key: Mapping[str, Job]) -> _Found:
+        return ((key, self._known[key]) for key in by_key if key in self._known)
+
+    def _in_ledger(self, by_key: Mapping[str, Job]) -> _Found:
+        final, gone = self._kept
+        if lost := len(gone & by_key.keys()):
+            self.progress.note(f"curves of {lost} simulations are missing or cut short; they are done again")
+        kept = {key: job for key, job in by_key.items() if key in final}
+        if kept:
+            with Ledger(self.folder) as ledger:
+                yield from ledger.simulations(kept).items()
+
+    def _in_cache(self, by_key: Mapping[str, Job]) -> _Found:
+        if self.study.cache is None:
+            return
+        cache = ResultCache(self.study.cache)
+        for key, job in by_key.items():
+            if (simulation := cache.load(key, job)) is not None:
+                self._writer.store(Finished(key=key, simulation=simulation))
+                yield key, simulation
+
+    def _simulated(self, by_key: Mapping[str, Job]) -> _Found:
+        if not by_key or not self.progress.should_continue():
+            return
+        # Results of code that is only trusted to equal its key's are for this run alone.
+        shared = self.study.cache if not self.study.trusted else None
+        cache = ResultCache(shared) if shared else None
+        keys, jobs = list(by_key), list(by_key.values())
+        for result in results(self.study, self._executor, jobs, self.limbs, self.progress):
+            key, simulation = keys[result.index], result.simulation(jobs[result.index])
+            quarantined = self.study.n_attempts if result.quarantined else 0
+            self._writer.store(Finished(key=key, simulation=simulation, quarantined=quarantined))
+            if cache is not None:
+                cache.store(key, simulation)
+            yield key, simulation
+
+    # ------------------------------------------------------------------- the ledger
+
+    @functools.cached_property
+    def _writer(self) -> Writer:
+        writer = self._opened.enter_context(Writer(self.folder, self._check))
         if writer.repaired:
-            sweep.progress.note(writer.repaired)
-        writer.plan(sweep.keys, sweep.jobs)
-        state = _found(sweep, by_key)
-        _tell(sweep, state)
-        _warn_of_full_disk(sweep, len(by_key) - len(state.done))
-        _take_from_cache(sweep, by_key, state, writer)
-        _simulate_missing(sweep, by_key, state, writer)
-    if len(state.done) < len(by_key):
-        raise StoppedError(
-            f"stopped with {len(state.done)} of {len(by_key)} simulations finished and kept; "
-            f"`palpate resume {sweep.folder}` goes on from there"
-        )
-    return _complete(sweep, by_key, state)
+            self.progress.note(writer.repaired)
+        return writer
+
+    @functools.cached_property
+    def _kept(self) -> tuple[set[str], set[str]]:
+        """Keys that earlier commands have finished for good, and keys whose curves are gone."""
+        with Ledger(self.folder) as ledger:
+            entries, gone = ledger.entries(), ledger.without_curves()
+        final = {key for key, entry in entries.items() if is_final(entry, self.study)}
+        return final - gone, gone
+
+    def _warn_of_full_disk(self, n_left: int) -> None:
+        """Warn before the first simulation that there may be no room for the last."""
+        with Ledger(self.folder) as ledger:
+            wanted_MB = n_left * (ledger.bytes_each() or USUAL_BYTES) * 1e-6
+        free_MB = shutil.disk_usage(self.folder).free * 1e-6
+        if wanted_MB > free_MB:
+            self.progress.note(
+                f"{self.folder}: {free_MB:.1f} MB are free, and the {n_left} simulations to come take about "
+                f"{wanted_MB:.1f} MB; make room or name another folder; a full disk stops a run but loses "
+                "nothing"
+            )
 
 
 def is_final(entry: Entry, study: Study) -> bool:
@@ -101,86 +198,30 @@ def is_final(entry: Entry, study: Study) -> bool:
             return True
 
 
-def _found(sweep: Sweep, by_key: Mapping[str, Job]) -> _State:
-    """Read from the ledger what is done."""
-    with Ledger(sweep.folder) as ledger:
-        entries, gone = ledger.entries(), ledger.without_curves()
-    state = _State()
-    for key in by_key:
-        entry = entries.get(key)
-        if entry is not None and key not in gone and is_final(entry, sweep.study):
-            state.done[key] = None
-            state.statuses[key] = entry.status
-    if lost := len(gone & by_key.keys()):
-        sweep.progress.note(f"curves of {lost} simulations are missing or cut short; they are done again")
-    return state
+def of_job(simulation: Simulation, job: Job) -> Simulation:
+    """Put the result under another name, where two jobs have one key."""
+    return simulation if simulation.job is job else replace(simulation, job=job)
 
 
-def _missing(by_key: Mapping[str, Job], state: _State) -> list[str]:
-    return [key for key in by_key if key not in state.done]
-
-
-def _tell(sweep: Sweep, state: _State) -> None:
-    sweep.progress.begin("simulate", len(sweep.keys))
-    for key in sweep.keys:
-        if key in state.statuses:
-            sweep.progress.step(state.statuses[key].value)
-
-
-def _warn_of_full_disk(sweep: Sweep, n_left: int) -> None:
-    """Warn before the first simulation that there may be no room for the last."""
-    with Ledger(sweep.folder) as ledger:
-        wanted_MB = n_left * (ledger.bytes_each() or USUAL_BYTES) * 1e-6
-    free_MB = shutil.disk_usage(sweep.folder).free * 1e-6
-    if wanted_MB > free_MB:
-        sweep.progress.note(
-            f"{sweep.folder}: {free_MB:.1f} MB are free, and the {n_left} simulations to come take about "
-            f"{wanted_MB:.1f} MB; make room or name another folder; a full disk stops a run but loses nothing"
-        )
-
-
-def _take_from_cache(sweep: Sweep, by_key: Mapping[str, Job], state: _State, writer: Writer) -> None:
-    if sweep.study.cache is None:
-        return
-    cache, n_jobs = ResultCache(sweep.study.cache), Counter(sweep.keys)
-    for key in _missing(by_key, state):
-        if (simulation := cache.load(key, by_key[key])) is not None:
-            writer.store(Finished(key=key, simulation=simulation))
-            _settle(sweep, state, key, simulation, n_jobs[key])
-
-
-def _simulate_missing(sweep: Sweep, by_key: Mapping[str, Job], state: _State, writer: Writer) -> None:
-    keys, n_jobs = _missing(by_key, state), Counter(sweep.keys)
-    if not keys or not sweep.progress.should_continue():
-        return
-    # Results of code that is only trusted to equal its key's are for this run alone.
-    shared = sweep.study.cache if not sweep.study.trusted else None
-    cache = ResultCache(shared) if shared else None
-    jobs = [by_key[key] for key in keys]
-    for result in results(sweep.study, sweep.study.solver, jobs, sweep.limbs, sweep.progress):
-        key = keys[result.index]
-        simulation = result.simulation(by_key[key])
-        quarantined = sweep.study.n_attempts if result.quarantined else 0
-        writer.store(Finished(key=key, simulation=simulation, quarantined=quarantined))
-        if cache is not None:
-            cache.store(key, simulation)
-        _settle(sweep, state, key, simulation, n_jobs[key])
-
-
-def _settle(sweep: Sweep, state: _State, key: str, simulation: Simulation, n_jobs: int) -> None:
-    state.done[key] = simulation
-    for _ in range(n_jobs):
-        sweep.progress.step(simulation.status.value)
+@contextlib.contextmanager
+def executor_of(study: Study) -> Iterator[Executor]:
+    """Where the study lets its jobs run; closed at the end."""
+    executor = study.executor or Processes()
+    try:
+        yield executor
+    finally:
+        with answering_for(executor, "closing it"):
+            executor.close()
 
 
 def results(
     study: Study,
-    solver: Solver,
+    executor: Executor,
     jobs: Sequence[Job],
     limbs: Mapping[str, Limb],
     progress: Progress = SILENT,
 ) -> Iterator[JobResult]:
-    """Results of jobs where the study lets them run, each as it comes; nothing is kept.
+    """Results of jobs, each as it comes; nothing is kept.
 
     Raises
     ------
@@ -188,9 +229,8 @@ def results(
         They cannot be handed to where they are to run, or the executor does not keep its contract.
     """
     limits = Limits(time_s=study.time_limit_s, memory_MB=study.memory_limit_MB, n_attempts=study.n_attempts)
-    executor = study.executor or Processes()
     batch = Batch(
-        solver=solver,
+        solver=study.solver,
         jobs=jobs,
         limbs=limbs,
         limits=limits,
@@ -218,11 +258,3 @@ def results(
             f"executor '{executor.name}' ended without a result for {len(waiting)} of {len(jobs)} jobs; "
             "what is finished is kept; set executor.name = 'processes', or report it to the plugin's author"
         )
-
-
-def _complete(sweep: Sweep, by_key: Mapping[str, Job], state: _State) -> dict[str, Simulation]:
-    """Read what earlier runs have simulated, and put it with what this one has."""
-    earlier = {key: by_key[key] for key, simulation in state.done.items() if simulation is None}
-    with Ledger(sweep.folder) as ledger:
-        found = ledger.simulations(earlier)
-    return {**found, **{key: s for key, s in state.done.items() if s is not None}}

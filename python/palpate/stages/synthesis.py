@@ -28,7 +28,7 @@ from palpate.run.result_files import write_atomically
 from palpate.stages.experiment import load_measured
 from palpate.stages.limb import load_limbs
 from palpate.stages.simulation import check_jobs, homogeneous_tests
-from palpate.stages.sweep import results
+from palpate.stages.sweep import executor_of, results
 from palpate.study.reading import Study, StudySpot
 
 NOTE = "origin.json"
@@ -205,15 +205,16 @@ def _simulated(
 ) -> dict[str, Response]:
     progress.begin("synthesise", len(jobs))
     found: dict[str, Response] = {}
-    for result in results(study, study.solver, jobs, limbs):
-        progress.step(result.status.value)
-        spot = jobs[result.index].spot
-        if result.status is not Status.OK or result.response is None:
-            raise StudyError(
-                f"spot '{spot}': the simulation of the truth ended {result.status.value} "
-                f"({result.message or 'no message'}); {result.status.remedy}, or change [truth]"
-            )
-        found[spot] = _without_rest(result.response)
+    with executor_of(study) as executor:
+        for result in results(study, executor, jobs, limbs):
+            progress.step(result.status.value)
+            spot = jobs[result.index].spot
+            if result.status is not Status.OK or result.response is None:
+                raise StudyError(
+                    f"spot '{spot}': the simulation of the truth ended {result.status.value} "
+                    f"({result.message or 'no message'}); {result.status.remedy}, or change [truth]"
+                )
+            found[spot] = _without_rest(result.response)
     return {job.spot: found[job.spot] for job in jobs}
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate.domain import Status
+from palpate.domain import Limb, Mesh, Spot, Status
 from palpate.errors import StoppedError
 from palpate.executors import Batch, Limits, Processes
 from palpate.plugins.registry import load_file
@@ -15,6 +15,7 @@ from palpate.run.ledger import Ledger
 from palpate.stages import simulation
 from palpate.stages.experiment import load_measured
 from palpate.stages.sampling import draw_design
+from palpate.stages.sweep import Simulations
 
 
 class Following:
@@ -110,6 +111,48 @@ def test_the_attempts_are_the_study_s_to_say(make_study, tissue, tmp_path):
     assert result.quarantined
     assert "ended once" in result.message
     assert len(log.read_text().splitlines()) == 1
+
+
+def test_a_stage_that_asks_again_gets_what_the_ledger_has_bit_for_bit(sweep, make_study, tmp_path, tissue):
+    log, folder = tmp_path / "log.txt", tmp_path / "run"
+    solver = tissue.Analytic(tissue.AnalyticSettings(log=str(log)))
+    sweep(solver, n_sets=2)
+    planned, study = rows(folder, "jobs"), make_study(solver=solver)
+    trials = [replace(job, set_id=-1 - i) for i, job in enumerate(jobs_for(study, 4))]
+    asked = (trials[:3], trials[1:])
+    with Simulations(study, folder, {}) as simulations:
+        first = [each for jobs in asked for each in simulations.of(jobs)]
+        assert len(log.read_text().splitlines()) == 2 + 4
+    with Simulations(study, folder, {}) as simulations:
+        again = [each for jobs in asked for each in simulations.of(jobs)]
+    assert len(log.read_text().splitlines()) == 2 + 4
+    for a, b in zip(first, again, strict=True):
+        assert a.job is b.job
+        assert (a.status, a.seconds, a.diagnostics) == (b.status, b.seconds, b.diagnostics)
+        assert np.array_equal(a.response["torque"].ordinate, b.response["torque"].ordinate)
+    assert rows(folder, "jobs").equals(planned)
+
+
+def test_each_job_is_done_on_the_limb_of_its_name(make_study, tissue, tmp_path):
+    class Weighing(tissue.Analytic):
+        def simulate(self, job, limb):
+            return replace(super().simulate(job, limb), message=f"{limb.mesh.points_mm.max():g}")
+
+    def limb(size):
+        mesh = Mesh(
+            points_mm=size * np.eye(4, 3),
+            cells={"tet4": [[0, 1, 2, 3]]},
+            cell_regions={"tet4": [0]},
+            regions=("soft_tissue",),
+            node_sets={},
+        )
+        return Limb(spot=Spot(name="p1"), mesh=mesh)
+
+    study = make_study(solver=Weighing())
+    (job,) = jobs_for(study, 1)
+    with Simulations(study, tmp_path / "run", {"p1": limb(1.0), "p1/fine": limb(2.0)}) as simulations:
+        coarse, fine = simulations.of([job, replace(job, fine=True)])
+    assert (coarse.message, fine.message) == ("1", "2")
 
 
 GREEDY = """
