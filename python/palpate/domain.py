@@ -209,14 +209,27 @@ Protocol = Indentation | HomogeneousTests
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Prior:
+    """What is known of a number before anything is fitted: a value and its standard deviation."""
+
+    value: float
+    sd: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.value) and np.isfinite(self.sd) and self.sd > 0.0):
+            raise ParameterError(f"a prior of {self.value} with sd {self.sd}; give a finite value and sd > 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """One number that a material needs.
+    """One number that is searched, or that a material needs.
 
     ``lower`` and ``upper`` are the region of interest that a sweep covers by
     default; ``physical_lower`` and ``physical_upper`` are limits outside of
     which the number has no meaning. ``kind`` is ``modulus`` when it scales with
     stiffness and ``shape`` when it is dimensionless. ``scale`` says what a sweep
-    spreads evenly: the value or its logarithm.
+    spreads evenly: the value or its logarithm. ``prior`` is what a fit knows of it beforehand, and
+    with ``by_spot`` a fit of several spots together finds one value for each.
     """
 
     name: str
@@ -228,6 +241,8 @@ class Parameter:
     physical_lower: float = -np.inf
     physical_upper: float = np.inf
     scale: Literal["linear", "log"] = "linear"
+    prior: Prior | None = None
+    by_spot: bool = False
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:

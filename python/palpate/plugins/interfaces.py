@@ -344,6 +344,9 @@ class Solver(Component[SettingsT]):
     gives_slopes: ClassVar[bool] = False
     """Whether a job with ``slopes`` gets exact derivatives with its curves; else they are differenced."""
 
+    accuracy: float = 1e-4
+    """Scatter of its curves, relative to their size: slopes are differenced over steps that fit it."""
+
     channels: ClassVar[tuple[str, ...] | None] = None
     """Channels that it computes; a study that weights another one is refused. None: not declared."""
 

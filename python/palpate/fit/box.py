@@ -1,0 +1,50 @@
+"""Searched values as coordinates of the unit box."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.domain import FloatArray, Parameter
+
+
+class Box:
+    """Goes between values and the unit box, in logarithms where a modulus has a range above zero.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+    """
+
+    def __init__(self, parameters: Sequence[Parameter]) -> None:
+        self.parameters = tuple(parameters)
+        self.log = np.array([_in_logarithms(p) for p in self.parameters], dtype=bool)
+        self.lower = np.array([p.lower for p in self.parameters], dtype=np.float64)
+        self.upper = np.array([p.upper for p in self.parameters], dtype=np.float64)
+
+    def values(self, point: FloatArray) -> FloatArray:
+        """Values (n_parameters,) at a point of the box."""
+        lower, upper = np.where(self.log, self.lower, 1.0), np.where(self.log, self.upper, 1.0)
+        linear = self.lower + point * (self.upper - self.lower)
+        values = np.where(self.log, lower * (upper / lower) ** point, linear)
+        return np.clip(values, self.lower, self.upper)  # rounding may carry them past a bound
+
+    def point(self, values: FloatArray) -> FloatArray:
+        """Point (n_parameters,) of the box where these values are; on its edge where they are outside."""
+        inside = np.clip(values, self.lower, self.upper)
+        share = (inside - self.lower) / (self.upper - self.lower)
+        lower, upper, at = (np.where(self.log, x, 2.0) for x in (self.lower, self.upper, inside))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            point = np.where(self.log, np.log(at / lower) / np.log(upper / lower), share)
+        return np.clip(point, 0.0, 1.0)
+
+    def rates(self, point: FloatArray) -> FloatArray:
+        """Derivative (n_parameters,) of each value in its coordinate."""
+        lower, upper = np.where(self.log, self.lower, 1.0), np.where(self.log, self.upper, np.e)
+        rates: FloatArray = np.where(
+            self.log, self.values(point) * np.log(upper / lower), self.upper - self.lower
+        )
+        return rates
+
+
+def _in_logarithms(parameter: Parameter) -> bool:
+    return parameter.scale == "log" or (parameter.kind == "modulus" and parameter.lower > 0.0)

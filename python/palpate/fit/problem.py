@@ -1,0 +1,286 @@
+"""A problem: residuals of some spots in a scenario, and their slopes, as functions of searched values.
+
+Σ r² is the scenario's Fopt, averaged over the spots, under the same rules as a sweep's:
+see :mod:`palpate.fit.spot_term`. A prior adds one residual, ``noise · (value − mean)/sd``.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.domain import FloatArray, Job, Parameter, Simulation
+from palpate.errors import PalpateError
+from palpate.fit.box import Box
+from palpate.fit.spot_term import (
+    NotRankedError,
+    SpotTerm,
+    along_slopes,
+    is_along_slopes,
+    is_same_job,
+)
+from palpate.plugins.parametrisation import Parametrisation, SpotInputs
+from palpate.plugins.search import Evaluation, Trial
+from palpate.stages.sampling import accepted_by_all
+from palpate.study.reading import Study
+
+Simulate = Callable[[Sequence[Job]], Sequence[Simulation]]
+"""Simulations of jobs, in their order."""
+
+SMALL_STEP = 1e-6
+"""Step in the box for what the slopes of a simulation, or no simulation, answer."""
+
+
+@dataclass(slots=True, eq=False)
+class _Shift:
+    """Inputs of a spot some steps along a coordinate, with the number of the job that answers them.
+
+    Without a job it is the simulation at the point itself that answers, along its slopes.
+    """
+
+    step: float
+    inputs: SpotInputs
+    job: int | None
+
+
+@dataclass(slots=True, eq=False)
+class _Plan:
+    """What has to be simulated for a trial: by spot, its inputs, its job, and shifts by coordinate."""
+
+    trial: Trial
+    inputs: dict[str, SpotInputs]
+    jobs: dict[str, int]
+    shifts: dict[tuple[str, int], list[_Shift]]
+    failure: str = ""
+
+
+class Problem:
+    """Residuals and slopes of one spot, or jointly of several, in one scenario.
+
+    Parameters
+    ----------
+    study : Study
+    terms : sequence of SpotTerm
+        One for each spot.
+    simulate : callable
+        From jobs to their simulations.
+    parametrisation : Parametrisation
+    noise : float
+        Relative misfit (root of NMSE) that one standard deviation of a prior is worth.
+    fine : bool
+        Whether the spots' finer meshes are simulated.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+        What is searched, in the order of the values.
+    box : Box
+        From values to coordinates and back.
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        terms: Sequence[SpotTerm],
+        simulate: Simulate,
+        parametrisation: Parametrisation,
+        *,
+        noise: float = 0.01,
+        fine: bool = False,
+    ) -> None:
+        self.study, self.terms, self.noise, self.fine = study, tuple(terms), noise, fine
+        self._simulate, self.parametrisation = simulate, parametrisation
+        self.parameters: tuple[Parameter, ...] = parametrisation.parameters(
+            study.space, [term.spot for term in terms]
+        )
+        self.box = Box(self.parameters)
+        self._n_simulated = 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the searched values."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bound of each value, (n_parameters,) each, in its unit."""
+        return self.box.lower, self.box.upper
+
+    # ------------------------------------------------------------------ in values
+
+    def residuals(self, values: FloatArray) -> FloatArray:
+        """Residuals (n_points,) at values (n_parameters,); all NaN where they cannot be simulated."""
+        (found,) = self.evaluate([Trial(point=self.box.point(np.asarray(values, dtype=np.float64)))])
+        return np.full(self.n_points, np.nan) if found.residuals is None else found.residuals
+
+    def jacobian(self, values: FloatArray) -> FloatArray:
+        """Slopes (n_points, n_parameters) of the residuals per unit of each value; NaN as above."""
+        point = self.box.point(np.asarray(values, dtype=np.float64))
+        (found,) = self.evaluate([Trial(point=point, slopes=True)])
+        if found.jacobian is None:
+            return np.full((self.n_points, len(self.parameters)), np.nan)
+        return found.jacobian / self.box.rates(point)
+
+    def fopt(self, values: FloatArray) -> float:
+        """Fopt at values (n_parameters,), priors aside; infinite where they cannot be simulated."""
+        (found,) = self.evaluate([Trial(point=self.box.point(np.asarray(values, dtype=np.float64)))])
+        return found.fopt
+
+    @property
+    def n_points(self) -> int:
+        """Number of residuals: measured points, and one for each prior."""
+        return sum(term.n_points for term in self.terms) + sum(p.prior is not None for p in self.parameters)
+
+    # --------------------------------------------------------------------- trials
+
+    def evaluate(self, trials: Sequence[Trial]) -> list[Evaluation]:
+        """Evaluate points of the box; whatever they need is simulated side by side."""
+        jobs: list[Job] = []
+        plans = [self._planned(trial, jobs) for trial in trials]
+        simulations = self._simulate(jobs)
+        return [self._evaluation(plan, simulations) for plan in plans]
+
+    def inputs(self, spot: str, point: FloatArray) -> SpotInputs:
+        """What is simulated at a spot at a point of the box.
+
+        Raises
+        ------
+        PalpateError
+            No material takes such values.
+        """
+        (term,) = (term for term in self.terms if term.spot == spot)
+        return self._inputs(term, point)
+
+    def _inputs(self, term: SpotTerm, point: FloatArray) -> SpotInputs:
+        values = dict(zip(self.names, self.box.values(point).tolist(), strict=True))
+        return self.parametrisation.inputs(self.study.space, term.spot, term.protocol, values)
+
+    def _planned(self, trial: Trial, jobs: list[Job]) -> _Plan:
+        plan = _Plan(trial, {}, {}, {})
+        try:
+            for term in self.terms:
+                plan.inputs[term.spot] = self._inputs(term, trial.point)
+                self._check(term, plan.inputs[term.spot])
+        except (PalpateError, NotRankedError) as error:
+            plan.failure = str(error)
+            return plan
+        exact = self.study.solver.gives_slopes and trial.slopes
+        for term in self.terms:
+            plan.jobs[term.spot] = self._add(jobs, term, plan.inputs[term.spot], slopes=exact)
+            for i in range(len(self.parameters)) if trial.slopes else ():
+                plan.shifts[term.spot, i] = self._shifts(term, plan.inputs[term.spot], trial.point, i, jobs)
+        return plan
+
+    def _add(self, jobs: list[Job], term: SpotTerm, inputs: SpotInputs, *, slopes: bool) -> int:
+        # No row of the design has a negative number, and no other job of this batch the same.
+        jobs.append(term.job(inputs, -1 - len(jobs), slopes=slopes, fine=self.fine))
+        return len(jobs) - 1
+
+    def _check(self, term: SpotTerm, inputs: SpotInputs) -> None:
+        """Refuse what a material or a filter of the study refuses."""
+        row = []
+        for region in self.study.space.regions:
+            theta = inputs.thetas[region.region]
+            region.material.check(theta)
+            written = region.material.from_textbook(theta, region.convention)
+            by_name = {p.name: v for p, v in zip(region.material.parameters, written, strict=True)}
+            row += [by_name[p.name] for p in region.searched]
+        for keep in self.study.filters:
+            if not accepted_by_all([keep], self.study.space, np.array([row]))[0]:
+                raise NotRankedError(
+                    f"filter '{keep.name}' refuses it: {keep.reason(self.study.space, np.array(row))}"
+                )
+
+    def _shifts(
+        self, term: SpotTerm, base: SpotInputs, point: FloatArray, i: int, jobs: list[Job]
+    ) -> list[_Shift]:
+        """Two steps along a coordinate: to both sides, or both inwards from a bound."""
+        probe = self._inputs(term, _moved(point, i, SMALL_STEP if point[i] < 0.5 else -SMALL_STEP))
+        exact = is_along_slopes(base, probe) and self.study.solver.gives_slopes
+        is_free = exact or is_same_job(base, probe)
+        size = SMALL_STEP if is_free else self.study.solver.accuracy ** (1.0 / 3.0)
+        if size <= point[i] <= 1.0 - size:
+            steps = (-size, size)
+        else:
+            steps = (size, 2.0 * size) if point[i] < 0.5 else (-size, -2.0 * size)
+        shifts = []
+        for step in steps:
+            inputs = self._inputs(term, _moved(point, i, step))
+            job = None if is_free else self._add(jobs, term, inputs, slopes=False)
+            shifts.append(_Shift(step, inputs, job))
+        return shifts
+
+    # ----------------------------------------------------------------- evaluating
+
+    def _evaluation(self, plan: _Plan, simulations: Sequence[Simulation]) -> Evaluation:
+        point = plan.trial.point
+        if plan.failure:
+            return Evaluation(point=point, objective=np.inf, fopt=np.inf, failure=plan.failure)
+        try:
+            parts = {
+                t.spot: self._part(t, simulations[plan.jobs[t.spot]], plan.inputs[t.spot]) for t in self.terms
+            }
+        except NotRankedError as error:
+            return Evaluation(point=point, objective=np.inf, fopt=np.inf, failure=str(error))
+        fitted = np.concatenate(list(parts.values()))
+        residuals = np.concatenate([fitted, self._priors(point)])
+        jacobian, failure = None, ""
+        if plan.trial.slopes:
+            try:
+                jacobian = self._jacobian(plan, simulations, parts)
+            except NotRankedError as error:
+                failure = f"no slopes: {error}"
+        return Evaluation(
+            point=point,
+            objective=float(residuals @ residuals),
+            fopt=float(fitted @ fitted),
+            residuals=residuals,
+            jacobian=jacobian,
+            failure=failure,
+        )
+
+    def _part(self, term: SpotTerm, simulation: Simulation, inputs: SpotInputs) -> FloatArray:
+        residuals: FloatArray = term.residuals(simulation, inputs) / np.sqrt(len(self.terms))
+        return residuals
+
+    def _jacobian(
+        self, plan: _Plan, simulations: Sequence[Simulation], parts: Mapping[str, FloatArray]
+    ) -> FloatArray:
+        rows = []
+        for term in self.terms:
+            base, here = plan.inputs[term.spot], simulations[plan.jobs[term.spot]]
+            columns = []
+            for i in range(len(self.parameters)):
+                points = []
+                for shift in plan.shifts[term.spot, i]:
+                    known = (
+                        along_slopes(here, base, shift.inputs)
+                        if shift.job is None
+                        else simulations[shift.job]
+                    )
+                    points.append((shift.step, self._part(term, known, shift.inputs)))
+                columns.append(_slope(parts[term.spot], points))
+            rows.append(np.stack(columns, axis=1))
+        return np.concatenate([*rows, self._prior_rows(plan.trial.point)])
+
+    def _priors(self, point: FloatArray) -> FloatArray:
+        priors = [(p.prior, v) for p, v in zip(self.parameters, self.box.values(point), strict=True)]
+        return np.array([self.noise * (v - p.value) / p.sd for p, v in priors if p is not None])
+
+    def _prior_rows(self, point: FloatArray) -> FloatArray:
+        scales = [np.nan if p.prior is None else self.noise / p.prior.sd for p in self.parameters]
+        rows = np.diag(np.array(scales) * self.box.rates(point))
+        return rows[[i for i, p in enumerate(self.parameters) if p.prior is not None]]
+
+
+def _moved(point: FloatArray, i: int, step: float) -> FloatArray:
+    moved = point.copy()
+    moved[i] += step
+    return moved
+
+
+def _slope(here: FloatArray, points: Sequence[tuple[float, FloatArray]]) -> FloatArray:
+    """Derivative from two steps: central, or one-sided of second order."""
+    (a, at_a), (b, at_b) = points
+    slope: FloatArray = (a / b * (at_b - here) - b / a * (at_a - here)) / (a - b)
+    return slope

@@ -1,0 +1,179 @@
+"""One spot's part of a problem: from inputs to a job, and from its simulation to residuals.
+
+r = √(weight · w/Σw) · (simulated − measured)/normaliser at each measured point of each channel that
+counts, so that Σ r² is the spot's Fopt. Points that a curve does not cover are left out of the
+sums: their residuals are zero, and the others count for them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from palpate.domain import (
+    Curve,
+    FloatArray,
+    Indentation,
+    Job,
+    Protocol,
+    Response,
+    ScoringRules,
+    Simulation,
+)
+from palpate.plugins.interfaces import Material
+from palpate.plugins.parametrisation import SpotInputs
+from palpate.stages.scoring import compare, point_weights, residual_scale
+
+FRICTION = "friction"
+"""Name of the friction coefficient among the slopes of a curve."""
+
+
+class NotRankedError(Exception):
+    """A simulation that is not to be ranked has no residuals."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpotTerm:
+    """One spot of a problem.
+
+    Parameters
+    ----------
+    spot : str
+    measured : Response
+    weights : mapping of channel to float
+        Of the channels that count here, above zero.
+    protocol : Protocol
+        As the study has it at this spot.
+    materials : mapping of region to Material
+    rules : ScoringRules
+    abscissae : mapping of channel to str
+        Names of the abscissae, such as ``depth_mm``, by which offsets go.
+    corrections : mapping of channel to (n,) array
+        Added to the simulated ordinates at the measured points.
+    """
+
+    spot: str
+    measured: Response
+    weights: Mapping[str, float]
+    protocol: Protocol
+    materials: Mapping[str, Material]
+    rules: ScoringRules
+    abscissae: Mapping[str, str]
+    corrections: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @property
+    def n_points(self) -> int:
+        """Number of residuals."""
+        return sum(self.measured[channel].abscissa.size for channel in self.weights)
+
+    def job(self, inputs: SpotInputs, set_id: int, *, slopes: bool, fine: bool) -> Job:
+        """Make the job that simulates these inputs."""
+        return Job(
+            spot=self.spot,
+            set_id=set_id,
+            materials=self.materials,
+            thetas=inputs.thetas,
+            protocol=inputs.protocol,
+            slopes=slopes,
+            fine=fine,
+        )
+
+    def residuals(self, simulation: Simulation, inputs: SpotInputs) -> FloatArray:
+        """Residuals (n_points,).
+
+        Raises
+        ------
+        NotRankedError
+            The simulation failed, or its curves do not reach far enough.
+        """
+        if simulation.status not in self.rules.ranked_statuses:
+            why = simulation.message or simulation.status.remedy
+            raise NotRankedError(f"{self.spot}: {simulation.status}: {why}")
+        seen = observed(simulation, inputs)
+        return np.concatenate([self._channel(seen, inputs, *each) for each in self.weights.items()])
+
+    def values(self, simulation: Simulation, inputs: SpotInputs, channel: str) -> FloatArray:
+        """Simulated ordinates (n,) at the measured points, corrected; NaN where they are not covered.
+
+        Raises
+        ------
+        NotRankedError
+            The curve cannot be compared with the measured one.
+        """
+        return self._values(observed(simulation, inputs), inputs, channel)
+
+    def shifted(self, inputs: SpotInputs) -> Response:
+        """Measured curves along the abscissae that these inputs give them."""
+        curves = {name: self._shifted(name, inputs) for name in self.measured}
+        return Response(curves=curves)
+
+    def _shifted(self, channel: str, inputs: SpotInputs) -> Curve:
+        curve = self.measured[channel]
+        offset = inputs.offsets.get(self.abscissae.get(channel, ""), 0.0)
+        return replace(curve, abscissa=curve.abscissa + offset) if offset else curve
+
+    def _values(self, seen: Simulation, inputs: SpotInputs, channel: str) -> FloatArray:
+        compared = compare(seen, self._shifted(channel, inputs))
+        if compared.status not in self.rules.ranked_statuses:
+            raise NotRankedError(f"{self.spot}: {compared.message or compared.status.remedy}")
+        return compared.values + self.corrections.get(channel, 0.0)
+
+    def _channel(self, seen: Simulation, inputs: SpotInputs, channel: str, weight: float) -> FloatArray:
+        values, curve = self._values(seen, inputs, channel), self.measured[channel]
+        covered = np.isfinite(values)
+        coverage = float(np.average(covered, weights=point_weights(curve, self.rules.point_weighting)))
+        if not self.rules.is_enough(coverage):
+            raise NotRankedError(
+                f"{self.spot}: covers {coverage:.3f} of the measured '{channel}', less than "
+                f"{self.rules.minimum_coverage:g}"
+            )
+        differences = np.where(covered, values - curve.ordinate, 0.0)
+        residuals: FloatArray = differences * residual_scale(curve, self.rules, weight, covered)
+        return residuals
+
+
+def observed(simulation: Simulation, inputs: SpotInputs) -> Simulation:
+    """Multiply simulated curves by the gains of their channels."""
+    if simulation.response is None or not inputs.gains:
+        return simulation
+    curves = {
+        name: replace(curve, ordinate=inputs.gains.get(name, 1.0) * curve.ordinate)
+        for name, curve in simulation.response.curves.items()
+    }
+    return replace(simulation, response=Response(curves=curves))
+
+
+def is_along_slopes(one: SpotInputs, other: SpotInputs) -> bool:
+    """Whether the slopes of a simulation lead from one to the other: only parameters and friction differ."""
+    a, b = one.protocol, other.protocol
+    if isinstance(a, Indentation) and isinstance(b, Indentation):
+        return a is b or (a.indenter == b.indenter and np.array_equal(a.path, b.path))
+    return a is b
+
+
+def is_same_job(one: SpotInputs, other: SpotInputs) -> bool:
+    """Whether both are answered by one simulation: only offsets and gains differ."""
+    same = all(np.array_equal(theta, other.thetas[region]) for region, theta in one.thetas.items())
+    return same and is_along_slopes(one, other) and _friction(one.protocol) == _friction(other.protocol)
+
+
+def along_slopes(simulation: Simulation, base: SpotInputs, inputs: SpotInputs) -> Simulation:
+    """Curves at ``inputs`` by the slopes of the simulation at ``base``."""
+    steps = {FRICTION: _friction(inputs.protocol) - _friction(base.protocol)}
+    for region, material in simulation.job.materials.items():
+        moved = (inputs.thetas[region] - base.thetas[region]).tolist()
+        steps |= {f"{region}.{p.name}": step for p, step in zip(material.parameters, moved, strict=True)}
+    taken = {name: step for name, step in steps.items() if step}
+    if simulation.response is None or not taken:
+        return simulation
+    curves = {
+        name: replace(
+            curve, ordinate=curve.ordinate + sum(step * curve.slopes[at] for at, step in taken.items())
+        )
+        for name, curve in simulation.response.curves.items()
+    }
+    return replace(simulation, response=Response(curves=curves))
+
+
+def _friction(protocol: Protocol) -> float:
+    return protocol.friction if isinstance(protocol, Indentation) else 0.0

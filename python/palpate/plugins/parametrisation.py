@@ -1,0 +1,55 @@
+"""Parametrisations: from searched numbers to what is simulated at each spot."""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from palpate.domain import FloatArray, Parameter, ParameterSpace, Protocol
+from palpate.plugins.interfaces import Component
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpotInputs:
+    """What is simulated at a spot, and how the answer is compared with the measurement.
+
+    Parameters
+    ----------
+    thetas : mapping of region to (n_parameters,) array
+        Textbook values in the order of the material's parameters.
+    protocol : Protocol
+        The study's, or one with another friction or path.
+    offsets : mapping of abscissa to float
+        Added to the measured abscissae of that name, such as ``depth_mm``, in its unit.
+    gains : mapping of channel to float
+        Factors on the simulated ordinates.
+    """
+
+    thetas: Mapping[str, FloatArray]
+    protocol: Protocol
+    offsets: Mapping[str, float] = field(default_factory=dict)
+    gains: Mapping[str, float] = field(default_factory=dict)
+
+
+class Parametrisation(Component):
+    """What is searched, and what it means at each spot."""
+
+    @abstractmethod
+    def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:
+        """Everything that is searched at these spots together, with its bounds and prior.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            Materials of the study and which of their parameters are searched.
+        spots : sequence of str
+            Whose curves are fitted together; a parameter that each has for itself is here once for each.
+        """
+
+    @abstractmethod
+    def inputs(
+        self, space: ParameterSpace, spot: str, protocol: Protocol, values: Mapping[str, float]
+    ) -> SpotInputs:
+        """What is simulated at a spot for these values, by the names of :meth:`parameters`.
+
+        A smooth function of the values: it is differentiated by differences.
+        """

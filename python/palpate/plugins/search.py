@@ -1,0 +1,106 @@
+"""Searches: from evaluations of a problem to the parameters for which it fits best.
+
+A search asks and is told: it yields :class:`Trial` objects, points of the unit box that it wants
+evaluated, and receives an :class:`Evaluation` for each. Everything that it asks for is simulated
+where the study runs and kept in the run's ledger, so a search that is started again with the same
+space comes to the same end without simulating anything twice. It must therefore be deterministic.
+"""
+
+from abc import abstractmethod
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+from palpate.domain import FloatArray, Parameter
+from palpate.plugins.interfaces import Component
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SearchSpace:
+    """What a search may know of a problem.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        What is searched, in the order of a point's coordinates: each goes from 0 at its lower bound
+        to 1 at its upper one, evenly in its logarithm where ``log`` says so.
+    log : tuple of bool
+    starts : (n, n_parameters) array
+        Points to start from, the best first; at least one.
+    exact_slopes : bool
+        Whether slopes come with a simulation; otherwise each costs two more for each parameter.
+    accuracy : float
+        Scatter of simulated curves, relative to their size: smaller differences mean nothing.
+    seed : int
+    """
+
+    parameters: tuple[Parameter, ...]
+    log: tuple[bool, ...]
+    starts: FloatArray
+    exact_slopes: bool
+    accuracy: float
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trial:
+    """A point (n_parameters,) of the unit box to evaluate, and whether its slopes are wanted."""
+
+    point: FloatArray
+    slopes: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evaluation:
+    """What a trial came to.
+
+    Parameters
+    ----------
+    point : (n_parameters,) array
+    objective : float
+        Σ r²: Fopt and what the priors add; infinite where the trial failed.
+    fopt : float
+        Without the priors.
+    residuals : (n_points,) array or None
+        None where a simulation failed, a filter refuses the point, or a curve does not reach far enough.
+    jacobian : (n_points, n_parameters) array or None
+        Derivative of the residuals in the coordinates; None where it was not wanted or could not be had.
+    failure : str
+        Why there are no residuals, or no slopes; empty where there is nothing to report.
+    """
+
+    point: FloatArray
+    objective: float
+    fopt: float
+    residuals: FloatArray | None = None
+    jacobian: FloatArray | None = None
+    failure: str = ""
+
+
+Asking = Generator[Sequence[Trial], Sequence[Evaluation], str]
+"""Yields trials, receives their evaluations in the same order, and returns why it ended."""
+
+
+class Search(Component):
+    """Finds the point of the unit box at which a problem fits best."""
+
+    @abstractmethod
+    def search(self, space: SearchSpace) -> Asking:
+        """Ask for trials until there is nothing to gain.
+
+        The best evaluation of all is the result, so a search has only to return why it ended, such as
+        ``"converged"``. Trials that are yielded together are simulated side by side.
+
+        Parameters
+        ----------
+        space : SearchSpace
+
+        Yields
+        ------
+        sequence of Trial
+            Points in the box; the same point is never simulated twice.
+
+        Returns
+        -------
+        str
+            Why it ended, for people.
+        """
