@@ -12,6 +12,7 @@ from palpate.report.report_data import ReportData
 from palpate.report.result import Report
 from palpate.report.table_files import write_tables
 from palpate.report.tables import finding, make_tables
+from palpate.report.verdict import make_verdict
 from palpate.run.ownership import keep_only
 from palpate.stages.experiment import Presses
 
@@ -32,12 +33,10 @@ def write_report(data: ReportData, folder: Path) -> Report:
     Files of an earlier report that this one does not have are removed afterwards.
     """
     from palpate.report.page import write_page
-    from palpate.report.verdict import make_verdict
 
     tables = make_tables(data)
     verdict = make_verdict(data, tables)
-    table_files = write_tables(tables, folder / "tables")
-    files = (*table_files, *write_figures(data, folder / "figures"))
+    files = (*write_tables(tables, folder / "tables"), *write_figures(data, folder / "figures"))
     page = write_page(data, tables, verdict, files, folder)
     keep_only(folder, (*files, page))
     return Report(tables=tables, files=(*files, page), verdict=verdict)
@@ -53,7 +52,7 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
 def draw_presses(
     presses: Presses, mean: Response, channels: Mapping[str, Channel], notice: str, folder: Path
 ) -> tuple[Path, ...]:
-    """Draw what was measured at a spot: see :func:`palpate.report.presses.draw_presses`."""
-    from palpate.report import presses as pictures
+    """Draw what was measured at a spot: see :func:`palpate.report.figures.draw_presses`."""
+    from palpate.report import figures
 
-    return pictures.draw_presses(presses, mean, channels, notice, folder)
+    return figures.draw_presses(presses, mean, channels, notice, folder)

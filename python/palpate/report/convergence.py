@@ -39,7 +39,11 @@ def by_spot(simulations: Iterable[Simulation]) -> pl.DataFrame:
     """
     rows = [
         {"spot": s.job.spot, "set_id": s.job.set_id, "status": s.status.value, "seconds": s.seconds}
-        | (_numbers(s.diagnostics) if s.status is Status.OK else {})
+        | {
+            str(name): float(value)
+            for name, value in s.diagnostics.items()
+            if s.status is Status.OK and isinstance(value, (int, float)) and not isinstance(value, bool)
+        }
         for s in simulations
     ]
     if not rows:
@@ -57,27 +61,20 @@ def by_spot(simulations: Iterable[Simulation]) -> pl.DataFrame:
     )
 
 
-def _numbers(diagnostics: Mapping[str, Any]) -> dict[str, float]:
-    return {
-        str(name): float(value)
-        for name, value in diagnostics.items()
-        if isinstance(value, (int, float)) and not isinstance(value, bool)
-    }
-
-
 def contact_along(simulations: Iterable[Simulation]) -> dict[tuple[str, int], Contact]:
     """Collect the contact along the path by spot and set, of the simulations that report it."""
-    found = {(s.job.spot, s.job.set_id): _contact(s.diagnostics) for s in simulations}
+    found = {s.id: _contact(s.diagnostics) for s in simulations}
     return {key: contact for key, contact in found.items() if contact}
 
 
 def _contact(diagnostics: Mapping[str, Any]) -> Contact:
-    path = [diagnostics.get(name) for name in ("depth_mm", "rotation_deg")]
-    if not all(_are_numbers(values) for values in path):
+    """Path and contact as far as they are lists of numbers, all of one length."""
+    path = ("depth_mm", "rotation_deg")
+    lists = {name: diagnostics[name] for name in (*path, *CONTACT) if _are_numbers(diagnostics.get(name))}
+    if not lists.keys() >= set(path):
         return {}
-    lists = {name: diagnostics[name] for name in CONTACT if _are_numbers(diagnostics.get(name))}
-    reported = {name: values for name, values in lists.items() if len(values) == len(path[0] or [])}
-    return {"depth_mm": path[0], "rotation_deg": path[1], **reported} if reported else {}  # type: ignore[dict-item]
+    found = {name: values for name, values in lists.items() if len(values) == len(lists[path[0]])}
+    return found if found.keys() > set(path) else {}
 
 
 def _are_numbers(values: object) -> bool:

@@ -1,6 +1,6 @@
-"""The paper's figures, for any channels, spots, parameters and scenarios."""
+"""The paper's figures, for any channels, spots, parameters and scenarios, and those of single presses."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -11,7 +11,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.domain import Curve, FloatArray
+from palpate.domain import Channel, Curve, FloatArray, Response
 from palpate.report.report_data import ReportData
 from palpate.report.space import parameter_space
 from palpate.report.style import (
@@ -28,6 +28,7 @@ from palpate.report.style import (
     sized,
 )
 from palpate.run.directory import file_name
+from palpate.stages.experiment import Presses
 from palpate.stages.selection import objectives
 
 DISTRIBUTION_LIMIT = 4.0
@@ -45,10 +46,14 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
         drawings["generalised"] = partial(generalised, data)
     files: list[Path] = []
     for name, draw in drawings.items():
-        # The context is left before the next figure, so that nobody else's style changes.
-        with mpl.rc_context(cast("Any", dict(STYLE))):
-            files += save(draw(), folder / name)
+        files += _saved(draw, folder / name)
     return tuple(files)
+
+
+def _saved(draw: Callable[[], Figure], stem: Path) -> list[Path]:
+    # The context is left before the next figure, so that nobody else's style changes.
+    with mpl.rc_context(cast("Any", dict(STYLE))):
+        return save(draw(), stem)
 
 
 # ------------------------------------------------------------ curves by scenario
@@ -75,17 +80,15 @@ def fit_of(data: ReportData, spot: str, scenario: str) -> tuple[str, Mapping[str
     """Label and curves of a scenario at a spot: the refined ones, else those of the selected set."""
     if (refined := data.refined.responses.get((spot, scenario))) is not None:
         return f"scenario {scenario}, refined", refined.curves
-    rows = data.selection.filter((pl.col("spot") == spot) & (pl.col("scenario") == scenario))
-    for row in rows.iter_rows(named=True):
-        if (response := data.responses.get((spot, row["set_id"]))) is not None:
-            return f"scenario {scenario}, set {row['set_id']}", response.curves
+    for set_id in data.selection.filter(spot=spot, scenario=scenario)["set_id"]:
+        if (response := data.responses.get((spot, set_id))) is not None:
+            return f"scenario {scenario}, set {set_id}", response.curves
     return scenario, {}
 
 
 def _draw_measured(axis: Axes, data: ReportData, curve: Curve) -> None:
-    channel = data.channels[curve.channel]
     few = curve.abscissa.size <= 80
-    draw_band(axis, curve)
+    _draw_band(axis, curve)
     axis.plot(
         curve.abscissa,
         curve.ordinate,
@@ -99,6 +102,10 @@ def _draw_measured(axis: Axes, data: ReportData, curve: Curve) -> None:
         zorder=4,
         label="experiment (simulated)" if data.notice else "experiment",
     )
+    _label(axis, data.channels[curve.channel])
+
+
+def _label(axis: Axes, channel: Channel) -> None:
     axis.set_xlabel(channel.abscissa_label)
     axis.set_ylabel(channel.ordinate_label)
 
@@ -107,7 +114,7 @@ def _draw(axis: Axes, curve: Curve, colour: str, dash: Dash, label: str) -> None
     axis.plot(curve.abscissa, curve.ordinate, color=colour, linestyle=dash, label=label)
 
 
-def draw_band(axis: Axes, curve: Curve) -> None:
+def _draw_band(axis: Axes, curve: Curve) -> None:
     """Shade one standard deviation to each side of a curve that has it."""
     if curve.std is None:
         return
@@ -128,7 +135,10 @@ def generalised(data: ReportData) -> Figure:
     channels, spots = data.measured_channels, data.spots
     figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
     axes = figure.subplots(len(channels), len(spots), squeeze=False)
-    row = data.generalisation.row(0, named=True)
+    row, fopt = (
+        data.generalisation.row(0, named=True),
+        dict(data.generalisation.select("spot", "fopt").rows()),
+    )
     colour, dash = LINES[0]
     for j, spot in enumerate(spots):
         simulated = data.responses.get((spot, row["set_id"]))
@@ -140,16 +150,12 @@ def generalised(data: ReportData) -> Figure:
                 axis.set_axis_off()
             if simulated is not None and channel in simulated.curves:
                 _draw(axis, simulated[channel], colour, dash, f"set {row['set_id']}")
-        axes[0, j].set_title(f"spot {spot}: Fopt {_fopt_at(data, spot):.3g}")
+        axes[0, j].set_title(f"spot {spot}: Fopt {fopt[spot]:.3g}")
     legend_below(figure, list(axes.flat))
     spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
     title = f"{data.study.name}: one set for all spots, mean Fopt {row['fopt_mean']:.4g}{spread}"
     entitle(figure, title, data.notice)
     return figure
-
-
-def _fopt_at(data: ReportData, spot: str) -> float:
-    return float(data.generalisation.filter(pl.col("spot") == spot)["fopt"][0])
 
 
 # ------------------------------------------------------------- NMSE over the sets
@@ -192,3 +198,47 @@ def _draw_distribution(axis: Axes, place: int, fopt: FloatArray) -> None:
     n_above = int((fopt > DISTRIBUTION_LIMIT).sum())
     if n_above:
         axis.text(place, DISTRIBUTION_LIMIT * 1.06, f"{n_above} above", ha="center", va="center", fontsize=6)
+
+
+# ------------------------------------------------------------ presses of one spot
+
+
+def draw_presses(
+    presses: Presses, mean: Response, channels: Mapping[str, Channel], notice: str, folder: Path
+) -> tuple[Path, ...]:
+    """Draw ``curves.svg``, ``curves.pdf`` and ``curves.png``: each channel in its own panel.
+
+    Parameters
+    ----------
+    presses : Presses
+    mean : Response
+        What :func:`palpate.stages.experiment.mean` made of them.
+    channels : mapping of name to Channel
+        Axes and labels.
+    notice : str
+        What the picture must state of the data; empty for nothing.
+    folder : Path
+    """
+
+    def draw() -> Figure:
+        figure = sized(DOUBLE_MM if len(mean.curves) > 1 else SINGLE_MM, 75.0)
+        axes = figure.subplots(1, len(mean.curves), squeeze=False)[0]
+        for axis, (name, curve) in zip(axes, mean.curves.items(), strict=True):
+            _draw_channel(axis, list(presses.curves(name).values()), curve)
+            _label(axis, channels[name])
+        legend_below(figure, list(axes))
+        entitle(figure, f"spot {presses.spot.spot.name}: measured curves", notice)
+        return figure
+
+    return tuple(_saved(draw, folder / "curves"))
+
+
+def _draw_channel(axis: Axes, repeats: Sequence[Curve], mean: Curve) -> None:
+    label = "press"
+    if len(repeats) > 1:
+        label = f"mean of {len(repeats)} presses"
+        for k, curve in enumerate(repeats):
+            of_all = "_" if k else f"{len(repeats)} presses"
+            axis.plot(curve.abscissa, curve.ordinate, label=of_all, color="0.45", linewidth=0.8)
+    _draw_band(axis, mean)
+    axis.plot(mean.abscissa, mean.ordinate, color=MEASURED_COLOUR, label=label)

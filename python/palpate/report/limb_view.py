@@ -38,7 +38,7 @@ class ViewPart:
     Parameters
     ----------
     name : str
-        As a legend says it: ``contact``, ``ulna``, ``cut``, ``skin | soft_tissue``, ``sphere``.
+        As in a legend: ``contact``, ``ulna``, ``cut``, ``skin | soft_tissue``, ``sphere``.
     role : {"contact", "fixed", "free", "interface", "sphere"}
     region : str
         Of the elements behind it; at an interface, of the one named first; empty for the sphere.
@@ -75,13 +75,12 @@ class LimbView:
 
     def traces(self) -> list[dict[str, Any]]:
         """Traces for Plotly as plain values: a ``mesh3d`` of each part, the mark and the normal."""
-        return [*map(_trace, self.parts), *self._spot_traces()]
-
-    def _spot_traces(self) -> Iterator[dict[str, Any]]:
-        yield _scatter(f"mark {self.spot}", self.mark_mm[None], "markers") | {
-            "marker": {"size": 5, "color": "#207040"}
-        }
-        yield _scatter("normal", self.normal_mm, "lines") | {"line": {"width": 6, "color": "#202020"}}
+        mark, look = self.mark_mm[None], {"size": 5, "color": "#207040"}
+        return [
+            *map(_trace, self.parts),
+            scatter_trace(f"mark {self.spot}", mark, "markers") | {"marker": look},
+            scatter_trace("normal", self.normal_mm, "lines") | {"line": {"width": 6, "color": "#202020"}},
+        ]
 
 
 def limb_view(limb: Limb, radius_mm: float | None = None) -> LimbView:
@@ -112,16 +111,14 @@ def limb_view(limb: Limb, radius_mm: float | None = None) -> LimbView:
 def _surfaces(mesh: Mesh) -> Iterator[ViewPart]:
     triangles, regions, inner = _shown_faces(mesh)
     outside = inner < 0
-    labels = _labels(mesh, triangles[outside])
-    for label in dict.fromkeys(labels):
-        own = np.array([other == label for other in labels])
-        for region in np.unique(regions[outside][own]):
-            chosen = own & (regions[outside] == region)
-            name = label or mesh.regions[region]
-            yield _part(mesh, name, _role(mesh, label), mesh.regions[region], triangles[outside][chosen])
-    pairs = np.stack([regions, inner], axis=1)
-    for a, b in np.unique(pairs[~outside], axis=0):
-        chosen = (pairs == (a, b)).all(axis=1)
+    labels = _labels(mesh, triangles)
+    for label in dict.fromkeys(labels[outside]):
+        own = outside & (labels == label)
+        for region in np.unique(regions[own]):
+            name, chosen = label or mesh.regions[region], own & (regions == region)
+            yield _part(mesh, name, _role(mesh, label), mesh.regions[region], triangles[chosen])
+    for a, b in np.unique(np.stack([regions, inner], axis=1)[~outside], axis=0):
+        chosen = (regions == a) & (inner == b)
         name = f"{mesh.regions[a]} | {mesh.regions[b]}"
         yield _part(mesh, name, "interface", mesh.regions[a], triangles[chosen])
 
@@ -159,14 +156,12 @@ def _all_faces(mesh: Mesh) -> tuple[IntArray, IntArray]:
     return np.concatenate(faces), np.concatenate(owners)
 
 
-def _labels(mesh: Mesh, triangles: IntArray) -> list[str]:
+def _labels(mesh: Mesh, triangles: IntArray) -> "np.ndarray[tuple[int], np.dtype[np.object_]]":
     """The smallest node set that holds each triangle, or nothing."""
     labels = np.full(len(triangles), "", dtype=object)
     for name, nodes in sorted(mesh.node_sets.items(), key=lambda item: -item[1].size):
-        on = np.zeros(mesh.n_nodes, dtype=np.bool_)
-        on[nodes] = True
-        labels[on[triangles].all(axis=1)] = name
-    return [str(label) for label in labels]
+        labels[np.isin(triangles, nodes).all(axis=1)] = name
+    return labels
 
 
 def _role(mesh: Mesh, label: str) -> Role:
@@ -212,23 +207,22 @@ def _sphere(centre_mm: FloatArray, radius_mm: float, n_around: int = 32) -> View
 
 def _trace(part: ViewPart) -> dict[str, Any]:
     colour, opacity = _LOOKS[part.role]
-    x, y, z = np.round(part.points_mm, 2).T.tolist()
-    i, j, k = part.triangles.T.tolist()
-    hidden = {"visible": "legendonly"} if part.role == "interface" else {}
     about = part.name if part.name == part.region or not part.region else f"{part.name} ({part.region})"
     return {
         "type": "mesh3d",
         "name": about,
-        **dict(zip("xyzijk", (x, y, z, i, j, k), strict=True)),
+        **dict(zip("xyz", np.round(part.points_mm, 2).T.tolist(), strict=True)),
+        **dict(zip("ijk", part.triangles.T.tolist(), strict=True)),
         "color": _CUTS if part.name == "cut" else colour,
         "opacity": opacity,
         "flatshading": part.role != "sphere",
         "showlegend": True,
         "hoverinfo": "name",
-        **hidden,
+        **({"visible": "legendonly"} if part.role == "interface" else {}),
     }
 
 
-def _scatter(name: str, points_mm: FloatArray, mode: str) -> dict[str, Any]:
+def scatter_trace(name: str, points_mm: FloatArray, mode: str) -> dict[str, Any]:
+    """Trace for Plotly of points (n, 3), as plain values."""
     x, y, z = np.round(points_mm, 2).T.tolist()
     return {"type": "scatter3d", "name": name, "mode": mode, "x": x, "y": y, "z": z, "hoverinfo": "name"}

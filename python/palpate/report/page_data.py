@@ -1,6 +1,7 @@
 """What the page draws, as plain lists: names are values and never keys, so that any name will do."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import matplotlib as mpl
@@ -10,9 +11,9 @@ import polars as pl
 from palpate.domain import Curve, FloatArray, Indentation, IntArray
 from palpate.report.convergence import CONTACT
 from palpate.report.figures import DISTRIBUTION_LIMIT, fit_of
-from palpate.report.report_data import ReportData
+from palpate.report.report_data import ReportData, label_of
 from palpate.report.scene import edge_of_contact, scene
-from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, colours, label_of, named_briefly
+from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, colours
 from palpate.report.tables import weighted_channels
 from palpate.stages.selection import objectives
 
@@ -48,11 +49,11 @@ def page_data(data: ReportData) -> dict[str, Any]:
         ],
         "parameters": [
             {"label": label_of(parameter), "log": parameter.scale == "log"}
-            for parameter in named_briefly(data.design.parameters)
+            for parameter in data.brief.values()
         ],
         "limits": {"colour": COLOUR_LIMIT, "distribution": DISTRIBUTION_LIMIT, "pairs": MOST_PAIRS},
         "colours": [mpl.colors.to_hex(c) for c in colours()(np.linspace(0.0, 1.0, N_COLOURS))],
-        "measured": [_measured(data, spot) for spot in data.spots],
+        "measured": [_curves(data, data.measured[spot].curves) for spot in data.spots],
         "fits": [_fits(data, spot) for spot in data.spots],
         "sets": _sets(data, sets),
         "swept": _swept(data, sets),
@@ -65,9 +66,8 @@ def page_data(data: ReportData) -> dict[str, Any]:
 # -------------------------------------------------------------------- curves
 
 
-def _measured(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
-    """Curve of each channel at a spot, with its band; None where it was not measured."""
-    curves = data.measured[spot].curves
+def _curves(data: ReportData, curves: Mapping[str, Curve]) -> list[dict[str, Any] | None]:
+    """Curve of each channel, with its band; None where there is none."""
     return [_curve(curves[name]) if name in curves else None for name in data.measured_channels]
 
 
@@ -77,36 +77,28 @@ def _curve(curve: Curve) -> dict[str, Any]:
     drawn = {"x": _digits(x), "y": _digits(y)}
     if curve.std is None:
         return drawn
-    std = curve.std[kept]
-    thinned = Curve(channel=curve.channel, abscissa=x, ordinate=y)
-    return drawn | {"bands": [_band(x[i:j], y[i:j], std[i:j]) for i, j in thinned.branches]}
-
-
-def _band(x: FloatArray, y: FloatArray, std: FloatArray) -> dict[str, Any]:
-    """Outline of one standard deviation to each side, along one branch of a curve and back."""
-    return {
-        "x": _digits(np.concatenate([x, x[::-1]])),
-        "y": _digits(np.concatenate([y + std, (y - std)[::-1]])),
+    low, high = y - curve.std[kept], y + curve.std[kept]
+    branches = Curve(channel=curve.channel, abscissa=x, ordinate=y).branches
+    # The outline of the band: along one branch of the curve and back.
+    return drawn | {
+        "bands": [
+            {
+                "x": _digits(np.concatenate([x[i:j], x[i:j][::-1]])),
+                "y": _digits(np.concatenate([high[i:j], low[i:j][::-1]])),
+            }
+            for i, j in branches
+        ]
     }
 
 
 def _fits(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
     """Best curves of each scenario, then those of the set for all spots."""
-    fits: list[dict[str, Any] | None] = []
-    for scenario in data.study.scenarios:
-        label, curves = fit_of(data, spot, scenario.name)
-        fits.append(_fit(data, label, dict(curves)) if curves else None)
+    fits = [fit_of(data, spot, scenario.name) for scenario in data.study.scenarios]
     if not data.generalisation.is_empty():
         set_id = data.generalisation["set_id"][0]
         response = data.responses.get((spot, set_id))
-        label = f"one set for all spots, set {set_id}"
-        fits.append(_fit(data, label, dict(response.curves)) if response else None)
-    return fits
-
-
-def _fit(data: ReportData, label: str, curves: dict[str, Curve]) -> dict[str, Any]:
-    names = data.measured_channels
-    return {"label": label, "curves": [_curve(curves[n]) if n in curves else None for n in names]}
+        fits.append((f"one set for all spots, set {set_id}", response.curves if response else {}))
+    return [{"label": label, "curves": _curves(data, curves)} if curves else None for label, curves in fits]
 
 
 # ---------------------------------------------------------------------- sets
@@ -126,48 +118,36 @@ def _shown_sets(data: ReportData) -> IntArray:
 def _sets(data: ReportData, sets: IntArray) -> dict[str, Any]:
     """Values by parameter, and Fopt by spot and scenario: lists over the sets, null where not ranked."""
     ranked = objectives(data.scores, data.study.scenarios)
-    place = {int(set_id): i for i, set_id in enumerate(sets)}
-    fopt = [[_fopt(ranked, spot, s.name, place) for s in data.study.scenarios] for spot in data.spots]
+    shown = pl.DataFrame({"set_id": sets})
+
+    def fopt(spot: str, scenario: str) -> list[float | None]:
+        rows = ranked.filter(spot=spot, scenario=scenario)
+        found = shown.join(rows, on="set_id", how="left", maintain_order="left")["fopt"]
+        return _digits(found.to_numpy())
+
     return {
         "ids": sets.tolist(),
         "n_left_out": data.design.n_sets - len(sets),
         "values": [_digits(column) for column in data.design.values[sets].T],
-        "fopt": fopt,
+        "fopt": [[fopt(spot, s.name) for s in data.study.scenarios] for spot in data.spots],
     }
-
-
-def _fopt(ranked: pl.DataFrame, spot: str, scenario: str, place: dict[int, int]) -> list[float | None]:
-    rows = ranked.filter((pl.col("spot") == spot) & (pl.col("scenario") == scenario))
-    found: list[float | None] = [None] * len(place)
-    for set_id, fopt in rows.select("set_id", "fopt").iter_rows():
-        if set_id in place:
-            found[place[set_id]] = _four(fopt)
-    return found
 
 
 def _swept(data: ReportData, sets: IntArray) -> list[list[dict[str, Any] | None]]:
     """Curves of every set shown at every spot in each channel, at few of the measured points."""
-    n_curves = len(data.swept) * len(sets)
-    if not n_curves:
+    n_points = min(60, MOST_NUMBERS // max(1, len(data.swept) * len(sets)))
+    if not data.swept or n_points < 8:
         return []
-    n_points = min(60, MOST_NUMBERS // n_curves)
-    if n_points < 8:
-        return []
-    return [
-        [_swept_at(data, spot, name, sets, n_points) for name in data.measured_channels]
-        for spot in data.spots
-    ]
 
+    def curves(spot: str, channel: str) -> dict[str, Any] | None:
+        values = data.swept.get((spot, channel))
+        if values is None:
+            return None
+        abscissa = data.measured[spot][channel].abscissa
+        kept = _spread_out(abscissa.size, n_points)
+        return {"x": _digits(abscissa[kept]), "y": [_digits(row) for row in values[np.ix_(sets, kept)]]}
 
-def _swept_at(
-    data: ReportData, spot: str, channel: str, sets: IntArray, n_points: int
-) -> dict[str, Any] | None:
-    values = data.swept.get((spot, channel))
-    if values is None:
-        return None
-    abscissa = data.measured[spot][channel].abscissa
-    kept = _spread_out(abscissa.size, n_points)
-    return {"x": _digits(abscissa[kept]), "y": [_digits(row) for row in values[np.ix_(sets, kept)]]}
+    return [[curves(spot, name) for name in data.measured_channels] for spot in data.spots]
 
 
 # --------------------------------------------------------------------- limbs
@@ -185,26 +165,23 @@ def _limbs(data: ReportData) -> list[list[dict[str, Any]]]:
 
 def _contacts(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
     """Contact along the path of the set that each scenario selected; None where the solver reported none."""
-    chosen = data.selection.filter(pl.col("spot") == spot)
-    sets = dict(chosen.select("scenario", "set_id").iter_rows())
-    return [_contact(data, spot, sets.get(scenario.name)) for scenario in data.study.scenarios]
-
-
-def _contact(data: ReportData, spot: str, set_id: int | None) -> dict[str, Any] | None:
-    contact = None if set_id is None else data.contact.get((spot, set_id))
-    if contact is None:
-        return None
+    sets = dict(data.selection.filter(spot=spot).select("scenario", "set_id").iter_rows())
     limb, protocol = data.limbs.get(spot), data.study.protocol_at(spot)
-    edge = edge_of_contact(limb, protocol, contact) if limb and isinstance(protocol, Indentation) else None
-    rounded = {name: [_four(value) for value in values] for name, values in contact.items()}
-    series = [rounded.get(name) for name in CONTACT]
-    return {
-        "set_id": set_id,
-        "depth": rounded["depth_mm"],
-        "rotation": rounded["rotation_deg"],
-        "series": series,
-        "edge": edge,
-    }
+
+    def contact(set_id: int | None) -> dict[str, Any] | None:
+        if set_id is None or (found := data.contact.get((spot, set_id))) is None:
+            return None
+        edge = edge_of_contact(limb, protocol, found) if limb and isinstance(protocol, Indentation) else None
+        rounded = {name: _digits(np.array(values)) for name, values in found.items()}
+        return {
+            "set_id": set_id,
+            "depth": rounded["depth_mm"],
+            "rotation": rounded["rotation_deg"],
+            "series": [rounded.get(name) for name in CONTACT],
+            "edge": edge,
+        }
+
+    return [contact(sets.get(scenario.name)) for scenario in data.study.scenarios]
 
 
 # ------------------------------------------------------------------- numbers
@@ -216,9 +193,5 @@ def _spread_out(n: int, most: int) -> IntArray:
 
 
 def _digits(values: FloatArray) -> list[float | None]:
-    return [_four(value) for value in values.tolist()]
-
-
-def _four(value: float) -> float | None:
     """Five digits, which is more than a screen shows; None for what is not finite."""
-    return float(f"{value:.5g}") if np.isfinite(value) else None
+    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]

@@ -1,16 +1,16 @@
 """What a report is made of."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import polars as pl
 
-from palpate.domain import Channel, Design, Limb, Response, Scenario
+from palpate.domain import Channel, Design, Limb, Parameter, Response, Scenario
 from palpate.report.convergence import Contact
 from palpate.run.result import FitResult
 from palpate.stages.completeness import Completeness, completeness, without_result
-from palpate.stages.identifiability import Swept
+from palpate.stages.identifiability import ALL_SPOTS, Swept
 from palpate.study.reading import Study
 
 
@@ -84,9 +84,33 @@ class ReportData:
         return tuple(dict.fromkeys(name for response in self.measured.values() for name in response))
 
     @property
+    def brief(self) -> dict[str, Parameter]:
+        """Parameters of the design by name, each under its brief name."""
+        names = (p.name for p in self.design.parameters)
+        return dict(zip(names, named_briefly(self.design.parameters), strict=True))
+
+    def scenario(self, name: str) -> Scenario:
+        """Scenario of the study by its name."""
+        return next(s for s in self.study.scenarios if s.name == name)
+
+    @property
     def generalising(self) -> Scenario:
         """The scenario whose mean over the spots decides the generalised set."""
-        return next(s for s in self.study.scenarios if s.name == self.study.generalise_by)
+        return self.scenario(self.study.generalise_by)
+
+    def identified(self, *, together: bool) -> pl.DataFrame:
+        """Rows of the identifiability in the scenario that generalises.
+
+        Parameters
+        ----------
+        together : bool
+            Those of all spots together, or of the only spot; else those spot by spot.
+        """
+        rows = self.identifiability.filter(pl.col("scenario") == self.generalising.name)
+        of_all = pl.col("spot") == ALL_SPOTS
+        if together:
+            return rows.filter(of_all) if len(self.spots) > 1 else rows
+        return rows.filter(~of_all)
 
     @property
     def completeness(self) -> Completeness:
@@ -100,5 +124,17 @@ class ReportData:
 
     @property
     def notice(self) -> str:
-        """What every picture of these data must say."""
+        """What every picture of these data must state."""
         return self.study.notice
+
+
+def named_briefly(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """Parameters without the name of their region, where there is only one."""
+    if len({p.name.partition(".")[0] for p in parameters}) > 1:
+        return tuple(parameters)
+    return tuple(replace(p, name=p.name.partition(".")[2]) for p in parameters)
+
+
+def label_of(parameter: Parameter) -> str:
+    """Name of a parameter with its unit."""
+    return parameter.name if parameter.unit in ("", "1") else f"{parameter.name} [{parameter.unit}]"

@@ -3,15 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import polars as pl
 
 from palpate.domain import Design, Response, Simulation
+from palpate.report.verdict import Verdict
 from palpate.run.result import SelectionResult
-
-if TYPE_CHECKING:
-    from palpate.report.verdict import Verdict  # draws, which few commands do
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +26,7 @@ class Report:
 
     tables: Mapping[str, pl.DataFrame]
     files: tuple[Path, ...]
-    verdict: "Verdict"
+    verdict: Verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,14 +1,13 @@
 """A limb for the page: few enough triangles to turn it on any machine."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray, Indentation, IntArray, Limb, Protocol
+from palpate.domain import Indentation, Limb, Protocol
 from palpate.report.convergence import Contact
-from palpate.report.limb_view import LimbView, ViewPart, limb_view
+from palpate.report.limb_view import LimbView, ViewPart, limb_view, scatter_trace
 
 
 def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, Any]]:
@@ -22,24 +21,17 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
     most : int
         Triangles beyond which parts are made coarser, all to the same size of detail.
     """
-    indented = protocol if isinstance(protocol, Indentation) else None
-    view = limb_view(limb, indented.indenter.radius_mm if indented else None)
-    traces = coarsened(view, most).traces()
-    spheres = [t for part, t in zip(view.parts, traces, strict=False) if part.role == "sphere"]
-    if indented is not None:
-        depth = float(indented.path[:, 0].max())
-        traces += [_pressed(trace, -depth * limb.spot.normal) for trace in spheres]
-    return traces
-
-
-def _pressed(trace: dict[str, Any], by_mm: FloatArray) -> dict[str, Any]:
-    """The same sphere where it presses deepest; hidden until it is asked for."""
+    if not isinstance(protocol, Indentation):
+        return coarsened(limb_view(limb), most).traces()
+    traces = coarsened(limb_view(limb, protocol.indenter.radius_mm), most).traces()
+    sphere = next(trace for trace in traces if trace["name"] == "sphere")
+    depth = float(protocol.path[:, 0].max())
+    # The same sphere where it presses deepest; hidden until it is asked for.
     moved = {
-        axis: np.round(np.array(trace[axis]) + shift, 2).tolist()
-        for axis, shift in zip("xyz", by_mm.tolist(), strict=True)
+        axis: np.round(np.array(sphere[axis]) - depth * along, 2).tolist()
+        for axis, along in zip("xyz", limb.spot.normal.tolist(), strict=True)
     }
-    depth = float(np.linalg.norm(by_mm))
-    return trace | moved | {"name": f"{trace['name']} at {depth:g} mm", "visible": "legendonly"}
+    return [*traces, sphere | moved | {"name": f"sphere at {depth:g} mm", "visible": "legendonly"}]
 
 
 def edge_of_contact(limb: Limb, protocol: Indentation, contact: Contact) -> dict[str, Any] | None:
@@ -54,9 +46,8 @@ def edge_of_contact(limb: Limb, protocol: Indentation, contact: Contact) -> dict
     across = np.linalg.svd(normal[None])[2][1:]
     turns = np.linspace(0.0, 2.0 * np.pi, 49)
     points = centre + radius * np.column_stack([np.cos(turns), np.sin(turns)]) @ across
-    x, y, z = np.round(points, 2).T.tolist()
     name = f"edge of the contact at {depths[k]:g} mm: radius {radius:.3g} mm"
-    return {"type": "scatter3d", "mode": "lines", "name": name, "x": x, "y": y, "z": z, "hoverinfo": "name"}
+    return scatter_trace(name, points, "lines")
 
 
 def coarsened(view: LimbView, most: int) -> LimbView:
@@ -73,12 +64,8 @@ def coarsened(view: LimbView, most: int) -> LimbView:
 
 
 def _mean_edge(parts: tuple[ViewPart, ...]) -> float:
-    def lengths() -> Iterator[FloatArray]:
-        for part in parts:
-            corners = part.points_mm[part.triangles]
-            yield np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).ravel()
-
-    return float(np.concatenate(list(lengths())).mean())
+    corners = np.concatenate([part.points_mm[part.triangles] for part in parts])
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
 
 def _coarser(part: ViewPart, size_mm: float) -> ViewPart:
@@ -90,12 +77,7 @@ def _coarser(part: ViewPart, size_mm: float) -> ViewPart:
     merged = merged.ravel()
     points = np.zeros((counts.size, 3))
     np.add.at(points, merged, part.points_mm)
-    return replace(part, points_mm=points / counts[:, None], triangles=_proper(merged[part.triangles]))
-
-
-def _proper(triangles: IntArray) -> IntArray:
-    a, b, c = triangles.T
-    kept = triangles[(a != b) & (b != c) & (c != a)]
-    _, first = np.unique(np.sort(kept, axis=1), axis=0, return_index=True)
-    proper: IntArray = kept[np.sort(first)]
-    return proper
+    a, b, c = (triangles := merged[part.triangles]).T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
+    return replace(part, points_mm=points / counts[:, None], triangles=triangles[np.sort(first)])

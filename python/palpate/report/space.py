@@ -1,7 +1,6 @@
 """The space of the parameters, coloured by NMSE, as the paper shows it."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from typing import Any
@@ -14,7 +13,7 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from palpate.domain import FloatArray, Parameter
-from palpate.report.report_data import ReportData
+from palpate.report.report_data import ReportData, label_of
 from palpate.report.style import (
     DOUBLE_MM,
     LEAST_COLOUR,
@@ -49,7 +48,7 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
     ``MOST_PAIRS``), one over its own axis.
     """
     values, fopt = _sets_at(data, spot)
-    parameters = named_briefly(data.design.parameters)
+    parameters = tuple(data.brief.values())
     n = len(parameters)
     if n == 1:
         figure, flat = _one_parameter(values[:, 0], fopt, parameters[0])
@@ -162,15 +161,3 @@ def _colour_bar(figure: Figure, axes: Sequence[Axes], data: ReportData) -> None:
         shrink=0.8,
         pad=0.02,
     )
-
-
-def named_briefly(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
-    """Parameters without the name of their region, where there is only one."""
-    if len({p.name.partition(".")[0] for p in parameters}) > 1:
-        return tuple(parameters)
-    return tuple(replace(p, name=p.name.partition(".")[2]) for p in parameters)
-
-
-def label_of(parameter: Parameter) -> str:
-    """Name of a parameter with its unit."""
-    return parameter.name if parameter.unit in ("", "1") else f"{parameter.name} [{parameter.unit}]"

@@ -1,7 +1,7 @@
 """Tables as files: CSV with every digit, LaTeX and Markdown to be printed."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import polars as pl
@@ -9,10 +9,8 @@ import polars as pl
 from palpate.report.tables import TITLES
 from palpate.run.result_files import write_atomically
 
-_MISSING = "–"
 _FORMULA = r"^[=+@\-\t\r]"
 """How a cell begins that a spreadsheet would run."""
-_INFINITE = r"\infty"
 _LATEX = str.maketrans(
     {
         "\\": r"\textbackslash{}",
@@ -41,25 +39,25 @@ _MARKDOWN = str.maketrans(
 
 def write_tables(tables: Mapping[str, pl.DataFrame], folder: Path) -> tuple[Path, ...]:
     """Write each table as CSV, LaTeX and Markdown."""
-    kinds = {".csv": _csv, ".tex": latex, ".md": markdown}
-    files = []
-    for name, table in tables.items():
-        for suffix, written in kinds.items():
-            path = folder / f"{name}{suffix}"
-            write_atomically(path, written(name, table).encode())
-            files.append(path)
-    return tuple(files)
+    texts = {
+        folder / f"{name}{suffix}": text
+        for name, table in tables.items()
+        for suffix, text in (
+            (".csv", _csv(table)),
+            (".tex", latex(name, table)),
+            (".md", markdown(name, table)),
+        )
+    }
+    for path, text in texts.items():
+        write_atomically(path, text.encode())
+    return tuple(texts)
 
 
-def _csv(_: str, table: pl.DataFrame) -> str:
+def _csv(table: pl.DataFrame) -> str:
     """Write a table for a spreadsheet: an apostrophe keeps text that begins like a formula from being one."""
-    heads = {name: _not_a_formula(name) for name in table.columns}
+    heads = {name: re.sub(_FORMULA, r"'\g<0>", name) for name in table.columns}
     texts = pl.col(pl.String).str.replace(_FORMULA, "'$0")
     return table.with_columns(texts).rename(heads).write_csv()
-
-
-def _not_a_formula(text: str) -> str:
-    return re.sub(_FORMULA, r"'\g<0>", text)
 
 
 def latex(name: str, table: pl.DataFrame) -> str:
@@ -95,11 +93,8 @@ def markdown(name: str, table: pl.DataFrame) -> str:
     rule = ["---:" if dtype.is_numeric() else "---" for dtype in table.dtypes]
     head = [text.translate(_MARKDOWN) for text in table.columns]
     rows = ([shown(value).translate(_MARKDOWN) for value in row] for row in table.iter_rows())
-    return f"{TITLES.get(name, name)}\n\n" + "".join(_line(cells) for cells in (head, rule, *rows))
-
-
-def _line(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |\n"
+    lines = [f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)]
+    return "\n".join([TITLES.get(name, name), "", *lines, ""])
 
 
 def _latex_cell(value: object) -> str:
@@ -108,12 +103,12 @@ def _latex_cell(value: object) -> str:
         mantissa, exponent = text.split("e")
         return rf"${mantissa}\times10^{{{int(exponent)}}}$"
     if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return f"${text.replace('inf', _INFINITE)}$"
+        return "$" + text.replace("inf", r"\infty") + "$"
     return text.translate(_LATEX)
 
 
 def shown(value: object) -> str:
     """Text of a value for people: four digits; a dash for what is missing."""
     if value is None:
-        return _MISSING
+        return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,12 +1,11 @@
 """The paper's tables, and those that it argues from in prose."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
 
 import polars as pl
 
-from palpate.domain import Parameter, RegionMaterial, Scenario
+from palpate.domain import Scenario
 from palpate.report.report_data import ReportData
 from palpate.stages.completeness import Completeness
 from palpate.stages.selection import by_reason, failures, unranked
@@ -86,16 +85,11 @@ def coefficients(data: ReportData) -> pl.DataFrame:
             "value": row[f"{region.region}.{parameter.name}"],
             "unit": parameter.unit,
         }
-        for region, parameter in _searched(data)
+        for region in data.study.space.regions
+        for parameter in region.searched
         for row in data.selection.iter_rows(named=True)
     ]
     return pl.DataFrame(rows)
-
-
-def _searched(data: ReportData) -> Iterator[tuple[RegionMaterial, Parameter]]:
-    for region in data.study.space.regions:
-        for parameter in region.searched:
-            yield region, parameter
 
 
 def nmse_by_scenario(data: ReportData) -> pl.DataFrame:
@@ -108,14 +102,8 @@ def nmse_by_scenario(data: ReportData) -> pl.DataFrame:
 def cross_channel(data: ReportData) -> pl.DataFrame:
     """Error in every channel of the set that each scenario selected, fitted to it or not."""
     fitted = {s.name: weighted_channels(s) for s in data.study.scenarios}
-    measures = [name for name in data.selection.columns if name.startswith(("nmse_", "r2_"))]
-    return data.selection.select(
-        "spot",
-        "scenario",
-        pl.col("scenario").replace_strict(fitted, return_dtype=pl.String).alias("fitted_to"),
-        "set_id",
-        *measures,
-    )
+    fitted_to = pl.col("scenario").replace_strict(fitted, return_dtype=pl.String).alias("fitted_to")
+    return data.selection.select("spot", "scenario", fitted_to, "set_id", pl.col("^(nmse|r2)_.*$"))
 
 
 def weighted_channels(scenario: Scenario) -> str:
@@ -134,49 +122,40 @@ def unfitted_channels(data: ReportData) -> pl.DataFrame:
     and R² there; ``nmse_fitted``, the least NMSE there of the scenarios that do fit the
     channel, null where none does; and ``times``, how many times further off it is than that.
     """
-    scenarios = {scenario.name: scenario for scenario in data.study.scenarios}
-    searches = {"sweep": data.selection, "refined": data.refined.table}
     rows = [
-        _unfitted(search, table, row, channel, scenarios)
-        for search, table in searches.items()
+        {
+            "search": search,
+            "spot": row["spot"],
+            "scenario": row["scenario"],
+            "fitted_to": weighted_channels(data.scenario(row["scenario"])),
+            "unfitted": channel,
+            "nmse": row[f"nmse_{channel}"],
+            "r2": row[f"r2_{channel}"],
+            "nmse_fitted": _least(data, table, row["spot"], channel),
+        }
+        for search, table in (("sweep", data.selection), ("refined", data.refined.table))
         for row in table.iter_rows(named=True)
         for channel in (name.removeprefix("nmse_") for name in table.columns if name.startswith("nmse_"))
-        if not scenarios[row["scenario"]].weights.get(channel) and row[f"nmse_{channel}"] is not None
+        if not data.scenario(row["scenario"]).weights.get(channel) and row[f"nmse_{channel}"] is not None
     ]
-    return pl.DataFrame(rows, schema_overrides={"nmse_fitted": pl.Float64, "times": pl.Float64})
+    if not rows:
+        return pl.DataFrame()
+    # A fit and its reference that are both exact have no ratio.
+    both_exact = (pl.col("nmse") <= pl.col("nmse_fitted")) & (pl.col("nmse_fitted") == 0.0)
+    times = pl.when(~both_exact).then(pl.col("nmse") / pl.col("nmse_fitted"))
+    return pl.DataFrame(rows, schema_overrides={"nmse_fitted": pl.Float64}).with_columns(times=times)
 
 
-def _unfitted(
-    search: str, table: pl.DataFrame, row: Mapping[str, Any], channel: str, scenarios: Mapping[str, Scenario]
-) -> dict[str, object]:
-    seeing = [name for name, scenario in scenarios.items() if scenario.weights.get(channel)]
-    fitting = table.filter(pl.col("spot") == row["spot"], pl.col("scenario").is_in(seeing))
-    nmse = float(row[f"nmse_{channel}"])
-    fitted = min(fitting[f"nmse_{channel}"].drop_nulls().to_list(), default=None)
-    return {
-        "search": search,
-        "spot": row["spot"],
-        "scenario": row["scenario"],
-        "fitted_to": weighted_channels(scenarios[row["scenario"]]),
-        "unfitted": channel,
-        "nmse": nmse,
-        "r2": row[f"r2_{channel}"],
-        "nmse_fitted": fitted,
-        "times": _times(nmse, fitted),
-    }
-
-
-def _times(nmse: float, fitted: float | None) -> float | None:
-    """How many times further off; None where nobody fits the channel, or where both are exact."""
-    if fitted is None or nmse <= fitted == 0.0:
-        return None
-    return nmse / fitted if fitted > 0.0 else float("inf")
+def _least(data: ReportData, table: pl.DataFrame, spot: str, channel: str) -> float | None:
+    """Least NMSE of a channel at a spot in the scenarios that fit it; None where none does."""
+    fitting = [s.name for s in data.study.scenarios if s.weights.get(channel)]
+    rows = table.filter(pl.col("spot") == spot, pl.col("scenario").is_in(fitting))
+    return min(rows[f"nmse_{channel}"].drop_nulls().to_list(), default=None)
 
 
 def finding(tables: Mapping[str, pl.DataFrame]) -> str:
-    """Sentence on the partial fit that is worst where it has not looked; empty where none is worse."""
-    table = tables.get("unfitted_channels", pl.DataFrame(schema={"times": pl.Float64}))
-    table = table.drop_nulls("times")
+    """Sentence on the partial fit that is worst in a channel left out of it; empty where none is worse."""
+    table = tables.get("unfitted_channels", pl.DataFrame({"times": []})).drop_nulls("times")
     if table.is_empty():
         return ""
     last = table.filter(pl.col("search") == table["search"][-1])
@@ -190,8 +169,7 @@ def finding(tables: Mapping[str, pl.DataFrame]) -> str:
     return (
         f"Misfit of the channels left out of the fit: at spot {worst['spot']}, scenario "
         f"'{worst['scenario']}' (fitted to {worst['fitted_to']}) misses {worst['unfitted']} with NMSE "
-        f"{worst['nmse']:.3g}{r2}, "
-        f"{times}."
+        f"{worst['nmse']:.3g}{r2}, {times}."
     )
 
 
@@ -220,12 +198,8 @@ def cost_of_one_set(data: ReportData) -> pl.DataFrame:
 
 def distance_to_truth(data: ReportData) -> pl.DataFrame:
     """How far the found coefficients are from the known ones of a simulated experiment."""
-    truth = data.study.truth
-    found = [
-        ("sweep", data.selection),
-        ("refined", data.refined.table),
-        ("generalised", _all_spots(data.generalisation)),
-    ]
+    all_spots = data.generalisation.head(1).with_columns(spot=pl.lit("all spots"))
+    found = {"sweep": data.selection, "refined": data.refined.table, "generalised": all_spots}
     rows = [
         {
             "search": search,
@@ -233,18 +207,12 @@ def distance_to_truth(data: ReportData) -> pl.DataFrame:
             "scenario": row["scenario"],
             "parameter": name,
             "value": row[name],
-            "truth": truth[name],
-            "difference_percent": 100.0 * (row[name] - truth[name]) / abs(truth[name])
-            if truth[name]
-            else None,
+            "truth": truth,
+            "difference_percent": 100.0 * (row[name] - truth) / abs(truth) if truth else None,
         }
-        for search, table in found
+        for search, table in found.items()
         for row in table.iter_rows(named=True)
-        for name in truth
+        for name, truth in data.study.truth.items()
         if row.get(name) is not None
     ]
     return pl.DataFrame(rows)
-
-
-def _all_spots(generalisation: pl.DataFrame) -> pl.DataFrame:
-    return generalisation.head(1).with_columns(pl.lit("all spots").alias("spot"))

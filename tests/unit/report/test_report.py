@@ -271,6 +271,7 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
         generalisation=generalise(scores, scenarios[0], design, list(measured)),
         refined=FitResult(table=chosen.clear(), responses={}),
         responses={(s.job.spot, s.job.set_id): s.response for s in swept},
+        identifiability=pl.DataFrame(schema=["spot", "scenario", "parameter", "identifiability", "lower"]),
     )  # fmt: skip
     assert len(write_report(made, tmp_path / "report").files) == 3 * 6 + 3 * 6 + 1
     assert len(responses(made, "p1").axes) == 3
@@ -279,7 +280,7 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
 
 
 def test_two_regions_keep_their_names(space):
-    from palpate.report.space import named_briefly
+    from palpate.report.report_data import named_briefly
 
     one = space.parameters
     assert [p.name for p in named_briefly(one)] == ["stiffness", "grip"]
