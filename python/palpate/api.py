@@ -1,4 +1,4 @@
-"""What a plugin may import: this module, and those named below. Nothing else of palpate is promised.
+"""What a plugin may import: this module and those named below. Nothing else of palpate is public.
 
 Names are imported when they are first used: ``from palpate.api import Curve`` costs what ``Curve`` needs.
 Public too are :mod:`palpate.testing` (contracts), :mod:`palpate.mechanics`, :mod:`palpate.specimens`,
@@ -6,8 +6,8 @@ Public too are :mod:`palpate.testing` (contracts), :mod:`palpate.mechanics`, :mo
 :mod:`palpate.delimited` (text files of columns) and :mod:`palpate.sandbox` (programs and functions
 within limits of time and memory).
 
-A plugin that needs a newer version than this says so in its module, ``palpate_api = (1, 1)``, and is left
-out with that reason by a palpate that is older.
+A plugin that needs this version or a newer one sets ``palpate_api = (1, 1)`` in its module; an older palpate
+leaves it out with that reason.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Curves: what was measured or simulated, in the order in which it was travelled."""
+"""Curves, measured or simulated, with points in the order travelled."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ def frozen_floats(values: ArrayLike) -> FloatArray:
     Raises
     ------
     CurveError
-        They are no real numbers, or rows of unequal length.
+        They are not real numbers, or rows have unequal lengths.
     """
     try:
         given = np.asarray(values)
@@ -36,18 +36,17 @@ def frozen_floats(values: ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """What a curve is about: one measured quantity over another.
+    """Kind of a curve: one quantity over another.
 
     ``abscissa`` and ``ordinate`` are column names that carry their unit, such as
-    ``depth_mm`` and ``force_N``; the labels are for people. ``degree`` is that of the
-    ordinate in the moduli: 1 where it doubles when all of them double (a force, a torque, a
-    stress), 0 where it stays as it is (a displacement, an angle, a ratio).
+    ``depth_mm`` and ``force_N``; the labels are for figures. ``degree`` is that of the
+    ordinate in the moduli: 1 if it doubles when all of them double (a force, a torque, a
+    stress), 0 if it does not change (a displacement, an angle, a ratio).
 
-    What else is declared is checked on each measured curve, whichever loader has read it:
-    ``non_negative`` ordinates; an ordinate that is ``zero_at_start``; work, the integral of the
-    ordinate over the abscissa from the start, that is never returned beyond what was put in
-    (``dissipative``); and a size against indenter, depth and ranges, for an ordinate that goes
-    with modulus × length^``length_power``: 2 for a force, 3 for a moment.
+    The other declarations are checked on each measured curve of any loader: ``non_negative``
+    ordinates; an ordinate that is ``zero_at_start``; ``dissipative``: the curve never returns
+    more work (integral of the ordinate over the abscissa) than was put in; and ``length_power``:
+    the peak is compared with modulus × length^n, 2 for a force and 3 for a moment.
     """
 
     name: str
@@ -63,7 +62,7 @@ class Channel:
 
     @property
     def units(self) -> tuple[str, str]:
-        """Units of abscissa and ordinate, which their names end in; empty for a name of one word."""
+        """Units of abscissa and ordinate, from the ends of their names; empty for a name of one word."""
         along, of = (name.rpartition("_")[::2] for name in (self.abscissa, self.ordinate))
         return along[1] if along[0] else "", of[1] if of[0] else ""
 
@@ -79,11 +78,11 @@ class Curve:
     abscissa, ordinate : (n,) array
         In the units of the channel; at least two points, all finite.
     std : (n,) array, optional
-        Standard deviation of each ordinate, in its unit: how far one more measurement of
-        this point may lie from it. None where nobody has said.
+        Standard deviation of each ordinate, in its unit: the spread of single measurements
+        of this point. None if unknown.
     slopes : mapping of name to (n,) array
         Derivative of a simulated ordinate in each textbook parameter, named ``region.parameter``, and
-        in the coefficient of ``friction``; per unit of the parameter. Empty where none was asked for.
+        in the coefficient of ``friction``; per unit of the parameter. Empty if not requested.
 
     Raises
     ------
@@ -166,7 +165,7 @@ class Curve:
 
     @cached_property
     def branches(self) -> tuple[tuple[int, int], ...]:
-        """Maximal monotone runs as (start, stop), neighbours sharing the turning point."""
+        """Maximal monotone runs as (start, stop); adjacent runs share the turning point."""
         return tuple((int(a), int(b)) for a, b in _core.branches(self.abscissa))
 
     @property
@@ -178,8 +177,8 @@ class Curve:
 def moving_span(abscissa: FloatArray) -> slice:
     """Rows between the first and the last movement of an abscissa, both ends included.
 
-    A log holds one channel still while it drives another (depth during the
-    twist); the rest before and after carries no abscissa to compare at.
+    While one channel moves, the other is constant (depth during the twist); the rows at
+    rest before and after have no abscissa to compare at.
 
     Parameters
     ----------
@@ -199,14 +198,14 @@ def moving_span(abscissa: FloatArray) -> slice:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """Curves by channel name: what a limb answers, measured or simulated.
+    """Curves by channel name: the response of a limb, measured or simulated.
 
     Parameters
     ----------
     curves : mapping of channel name to Curve
     record : mapping, optional
-        What was done to get the curves, as numbers, text, lists and tables. The manifest
-        of a run keeps it for each file that a loader has read. A loader's ``warnings``, a list of
+        How the curves were obtained, as numbers, text, lists and tables. The manifest
+        of a run keeps it for each file of a loader. A loader's ``warnings``, a list of
         sentences, are printed.
     """
 

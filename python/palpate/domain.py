@@ -1,7 +1,7 @@
-"""The nouns of a study: frozen values that flow from stage to stage.
+"""The values of a study: frozen, and passed from stage to stage.
 
-Units are mm, N, MPa, N·mm and degrees. Arrays are copied in, checked once and
-made read-only, so a value that exists can be used.
+Units are mm, N, MPa, N·mm and degrees. Arrays are copied, checked once and made read-only, so every
+value is valid.
 """
 
 import sys
@@ -44,10 +44,10 @@ def _frozen_ints(values: ArrayLike) -> IntArray:
 
 
 class Normaliser(StrEnum):
-    """What the squared error is divided by, computed on the measured curve.
+    """Divisor of the squared error, computed on the measured curve.
 
-    ``MEAN`` is the letter of the paper; over a symmetric twist it is close to
-    zero, and scoring refuses it there. ``UNIT`` divides by one: plain mean squared error.
+    ``MEAN`` is the paper's; over a symmetric twist it is close to zero, and
+    scoring refuses it there. ``UNIT`` divides by one: plain mean squared error.
     """
 
     MEAN_ABS = "mean_abs"
@@ -59,7 +59,7 @@ class Normaliser(StrEnum):
 
 
 class PointWeighting(StrEnum):
-    """How much each measured point counts: all the same, or as 1/std² of its ordinate."""
+    """Weight of each measured point: equal, or 1/std² of its ordinate."""
 
     EQUAL = "equal"
     STD = "std"
@@ -95,9 +95,9 @@ class Mesh:
         Index into ``regions``.
     regions : tuple of str
     node_sets : mapping of name to (n,) integer array
-        At least ``fixed`` (held still) and ``contact`` (the outer surface).
+        At least ``fixed`` (no displacement) and ``contact`` (the outer surface).
     cell_fields : mapping of name and kind to (n_cells,) or (n_cells, 3) array
-        What materials take from each element, such as the direction of its fibres. Vectors are in the
+        Data of each element for materials, such as the direction of its fibres. Vectors are in the
         frame of the mesh.
     """
 
@@ -182,7 +182,7 @@ class Indentation:
         if path[0].any():
             raise StudyError(f"protocol: the path starts at {tuple(path[0])}; start it at (0, 0)")
         if (path[:, 0] < 0.0).any():
-            raise StudyError(f"protocol: depth {path[:, 0].min()} mm lies outside the limb; keep depths >= 0")
+            raise StudyError(f"protocol: depth {path[:, 0].min()} mm is outside the limb; keep depths >= 0")
         if not (np.isfinite(self.friction) and self.friction >= 0.0):
             raise StudyError(f"protocol: friction {self.friction}; give a coefficient >= 0")
 
@@ -205,7 +205,7 @@ class HomogeneousTests:
 
 
 Protocol = Indentation | HomogeneousTests
-"""What is done to the limb or specimen."""
+"""Motion or deformation prescribed to the limb or specimen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -224,12 +224,11 @@ class Prior:
 class Parameter:
     """One number that is searched, or that a material needs.
 
-    ``lower`` and ``upper`` are the region of interest that a sweep covers by
-    default; ``physical_lower`` and ``physical_upper`` are limits outside of
-    which the number has no meaning. ``kind`` is ``modulus`` when it scales with
-    stiffness and ``shape`` when it is dimensionless. ``scale`` says what a sweep
-    spreads evenly: the value or its logarithm. ``prior`` is what a fit knows of it beforehand, and
-    with ``by_spot`` a fit of several spots together finds one value for each.
+    ``lower`` and ``upper`` are the default range of a sweep (region of interest);
+    ``physical_lower`` and ``physical_upper`` are the limits of physical meaning.
+    ``kind`` is ``modulus`` if it scales with stiffness and ``shape`` if it is
+    dimensionless. A sweep spreads the value evenly, or its logarithm (``scale``). ``prior`` is what
+    a fit knows of it before; with ``by_spot`` a fit of several spots finds one value for each.
     """
 
     name: str
@@ -266,7 +265,7 @@ class Parameter:
         """
         if not (np.isfinite(value) and self.physical_lower <= value <= self.physical_upper):
             raise ParameterError(
-                f"parameter '{self.name}' = {value} {self.unit} lies outside its physical range "
+                f"parameter '{self.name}' = {value} {self.unit} is outside its physical range "
                 f"{self._physical_range}; give a value inside it"
             )
 
@@ -289,7 +288,7 @@ class RegionMaterial:
     fixed : mapping of parameter name to value
         In ``convention``.
     convention : str
-        How the numbers are to be read: ``textbook``, or another key of
+        Of the numbers: ``textbook``, or another key of
         ``material.conventions``.
     """
 
@@ -312,7 +311,7 @@ class RegionMaterial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterSpace:
-    """Everything that is searched, over all regions, under the names ``region.parameter``."""
+    """All searched parameters of all regions, under the names ``region.parameter``."""
 
     regions: tuple[RegionMaterial, ...]
 
@@ -336,7 +335,7 @@ class ParameterSpace:
         columns = iter(row.tolist())
         thetas = {r.region: r.theta({p.name: next(columns) for p in r.searched}) for r in self.regions}
         if next(columns, None) is not None:
-            raise SamplingError(f"a design row of {len(row)} values is too long for what is searched")
+            raise SamplingError(f"a design row of {len(row)} values has more values than searched parameters")
         return thetas
 
 
@@ -353,7 +352,7 @@ class Design:
     n_drawn : int
         Sets drawn before the filters; ``n_sets`` of them were kept.
     n_kept : int
-        The first sets that come from an earlier design of wider ranges, and not from this draw.
+        Number of first sets that come from an earlier design with wider ranges.
     """
 
     parameters: tuple[Parameter, ...]
@@ -395,7 +394,7 @@ class Status(StrEnum):
             Status.OK: "nothing to do",
             Status.DIVERGED: "narrow the ranges, add a stability filter, or allow smaller steps",
             Status.TIMED_OUT: "raise the solver's time limit or coarsen the mesh",
-            Status.UNREADABLE: "look at the solver's own output for this job",
+            Status.UNREADABLE: "look at the solver's output for this job",
             Status.CRASHED: "run it alone (palpate simulate STUDY --only SPOT/SET --traceback); check memory",
         }[self]
 
@@ -417,10 +416,10 @@ class Job:
     thetas : mapping of region to (n_parameters,) array
         Textbook values in the order of the material's parameters.
     slopes : bool
-        Whether each curve's derivatives in the parameters and the friction are wanted too; asked only of a
+        Whether to compute each curve's derivatives in the parameters and the friction too; only for a
         solver that declares ``gives_slopes``.
     fine : bool
-        Whether it is done on the spot's finer mesh.
+        Whether to use the spot's finer mesh.
     """
 
     spot: str
@@ -433,7 +432,7 @@ class Job:
 
     @property
     def limb_name(self) -> str:
-        """Name of the limb it is done on, among those of a batch: the spot's, or that of its finer mesh."""
+        """Name of its limb in a batch: the spot's, or that of its finer mesh."""
         return f"{self.spot}/fine" if self.fine else self.spot
 
     @property
@@ -444,7 +443,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Simulation:
-    """What became of a job. ``response`` is partial when the status is ``diverged``."""
+    """Result of a job. ``response`` is partial if the status is ``diverged``."""
 
     job: Job
     status: Status
@@ -461,7 +460,7 @@ class Simulation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoringRules:
-    """How a simulated curve is compared with a measured one, and which are ranked.
+    """Rules that compare simulated with measured curves, and select which are ranked.
 
     Parameters
     ----------
@@ -471,7 +470,7 @@ class ScoringRules:
         Smallest share of measured points, each counted with its weight, that a simulated curve
         must reach to be ranked.
     rank_partial : bool
-        Whether a curve that a diverged simulation left unfinished is ranked where it reaches that.
+        Whether the partial curve of a diverged simulation is ranked if its coverage suffices.
     """
 
     normaliser: Normaliser = Normaliser.MEAN_ABS
@@ -485,13 +484,13 @@ class ScoringRules:
         return (Status.OK, Status.DIVERGED) if self.rank_partial else (Status.OK,)
 
     def is_enough(self, coverage: float) -> bool:
-        """Whether a coverage suffices; a share of counted points is exact only up to rounding."""
+        """Whether a coverage suffices, up to rounding."""
         return coverage >= self.minimum_coverage - 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """Which channels count, and how much: Fopt = Σ weight · NMSE."""
+    """Weights of the channels: Fopt = Σ weight · NMSE."""
 
     name: str
     weights: Mapping[str, float]

@@ -18,7 +18,7 @@ class PalpateError(Exception):
 
 
 class StudyError(PalpateError):
-    """study.toml is missing, malformed or contradicts itself."""
+    """study.toml is missing, malformed or inconsistent."""
 
 
 class CurveError(PalpateError, ValueError):
@@ -34,15 +34,15 @@ class SamplingError(PalpateError, ValueError):
 
 
 class MaterialError(PalpateError, ValueError):
-    """A material is not known, or has no stable reference state."""
+    """A material is unknown, or has no stable reference state."""
 
 
 class ParameterError(MaterialError):
-    """A value or a range of a parameter is missing, the wrong way round, or has no physical meaning."""
+    """A value or range of a parameter is missing, reversed, or has no physical meaning."""
 
 
 class SolverError(PalpateError):
-    """A solver cannot simulate what is asked: another kind of test, more regions, directions."""
+    """A solver cannot simulate the job: another kind of test, more regions, directions."""
 
 
 class MeshError(PalpateError):
@@ -54,16 +54,16 @@ class PluginError(PalpateError):
 
 
 class LedgerError(PalpateError):
-    """The results on disk are in use, damaged, of another version, or cannot be written."""
+    """The results on disk are in use, corrupt, of another version, or cannot be written."""
 
 
 class ExecutorError(PalpateError):
-    """Jobs cannot be handed to where they are to run: no scheduler, other versions, no workers."""
+    """Jobs cannot be submitted: no scheduler, other versions, no workers."""
 
 
 class StoppedError(PalpateError):
-    """The user asked to stop; everything finished is kept (exit code 130)."""
+    """The user stopped the run; everything finished is kept (exit code 130)."""
 
 
 class NothingSelectableError(PalpateError):
-    """Every simulation failed, so no set can be chosen (exit code 1)."""
+    """Every simulation failed, so no set can be selected (exit code 1)."""

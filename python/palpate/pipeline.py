@@ -1,9 +1,8 @@
-"""The stages composed: what the paper's method section says, in its order.
+"""The pipeline: the stages of the method, in the paper's order.
 
-Each verb reads what the verbs before it left in the run directory and leaves
-its own result there, so any of them can run alone; :func:`run_study` is all of
-them in a row. Whatever can be checked is checked before the first file is
-written.
+Each stage reads the results of the stages before it from the run directory and writes
+its result there, so it can run alone; :func:`run_study` runs all of them. Inputs are
+checked before the first file is written.
 """
 
 import contextlib
@@ -56,7 +55,7 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     study : Study
     plugins : Plugins
     earlier : RunDirectory, optional
-        Its finished sets begin the design where the ranges are narrower than they were there.
+        If its ranges were wider, its finished sets are the first of the design.
 
     Raises
     ------
@@ -96,8 +95,8 @@ def run_study(
     trust : collection of str
         Components whose results of earlier code are accepted: ``material:NAME``, ``solver:NAME``.
     confirm : callable
-        Called with how the study differs from what the folder holds, before anything is written;
-        raises to stop there.
+        Called with the difference between the study and the folder, before anything is written;
+        raises to stop.
     adopt : bool
         Whether the run of another study file may be continued with this one.
 
@@ -127,7 +126,9 @@ def run_study(
         run.records.check("measured", measured_from(study))
         run.write_design(inputs.design, design_from(study))
         if n_kept := inputs.design.n_kept:
-            progress.note(f"the design begins with {n_kept} sets of an earlier one with wider ranges")
+            progress.note(
+                f"the first {n_kept} sets of the design are those of an earlier one with wider ranges"
+            )
         with Simulations(study, run_folder, inputs.limbs, progress, check_lock) as simulations:
             swept = simulation.run_sweep(simulations, inputs.design, inputs.measured)
             scores = _score(study, run, inputs, swept)
@@ -167,7 +168,7 @@ def measure(
     """Read the measured curves into ``measured/<spot>.parquet``.
 
     With ``plots`` every step from file to curve is drawn into ``measured/plots/<spot>/``,
-    as far as it can be: the pictures of a file that is refused may show why.
+    also for a refused file, up to the step that fails.
     """
     progress.begin("measure", 1)
     run = RunDirectory(run_folder)
@@ -210,7 +211,7 @@ def sample(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
 def simulate(
     study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT
 ) -> tuple[Simulation, ...]:
-    """Simulate every set at every spot, keeping each result as it comes."""
+    """Simulate every set at every spot; each result is stored as it comes."""
     run = RunDirectory(run_folder)
     run.require("design")
     with run.locked(study, plugins.channels) as check_lock:
@@ -224,9 +225,9 @@ def simulate(
 
 
 def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simulation:
-    """Simulate one set of the stored design at one spot, in this very process; nothing is kept.
+    """Simulate one set of the stored design at one spot, in this process; nothing is stored.
 
-    What the solver raises is a status, with the whole traceback in the diagnostics.
+    An exception of the solver is a status, with the whole traceback in the diagnostics.
 
     Raises
     ------
@@ -256,7 +257,7 @@ def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress =
         progress.begin("score", 1)
         simulations = _stored(study, run, inputs)
         if not simulations:
-            raise StudyError(f"{run_folder}: holds no simulation of this study; run `palpate simulate` first")
+            raise StudyError(f"{run_folder}: no simulation of this study; run `palpate simulate` first")
         run.initialise(study, plugins.channels)
         scores = _score(study, run, inputs, simulations)
         _warn_of_missing(study, inputs.design, scores, progress)
@@ -265,7 +266,7 @@ def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress =
 
 
 def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> SelectionResult:
-    """Choose the best set by scenario and over all spots, and refine if the study says so.
+    """Select the best set by scenario and over all spots, and refine it if the study requests that.
 
     Raises
     ------
@@ -291,7 +292,7 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
 def report(
     study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT, *, as_run: bool = False
 ) -> Report:
-    """Lay the results out as tables and figures under ``report/``; recomputes nothing.
+    """Write tables and figures under ``report/``; recomputes nothing.
 
     With ``as_run`` the study is the copy in the folder: neither its files nor its meshes need exist,
     and the simulations are those of the folder's last sweep.
@@ -314,7 +315,7 @@ def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progres
 
 
 def _from_files(study: Study, run: RunDirectory) -> StudyInputs:
-    """Read what the earlier verbs left, and refuse what was not made from this study."""
+    """Read the results of the earlier stages; refuse those of another study."""
     design = run.design()
     measured = run.measured(tuple(spot.spot.name for spot in study.spots))
     run.records.check("design", design_from(study))
@@ -323,7 +324,7 @@ def _from_files(study: Study, run: RunDirectory) -> StudyInputs:
 
 
 def _from_run(study: Study, run: RunDirectory, progress: Progress) -> StudyInputs:
-    """Read what the earlier verbs left, and those of the study's meshes that are there."""
+    """Read the results of the earlier stages, and the meshes that exist."""
     design, measured = run.design(), run.measured(study.spot_names)
     limbs = load_limbs(study, missing_ok=True)
     for name in study.spot_names if study.solver.needs_limb else ():
@@ -417,13 +418,13 @@ def _report_data(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: 
 
 
 def _scores_of(study: Study, run: RunDirectory, found: tuple[Simulation, ...]) -> pl.DataFrame:
-    """Read the scores, and refuse those of other simulations or rules than the study has now."""
+    """Read the scores; refuse those of other simulations or rules than the study's."""
     scores = run.scores()
     n_found, n_scored = len(found), scores.select("spot", "set_id").n_unique()
     if n_found < n_scored:
         raise StudyError(
-            f"{run.folder}: {n_scored - n_found} of {n_scored} scored simulations are not those of the study "
-            "as it is now: a mesh, a material, the solver, its settings or a version has changed since; "
+            f"{run.folder}: {n_scored - n_found} of {n_scored} scored simulations are not those of the "
+            "present study: a mesh, a material, the solver, its settings or a version has changed since; "
             "run `palpate run` again; add `--fork FOLDER` to keep this run"
         )
     run.records.check("scores", scores_from(study, run.records, answers_key(found)))

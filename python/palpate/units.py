@@ -1,8 +1,7 @@
-"""Units at the door: text such as ``"15 mm"`` to a number in the unit that palpate computes in.
+"""Conversion of units: text such as ``"15 mm"`` to a number in palpate's unit.
 
-A plain number is taken for dimensionless quantities only; everything else names
-its unit. Angles are a kind of their own here: ``"0.4"`` is not an angle and
-``"5 deg"`` is not a ratio, although SI calls both dimensionless.
+A plain number is accepted for dimensionless quantities only. Angles are not dimensionless
+here, unlike in SI: ``"0.4"`` is not an angle and ``"5 deg"`` is not a ratio.
 """
 
 import re
@@ -24,7 +23,7 @@ _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\
 _LONGEST = 100
 """Most characters of a quantity."""
 _UNIT = re.compile(r"(?:(?:[^\W\d_]\w*|[°%])(?:\s*(?:\^|\*\*)\s*[+-]?\d(?!\d))?|1|[*/·()\s])*+")
-"""Names, each to a power of one digit, multiplied and divided: nothing that takes long to evaluate."""
+"""Names, each to a power of one digit, multiplied and divided: fast to evaluate."""
 
 
 @cache
@@ -35,7 +34,7 @@ def _registry() -> "pint.UnitRegistry[float]":
 
 
 def convert(given: object, unit: str) -> float:
-    """Convert to ``unit`` a quantity written with its own unit.
+    """Convert a quantity, written with its unit, to ``unit``.
 
     Parameters
     ----------
@@ -119,7 +118,7 @@ def _dimension(unit: "pint.Unit") -> str:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Annotation of a settings field that is written with its unit.
+    """Annotation of a settings field that is a quantity with a unit.
 
     ``Annotated[float, Quantity("mm")]`` reads ``"1.5 cm"`` as 15.0.
     """
@@ -136,7 +135,7 @@ class Quantity:
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """Describe what stands in the file: text with a unit."""
+        """Describe the value in the file: text with a unit."""
         if self.unit in DIMENSIONLESS:
             return {"type": ["number", "string"]}
         return {"type": "string", "examples": [f"10 {self.unit}"]}

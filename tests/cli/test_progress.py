@@ -149,9 +149,9 @@ def test_a_disk_that_is_too_small_is_reported_before_the_first_simulation(call, 
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usual(path)._replace(free=100_000))
     ran = call("run", study)
     assert ran.code == 0
-    said = r"runs/toy: 0\.1 MB are free, and the 20 simulations to come take about 0\.3 MB; make room"
+    said = r"runs/toy: 0\.1 MB are free, but the 20 remaining simulations need about 0\.3 MB; free disk space"
     assert re.search(said, ran.err), ran.err
-    assert ran.err.index("make room") < ran.err.index("4 of 40")
+    assert ran.err.index("free disk space") < ran.err.index("4 of 40")
     monkeypatch.undo()
 
 

@@ -119,7 +119,7 @@ def test_what_is_reported_of_an_average():
         ),
         (
             press([-1.0, -2.0], 5),
-            r"b\.csv: .*starts downwards, .*starts upwards; .*give the other its own spot",
+            r"b\.csv: .*starts downwards, .*starts upwards; .*list the other as a separate spot",
         ),
         (
             Curve(channel="torque", abscissa=[8.0, 9.0, 7.0], ordinate=[0.0, 1.0, 2.0]),

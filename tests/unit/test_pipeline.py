@@ -130,7 +130,7 @@ def test_measured_curves_must_come_before_the_sweep(make_study, plugins, tmp_pat
 def test_scores_need_simulations_of_this_very_study(make_study, plugins, tmp_path, tissue):
     pipeline.run_study(make_study(), tmp_path / "run", plugins)
     other = make_study(solver=tissue.Analytic(tissue.AnalyticSettings(offset=1.0)))
-    with pytest.raises(StudyError, match=r"holds no simulation of this study; run `palpate simulate`"):
+    with pytest.raises(StudyError, match=r"no simulation of this study; run `palpate simulate`"):
         pipeline.score(other, tmp_path / "run", plugins)
 
 

@@ -232,7 +232,7 @@ def test_repair_asks_for_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
             b"mtllib ../../etc/passwd\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
             "outside of its folder",
         ),
-        ("nan.obj", b"v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "lies at|cannot be read"),
+        ("nan.obj", b"v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "is at|cannot be read"),
         ("index.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "names points|cannot be read"),
     ],
 )

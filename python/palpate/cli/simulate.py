@@ -29,7 +29,7 @@ def simulate(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Simulate every set at every spot, keeping each result as it comes."""
+    """Simulate every set at every spot; each result is stored as it comes."""
     from palpate import pipeline
 
     session = Session.of(context)

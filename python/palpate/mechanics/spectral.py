@@ -378,7 +378,7 @@ def check_reference_state(material: Material, theta: FloatArray) -> None:
     Raises
     ------
     MaterialError
-        As :func:`initial_moduli`, or a parameter lies outside its physical range.
+        As :func:`initial_moduli`, or a parameter is outside its physical range.
     """
     material.check(theta)
     initial_moduli(material, theta)

@@ -1,4 +1,4 @@
-"""The frame of a spot: here the sign of torque is decided, and those of force and rotation.
+"""The frame of a spot: the sign of torque, force and rotation is decided here.
 
 The spot is the origin and z its outward normal. The three signs depend on z alone:
 
@@ -43,7 +43,7 @@ def in_spot_frame(limb: Limb) -> Mesh:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpotWrench:
-    """What the tissue does to the indenter, in the frame of the spot: arrays (n, 3).
+    """Action of the tissue on the indenter, in the frame of the spot: arrays (n, 3).
 
     Parameters
     ----------

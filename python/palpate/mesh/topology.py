@@ -1,4 +1,4 @@
-"""How the nodes of an element are numbered: the only table of it.
+"""Numbering of the nodes of an element: the only table of it.
 
 The numbering is that of VTK, meshio and FEBio: corners first, then the nodes in the middle of
 the edges. A mesh in any of these formats needs no permutation.
@@ -75,7 +75,7 @@ CELLS: Mapping[str, Cell] = MappingProxyType(
 
 
 def outer_faces(kind: str, cells: IntArray, *, febio: bool = False) -> IntArray:
-    """Faces (n, n_face_nodes) that one element alone has, in the order of their sorted corners.
+    """Faces (n, n_face_nodes) of exactly one element, in the order of their sorted corners.
 
     Parameters
     ----------

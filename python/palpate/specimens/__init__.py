@@ -1,4 +1,4 @@
-"""Small limbs made on the spot, for the tests and oracles of solvers."""
+"""Small generated limbs, for the tests and oracles of solvers."""
 
 from palpate.specimens.blocks import block, with_midpoints
 from palpate.specimens.cylinders import cylinder, half_space, layer, spacing

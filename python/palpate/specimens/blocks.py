@@ -11,7 +11,7 @@ from palpate.mesh.shape_functions import HEX_CORNERS
 from palpate.mesh.topology import CELLS
 
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
-"""One region throughout."""
+"""Name of the only region."""
 
 _HEX = ((HEX_CORNERS + 1.0) / 2.0).astype(np.int64)
 
@@ -37,11 +37,11 @@ def block(
     width_mm, height_mm : float
         The block spans ±width/2 in x and y, and −height to 0 in z.
     n_across, n_down : int
-        Cells along the width (even, so that a node lies at the spot) and the height.
+        Cells along the width (even, so that a node is at the spot) and the height.
     grading : float
         Above 1, nodes crowd towards the spot: coordinates follow |t|^grading.
     layers_mm : mapping of region to thickness, from the top, optional
-        Cells whose middle lies deeper than all of them, or all cells without it,
+        Cells whose middle is deeper than all of them, or all cells without it,
         belong to ``soft_tissue``.
 
     Returns

@@ -31,15 +31,15 @@ def spacing(
     Parameters
     ----------
     edge_mm : float
-        Where the contact ends; a coordinate of its own.
+        Where the contact ends; one of the coordinates.
     n_inside : int
         Cells between 0 and the edge.
     extent_mm : float
         The last coordinate.
     growth : float
-        Ratio of neighbouring cells outside, at least 1.
+        Ratio of adjacent cells outside, at least 1.
     crowding : float
-        Ratio of neighbouring cells inside, at least 1; above 1 they shrink towards the edge.
+        Ratio of adjacent cells inside, at least 1; above 1 they shrink towards the edge.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def spacing(
     Raises
     ------
     MeshError
-        Nothing lies beyond the edge, or cells would not grow.
+        Nothing is beyond the edge, or cells would not grow.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def cylinder(kind: Kind, rings_mm: FloatArray, depths_mm: FloatArray, *, n_core:
         Depths of the layers of nodes, rising from 0.
     n_core : int
         Cells across the core (even); a ring has four times as many. Eight around
-        suffice for tet10, hex8 wants 24 and more.
+        suffice for tet10; hex8 needs 24 and more.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def half_space(
     extent: float = 400.0,
     growth: float = 2.0,
 ) -> Limb:
-    """So large a body, held at its outside, that it answers like a half-space.
+    """A body with fixed outer boundary, large enough to respond like a half-space.
 
     A fine cylinder around the contact passes into hemispheres.
 
@@ -121,7 +121,7 @@ def half_space(
     ----------
     kind : {"hex8", "tet10"}
     contact_radius_mm : float
-        Expected radius of the contact; a ring of nodes lies there.
+        Expected radius of the contact; a ring of nodes is there.
     n_radius : int
         Rings within the contact, more than ``n_core``/2; those of the core fill half of it.
     n_core : int
@@ -129,12 +129,12 @@ def half_space(
     fine : float
         Radius and height of the fine cylinder in contact radii.
     crowding : float
-        Ratio of neighbouring cells in the fine cylinder, which shrink towards the edge of the contact.
+        Ratio of adjacent cells in the fine cylinder, which shrink towards the edge of the contact.
     extent : float
-        Radius of the outermost hemisphere in contact radii. Holding it still
+        Radius of the outermost hemisphere in contact radii. Fixing it
         adds about 1.1/extent to the force (incompressible).
     growth : float
-        Ratio of neighbouring cells outside of the fine cylinder.
+        Ratio of adjacent cells outside the fine cylinder.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What the core itself provides, through the same hooks as everyone else."""
+"""Components of the core, provided through the same hooks as those of plugins."""
 
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ def palpate_samplers() -> "list[type[Sampler]]":
 
 @hookimpl
 def palpate_executors() -> "list[type[Executor]]":
-    """Provide the places on this machine."""
+    """Provide the executors of this machine."""
     from palpate.executors import InProcess, Processes
 
     return [InProcess, Processes]

@@ -1,4 +1,4 @@
-"""What materials take from the cells of a mesh, and in whose frame their directions are."""
+"""Cell data of a mesh for materials, and the frame of their directions."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -12,7 +12,7 @@ from palpate.errors import MeshError, StudyError
 
 
 def with_fields(limb: Limb, regions: Iterable[RegionMaterial]) -> Limb:
-    """Limb with the cell fields that its materials take, checked, and without any other.
+    """Limb with only the cell fields that its materials use, checked.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def check_frames(
     meshes : mapping of spot name to file of the mesh
     notes : iterable of the note on each mesh
     one_frame : bool
-        Whether the study says that all meshes are in one frame.
+        Whether the study declares that all meshes are in one frame.
 
     Raises
     ------
@@ -83,14 +83,14 @@ def check_frames(
     raise StudyError(
         f"region '{region.region}': the directions of material '{region.material.name}' are in the frame of "
         f"the mesh, and the spots have {n_meshes} meshes, "
-        + ("whose notes give different frames" if differ else "each of which may have a frame of its own")
+        + ("whose notes give different frames" if differ else "each of which may have another frame")
         + "; write the directions to each mesh as cell data"
         + ("" if differ else ", or set one_frame = true under [limb] if all meshes share a frame")
     )
 
 
 def _turn(note: Mapping[str, Any] | None) -> FloatArray | None:
-    """Rotation (3, 3) from the scan's frame to the mesh's; None where the note says nothing."""
+    """Rotation (3, 3) from the scan's frame to the mesh's; None if the note does not have it."""
     try:
         turn = np.array((note or {})["scan_to_mesh"], dtype=np.float64)
     except (KeyError, TypeError, ValueError):

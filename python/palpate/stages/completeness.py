@@ -1,4 +1,4 @@
-"""How much of the sweep there is: every parameter set at every spot, and what is missing of it."""
+"""Completeness of the sweep: which parameter sets were simulated at which spot."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

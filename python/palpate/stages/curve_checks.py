@@ -1,6 +1,6 @@
-"""Checks of measured curves by what their channels declare, whichever loader has read them.
+"""Checks of measured curves by the declarations of their channels, for every loader.
 
-What cannot be is refused; what is odd is returned as a sentence, which ``palpate check`` and
+Impossible curves are refused. Suspicious ones give a sentence, which ``palpate check`` and
 ``palpate run`` print as a warning and the manifest keeps.
 """
 
@@ -25,25 +25,25 @@ LARGEST = 1e150
 """Ordinate beyond which a square, and with it every score, is no number."""
 
 BIAS = 0.025
-"""Share of its peak that an ordinate may be where it must be zero, before there is a warning."""
+"""Share of its peak above which an ordinate that must be zero gives a warning."""
 
 LARGEST_BIAS = 0.15
 """The same share beyond which the curve is refused."""
 
 LARGEST_WORK_BACK = 0.02
-"""Share of the most work put in by which a curve may return more than was put in."""
+"""Share of the largest work put in by which the returned work may exceed it."""
 
 LARGEST_ONSET = 0.03
-"""Share of the travel at which contact may seem to begin, before there is a warning."""
+"""Share of the travel beyond which a late onset of contact gives a warning."""
 
 LARGEST_GAP = 0.3
-"""Share of a branch without a point, beyond which there is a warning; beyond half it is refused."""
+"""Share of a branch without a point, above which there is a warning; above half it is refused."""
 
 LEAST_POINTS = 5
 """Points of a branch below which there is a warning."""
 
 SIZES = (1 / 30, 30.0)
-"""A peak is refused outside these multiples of what the study's ranges give by Hertz."""
+"""A peak is refused outside these multiples of Hertz's force for the study's ranges."""
 
 LEVERS = (1 / 100, 30.0)
 """Torque over force is refused outside these multiples of what a sphere gives …"""
@@ -56,7 +56,7 @@ _MOST_CORNERS = 2**12
 
 
 def check_curve(curve: Curve, channel: Channel) -> list[str]:
-    """Hold one curve against its channel's declaration.
+    """Check one curve by its channel's declarations.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def check_curve(curve: Curve, channel: Channel) -> list[str]:
     named = f"channel '{curve.channel}'"
     peak = float(np.abs(curve.ordinate).max())
     if not peak > 0.0:
-        return []  # scoring refuses what has no size
+        return []  # scoring refuses a curve of zeros
     if peak > LARGEST:
         row = int(np.abs(curve.ordinate).argmax())
         raise CurveError(
@@ -121,7 +121,7 @@ def _points(curve: Curve) -> Iterator[str]:
 
 
 def _outlier(curve: Curve) -> Iterator[str]:
-    """A row that lies farther off the line between its neighbours than all other rows are large."""
+    """A row farther from the line between its neighbours than the largest value of all other rows."""
     x, y = curve.abscissa, curve.ordinate
     inside = [row for start, stop in curve.branches for row in range(start + 1, stop - 1)]
     rows = np.array(inside, dtype=np.int64)
@@ -161,7 +161,7 @@ def _widest_gaps(curve: Curve) -> Iterator[tuple[FloatArray, int, float]]:
 
 
 def _bias(curve: Curve, channel: Channel, peak: float) -> Iterator[str]:
-    """Ordinate at the start of the path, where it must be zero, and where contact seems to begin."""
+    """Ordinate at the start of the path, which must be zero, and the onset of contact."""
     travel = float(np.ptp(curve.abscissa))
     start = float(curve.ordinate[0])
     # A first point that is not quite at zero may carry what a straight line has there.
@@ -177,15 +177,15 @@ def _bias(curve: Curve, channel: Channel, peak: float) -> Iterator[str]:
                 f"channel '{curve.channel}' {what}; subtract the bias of the sensor, begin the path at first "
                 "contact, or check the columns"
             )
-        early = "" if onset is None or onset >= 0.0 else f" (as of contact that begins at {onset:.2g})"
+        early = "" if onset is None or onset >= 0.0 else f" (as if contact began at {onset:.2g})"
         yield (
             f"{what}{early}: the sensor has a bias, or contact begins earlier; "
-            "a fit takes either for the tissue"
+            "a fit would attribute it to the tissue"
         )
     elif onset is not None and onset > LARGEST_ONSET * travel:
         yield (
-            f"rises as from first contact at {channel.abscissa} {onset:.2g} and not at 0; "
-            "shift the depth by it, unless the tissue is that soft at first"
+            f"rises as if first contact were at {channel.abscissa} {onset:.2g} and not at 0; "
+            "shift the depth by it, unless the tissue is very soft at first"
         )
 
 
@@ -214,9 +214,9 @@ def _onset(curve: Curve) -> float | None:
 def check_sizes(
     response: Response, channels: Mapping[str, Channel], protocol: Indentation, space: ParameterSpace
 ) -> list[str]:
-    """Hold forces and torques against the indenter, the depth and the study's ranges.
+    """Compare forces and torques with the indenter, the depth and the study's ranges.
 
-    A channel whose ``length_power`` is 2 (a force) over depth, or 3 (a moment) over rotation, takes part.
+    Only for channels whose ``length_power`` is 2 (a force) over depth, or 3 (a moment) over rotation.
 
     Returns
     -------
@@ -232,7 +232,7 @@ def check_sizes(
         name: float(np.abs(curve.ordinate).max())
         for name, curve in response.curves.items()
         if (channels[name].abscissa, channels[name].length_power) in (("depth_mm", 2), ("rotation_deg", 3))
-        and curve.ordinate.any()  # scoring refuses what has no size
+        and curve.ordinate.any()  # scoring refuses a curve of zeros
     }
     if moduli := young_range(space):
         for name, peak in peaks.items():

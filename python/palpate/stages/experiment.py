@@ -26,19 +26,19 @@ COVERED_SHARE = 0.98
 """Share of the protocol's travel that a measured curve must reach."""
 
 TURN_SLACK = 0.1
-"""Share of the protocol's travel by which a turning point may lie off the protocol's."""
+"""Share of the protocol's travel by which a turning point may differ from the protocol's."""
 
 _PATH_COLUMNS = {"depth_mm": (0, "mm"), "rotation_deg": (1, "degrees")}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Presses:
-    """What the files of one spot hold, each checked against the protocol.
+    """Curves of the files of one spot, each checked against the protocol.
 
     Parameters
     ----------
     spot : StudySpot
-    responses : mapping of file, as it is named in messages and the manifest, to Response
+    responses : mapping of file name, as in messages and the manifest, to Response
     warnings : tuple of str
         What is odd about them.
     """
@@ -81,7 +81,7 @@ def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Pre
 
 
 def mean(presses: Presses) -> Response:
-    """Average the presses of a spot channel by channel, and say how each file was read.
+    """Average the presses of a spot channel by channel, with the record of each file.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def mean(presses: Presses) -> Response:
 
 
 def measured_warnings(measured: Mapping[str, Response]) -> tuple[str, ...]:
-    """What is odd about the measured curves, spot by spot."""
+    """Warnings about the measured curves, spot by spot."""
     return tuple(text for response in measured.values() for text in response.record.get("warnings", ()))
 
 
@@ -131,7 +131,7 @@ def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -
 
 
 def draw_files(study: Study, spot: StudySpot, folder: Path) -> tuple[Path, ...]:
-    """Let the loader draw what it does to each file of a spot, in a folder of its own each.
+    """Let the loader draw its processing of each file of a spot, in one folder per file.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def draw_files(study: Study, spot: StudySpot, folder: Path) -> tuple[Path, ...]:
     Raises
     ------
     CurveError
-        A file cannot be loaded; what could be drawn of it before is there.
+        A file cannot be loaded; the pictures up to there exist.
     """
     loader = study.loader_at(spot.spot.name)
     drawn: list[Path] = []
@@ -186,7 +186,7 @@ def _told(path: Path, study: Study, taken: Collection[str]) -> str:
 def _check_response(
     study: Study, spot: StudySpot, path: Path, response: Response, channels: Mapping[str, Channel]
 ) -> list[str]:
-    """Refuse curves that cannot be; returns what is odd, the loader's own warnings first."""
+    """Refuse impossible curves; return warnings, the loader's first."""
     protocol = study.protocol_at(spot.spot.name)
     found = [str(text) for text in response.record.get("warnings", ())]
     try:
@@ -205,7 +205,7 @@ def _check_response(
 
 
 def _check_alike(spot: StudySpot, paths: Sequence[Path], responses: Mapping[str, Response]) -> None:
-    """Refuse repeats of which one lacks a channel: its mean would be of fewer presses than it says."""
+    """Refuse repeats of which one lacks a channel: its mean would be of fewer presses than reported."""
     latest = list(responses.values())[-len(paths) :]
     for path, response in zip(paths, latest, strict=True):
         if missing := sorted(set(latest[0]) ^ set(response)):
@@ -219,7 +219,7 @@ def _check_alike(spot: StudySpot, paths: Sequence[Path], responses: Mapping[str,
 def _check_known(name: str, channels: Mapping[str, Channel]) -> None:
     if name not in channels:
         raise CurveError(
-            f"channel '{name}' is declared by no plugin (known: {', '.join(channels) or 'none'}); "
+            f"channel '{name}' is not declared by any plugin (known: {', '.join(channels) or 'none'}); "
             "declare it in a palpate_channels hook"
         )
 
@@ -242,14 +242,14 @@ def check_covers(
 ) -> None:
     """Refuse a measured curve that does not follow the protocol.
 
-    It must run through ``COVERED_SHARE`` of the protocol's travel, turn where the protocol
-    does and as often, and lie within it for at least ``minimum_coverage`` of its points. A
-    channel over anything but depth or rotation is not checked.
+    It must cover ``COVERED_SHARE`` of the protocol's travel, turn where the protocol
+    does and as often, and be within it for at least ``minimum_coverage`` of its points. Only
+    channels over depth or rotation are checked.
 
     Raises
     ------
     CurveError
-        Saying what is covered and what the protocol asks for.
+        With the covered and the required travel.
     """
     if channel.abscissa not in _PATH_COLUMNS:
         return
@@ -257,8 +257,8 @@ def check_covers(
     asked = protocol.path[:, column]
     if not np.ptp(asked) > 0.0:
         raise CurveError(
-            f"channel '{curve.channel}' is measured over {channel.abscissa}, which the protocol never "
-            "moves; add it to the protocol's path or leave the channel out"
+            f"channel '{curve.channel}' is measured over {channel.abscissa}, which the protocol does not "
+            "move; add it to the protocol's path or leave the channel out"
         )
     for problem in _departures(curve, asked, unit, minimum_coverage):
         raise CurveError(f"channel '{curve.channel}' {problem}")

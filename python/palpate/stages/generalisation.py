@@ -1,9 +1,9 @@
-"""One set for all spots: the least mean of Fopt over every spot of the study.
+"""One set for all spots: the smallest mean of Fopt over every spot of the study.
 
 Fopt_G = (1/n_spots) Σ Fopt_ij over the spots i, for each set j. The standard
-deviation beside the mean is the sample's (n − 1 in the denominator), the default
-of the paper's own tool; its 0.1724 ± 0.0392 cannot settle which it printed,
-because the four terms are not given.
+deviation next to the mean is the sample's (n − 1 in the denominator), the default
+of the paper's software. Its 0.1724 ± 0.0392 does not show which one it printed,
+because the four terms are not published.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,9 @@
-"""How well a sweep identifies its parameters, from the curves that it has already.
+"""Identifiability of the parameters, from the curves of the sweep.
 
 Every simulated curve, read at the measured points, is fitted as a polynomial of the parameters
-(:mod:`palpate.stages.surrogate`), which makes Fopt a quadratic over the box of their ranges. Its least is
-the fitted optimum. The interval of a parameter is as far as it can move until Fopt passes a
-threshold, the other parameters adjusting themselves within their ranges. No simulation is made for it.
+(:mod:`palpate.stages.surrogate`), which makes Fopt a quadratic over the box of their ranges. Its minimum is
+the fitted optimum. The interval of a parameter ends where Fopt passes a threshold, with the other
+parameters adjusted within their ranges. It needs no further simulation.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -27,19 +27,19 @@ WORDS: tuple[tuple[float, str], ...] = ((0.1, "well"), (0.3, "roughly"), (0.8, "
 """Word for an interval up to each relative width."""
 
 UNCLEAR = "unclear"
-"""The word where the sweep has too few sets, or curves that no polynomial follows."""
+"""Word for too few sets, or curves that no polynomial fits."""
 
 ALL_SPOTS = "all spots"
-"""Stands for the spot where all of them are fitted together."""
+"""Name in place of the spot where all of them are fitted together."""
 
 FLOOR = 1e-6
-"""Share of the median Fopt that no threshold is below: simulated curves are not exact."""
+"""Smallest threshold, as a share of the median Fopt: simulated curves are not exact."""
 
 APART = 0.05
 """Share of a range by which two fits must differ to be called in disagreement."""
 
 N_MOVES = 3
-"""Times that the polynomial is moved to the optimum that it has: its slopes are best there."""
+"""Iterations that move the polynomial to its optimum, where its slopes are most accurate."""
 
 _SCHEMA = {
     "spot": pl.String,
@@ -79,7 +79,7 @@ def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Respon
     Parameters
     ----------
     simulations : iterable of Simulation
-        Of the sweep; what they did not get to is NaN.
+        Of the sweep; points that they did not reach are NaN.
     measured : mapping of spot name to Response
     n_sets : int
         Rows of the design.
@@ -99,7 +99,7 @@ def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Respon
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identifiability:
-    """What the curves of a sweep say of its parameters.
+    """Identifiability of the parameters of a sweep.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Identifiability:
         scenario, parameter, unit, value (of the best set); optimum, where the fitted Fopt is
         least; lower and upper, the interval within the range; relative_width, its length over that of
         the range; identifiability, the word for it; most_correlated_with and correlation, the parameter
-        that takes its place best; fopt_threshold, the Fopt up to which a set is about as good (the
+        that compensates for it best; fopt_threshold, the Fopt up to which a set is about as good (the
         fitted least plus itself, or plus what the measured spread or the error of the fit makes, whichever is
         more); n_as_good, sets of the sweep within it; q2, the share of variation that the fit
         predicts at sets left out of it. What is unknown is null, and its word is "unclear".
@@ -188,7 +188,7 @@ class _Curves:
         *,
         is_refined: bool = False,
     ) -> "_Case":
-        """Collect what is known of some spots together in a scenario."""
+        """Collect the fits of some spots together in a scenario."""
         rows = self.ranked.filter(pl.col("scenario") == scenario.name, pl.col("spot").is_in(list(spots)))
         means = rows.group_by("set_id").agg(pl.len(), pl.col("fopt").mean())
         means = means.filter(pl.col("len") == len(spots)).sort("set_id")
@@ -246,7 +246,7 @@ class _Fit:
 
 @dataclass(frozen=True, kw_only=True)
 class _Case:
-    """What is known of one spot, or of all, in one scenario."""
+    """The fit of one spot, or of all, in one scenario."""
 
     spot: str
     scenario: Scenario
@@ -260,7 +260,7 @@ class _Case:
 
     @cached_property
     def fit(self) -> _Fit | None:
-        """Fitted Fopt, moved to its own optimum; None where it cannot be relied on."""
+        """Fitted Fopt, moved to its optimum; None if it is not reliable."""
         complete = np.isfinite(self.residuals).all(axis=1)
         at = _scaled(self.design.parameters, self.design.values[self.sets[complete]])
         origin, found = self.at, None
@@ -361,7 +361,7 @@ def _scaled(parameters: tuple[Parameter, ...], values: FloatArray) -> FloatArray
 
 
 def share_of_range(parameter: Parameter, value: float) -> float:
-    """Where a value lies in its range, 0 to 1, or in that of the logarithms where these are spread evenly."""
+    """Position of a value in its range, 0 to 1, or in that of its logarithm if that is spread evenly."""
     if parameter.scale == "log":
         return float(np.log(value / parameter.lower) / np.log(parameter.upper / parameter.lower))
     return (value - parameter.lower) / (parameter.upper - parameter.lower)

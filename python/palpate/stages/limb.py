@@ -19,7 +19,7 @@ from palpate.study.reading import Study
 def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
     """Limb of each spot, checked; empty when the solver needs none.
 
-    With ``missing_ok`` spots are left out whose mesh file is not there any more.
+    With ``missing_ok`` spots without their mesh file are left out.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def _check_every_region(study: Study, limbs: Mapping[str, Limb]) -> None:
 
 
 def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
-    """What is odd in the limbs, though it can be simulated, each in a sentence."""
+    """Warnings about the limbs, each a sentence."""
     found = []
     for name, limb in limbs.items():
         here = limb.mesh.used_regions
@@ -90,7 +90,7 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
     ----------
     limb : Limb
     regions : sequence of str
-        Regions that have a material; a limb need not have them all.
+        Regions that have a material; a limb may lack some.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
 
 
 def check_depth(limb: Limb, protocol: Indentation) -> None:
-    """Refuse an indentation that goes through the limb, as it does where a mesh is in another unit.
+    """Refuse an indentation that passes through the limb, such as of a mesh in another unit.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def check_depth(limb: Limb, protocol: Indentation) -> None:
     deepest = float(protocol.path[:, 0].max())
     if deepest >= reach:
         raise MeshError(
-            f"spot '{limb.spot.name}': the protocol presses {deepest:g} mm deep, and the limb reaches "
+            f"spot '{limb.spot.name}': the protocol presses {deepest:g} mm deep, but the limb reaches "
             f"{reach:.3g} mm below the spot; check the unit of the mesh, or press less deep"
         )
 
@@ -140,7 +140,7 @@ def _array_problems(mesh: Mesh) -> Iterator[str]:
         yield f"mesh: points of shape {points.shape}; give (n_nodes, 3) coordinates in mm"
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
-        yield f"mesh: node {bad[0]} lies at {points[bad[0]].tolist()}; every coordinate must be finite"
+        yield f"mesh: node {bad[0]} is at {points[bad[0]].tolist()}; every coordinate must be finite"
     if mesh.n_cells == 0:
         yield f"mesh: no volume elements; give cells of {', '.join(CELLS)}"
     for kind, cells in mesh.cells.items():
@@ -150,7 +150,7 @@ def _array_problems(mesh: Mesh) -> Iterator[str]:
             yield f"mesh: {kind} cells of shape {cells.shape}; give (n_cells, {CELLS[kind].n_nodes})"
         yield from _index_problems(f"{kind} cells", cells, mesh.n_nodes)
         if kind not in mesh.cell_regions or mesh.cell_regions[kind].shape != (len(cells),):
-            yield f"mesh: {kind} has {len(cells)} cells and not one region for each; give them all one"
+            yield f"mesh: {kind} has {len(cells)} cells but not one region for each; give each cell a region"
         ids = mesh.cell_regions[kind]
         yield from _index_problems(f"regions of {kind}", ids, len(mesh.regions), "region")
     for name, nodes in mesh.node_sets.items():
@@ -162,7 +162,7 @@ def _index_problems(what: str, indices: IntArray, n: int, noun: str = "node") ->
     if bad.size:
         place = tuple(int(i) for i in bad[0])
         row = ", ".join(map(str, place))
-        yield f"mesh: {what}[{row}] names {noun} {indices[place]}, but there are {n}; write the mesh again"
+        yield f"mesh: {what}[{row}] names {noun} {indices[place]}, but there are {n}; export the mesh again"
 
 
 def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:
@@ -171,11 +171,14 @@ def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:
 
 
 def _check_node_sets(mesh: Mesh) -> None:
-    purposes = {"fixed": "nodes held still, or the limb flies away", "contact": "the skin that is pressed"}
+    purposes = {
+        "fixed": "nodes with zero displacement, so that the limb cannot move away",
+        "contact": "the skin that is pressed",
+    }
     for name, purpose in purposes.items():
         if np.size(mesh.node_sets.get(name, ())) == 0:
             raise MeshError(
-                f"mesh: node set '{name}' is missing or empty (it holds {purpose}); mark those nodes"
+                f"mesh: node set '{name}' is missing or empty (it contains {purpose}); mark those nodes"
             )
     used = np.zeros(mesh.n_nodes, dtype=bool)
     for cells in mesh.cells.values():
@@ -226,7 +229,7 @@ _SLOPES: Mapping[str, FloatArray] = MappingProxyType(
 
 
 def _check_edges(mesh: Mesh) -> None:
-    """Refuse elements that share an edge and not its middle: they would come apart there."""
+    """Refuse elements that share an edge but not its midside node: they would separate there."""
     found = [_edges(mesh.cells[kind], CELLS[kind]) for kind in sorted(mesh.cells)]
     rows = np.concatenate(found)
     order = np.lexsort((rows[:, 1], rows[:, 0]))
@@ -239,8 +242,8 @@ def _check_edges(mesh: Mesh) -> None:
         what = f"nodes {middles[0]} and {middles[1]}" if middles[0] >= 0 else f"node {middles[1]} and none"
         raise MeshError(
             f"mesh: the edge between nodes {a} and {b} has {what} in its middle, by two elements that "
-            f"share it, at {np.round(mesh.points_mm[[a, b]].mean(axis=0), 3).tolist()} mm: they would come "
-            "apart there; use elements of one order, and merge equal nodes"
+            f"share it, at {np.round(mesh.points_mm[[a, b]].mean(axis=0), 3).tolist()} mm: they would "
+            "separate there; use elements of one order, and merge equal nodes"
         )
 
 
@@ -255,14 +258,14 @@ def _edges(cells: IntArray, cell: Cell) -> IntArray:
 
 
 def _check_held(mesh: Mesh) -> None:
-    """Refuse a limb that can turn about its fixed nodes."""
+    """Refuse a limb that can rotate about its fixed nodes."""
     fixed = mesh.node_sets["fixed"]
     own = mesh.points_mm[fixed]
     spread = np.linalg.svd(own - own.mean(axis=0), compute_uv=False)
     if len(spread) < 2 or spread[1] <= 1e-9 * max(float(np.ptp(mesh.points_mm, axis=0).max()), spread[0]):
         raise MeshError(
-            f"mesh: the fixed nodes lie on one line ({len(own)} nodes, the first {fixed[0]}), so the limb "
-            "can turn freely; fix three that do not"
+            f"mesh: the fixed nodes are on one line ({len(own)} nodes, the first {fixed[0]}), so the limb "
+            "can rotate freely; fix three that are not"
         )
 
 
@@ -276,7 +279,7 @@ def _check_spot(limb: Limb) -> None:
     reach = max(float(np.ptp(corners, axis=1).max()) for corners in around if len(corners))
     if distances.min() > reach:
         raise MeshError(
-            f"spot '{spot.name}' at {spot.position_mm.tolist()} mm lies {distances.min():.3g} mm from the "
+            f"spot '{spot.name}' at {spot.position_mm.tolist()} mm is {distances.min():.3g} mm from the "
             f"nearest contact node {nearest}, further than an element there ({reach:.3g} mm); "
             "correct the spot's position, or mark the surface around it as contact"
         )

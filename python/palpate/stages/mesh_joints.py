@@ -1,4 +1,4 @@
-"""Whether the elements of a mesh hang together: nothing listed twice, no crack, no loose part, no hole."""
+"""Connectivity of a mesh: no element listed twice, no crack, no separate part, no hole."""
 
 from collections.abc import Iterable
 
@@ -53,7 +53,7 @@ def _check_doubled_nodes(limb: Limb) -> None:
     raise MeshError(
         f"mesh: {len(pairs)} pairs of nodes are at one place, such as nodes {nearest.min()} and "
         f"{nearest.max()} at {_mm(points[nearest[0]])}, {distances.min():.3g} mm from spot "
-        f"'{limb.spot.name}': the tissue would come apart there, as along a crack; merge equal nodes"
+        f"'{limb.spot.name}': the tissue would separate there, as along a crack; merge equal nodes"
     )
 
 
@@ -87,7 +87,7 @@ def _connected(n_nodes: int, groups: Iterable[IntArray]) -> tuple[int, IntArray]
 
 
 def holes(mesh: Mesh) -> list[str]:
-    """Closed inner surfaces that nothing holds and nothing touches, each in a sentence."""
+    """Closed inner surfaces that are neither fixed nor in contact, each in a sentence."""
     outer = _boundary(mesh)
     n_parts, part = _connected(mesh.n_nodes, outer)
     known = np.zeros(n_parts, dtype=bool)
@@ -103,7 +103,7 @@ def holes(mesh: Mesh) -> list[str]:
 
 
 def _boundary(mesh: Mesh) -> list[IntArray]:
-    """Corner nodes of the faces that one element alone has, triangles apart from quadrilaterals."""
+    """Corner nodes of the faces of exactly one element, triangles apart from quadrilaterals."""
     faces: dict[int, list[IntArray]] = {}
     for kind, cells in mesh.cells.items():
         for face in CELLS[kind].corner_faces:

@@ -1,8 +1,8 @@
-"""A local search from each selected set, for more digits than a sweep has sets.
+"""A local search from each selected set, for a more exact optimum than the sweep's.
 
 Bounded least squares on r = √(weight/N) · (sim − exp)/normaliser over all
 channels of a scenario, whose Σ r² is exactly that scenario's Fopt. The result is
-a row of its own, never one of the design.
+a separate row, never one of the design.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,16 +26,16 @@ from palpate.stages.simulation import job_for
 from palpate.study.reading import Study
 
 PROBE = 1e-3
-"""Step of the central differences as a share of each range: above a solver's own tolerance."""
+"""Step of the central differences as a share of each range: above a solver's tolerance."""
 
 TOLERANCE = 1e-3
 """Relative change of Fopt, and step as a share of the ranges, at which a search ends.
 
-A solver balances its forces to about 1e-4; a search for more would follow its rounding.
+A solver balances its forces to about 1e-4; a tighter search would follow its rounding.
 """
 
 NOTE_S = 10.0
-"""Least time between two notes on how far a search is."""
+"""Shortest time between two progress messages of a search."""
 
 MOST_STEPS = 40
 """Most trial steps of one search, each with two simulations per parameter for the slopes."""
@@ -84,7 +84,7 @@ def refine(
 
 @dataclass(kw_only=True)
 class _Search:
-    """One local search, and the best simulation that it has seen."""
+    """One local search, and its best simulation."""
 
     study: Study
     spot: str
@@ -115,7 +115,7 @@ class _Search:
         # The start itself, exactly as the sweep simulated it.
         if self.residuals(values) is None:
             return (
-                f"the selected set could not be simulated again ({self.failure}); the sweep's result stands"
+                f"the selected set could not be simulated again ({self.failure}); the sweep's result is kept"
             )
         try:
             found = least_squares(
@@ -130,7 +130,7 @@ class _Search:
             )
         except _NoSlopeError as error:
             return str(error)
-        return "converged" if found.status > 0 else f"stopped after {MOST_STEPS} steps; the best set stands"
+        return "converged" if found.status > 0 else f"stopped after {MOST_STEPS} steps; the best set is kept"
 
     def row(self, start: Mapping[str, Any], message: str) -> pl.DataFrame:
         """Make the row of :class:`FitResult` for the best simulation seen."""
@@ -154,7 +154,7 @@ class _Search:
         return np.clip(self.lower + u * (self.upper - self.lower), self.lower, self.upper)
 
     def _vector(self, u: FloatArray) -> FloatArray:
-        """Residuals, or such large ones where a set cannot be simulated that the step is refused."""
+        """Residuals; so large for a set that cannot be simulated that the step is rejected."""
         residuals = self.residuals(self._values(u))
         if residuals is None:
             n_points = next(iter(self._seen.values())).size
@@ -174,8 +174,8 @@ class _Search:
                 residuals = self.residuals(self._values(probe))
                 if residuals is None:
                     raise _NoSlopeError(
-                        f"stopped: a set beside {self._values(u).tolist()} could not be simulated "
-                        f"({self.failure}); the best set so far stands"
+                        f"stopped: a set next to {self._values(u).tolist()} could not be simulated "
+                        f"({self.failure}); the best set so far is kept"
                     )
                 points.append(residuals)
             columns.append(_derivative(points) * direction / PROBE)
@@ -221,7 +221,7 @@ class _Search:
             )
 
     def _channel_residuals(self, simulation: Simulation, channel: str, weight: float) -> FloatArray | None:
-        """√(weight·w/Σw)·(sim − exp)/normaliser (n,); points that are not covered count as exact."""
+        """√(weight·w/Σw)·(sim − exp)/normaliser (n,); points that are not covered have residual 0."""
         curve, rules = self.measured[channel], self.study.scoring
         compared = compare(simulation, curve)
         covered = np.isfinite(compared.values)
@@ -234,7 +234,7 @@ class _Search:
 
 
 class _NoSlopeError(Exception):
-    """A neighbour that the slopes need cannot be simulated."""
+    """A set of the central differences cannot be simulated."""
 
 
 def _derivative(points: Sequence[FloatArray]) -> FloatArray:

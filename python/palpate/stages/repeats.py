@@ -1,4 +1,4 @@
-"""Repeated presses of one spot: their mean along the path, and how far they lie apart."""
+"""Repeated presses of one spot: their mean along the path, and their spread."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,8 +12,8 @@ from palpate.errors import CurveError
 POOLED_SHARE = 0.1
 """Share of a branch over which the variance between presses is averaged.
 
-A few presses say little about the variance at one point: two of them that happen to
-cross there would make it zero.
+A few presses give a poor estimate of the variance at one point: it would be zero where
+two of them cross.
 """
 
 
@@ -23,8 +23,8 @@ def average(repeats: Mapping[str, Curve]) -> Curve:
     The mean runs along the abscissae of the first press, from turning point to turning
     point as far as every press has come. Its ``std`` is that between presses,
     √(Σ(y − ȳ)²/(n − 1)), with the variance averaged over ``POOLED_SHARE`` of a branch;
-    where every press says how sure it is itself, it is no less than the
-    root mean square of what they say. A single press is given back as it is.
+    if every press has a standard deviation, it is no less than their
+    root mean square. A single press is returned as it is.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def average(repeats: Mapping[str, Curve]) -> Curve:
 
 
 def described(mean: Curve, repeats: Mapping[str, Curve]) -> dict[str, Any]:
-    """Say what an average is of: its files, and how far they lie from it.
+    """Record of an average: its files, and their distance from it.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def _check_turns(file: str, curve: Curve, first_file: str, first: Curve) -> None
     raise CurveError(
         f"{file}: channel '{curve.channel}' turns {len(curve.branches) - 1} times and starts "
         f"{_way(curve)}, where the first press {first_file} turns {len(first.branches) - 1} times and starts "
-        f"{_way(first)}; presses of one spot follow one path, so give the other its own spot"
+        f"{_way(first)}; presses of one spot follow one path; list the other as a separate spot"
     )
 
 

@@ -14,7 +14,7 @@ class LatinHypercubeSettings(Settings):
     """Settings of :class:`LatinHypercube`."""
 
     centred: bool = Field(
-        default=False, description="Put each point at the centre of its cell instead of anywhere in it."
+        default=False, description="Put each point at the centre of its cell instead of a random place in it."
     )
 
 
@@ -22,7 +22,7 @@ class LatinHypercube(Sampler[LatinHypercubeSettings]):
     """Latin hypercube: one point in each of ``n_sets`` equal slices of every parameter."""
 
     name = "lhs"
-    summary = "Latin hypercube: every slice of every parameter is visited once"
+    summary = "Latin hypercube: one point in every slice of every parameter"
 
     def draw(self, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
         """Points (n_sets, n_parameters) in (0, 1); the same seed gives the same bits."""
@@ -38,12 +38,12 @@ class OptimisedLatinHypercubeSettings(LatinHypercubeSettings):
 
     criterion: Literal["cd", "maximin", "correlation"] = Field(
         default="cd",
-        description="What the order of the values is chosen for: cd, least centred discrepancy, so that "
-        "every box holds its share of the sets; maximin, largest distance of the two closest sets; "
+        description="Criterion that is optimised: cd, least centred discrepancy, so that "
+        "every box has its share of the sets; maximin, largest distance of the two closest sets; "
         "correlation, least correlation of the parameters.",
     )
     centred: bool = Field(
-        default=True, description="Put each point at the centre of its cell instead of anywhere in it."
+        default=True, description="Put each point at the centre of its cell instead of a random place in it."
     )
     n_swaps: int | None = Field(
         default=None,
@@ -55,7 +55,7 @@ class OptimisedLatinHypercubeSettings(LatinHypercubeSettings):
 
 
 class OptimisedLatinHypercube(Sampler[OptimisedLatinHypercubeSettings]):
-    """Latin hypercube whose values are ordered, within each parameter, so that the sets lie well apart.
+    """Latin hypercube whose values are ordered, within each parameter, so that the sets are far apart.
 
     A threshold-accepting search exchanges two values of a parameter at a time. Its criterion
     never gets worse than that of the plain Latin hypercube with the same seed.
@@ -90,7 +90,7 @@ class Sobol(Sampler):
     """
 
     name = "sobol"
-    summary = "Sobol' sequence, Owen-scrambled: evenest at powers of two, and any draw can go on"
+    summary = "Sobol' sequence, Owen-scrambled: most even at powers of two, and extensible"
 
     def draw(self, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
         """Points (n_sets, n_parameters) in (0, 1); the same seed gives the same bits."""

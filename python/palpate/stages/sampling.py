@@ -1,8 +1,7 @@
-"""One design for all spots: points of the unit cube, put into the ranges and filtered.
+"""One design for all spots: points of the unit cube, scaled to the ranges and filtered.
 
-The draw continues until as many sets pass the filters as are wanted: the points are extended to
-twice as many, again and again, so that the sets already accepted stay the same, and the first
-sets that pass are the design.
+The number of points is doubled until enough sets pass the filters. Accepted sets stay the same;
+the first sets that pass are the design.
 """
 
 from collections.abc import Collection, Sequence
@@ -19,12 +18,12 @@ from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Sampler, SetFilter
 
 DRAWS_EACH = 64
-"""Most sets drawn for each accepted one where a study does not say."""
+"""Default of the most sets drawn for each accepted one."""
 
 NO_ROW = -1
 """The ``set_id`` of a set that is no row of the design, such as a step of a local search.
 
-What a solver files under a ``set_id`` stays that of the design's row.
+So what a solver stores under a ``set_id`` stays that of the design's row.
 """
 
 
@@ -55,9 +54,8 @@ def draw_design(
         up to ``DRAWS_EACH`` for each. No more than ``n_sets`` draws once and keeps what passes,
         which may be fewer. ``n_drawn`` of the design counts the sets up to the last accepted one.
     n_total : int
-        Extend the design of ``n_sets`` to this many, which begin with the same sets: the points
-        are doubled until there are enough, so that a further extension begins with them too. Less
-        than ``n_sets`` leaves the first of them, for a cheap first look. 0 does neither.
+        Extend the design of ``n_sets`` to this many; the first sets stay the same. Less than
+        ``n_sets`` keeps only the first of them, for a cheap first look. 0 does neither.
     kept : (n, n_parameters) array, optional
         Sets that the design begins with, as :func:`kept_sets` returns them; only the rest is drawn.
 
@@ -69,7 +67,7 @@ def draw_design(
     """
     parameters = space.parameters
     if not parameters:
-        raise SamplingError("design: every parameter is fixed; give at least one a range to search")
+        raise SamplingError("design: every parameter is fixed; give at least one a range")
     points = _unit_points(sampler, n_sets, len(parameters), seed)
     n_wanted, draws_each = n_total or n_sets, Fraction(max_draws, n_sets) if max_draws else DRAWS_EACH
     if kept is None or not kept.size:
@@ -85,17 +83,17 @@ def draw_design(
 def kept_sets(
     space: ParameterSpace, seed: int, earlier: Design, finished: Collection[int]
 ) -> FloatArray | None:
-    """Sets of an earlier design that a design with these ranges begins with; None where there are none.
+    """First sets of a design with these ranges, from an earlier design; None if there are none.
 
-    Where no range reaches further than before and one reaches less far, these are the finished
-    sets that are inside: they are spread over the narrower ranges as evenly as over the wider ones.
-    Where the ranges are those of the earlier design, they are what it began with itself.
+    If the ranges were narrowed, these are the finished sets inside: they are spread over the narrower
+    ranges as evenly as over the wider ones. If the ranges are the same, they are the kept sets of the
+    earlier design.
 
     Parameters
     ----------
     space : ParameterSpace
     seed : int
-        Another seed than the earlier one asks for sets of its own.
+        With another seed than the earlier one no sets are kept.
     earlier : Design
     finished : collection of int
         ``set_id`` of the sets whose simulations are finished.
@@ -165,7 +163,7 @@ def _too_few(
 ) -> SamplingError:
     return SamplingError(
         f"design: only {n_kept} of {n_drawn} sets ({100.0 * n_kept / n_drawn:.2g} %) pass "
-        f"{', '.join(repr(keep.name) for keep in filters)}, and {n_sets} are wanted; narrow or move the "
+        f"{', '.join(repr(keep.name) for keep in filters)}, but {n_sets} are requested; narrow or move the "
         f"ranges of {', '.join(p.name for p in space.parameters)}, ask for fewer sets, or set "
         f"sampling.max_draws to {2 * n_drawn} or more"
     )
@@ -173,7 +171,7 @@ def _too_few(
 
 def _unit_points(sampler: Sampler, n_sets: int, n_parameters: int, seed: int) -> FloatArray:
     if n_sets < 1:
-        raise SamplingError(f"design: {n_sets} sets asked for; ask for at least 1")
+        raise SamplingError(f"design: {n_sets} sets requested; request at least 1")
     with answering_for(sampler, "drawing the design"):
         points = np.asarray(sampler.draw(n_sets, n_parameters, seed), dtype=np.float64)
     return _in_cube(sampler, points, (n_sets, n_parameters))
@@ -185,7 +183,7 @@ def _extended(sampler: Sampler, points: FloatArray, n_total: int, seed: int) -> 
     extended = _in_cube(sampler, extended, (n_total, points.shape[1]))
     if not np.array_equal(extended[: len(points)], points):
         raise SamplingError(
-            f"design: sampler '{sampler.name}' changed points that it was to extend; its extend must "
+            f"design: sampler '{sampler.name}' changed points that it had to extend; its extend must "
             f"return the {len(points)} points it was given, and new ones after them"
         )
     return extended

@@ -39,14 +39,14 @@ SCHEMA = {
 
 
 LEAST_STD_SHARE = 0.1
-"""Share of a curve's root mean square std below which no point's std counts.
+"""Share of a curve's root mean square std that is the smallest std of a point.
 
-Otherwise one point that happens to have next to none would count for all the others.
+Otherwise one point with almost no std would outweigh all the others.
 """
 
 
 def point_weights(curve: Curve, weighting: PointWeighting) -> FloatArray | None:
-    """How much each measured point counts: (n,), or None where all count the same.
+    """Weight of each measured point: (n,), or None if all are equal.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def point_weights(curve: Curve, weighting: PointWeighting) -> FloatArray | None:
         return None
     if curve.std is None:
         raise ScoringError(
-            "no point has a standard deviation; give repeated presses or a loader that states one, "
+            "no point has a standard deviation; give repeated presses or a loader that gives one, "
             'or set scoring.point_weighting = "equal"'
         )
     scale = float(np.sqrt(np.mean(curve.std**2)))
@@ -175,7 +175,7 @@ def _scored(
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A simulated curve at the measured abscissae: (n,), NaN where it did not get to."""
+    """A simulated curve at the measured abscissae: (n,), NaN where it does not reach."""
 
     values: FloatArray
     status: Status
@@ -183,7 +183,7 @@ class Compared:
 
 
 def compare(simulation: Simulation, measured: Curve) -> Compared:
-    """Bring a simulated curve onto the measured abscissae, branch by branch."""
+    """Interpolate a simulated curve at the measured abscissae, branch by branch."""
     nothing = np.full(measured.abscissa.shape, np.nan)
     curve, status, message = _curve(simulation, measured.channel)
     if curve is None:
@@ -206,7 +206,7 @@ def _curve(simulation: Simulation, channel: str) -> tuple[Curve | None, Status, 
 
 
 def _unreadable(simulation: Simulation, message: str) -> tuple[Status, str]:
-    """Say why a curve cannot be used, unless the simulation failed and said so itself."""
+    """Reason why a curve cannot be used, unless the simulation failed with its message."""
     status = Status.UNREADABLE if simulation.status is Status.OK else simulation.status
     return status, simulation.message or message
 

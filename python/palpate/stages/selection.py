@@ -95,8 +95,8 @@ def select(scores: pl.DataFrame, scenarios: Sequence[Scenario], design: Design) 
     DataFrame
         Columns spot, scenario, set_id, fopt, nmse_<channel>, r2_<channel> (of every channel,
         fitted or not) and <region.parameter>; one row per spot and scenario. A spot at which
-        nothing can be ranked in a scenario has no row there. A column ``partial`` where
-        unfinished curves were ranked.
+        nothing can be ranked in a scenario has no row there. A column ``partial`` if
+        partial curves were ranked.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def least_fopt(candidates: pl.DataFrame) -> pl.DataFrame:
 
 
 def _with_partial(chosen: pl.DataFrame, scores: pl.DataFrame) -> pl.DataFrame:
-    """Mark the sets that are ranked by curves that a diverged simulation left unfinished, if any is."""
+    """Mark the sets that are ranked by partial curves of a diverged simulation, if any."""
     ranked = scores.filter(pl.col("nmse").is_not_null())
     partial = ranked.filter(pl.col("status") != Status.OK.value).select("spot", "set_id").unique()
     if partial.is_empty():

@@ -1,4 +1,4 @@
-"""The sweep: every set at every spot, each result kept as it comes, none computed twice."""
+"""The sweep: every set at every spot; each result is stored as it comes, none computed twice."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
@@ -71,8 +71,8 @@ def homogeneous_tests(measured: Response) -> HomogeneousTests:
 def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> None:
     """Refuse, before the first simulation, what cannot be simulated.
 
-    Every set is held against the physical ranges of its material; the solver itself
-    is asked about the first set of each spot.
+    Every set is checked against the physical ranges of its material; the solver checks
+    the first set of each spot.
 
     Raises
     ------
@@ -92,17 +92,17 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
 
 
 def _check_fields(solver: Solver, job: Job, limb: Limb | None) -> None:
-    """Refuse a material whose cell fields nothing would give it."""
+    """Refuse a material whose cell fields the solver does not provide."""
     for region, material in job.materials.items():
         if material.fields and (material.isotropic or limb is None or not solver.takes_fields):
             raise StudyError(
                 f"region '{region}': material '{material.name}' takes cell data {', '.join(material.fields)} "
-                f"and solver '{solver.name}' gives it none; use 'jax' with a mesh, or another material"
+                f"and solver '{solver.name}' does not provide it; use 'jax' with a mesh, or another material"
             )
 
 
 def _check_searched(study: Study) -> None:
-    """Refuse to search what the solver cannot see: any value would fit as well as any other."""
+    """Refuse to search a parameter that the solver does not use: every value would fit equally well."""
     for region in study.space.regions:
         with answering_for(study.solver, f"naming what it ignores of '{region.material.name}'"):
             ignored = study.solver.ignored(region.material)
@@ -129,9 +129,9 @@ def simulate(
 ) -> tuple[Simulation, ...]:
     """Simulate every job whose result is not yet in ``folder``.
 
-    Each result is on its way to the disk before the next is awaited, so an interrupted sweep
-    goes on where it stopped. What had crashed is tried again, and what had run out of time
-    when there is more of it now.
+    Each result goes to the writer before the next is awaited, so an interrupted sweep continues
+    where it stopped. Crashed jobs are tried again, and those that timed out if the time limit
+    is larger now.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def simulate(
     PalpateError
         A job cannot be simulated at all; nothing has been written then.
     StoppedError
-        ``progress`` said to stop; what is finished is kept.
+        ``progress`` requested a stop; finished results are kept.
     """
     with Simulations(study, folder, limbs, progress, check) as simulations:
         return run_sweep(simulations, design, measured)

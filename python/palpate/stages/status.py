@@ -1,4 +1,4 @@
-"""How far a run is, read from its folder alone: by anyone, during the run or after it."""
+"""Progress of a run, read from its folder, during the run or after it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,13 +23,13 @@ class RunStatus:
     Parameters
     ----------
     runner : Runner or None
-        Who works there now.
+        The process that runs there now.
     n_simulations : int
         Simulations of the sweep; jobs that ask for the same one count once.
     states : mapping of state to number
-        Of those that are finished.
+        Of the finished simulations.
     seconds_left : float or None
-        Estimated from the pace of this runner's; None where it is unknown.
+        Estimated from the pace of this runner; None if unknown.
     failures : DataFrame
         status, reason, n, example, remedy; most frequent first.
     best : DataFrame
@@ -52,7 +52,7 @@ class RunStatus:
 
 @dataclass
 class Watcher:
-    """Looks at a run directory again and again, and scores each simulation once.
+    """Watches a run directory, and scores each simulation once.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Watcher:
         StudyError
             The folder is no run directory.
         LedgerError
-            Its ledger is damaged or of another version.
+            Its ledger is corrupt or of another version.
         """
         run = RunDirectory(self.folder)
         manifest = run.manifest()
@@ -114,18 +114,18 @@ class Watcher:
 
 
 def _job(row: Mapping[str, Any]) -> Job:
-    """Make a name tag of a job; what it was to do is in its key."""
+    """Make a job with only spot and set_id; its key has the rest."""
     return Job(spot=row["spot"], set_id=row["set_id"], materials={}, thetas={}, protocol=None)  # type: ignore[arg-type]
 
 
 def failures(rows: pl.DataFrame) -> pl.DataFrame:
-    """Group simulations that failed by status and reason, with what to try."""
+    """Group failed simulations by status and reason, with a remedy."""
     failed = rows.rename({"state": "status"}).filter(pl.col("status") != Status.OK.value)
     return selection.by_reason(selection.failures(failed.unique("key", keep="first", maintain_order=True)))
 
 
 def _seconds_left(rows: pl.DataFrame, n_left: int, runner: Runner | None) -> float | None:
-    """Estimate from the pace of the results that came in last."""
+    """Estimate from the pace of the latest results."""
     if runner is None or n_left == 0:
         return None
     since = runner.since.replace(" UTC", "").replace(" ", "T")

@@ -2,9 +2,9 @@
 
 Multiply every modulus by s, and with the same motion, friction and a contact
 penalty in proportion to the stiffness, force and torque are multiplied by s; a
-channel of degree 0, such as a displacement, stays as it is.
-So Fopt is a parabola in s whose least value is known from the simulation at
-s = 1. The set found so is simulated before it is reported.
+channel of degree 0, such as a displacement, does not change. So Fopt is a parabola
+in s whose minimum is known from the simulation at s = 1. The scaled set is
+simulated before it is reported.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study
 
 LEAST_SCALE = 1e-3
-"""Smallest multiple that is tried where a range reaches down to 0."""
+"""Smallest multiple for a range that starts at 0."""
 
 SAME = 1e-3
 """Difference of curves, over the normaliser, up to which a simulation is as expected."""

@@ -1,4 +1,4 @@
-"""The design of a study, alone or in a folder where it was run before."""
+"""The design of a study, new or from the folder of an earlier run."""
 
 from palpate.domain import Design, FloatArray
 from palpate.errors import PalpateError
@@ -15,7 +15,7 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
     ----------
     study : Study
     earlier : RunDirectory, optional
-        Its finished sets begin the design where the ranges are narrower than they were there.
+        If its ranges were wider, its finished sets are the first of the design.
 
     Raises
     ------

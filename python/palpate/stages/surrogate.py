@@ -1,6 +1,6 @@
 """A polynomial fit of the simulated curves over the parameters, and Fopt as a quadratic from it.
 
-Parameters are scaled to their ranges, so the box that is searched is [0, 1] in each.
+Parameters are scaled to their ranges, so each is in [0, 1].
 """
 
 from collections.abc import Callable, Iterable
@@ -12,7 +12,7 @@ from scipy.optimize import brentq, lsq_linear
 from palpate.domain import FloatArray
 
 LEAST_Q2 = 0.8
-"""Share of the curves' variation that must be predicted at sets left out of the fit."""
+"""Smallest share of the curves' variation that is predicted at sets left out of the fit."""
 
 SETS_PER_COEFFICIENT = 1.5
 """Sets that a fit needs for each of its coefficients."""
@@ -77,7 +77,7 @@ def together(forms: Iterable[tuple[float, QuadraticForm]]) -> float:
 
 
 def _least_in_box(matrix: FloatArray, offset: FloatArray) -> FloatArray:
-    """Minimise |matrix u + offset| over 0 ≤ u ≤ 1; towards the middle where that decides nothing."""
+    """Minimise |matrix u + offset| over 0 ≤ u ≤ 1; the middle along directions without effect."""
     n = matrix.shape[1]
     if n == 0:
         return np.zeros(0)

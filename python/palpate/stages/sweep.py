@@ -25,14 +25,14 @@ from palpate.run.ledger.cache import ResultCache
 from palpate.study.reading import Study
 
 USUAL_BYTES = 15_000
-"""What a simulation takes on the disk where none is there to tell: two curves of 300 points."""
+"""Default size of a simulation on the disk: two curves of 300 points."""
 
 _Found = Iterator[tuple[str, Simulation]]
 """Simulations with their keys."""
 
 
 def _no_check() -> None:
-    """Nothing has to be checked where no lock is held."""
+    """Default check: no lock is held."""
 
 
 class Simulations:
@@ -98,7 +98,7 @@ class Simulations:
         LedgerError
             The ledger cannot be written, or is damaged.
         StoppedError
-            The caller asked to stop; what is finished is kept.
+            The caller requested a stop; finished results are kept.
         """
         keys = [self._keys.key(job) for job in jobs]
         n_jobs, writer = Counter(keys), self._writer
@@ -127,7 +127,9 @@ class Simulations:
     def _in_ledger(self, by_key: Mapping[str, Job]) -> _Found:
         final, gone = self._kept
         if lost := len(gone & by_key.keys()):
-            self.progress.note(f"curves of {lost} simulations are missing or cut short; they are done again")
+            self.progress.note(
+                f"curves of {lost} simulations are missing or incomplete; they are computed again"
+            )
         kept = {key: job for key, job in by_key.items() if key in final}
         if kept:
             with Ledger(self.folder) as ledger:
@@ -175,7 +177,7 @@ class Simulations:
         return final - gone, gone
 
     def _warn_of_full_disk(self, n_left: int) -> None:
-        """Warn before the first simulation that there may be no room for the last."""
+        """Warn before the first simulation if the disk may become full."""
         with Ledger(self.folder) as ledger:
             wanted_MB = n_left * (ledger.bytes_each() or USUAL_BYTES) * 1e-6
         free_MB = shutil.disk_usage(self.folder).free * 1e-6
@@ -226,7 +228,7 @@ def results(
     Raises
     ------
     ExecutorError, PluginError
-        They cannot be handed to where they are to run, or the executor does not keep its contract.
+        They cannot be submitted, or the executor violates its contract.
     """
     limits = Limits(time_s=study.time_limit_s, memory_MB=study.memory_limit_MB, n_attempts=study.n_attempts)
     batch = Batch(
@@ -256,5 +258,5 @@ def results(
     if waiting and progress.should_continue():
         raise PluginError(
             f"executor '{executor.name}' ended without a result for {len(waiting)} of {len(jobs)} jobs; "
-            "what is finished is kept; set executor.name = 'processes', or report it to the plugin's author"
+            "finished results are kept; set executor.name = 'processes', or report it to the plugin's author"
         )

@@ -1,8 +1,8 @@
-"""An experiment that has not been made: the curves that a study's truth would give.
+"""Synthetic experiments: the curves of a study's [truth].
 
-With them an identifiability study can be made of any limb before anyone touches
-it. The curves come from the study's own solver and mesh, so they show whether the
-channels tell the parameters apart, and not how well the model fits a limb.
+With them the identifiability of any limb's parameters can be studied before the experiment.
+The curves come from the study's solver and mesh, so they show whether the channels identify
+the parameters, not how well the model fits a limb.
 """
 
 import hashlib
@@ -32,7 +32,7 @@ from palpate.stages.sweep import executor_of, results
 from palpate.study.reading import Study, StudySpot
 
 NOTE = "origin.json"
-"""File beside the curves that says what they were computed with."""
+"""File next to the curves with the record of their computation."""
 
 READ_BACK = 1e-12
 """Largest difference between a curve and what is read back, relative to its largest value."""
@@ -42,14 +42,14 @@ _DECIDES = ("study", "units", "versions", "loader", "limb_source", "solver", "pr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Synthesis:
-    """What a truth would give.
+    """Synthetic curves of a study.
 
     Parameters
     ----------
     responses : mapping of spot name to Response
         The first press of each spot; repeats differ in their noise alone.
     files : tuple of Path
-        Everything that was written, the note last.
+        All written files, the record last.
     """
 
     responses: Mapping[str, Response]
@@ -65,16 +65,16 @@ def synthesise(
     seed: int = 1,
     progress: Progress = SILENT,
 ) -> Synthesis:
-    """Simulate the study's truth at each spot and write the curves where measured ones belong.
+    """Simulate the study's truth at each spot and write the curves in place of measured ones.
 
     Parameters
     ----------
     study : Study
         Read with ``need_measured=False``. The truth gives every searched parameter; one
-        that it also gives for a fixed parameter takes the place of the fixed value.
+        that it also gives for a fixed parameter replaces the fixed value.
     channels : mapping of name to Channel
     out : Path, optional
-        Takes the place of the study's folder; the files keep their names.
+        Replaces the study's folder; the files keep their names.
     noise : float
         Standard deviation of what is added to every ordinate, as a share of the curve's
         largest absolute value.
@@ -109,14 +109,14 @@ def _check(study: Study, noise: float) -> None:
     where = study.file
     if study.data != "simulated":
         raise StudyError(
-            f'{where}: says data = "{study.data}", and curves that are made up must not pass for it; '
+            f'{where}: has data = "{study.data}", but synthetic curves are simulated; '
             'set data = "simulated" in a copy of the study'
         )
     missing = [p.name for p in study.space.parameters if p.name not in study.truth]
     if missing:
         raise StudyError(
-            f"{where}: [truth] gives no value for {', '.join(missing)}; give the answer that the curves "
-            f'should have, such as "{missing[0]}" = "…" with its unit'
+            f"{where}: [truth] gives no value for {', '.join(missing)}; give the true value of each "
+            f'parameter, such as "{missing[0]}" = "…" with its unit'
         )
     if not (np.isfinite(noise) and noise >= 0.0):
         raise StudyError(f"noise {noise}: give a share of the curve's largest value, such as 0.01")
@@ -143,16 +143,16 @@ def _targets(study: Study, out: Path | None) -> dict[tuple[str, str | None, int]
     for path in (*files, _beside(files)):
         if path.exists():
             raise StudyError(
-                f"{path}: exists and is not overwritten; move it away, or name another folder with --out"
+                f"{path}: exists and is not overwritten; move it, or name another folder with --out"
             )
     for path in files:
         if files.count(path) > 1:
-            raise StudyError(f"{path}: stands for two curves of the study; give each its own file")
+            raise StudyError(f"{path}: is named for two curves of the study; give each a separate file")
     return targets
 
 
 def _inside(path: Path, folder: Path) -> Path:
-    """Path from the study's folder; the bare name of a file that lies elsewhere."""
+    """Path from the study's folder; the bare name of a file in another folder."""
     normal = Path(os.path.normpath(path))
     return normal.relative_to(folder) if normal.is_relative_to(folder) else Path(path.name)
 
@@ -178,7 +178,7 @@ def _jobs(study: Study, channels: Mapping[str, Channel]) -> list[Job]:
 
 
 def _planned(study: Study, channels: Mapping[str, Channel]) -> dict[str, Response]:
-    """Curves that say along which abscissae a homogeneous test will be made."""
+    """Curves with the abscissae of planned homogeneous tests."""
     for spot in study.spots:
         for path in spot.files:
             if not path.is_file():
@@ -228,7 +228,7 @@ def _without_rest(response: Response) -> Response:
 def _presses(
     study: Study, spot: str, exact: Response, noise: float, random: np.random.Generator
 ) -> list[Response]:
-    """As many presses as the spot has files for, each with noise of its own."""
+    """One press for each file of the spot, each with different noise."""
     files = next(s.measured for s in study.spots if s.spot.name == spot).values()
     return [_noisy(exact, noise, random) for _ in range(max(map(len, files)))]
 
@@ -330,11 +330,11 @@ def _note(
     limbs: Mapping[str, Limb],
     noise: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """What the curves were computed with."""
+    """Record of the computation of the curves."""
     all_of_it = manifest(study, channels)
     regions = {region.region: region for region in study.space.regions}
     return {
-        "origin": "simulated by `palpate synthesise` with the study's own solver and mesh; "
+        "origin": "simulated by `palpate synthesise` with the study's solver and mesh; "
         "no limb or specimen was touched",
         **{key: all_of_it[key] for key in _DECIDES},
         "truth": {

@@ -1,4 +1,4 @@
-"""Verification of the selected sets by their own solver, such as with halved steps.
+"""Verification of the selected sets by their solver, such as with halved steps.
 
 It may cost as much as a simulation, so only sets that were selected are verified.
 """
@@ -36,13 +36,13 @@ def verify(
     Returns
     -------
     DataFrame
-        One row per spot and set that there was something to verify of: spot, set_id, passed,
+        One row per verified spot and set: spot, set_id, passed,
         message, the solver's figures, and ``key``, by which a row is found again.
 
     Raises
     ------
     StoppedError
-        ``progress`` said to stop; what is verified is kept.
+        ``progress`` requested a stop; finished verifications are kept.
     """
     if not isinstance(study.solver, Verifier):
         run.write_verification(pl.DataFrame())
@@ -62,7 +62,7 @@ def verify(
         key = _key(study, simulation, limb)
         row = known.get(key) or _row(study.solver, simulation, limb, key)
         if row is not None:
-            if row["key"]:  # jobs that differ by name alone have one result
+            if row["key"]:  # jobs that differ only in name have one result
                 known[key] = row
             rows.append(row | simulation.id._asdict())
             shown = {each["key"] for each in rows}
@@ -79,7 +79,7 @@ def _selected(run: RunDirectory) -> Iterator[SimulationId]:
 
 
 def _key(study: Study, simulation: Simulation, limb: Limb | None) -> str:
-    """What decides a simulation, and every setting, also those that decide the verification alone."""
+    """Inputs of a simulation and all settings, also those of the verification only."""
     settings = repr(sorted(dict(study.solver.settings).items(), key=str))
     key = job_key(simulation.job, limb, study.solver, study.trusted)
     return hashlib.sha256(f"{key} {settings}".encode()).hexdigest()

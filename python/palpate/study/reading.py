@@ -215,7 +215,7 @@ def _study_file(path: Path | str) -> Path:
 
 
 def relative(file: Path, folder: Path) -> str:
-    """Path from the study's folder; the bare name of a file that lies elsewhere."""
+    """Path from the study's folder; the bare name of a file in another folder."""
     inside = file.resolve().is_relative_to(folder.resolve())
     return file.resolve().relative_to(folder.resolve()).as_posix() if inside else file.name
 

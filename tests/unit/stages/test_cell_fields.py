@@ -89,8 +89,8 @@ def note(rotation):
 @pytest.mark.parametrize(
     ("meshes", "notes", "one_frame", "message"),
     [
-        ("ab", [None, None], False, "each of which may have a frame of its own; .* or set one_frame = true"),
-        ("ab", [note(np.eye(3)), None], False, "each of which may have a frame of its own"),
+        ("ab", [None, None], False, "each of which may have another frame; .* or set one_frame = true"),
+        ("ab", [note(np.eye(3)), None], False, "each of which may have another frame"),
         ("ab", [note(np.eye(3)), note(Q)], False, "whose notes give different frames; write the directions"),
         ("ab", [note(np.eye(3)), note(Q)], True, "whose notes give different frames"),
         ("ab", [note(Q), note(Q)], False, None),
@@ -117,7 +117,7 @@ def test_a_solver_that_gives_no_fields_is_refused_a_material_that_takes_them(mak
         protocol=study.protocol,
     )
     with pytest.raises(
-        StudyError, match="material 'fibred' takes cell data fibre and solver 'analytic' gives"
+        StudyError, match="material 'fibred' takes cell data fibre and solver 'analytic' does not"
     ):
         check_jobs(study, [job], {"p1": block("hex8", **SMALL)})
 

@@ -151,9 +151,9 @@ def test_what_cannot_be_is_refused(read, change, says):
         (times(TORQUE, 0.1), "'torque' over 'force' is a lever of 0.198 mm, where a sphere .* about 2.9 mm"),
         (times(FORCE, 1 / 9.80665), "'torque' over 'force' is a lever of 19.4 mm"),
         (plus(FORCE, 1.0), r"'force' is 1 force_N at depth_mm 0, 7% of its peak, .*: the sensor has a bias"),
-        (shifted(-1.0), r"'force' is 0\.3883 force_N at depth_mm 0, .* \(as of contact that begins at -0\.9"),
-        (shifted(1.0), "'force' rises as from first contact at depth_mm 1.* and not at 0; shift"),
-        (shifted(0.5), "'force' rises as from first contact at depth_mm 0.5"),
+        (shifted(-1.0), r"'force' is 0\.3883 force_N at depth_mm 0, .* \(as if contact began at -0\.9"),
+        (shifted(1.0), "'force' rises as if first contact were at depth_mm 1.* and not at 0; shift"),
+        (shifted(0.5), "'force' rises as if first contact were at depth_mm 0.5"),
     ],
 )
 def test_what_is_odd_is_a_warning(read, change, says):

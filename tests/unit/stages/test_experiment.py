@@ -44,7 +44,9 @@ def test_a_channel_without_weight_may_be_missing(make_study, plugins):
 
 
 def test_a_channel_that_nobody_declares_is_refused(make_study, plugins):
-    with pytest.raises(CurveError, match=r"p1\.csv: spot 'p1': channel 'force' is declared by no plugin"):
+    with pytest.raises(
+        CurveError, match=r"p1\.csv: spot 'p1': channel 'force' is not declared by any plugin"
+    ):
         load_measured(make_study(), {})
 
 
@@ -151,7 +153,7 @@ def test_a_departure_from_the_protocol_says_what_is_covered(plugins, curve, says
 
 def test_a_twist_that_the_protocol_never_makes_is_refused(plugins):
     press = replace(PROTOCOL, path=[(0, 0), (10, 0)])
-    with pytest.raises(CurveError, match="over rotation_deg, which the protocol never moves"):
+    with pytest.raises(CurveError, match="over rotation_deg, which the protocol does not move"):
         check_covers(torque(TWIST), plugins.channels["torque"], press)
 
 

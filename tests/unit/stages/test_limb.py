@@ -97,7 +97,7 @@ def test_a_midside_node_that_folds_the_element_is_refused():
 def test_a_coordinate_that_is_not_finite_names_its_node():
     points = CUBE.copy()
     points[5, 1] = np.nan
-    refused(limb(points=points), "node 5 lies at")
+    refused(limb(points=points), "node 5 is at")
 
 
 def test_an_index_out_of_range_names_its_place():
@@ -221,7 +221,7 @@ def test_a_hole_in_the_tissue_is_warned_of(kind):
 @pytest.mark.parametrize("fixed", [[0], [0, 1], [0, 0, 1, 1]])
 def test_a_limb_that_can_turn_about_its_fixed_nodes_is_refused(fixed):
     refused(
-        limb(sets={"fixed": fixed}), rf"the fixed nodes lie on one line \({len(fixed)} nodes, the first 0\)"
+        limb(sets={"fixed": fixed}), rf"the fixed nodes are on one line \({len(fixed)} nodes, the first 0\)"
     )
 
 
@@ -263,7 +263,7 @@ def test_hexahedra_and_linear_tetrahedra_may_share_edges():
 
 def test_a_spot_off_the_surface_is_refused():
     away = Spot(name="p1", position_mm=[0.5, 0.5, 3.0], normal=[0, 0, 1])
-    refused(limb(spot=away), r"spot 'p1' .* lies 2.12 mm from the nearest contact node")
+    refused(limb(spot=away), r"spot 'p1' .* is 2.12 mm from the nearest contact node")
 
 
 def test_a_normal_that_points_inwards_is_refused():

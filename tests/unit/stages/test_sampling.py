@@ -160,7 +160,7 @@ def test_refilling_without_need_changes_nothing(space):
 
 
 def test_a_share_too_small_is_reported(space):
-    reason = r"only \d+ of 80 sets \(.* %\) pass 'seldom', and 20 are .*sampling.max_draws to 160 or"
+    reason = r"only \d+ of 80 sets \(.* %\) pass 'seldom', but 20 are .*sampling.max_draws to 160 or"
     with pytest.raises(SamplingError, match=reason):
         draw_design(space, LatinHypercube(), 20, seed=1, filters=[Seldom()], max_draws=80)
     with pytest.raises(SamplingError, match=r"'nothing' rejects all 40 sets"):

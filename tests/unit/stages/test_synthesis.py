@@ -224,7 +224,7 @@ def test_an_existing_file_is_left_alone(planned: Planned, plugins: Plugins, tmp_
     [
         ({"truth": {}}, r"study.toml: \[truth\] gives no value for soft_tissue.stiffness, soft_tissue.grip"),
         ({"truth": {"soft_tissue.stiffness": 0.4}}, "no value for soft_tissue.grip; give"),
-        ({"data": "measured"}, 'says data = "measured".*copy of the study'),
+        ({"data": "measured"}, 'has data = "measured".*copy of the study'),
         ({"truth": {**TRUTH, "soft_tissue.stiffness": -1.0}}, "physical range"),
         ({"solver": "Hopeless"}, r"spot 'p1'.*ended diverged \(step too small\).*narrow"),
     ],
@@ -270,7 +270,7 @@ def test_two_spots_in_one_file_are_refused(planned: Planned, plugins: Plugins, t
         StudySpot(spot=Spot(name=name), measured={None: (tmp_path / "both.csv",)}, mesh=None)
         for name in ("p1", "p2")
     )
-    with pytest.raises(StudyError, match=r"both\.csv: stands for two curves"):
+    with pytest.raises(StudyError, match=r"both\.csv: is named for two curves"):
         synthesise(planned(spots=spots), plugins.channels)
 
 
