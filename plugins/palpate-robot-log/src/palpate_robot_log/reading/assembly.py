@@ -1,23 +1,24 @@
 """From the columns of a log, by the channel map, to a recording in palpate's units."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.api import CurveError, FloatArray, IntArray
 from palpate.delimited import Kind, TextFormat
 from palpate_robot_log.processing.rotation import rotated, unrotated
 from palpate_robot_log.reading import checks, orientation
-from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Source, bare
-from palpate_robot_log.reading.common_time import are_together, interpolated, overlap
+from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Orientation, Source, bare
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
 from palpate_robot_log.reading.raw import RawLog
 from palpate_robot_log.reading.series import Series, pick
 from palpate_robot_log.reading.time_checks import checked_time
 from palpate_robot_log.recording import Recording
+
+_LEAST_OVERLAP = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,7 +57,7 @@ def read_recording(
     """
     request = Request(
         columns=columns_of(channels),
-        streams=streams_of(channels),
+        streams=_streams_of(channels),
         text=text or TextFormat(),
         limits=limits or ReadingLimits(),
     )
@@ -71,7 +72,7 @@ def columns_of(channels: ChannelMap) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*times, *columns]))
 
 
-def streams_of(channels: ChannelMap) -> tuple[str, ...] | None:
+def _streams_of(channels: ChannelMap) -> tuple[str, ...] | None:
     """Streams that the map names; None when it leaves one open, so that all are read."""
     sources: list[Source] = [channels.position, channels.force, channels.moment]
     if channels.orientation.form != "fixed":
@@ -86,22 +87,35 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
     Raises
     ------
     CurveError
+        Naming the file, rows, time stamps and column.
     """
-    series = _with_checked_time(_picked(log, channels), channels)
+    series = _picked(log, channels)
     deviation = _check(series, channels)
-    series = _with_quaternions(series, channels)
+    given = channels.orientation
+    if "orientation" in series:
+        q = orientation.quaternions(given.form, series["orientation"].values, given.sequence)
+        if given.inverse:
+            q = q * np.array([-1.0, -1.0, -1.0, 1.0])
+        series["orientation"] = replace(series["orientation"], values=q)
     time_s, rows, values, resampled = _at_common_time(series, channels)
-    pose_q = values.get("orientation", _fixed(channels, time_s.size))
-    q = _sensor_turns(pose_q, channels)
-    force, moment = _wrench(values["force"], values["moment"], q, channels)
+    pose_q = values["orientation"] if "orientation" in values else _fixed(given, time_s.size)
+    sensor_q = pose_q
+    if any(channels.sensor_turned):
+        mount = Rotation.from_euler("xyz", channels.sensor_turned, degrees=True)
+        sensor_q = (Rotation.from_quat(pose_q) * mount).as_quat()
+    position, force, moment = values["position"], values["force"], values["moment"]
+    if any(channels.tip):
+        position = position + rotated(pose_q, np.array(channels.tip))
+    if channels.wrench_frame == "base":
+        force, moment = unrotated(sensor_q, force), unrotated(sensor_q, moment)
+    if channels.acts_on == "tissue":
+        force, moment = -force, -moment
     recording = Recording(
         source=log.source,
         row_word=log.row_word,
         time_s=time_s,
-        position_mm=values["position"] + rotated(pose_q, np.array(channels.tip))
-        if any(channels.tip)
-        else values["position"],
-        quaternion=q,
+        position_mm=position,
+        quaternion=sensor_q,
         force_N=force,
         moment_Nmm=moment,
         rows=rows,
@@ -110,26 +124,16 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
 
 
 def _picked(log: RawLog, channels: ChannelMap) -> dict[str, Series]:
-    turned = channels.orientation
-    kind: Kind | None = "angle" if turned.form in ("euler", "axis_angle") else None
-    picked = {
-        "position": pick(log, channels, "position", channels.position, channels.position.columns, "length"),
-        "force": pick(log, channels, "force", channels.force, channels.force.columns, "force"),
-        "moment": pick(log, channels, "moment", channels.moment, channels.moment.columns, "moment"),
-    }
-    if turned.form != "fixed":
-        picked["orientation"] = pick(log, channels, "orientation", turned, turned.columns, kind)
-    return picked
-
-
-def _with_checked_time(picked: Mapping[str, Series], channels: ChannelMap) -> dict[str, Series]:
-    """Series whose time increases; of those that share one column of time the first is checked."""
-    checked: list[Series] = []
-    result = {}
-    for name, series in picked.items():
-        is_known = any(series.time_s is other.time_s for other in checked)
+    """Series by quantity, whose time increases; of those that share a column of time one is checked."""
+    kinds: dict[str, Kind | None] = {"position": "length", "force": "force", "moment": "moment"}
+    form = channels.orientation.form
+    if form != "fixed":
+        kinds["orientation"] = "angle" if form in ("euler", "axis_angle") else None
+    result: dict[str, Series] = {}
+    for name, kind in kinds.items():
+        series = pick(log, channels, name, kind)
+        is_known = any(series.time_s is other.time_s for other in result.values())
         result[name] = series if is_known else checked_time(series, channels)
-        checked.append(result[name])
     return result
 
 
@@ -155,70 +159,53 @@ def _check(series: Mapping[str, Series], channels: ChannelMap) -> float:
             return 0.0
 
 
-def _with_quaternions(series: Mapping[str, Series], channels: ChannelMap) -> dict[str, Series]:
-    """Series with the orientation as quaternions, which can be interpolated."""
-    if "orientation" not in series:
-        return dict(series)
-    given, form = series["orientation"], channels.orientation
-    q = orientation.quaternions(form.form, given.values, form.sequence)
-    if form.inverse:
-        q = q * np.array([-1.0, -1.0, -1.0, 1.0])
-    return {**series, "orientation": given.with_values(q)}
-
-
 def _at_common_time(
     series: Mapping[str, Series], channels: ChannelMap
 ) -> tuple[FloatArray, IntArray, dict[str, FloatArray], list[str]]:
     """Time, rows and values of everything at the instants of one series, and what was interpolated."""
-    if are_together(list(series.values())):
-        kept = series["force"]
-        return kept.time_s, kept.rows, {name: s.values for name, s in series.items()}, []
     kept = series["force" if channels.common_time == "wrench" else "position"]
-    others = [s for s in series.values() if not are_together([kept, s])]
-    kept_rows = overlap(kept, others)
-    time_s = kept.time_s[kept_rows]
-    values, resampled = {}, []
-    for name, one in series.items():
-        if are_together([kept, one]):
-            values[name] = one.values[kept_rows]
-            continue
-        resampled.append(name)
-        values[name] = (
-            orientation.interpolated_turns(one.time_s, one.values, time_s)
-            if name == "orientation"
-            else interpolated(one, time_s)
+    apart = {name: one for name, one in series.items() if not _are_together(kept, one)}
+    chosen = _overlap(kept, list(apart.values())) if apart else slice(None)
+    time_s = kept.time_s[chosen]
+    values = {name: one.values[chosen] for name, one in series.items() if name not in apart}
+    for name, one in apart.items():
+        if name == "orientation":  # at constant angular speed (Shoemake 1985)
+            values[name] = Slerp(one.time_s, Rotation.from_quat(one.values))(time_s).as_quat()
+        else:
+            columns = [np.interp(time_s, one.time_s, column) for column in one.values.T]
+            values[name] = np.column_stack(columns)
+    return time_s, kept.rows[chosen], values, list(apart)
+
+
+def _are_together(first: Series, other: Series) -> bool:
+    """Whether both have the very same instants, so that nothing is interpolated."""
+    return other.time_s is first.time_s or np.array_equal(other.time_s, first.time_s)
+
+
+def _overlap(kept: Series, others: Sequence[Series]) -> slice:
+    """Rows of ``kept`` at which all the others have values."""
+    begin = max(float(other.time_s[0]) for other in others)
+    end = min(float(other.time_s[-1]) for other in others)
+    first = int(np.searchsorted(kept.time_s, begin, side="left"))
+    last = int(np.searchsorted(kept.time_s, end, side="right"))
+    if last - first < _LEAST_OVERLAP * kept.time_s.size:
+        spans = "; ".join(f"{s.what} {s.time_s[0]:.3f} to {s.time_s[-1]:.3f} s" for s in (kept, *others))
+        raise kept.fault(
+            f"pose and wrench hardly overlap in time ({spans}): their clocks differ, or one stopped; choose "
+            "another column of time (received in a bag), or record again"
         )
-    return time_s, kept.rows[kept_rows], values, resampled
+    return slice(first, last)
 
 
-def _fixed(channels: ChannelMap, n_rows: int) -> FloatArray:
-    if channels.orientation.form != "fixed":
-        return np.empty((0, 4))
-    q = np.array(channels.orientation.value)
+def _fixed(given: Orientation, n_rows: int) -> FloatArray:
+    """The one quaternion of the map in every row (n, 4)."""
+    q = np.array(given.value)
     length = float(np.linalg.norm(q))
     if abs(length - 1.0) > 0.01:
         raise CurveError(
             f"channel map: the quaternion orientation.value has length {length:.4g} and not 1; correct it"
         )
     return np.tile(q / length, (n_rows, 1))
-
-
-def _sensor_turns(pose_q: FloatArray, channels: ChannelMap) -> FloatArray:
-    """Turns of the sensor's frame into the base."""
-    if not any(channels.sensor_turned):
-        return pose_q
-    mount = Rotation.from_euler("xyz", channels.sensor_turned, degrees=True)
-    turned: FloatArray = (Rotation.from_quat(pose_q) * mount).as_quat()
-    return turned
-
-
-def _wrench(
-    force: FloatArray, moment: FloatArray, q: FloatArray, channels: ChannelMap
-) -> tuple[FloatArray, FloatArray]:
-    """Force and moment of the tissue on the tool, in the sensor's frame."""
-    if channels.wrench_frame == "base":
-        force, moment = unrotated(q, force), unrotated(q, moment)
-    return (-force, -moment) if channels.acts_on == "tissue" else (force, moment)
 
 
 def _record(

@@ -13,7 +13,7 @@ Seconds = Annotated[float, Quantity("s")]
 NO_COLUMN = "0"
 """Written for a column where the sensor has no such axis: zero throughout."""
 
-N_COLUMNS = {"quaternion": 4, "euler": 3, "axis_angle": 3, "rotation_matrix": 9, "fixed": 4}
+N_COLUMNS = {"quaternion": 4, "euler": 3, "axis_angle": 3, "rotation_matrix": 9, "fixed": 0}
 
 
 class Source(Settings):
@@ -78,7 +78,7 @@ class Orientation(Source):
 
     @model_validator(mode="after")
     def _check_columns(self) -> Self:
-        needed = 0 if self.form == "fixed" else N_COLUMNS[self.form]
+        needed = N_COLUMNS[self.form]
         if len(self.columns) != needed:
             raise ValueError(f"form '{self.form}' needs {needed} columns and {len(self.columns)} are named")
         return self

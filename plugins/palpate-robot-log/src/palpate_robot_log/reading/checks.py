@@ -1,10 +1,8 @@
 """Checks of raw numbers that need no physics: units by magnitude, saturation, a sensor that is stuck.
 
-Each message names row, time stamp and column. Where real logs differ from what is
-assumed here, the message names the setting to change.
+Each check raises a CurveError that names row, time stamp and column. Where real logs differ
+from what is assumed here, the message names the setting to change.
 """
-
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -20,21 +18,11 @@ _TWO_PI = 2.0 * np.pi
 
 
 def check_position(position: Series, bounds: Plausible) -> None:
-    """Refuse a way of the tip that no robot goes, which is what a wrong unit makes of it.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse a way of the tip that no robot goes, which is what a wrong unit makes of it."""
     extent = float(np.ptp(position.values, axis=0).max())
     unit = position.units[1]
-    _check_plausible(
-        position,
-        extent,
-        bounds.travel,
-        f"the tip moves {extent:.4g} mm in all with columns in {unit}",
-        "travel",
-    )
+    what = f"the tip moves {extent:.4g} mm in all with columns in {unit}"
+    _check_plausible(position, extent, bounds.travel, what, "travel")
     reach = float(np.abs(position.values).max())
     if reach > bounds.reach:
         raise position.fault(
@@ -45,12 +33,7 @@ def check_position(position: Series, bounds: Plausible) -> None:
 
 
 def check_wrench(force: Series, moment: Series, bounds: Plausible) -> None:
-    """Refuse forces and moments that their units make too large or too small.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse forces and moments that their units make too large or too small."""
     force_range = float(np.ptp(force.values, axis=0).max())
     moment_range = float(np.ptp(moment.values, axis=0).max())
     what = f"it varies by {force_range:.4g} N with columns in {force.units[1]}"
@@ -80,12 +63,7 @@ def _check_plausible(
 
 
 def check_angles(orientation: Series, bounds: Plausible) -> None:
-    """Refuse degrees that look like radians, and radians that look like degrees.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse degrees that look like radians, and radians that look like degrees."""
     largest = float(np.abs(orientation.values).max())
     if largest > 2.0 * _TWO_PI:
         raise orientation.fault(f"angles up to {largest:.4g} rad; they are likely degrees: correct unit")
@@ -99,26 +77,14 @@ def check_angles(orientation: Series, bounds: Plausible) -> None:
 
 
 def check_sensor(wrench: Series, channels: ChannelMap) -> None:
-    """Refuse an axis that never changes, a sensor that is stuck, and values cut at the end of its range.
-
-    Parameters
-    ----------
-    wrench : Series
-        Three or six columns, all of one stream.
-    channels : ChannelMap
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse an axis that never changes, a sensor that is stuck, and values cut at the end of its range."""
     real = [index for index, name in enumerate(wrench.names) if name != NO_COLUMN]
     same = wrench.values[1:] == wrench.values[:-1]
     for column in real:
         if same[:, column].all():
             raise wrench.fault(
                 f"{wrench.values[0, column]:g} in every row: the axis is dead, or the column another; "
-                "repair it, "
-                f'or write "{NO_COLUMN}" for an axis that the sensor has not',
+                f'repair it, or write "{NO_COLUMN}" for an axis that the sensor has not',
                 0,
                 column,
             )
@@ -129,12 +95,7 @@ def check_sensor(wrench: Series, channels: ChannelMap) -> None:
 
 
 def check_range(wrench: Series, limit: float | None, setting: str) -> None:
-    """Refuse values that reach the end of the sensor's range, where the map gives it.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse values that reach the end of the sensor's range, where the map gives it."""
     if limit is None:
         return
     beyond = np.abs(wrench.values) >= limit
@@ -154,13 +115,19 @@ def _runs(same: np.ndarray) -> tuple[IntArray, IntArray]:
     return starts, np.diff(np.concatenate([starts, [same.size + 1]]))
 
 
-def _check_stuck(wrench: Series, same: np.ndarray, channels: ChannelMap) -> None:
-    starts, lengths = _runs(np.logical_and.reduce(same, axis=1))
+def _longest_run(series: Series, same: np.ndarray) -> tuple[int, int, float]:
+    """First and last row of the longest run of equal rows, and its length [s]."""
+    starts, lengths = _runs(same)
     longest = int(np.argmax(lengths))
     first, last = int(starts[longest]), int(starts[longest] + lengths[longest] - 1)
-    seconds = float(wrench.time_s[last] - wrench.time_s[first])
+    return first, last, float(series.time_s[last] - series.time_s[first])
+
+
+def _check_stuck(wrench: Series, same: np.ndarray, channels: ChannelMap) -> None:
+    all_same = same.all(axis=1)
+    first, last, seconds = _longest_run(wrench, all_same)
     # A wrench that is updated less often than rows are written repeats in every run.
-    if seconds > channels.stuck and lengths[longest] > 5 * np.median(lengths):
+    if seconds > channels.stuck and last - first + 1 > 5 * np.median(_runs(all_same)[1]):
         raise wrench.fault(
             f"the same to the last digit in all axes for {seconds:.3f} s, until {wrench.at(last)}: the "
             "sensor is "
@@ -174,10 +141,7 @@ def _check_axis_stuck(wrench: Series, column: int, same: np.ndarray, stuck_s: fl
     """Refuse one axis that does not change for long and shows noise at other times."""
     if np.count_nonzero(same) * float(np.median(np.diff(wrench.time_s))) < stuck_s:
         return
-    starts, lengths = _runs(same)
-    longest = int(np.argmax(lengths))
-    first, last = int(starts[longest]), int(starts[longest] + lengths[longest] - 1)
-    seconds = float(wrench.time_s[last] - wrench.time_s[first])
+    first, last, seconds = _longest_run(wrench, same)
     values = wrench.values[:, column]
     if seconds > stuck_s and _is_noisy(np.concatenate([values[:first], values[last + 1 :]])):
         raise wrench.fault(
@@ -219,16 +183,11 @@ def _check_saturated(wrench: Series, column: int, same: np.ndarray) -> None:
 
 
 def check_frozen(position: Series, stuck_s: float) -> None:
-    """Refuse a pose that does not change to the last digit and then jumps: its stream was interrupted.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse a pose that does not change to the last digit and then jumps: its stream was interrupted."""
     starts, lengths = _runs((position.values[1:] == position.values[:-1]).all(axis=1))
     ends = starts + lengths - 1
     held = position.time_s[ends] - position.time_s[starts]
-    for index in _long_runs(held, lengths, stuck_s):
+    for index in np.flatnonzero((held > stuck_s) & (lengths > 5 * np.median(lengths))):
         end = int(ends[index])
         if end + 1 < position.time_s.size:
             jump = float(np.linalg.norm(position.values[end + 1] - position.values[end]))
@@ -240,17 +199,8 @@ def check_frozen(position: Series, stuck_s: float) -> None:
                 )
 
 
-def _long_runs(held: FloatArray, lengths: IntArray, stuck_s: float) -> Iterator[int]:
-    yield from map(int, np.flatnonzero((held > stuck_s) & (lengths > 5 * np.median(lengths))))
-
-
 def check_quaternions(orientation: Series) -> float:
-    """Refuse quaternions whose length is not about 1; returns the largest deviation.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse quaternions whose length is not about 1; returns the largest deviation."""
     lengths = np.sqrt(np.einsum("ij,ij->i", orientation.values, orientation.values))
     off = np.abs(lengths - 1.0)
     worst = int(np.argmax(off))
@@ -265,12 +215,7 @@ def check_quaternions(orientation: Series) -> float:
 
 
 def check_matrices(orientation: Series) -> float:
-    """Refuse matrices that are no rotations; returns the largest deviation.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse matrices that are no rotations; returns the largest deviation."""
     matrices = orientation.values.reshape(-1, 3, 3)
     gram = np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)
     off = np.abs(gram).max(axis=(1, 2))

@@ -1,7 +1,6 @@
 """Which reader a file needs, by its first bytes, and the process with limits that it works in."""
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -11,10 +10,12 @@ from pydantic import Field
 from palpate.api import CurveError, Quantity, Settings
 from palpate.delimited import TextFormat, TextTable
 from palpate.sandbox import Limits, run_function
+from palpate_robot_log.reading import array_files
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 _MOST_OUTPUT_BYTES = 10_000_000_000
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+_BINARY = (".mat", ".npz", ".npy", ".parquet", ".bag", ".mcap", ".db3", ".h5", ".hdf5")
 _UNREADABLE = (
     (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
     (b"BZh", "is compressed by bzip2; unpack it first"),
@@ -62,16 +63,46 @@ class Request:
     limits: ReadingLimits = field(default_factory=ReadingLimits)
 
 
-def check_size(path: Path, limits: ReadingLimits) -> None:
-    """Refuse what is not there, is no regular file, or is too large to be opened.
+def read_log(path: Path, request: Request) -> RawLog:
+    """Read a file in a process with limits: a damaged one can neither hang nor end this process.
+
+    Parameters
+    ----------
+    path : Path
+    request : Request
 
     Raises
     ------
     CurveError
+        It is missing, too large, damaged or of no known format, or reading exceeds the limits.
     """
+    _check_size(path, request.limits)
+    limits = Limits(
+        time_s=request.limits.time_limit, memory_mb=request.limits.memory, output_bytes=_MOST_OUTPUT_BYTES
+    )
+    try:
+        return run_function(limits, read_here, path, request)
+    except (ChildProcessError, MemoryError) as error:
+        raise _reading_failed(path, error) from None
+
+
+def read_here(path: Path, request: Request) -> RawLog:
+    """Read a file in this very process; errors are those of :func:`read_log`."""
+    _check_size(path, request.limits)
+    try:
+        return _read(path, request)
+    except MemoryError as error:
+        raise _reading_failed(path, error) from None
+
+
+def _check_size(path: Path, limits: ReadingLimits) -> None:
+    """Refuse what is not there, is no regular file, or is too large to be opened."""
     try:
         if path.is_dir():
-            _check_folder(path)
+            if not (path / "metadata.yaml").is_file():
+                raise CurveError(
+                    f"{path}: a folder without metadata.yaml, so no ROS 2 bag; give the file of the log"
+                )
             n_bytes = sum(file.lstat().st_size for file in path.iterdir())
         elif path.exists() and not path.is_file():
             raise CurveError(f"{path}: not a regular file; give a log, or the folder of a ROS 2 bag")
@@ -88,47 +119,6 @@ def check_size(path: Path, limits: ReadingLimits) -> None:
         )
 
 
-def _check_folder(path: Path) -> None:
-    if not (path / "metadata.yaml").is_file():
-        raise CurveError(f"{path}: a folder without metadata.yaml, so no ROS 2 bag; give the file of the log")
-
-
-def read_log(path: Path, request: Request) -> RawLog:
-    """Read a file in a process with limits: a damaged one can neither hang nor end this process.
-
-    Parameters
-    ----------
-    path : Path
-    request : Request
-
-    Raises
-    ------
-    CurveError
-    """
-    check_size(path, request.limits)
-    limits = Limits(
-        time_s=request.limits.time_limit, memory_mb=request.limits.memory, output_bytes=_MOST_OUTPUT_BYTES
-    )
-    try:
-        return run_function(limits, read_here, path, request)
-    except (ChildProcessError, MemoryError) as error:
-        raise _reading_failed(path, error) from None
-
-
-def read_here(path: Path, request: Request) -> RawLog:
-    """Read a file in this very process.
-
-    Raises
-    ------
-    CurveError
-    """
-    check_size(path, request.limits)
-    try:
-        return _read(path, request)
-    except MemoryError as error:
-        raise _reading_failed(path, error) from None
-
-
 def _reading_failed(path: Path, error: Exception) -> CurveError:
     how = "too little memory" if isinstance(error, MemoryError) else str(error)
     return CurveError(
@@ -138,53 +128,32 @@ def _reading_failed(path: Path, error: Exception) -> CurveError:
 
 
 def _read(path: Path, request: Request) -> RawLog:
-    if path.is_dir():
-        return _read_bag(path, request)
-    head = _head(path)
+    """Read by the format that the first bytes show; each library is imported where its format is found."""
+    head = b""
+    if not path.is_dir():
+        with path.open("rb") as stream:
+            head = stream.read(1024)
     for magic, why in _UNREADABLE:
         if head.startswith(magic):
             raise CurveError(f"{path}: the file {why}")
-    if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
-        from palpate_robot_log.reading.numpy_files import read_numpy
+    if path.is_dir() or head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")):
+        from palpate_robot_log.reading.ros import read_bag
 
-        return read_numpy(path)
+        return read_bag(path, request.streams)
     if head.startswith(b"PAR1"):
         from palpate_robot_log.reading.parquet import read_parquet
 
         return read_parquet(path, request.columns)
-    if head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")):
-        return _read_bag(path, request)
-    return _read_matlab_or_text(path, head, request)
-
-
-def _head(path: Path) -> bytes:
-    with path.open("rb") as stream:
-        return stream.read(1024)
-
-
-def _read_bag(path: Path, request: Request) -> RawLog:
-    from palpate_robot_log.reading.ros import read_bag
-
-    return read_bag(path, request.streams)
-
-
-def _read_matlab_or_text(path: Path, head: bytes, request: Request) -> RawLog:
-    if head.startswith(_HDF5_MAGIC) or head[512:520] == _HDF5_MAGIC:
-        from palpate_robot_log.reading.hdf5 import read_hdf5
-
-        return read_hdf5(path)
-    if len(head) >= 128 and head[126:128] in (b"IM", b"MI") and head.startswith(b"MATLAB"):
-        from palpate_robot_log.reading.matlab5 import read_matlab5
-
-        return read_matlab5(path)
-    if _is_binary_of(path, head):
+    if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
+        return array_files.read_numpy(path)
+    if _HDF5_MAGIC in (head[:8], head[512:520]):
+        return array_files.read_hdf5(path)
+    if head[126:128] in (b"IM", b"MI") and head.startswith(b"MATLAB"):
+        return array_files.read_matlab5(path)
+    if head and path.suffix.lower() in _BINARY:
         raise CurveError(
             f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"
         )
-    return _read_text(path, request)
-
-
-def _read_text(path: Path, request: Request) -> RawLog:
     table = TextTable(path, request.text)
     rows, columns = table.read(request.columns)
     return RawLog(
@@ -195,9 +164,3 @@ def _read_text(path: Path, request: Request) -> RawLog:
         notes=table.notes(),
         layout=table.settings(),
     )
-
-
-def _is_binary_of(path: Path, head: bytes) -> bool:
-    """Whether the ending promises another format than the text that the beginning looks like."""
-    binary: Sequence[str] = (".mat", ".npz", ".npy", ".parquet", ".bag", ".mcap", ".db3", ".h5", ".hdf5")
-    return path.suffix.lower() in binary and bool(head)

@@ -1,7 +1,6 @@
 """Columns that belong together by their names: the axes of one vector."""
 
 import re
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from palpate.delimited import Column, unit_in
@@ -38,11 +37,6 @@ class Group:
         """Names of the columns."""
         return tuple(column.name for column in self.columns)
 
-    def unit(self) -> str:
-        """Unit that the first column shows; empty if none."""
-        first = self.columns[0]
-        return first.shown_unit
-
 
 def words_of(name: str) -> tuple[str, ...]:
     """Words of a column's name, without its unit, in small letters.
@@ -57,15 +51,22 @@ def words_of(name: str) -> tuple[str, ...]:
 
 
 def groups_of(stream: Stream) -> list[Group]:
-    """Vectors among the columns of a stream."""
-    by_axis: dict[tuple[str, ...], dict[str, Column]] = {}
-    by_index: dict[tuple[str, ...], dict[str, Column]] = {}
+    """Vectors among the columns of a stream: first those by axes, then those by numbers."""
+    found: dict[tuple[bool, tuple[str, ...]], dict[str, Column]] = {}
     for column in stream.columns.values():
         words, axis = _split(words_of(column.name))
         if axis is not None:
-            members = by_index if axis.isdigit() else by_axis
-            members.setdefault(words, {})[axis] = column
-    return [*_by_axis(stream.name, by_axis), *_by_index(stream.name, by_index)]
+            found.setdefault((axis.isdigit(), words), {})[axis] = column
+    groups = []
+    for (is_indexed, words), members in sorted(found.items(), key=lambda item: item[0][0]):
+        if is_indexed:
+            order = sorted(members, key=int) if len(members) in (3, 4, 6, 7, 9) else []
+        else:
+            order = [axis for axis in _AXES if axis in members] if {*"xyz"} <= {*members} else []
+        if order:
+            columns = tuple(members[key] for key in order)
+            groups.append(Group(stream=stream.name, words=words, columns=columns, is_indexed=is_indexed))
+    return groups
 
 
 def _split(words: tuple[str, ...]) -> tuple[tuple[str, ...], str | None]:
@@ -83,17 +84,3 @@ def _split(words: tuple[str, ...]) -> tuple[tuple[str, ...], str | None]:
     if len(before) == 1 and before[0][-1] in _AXES and before[0][:-1] in _SHORT:
         return (before[0][:-1], last), before[0][-1]
     return words, None
-
-
-def _by_axis(stream: str, found: Mapping[tuple[str, ...], Mapping[str, Column]]) -> Iterable[Group]:
-    for words, members in found.items():
-        if all(axis in members for axis in "xyz"):
-            columns = tuple(members[axis] for axis in _AXES if axis in members)
-            yield Group(stream=stream, words=words, columns=columns, is_indexed=False)
-
-
-def _by_index(stream: str, found: Mapping[tuple[str, ...], Mapping[str, Column]]) -> Iterable[Group]:
-    for words, members in found.items():
-        if len(members) in (3, 4, 6, 7, 9):
-            columns = tuple(members[index] for index in sorted(members, key=int))
-            yield Group(stream=stream, words=words, columns=columns, is_indexed=True)

@@ -19,7 +19,6 @@ from palpate_robot_log.reading.raw import RawLog, Stream
 
 _GAP_STEPS = 10.0
 _SHORTEST_GAP_S = 0.02
-_GAP = ("row", "time_s", "seconds")
 _MOST_GAPS = 20
 _TO_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -48,7 +47,13 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
     else:
         problem, reads = _try(log, proposal)
         result = f"with this map: {problem}" if problem else f"this map reads the file: {reads}"
-        new = [*_to_check(proposal), *_others(proposal), result]
+        guesses = [*proposal.guesses.values(), *proposal.time.values()]
+        checks = dict.fromkeys(f"check {check}" for guess in guesses for check in guess.to_check)
+        others = [
+            f"{quantity} might also be: {'; '.join(', '.join(guess.columns) for guess in also)}"
+            for quantity, also in proposal.others.items()
+        ]
+        new = [*checks, *others, result]
     clocks = {stream.name: _clock(stream, proposal) for stream in log.streams}
     findings = [*log.notes, *([] if text else _gap_findings(log, clocks)), *new]
     tables = () if text else (_streams_table(log, clocks),)
@@ -83,7 +88,7 @@ class _Clock:
     rate_hz: float
     n_repeated: int
     n_backwards: int
-    gaps: tuple[tuple[int, float, float], ...]  # as _GAP
+    gaps: tuple[dict[str, float], ...]
 
 
 def _clock(stream: Stream, proposal: Proposal) -> _Clock | None:
@@ -105,7 +110,10 @@ def _clock(stream: Stream, proposal: Proposal) -> _Clock | None:
         rate_hz=1.0 / usual if usual > 0.0 else float("nan"),
         n_repeated=int((steps == 0.0).sum()),
         n_backwards=int((steps < 0.0).sum()),
-        gaps=tuple((int(rows[i]), float(time[i]), float(steps[i])) for i in wide[:_MOST_GAPS]),
+        gaps=tuple(
+            {"row": int(rows[i]), "time_s": float(time[i]), "seconds": float(steps[i])}
+            for i in wide[:_MOST_GAPS]
+        ),
     )
 
 
@@ -115,8 +123,9 @@ def _gap_findings(log: RawLog, clocks: Mapping[str, _Clock | None]) -> Iterable[
         if clock is None:
             yield f"{stream.label}: no column looks like time"
             continue
-        for row, time, seconds in clock.gaps[:3]:
-            yield f"{stream.label}: no rows for {seconds:.4g} s after {log.row_word} {row} (t = {time:.4f} s)"
+        for gap in clock.gaps[:3]:
+            after = f"{log.row_word} {gap['row']} (t = {gap['time_s']:.4f} s)"
+            yield f"{stream.label}: no rows for {gap['seconds']:.4g} s after {after}"
         if clock.n_repeated:
             yield f"{stream.label}: {clock.n_repeated} rows repeat the time of the row before"
         if clock.n_backwards:
@@ -142,17 +151,6 @@ def _try(log: RawLog, proposal: Proposal) -> tuple[str, str]:
     return "", f"{recording.n_rows} rows at {recording.rate_hz:.4g} Hz over {seconds:.4g} s"
 
 
-def _to_check(proposal: Proposal) -> Iterable[str]:
-    guesses = [*proposal.guesses.values(), *proposal.time.values()]
-    return dict.fromkeys(f"check {check}" for guess in guesses for check in guess.to_check)
-
-
-def _others(proposal: Proposal) -> Iterable[str]:
-    for quantity, guesses in proposal.others.items():
-        also = "; ".join(", ".join(guess.columns) for guess in guesses)
-        yield f"{quantity} might also be: {also}"
-
-
 def _roles(stream: Stream, proposal: Proposal) -> dict[str, str]:
     roles = {
         name: quantity
@@ -174,7 +172,7 @@ def _streams_table(log: RawLog, clocks: Mapping[str, _Clock | None]) -> Inspecte
         begin, end, rate, gap = ("–",) * 4
         if clock is not None:
             begin, end, rate = f"{clock.begin_s:.3f}", f"{clock.end_s:.3f}", f"{clock.rate_hz:.4g}"
-            gap = f"{max(seconds for *_, seconds in clock.gaps):.3f}" if clock.gaps else "none"
+            gap = f"{max(gap['seconds'] for gap in clock.gaps):.3f}" if clock.gaps else "none"
         rows.append((stream.name or "–", str(stream.rows.size), begin, end, rate, gap))
     return InspectedTable(
         title=f"{log.source}: {log.format}",
@@ -219,7 +217,7 @@ def _stream_record(stream: Stream, clock: _Clock | None, proposal: Proposal) -> 
     return {
         "name": stream.name,
         "n_rows": int(stream.rows.size),
-        "time": clock and asdict(clock) | {"gaps": [dict(zip(_GAP, gap, strict=True)) for gap in clock.gaps]},
+        "time": clock and asdict(clock) | {"gaps": list(clock.gaps)},
         "columns": [
             {
                 "name": column.name,

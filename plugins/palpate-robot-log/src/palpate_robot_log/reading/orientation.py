@@ -1,7 +1,7 @@
 """Orientations in the forms that robots log, as unit quaternions x y z w."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from palpate.api import FloatArray
 
@@ -32,9 +32,3 @@ def quaternions(form: str, values: FloatArray, sequence: str = "xyz") -> FloatAr
         rotation = Rotation.from_matrix(values.reshape(-1, 3, 3))
     q: FloatArray = rotation.as_quat()
     return q
-
-
-def interpolated_turns(times: FloatArray, q: FloatArray, at: FloatArray) -> FloatArray:
-    """Unit quaternions between rows, at constant angular speed (Shoemake 1985)."""
-    between: FloatArray = Slerp(times, Rotation.from_quat(q))(at).as_quat()
-    return between

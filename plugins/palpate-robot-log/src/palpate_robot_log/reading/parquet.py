@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.api import CurveError, FloatArray
 from palpate.delimited import Column, close_to, listed
-from palpate_robot_log.reading.raw import RawLog, Stream
+from palpate_robot_log.reading.raw import RawLog, Stream, or_damaged
 
 if TYPE_CHECKING:
     import polars as pl
@@ -28,17 +28,13 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
     """
     import polars as pl
 
-    try:
+    kinds = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
+    with or_damaged(path, "the Parquet file is damaged or cut off", "export it again", kinds):
         schema = pl.read_parquet_schema(path)
         names = _wanted(path, schema, wanted)
         # The path is taken as it is, not as a pattern of several files.
         frame = pl.read_parquet(path, columns=names, glob=False)
         columns = [column for name in names for column in _columns(path, frame[name])]
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        first_line = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise CurveError(
-            f"{path}: the Parquet file is damaged or cut off ({first_line}); export it again"
-        ) from None
     if frame.height < 2 or not columns:
         raise CurveError(
             f"{path}: {frame.height} rows and {len(columns)} columns of numbers; export the log again"

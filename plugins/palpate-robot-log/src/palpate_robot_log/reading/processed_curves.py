@@ -98,18 +98,18 @@ _Pair = tuple[tuple[str, float], tuple[str, float]]
 
 def _pair(columns: Iterable[Column], roles: tuple[_Role, _Role]) -> _Pair | None:
     """Names and factors of abscissa and ordinate, where one column each can be meant."""
-    chosen = [_only(columns, role) for role in roles]
-    return None if None in chosen else (chosen[0], chosen[1])  # type: ignore[return-value]
-
-
-def _only(columns: Iterable[Column], role: _Role) -> tuple[str, float] | None:
-    found = []
-    for column in columns:
-        unit = column.shown_unit
-        if kind_of(unit) == role.kind and role.words & set(words_of(column.name)):
-            factor = factor_to_base(unit, role.kind, column.name) * role.factor
-            found.append((column.name, float(f"{factor:.12g}")))
-    return found[0] if len(found) == 1 else None
+    chosen = []
+    for role in roles:
+        found = [
+            column
+            for column in columns
+            if kind_of(column.shown_unit) == role.kind and role.words & set(words_of(column.name))
+        ]
+        if len(found) != 1:
+            return None
+        factor = factor_to_base(found[0].shown_unit, role.kind, found[0].name) * role.factor
+        chosen.append((found[0].name, float(f"{factor:.12g}")))
+    return chosen[0], chosen[1]
 
 
 def _keys(pair: _Pair) -> Iterable[str]:

@@ -28,6 +28,8 @@ _WRENCH_WORDS = frozenset(("wrench", "ft", "force", "f", "sensor"))
 _POSE_WORDS = frozenset(("pose", "tcp", "transform"))
 _TIME_WORDS = frozenset(("time", "t", "timestamp", "stamp", "zeit", "clock", "seconds", "secs", "received"))
 _NOT_MEASURED = frozenset(("target", "desired", "cmd", "command", "ref", "reference", "setpoint", "goal"))
+_EULER = 'the order of the angles: sequence "xyz" (fixed axes) is assumed'
+_AXIS_ANGLE = "three angles: axis_angle is assumed, as Universal Robots logs it; other makes log euler"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,27 +75,24 @@ def propose(log: RawLog) -> Proposal:
     found: dict[str, list[Guess]] = {quantity: [] for quantity in QUANTITIES}
     for stream in log.streams:
         for group in groups_of(stream):
-            for quantity, guess in _readings(group):
-                found[quantity].append(guess)
-    best = {}
-    for quantity, guesses in found.items():
-        guesses.sort(key=lambda guess: -guess.score)
-        if guesses:
-            best[quantity] = guesses[0]
-    best = {quantity: _with_unit(log, quantity, guess, best) for quantity, guess in best.items()}
-    times = {stream.name: time for stream in log.streams if (time := time_of(stream)) is not None}
-    others = {quantity: tuple(guesses[1:4]) for quantity, guesses in found.items() if len(guesses) > 1}
-    return Proposal(guesses=best, time=times, others=others)
-
-
-def _readings(group: Group) -> Iterable[tuple[str, Guess]]:
-    """What a group may be, each with a score."""
-    penalty = 2.0 if _NOT_MEASURED & set(group.words) else 0.0
-    for quantity, guess in _possible(group):
-        yield quantity, replace(guess, score=guess.score - penalty)
+            penalty = 2.0 if _NOT_MEASURED & set(group.words) else 0.0
+            for quantity, guess in _possible(group):
+                found[quantity].append(replace(guess, score=guess.score - penalty))
+    ranked = {
+        quantity: sorted(guesses, key=lambda guess: -guess.score)
+        for quantity, guesses in found.items()
+        if guesses
+    }
+    force_extent = _extent(_values(_columns(log, ranked["force"][0]))) if "force" in ranked else 0.0
+    return Proposal(
+        guesses={name: _with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()},
+        time={stream.name: time for stream in log.streams if (time := time_of(stream)) is not None},
+        others={name: tuple(guesses[1:4]) for name, guesses in ranked.items() if len(guesses) > 1},
+    )
 
 
 def _possible(group: Group) -> Iterable[tuple[str, Guess]]:
+    """What a group may be, each with a score."""
     n_columns, words = len(group.columns), set(group.words)
     if n_columns == 3:
         yield from _vectors(group)
@@ -105,20 +104,17 @@ def _possible(group: Group) -> Iterable[tuple[str, Guess]]:
     elif n_columns == 6 and words & _POSE_WORDS:
         yield "position", _part(group, slice(0, 3), "position", 1.5)
         turned = _part(group, slice(3, 6), "orientation", 1.5)
-        check = "three angles: axis_angle is assumed, as Universal Robots logs it; other makes log euler"
-        yield "orientation", replace(turned, form="axis_angle", to_check=(check,))
+        yield "orientation", replace(turned, form="axis_angle", to_check=(_AXIS_ANGLE,))
     elif n_columns == 7 and _is_unit(group.columns[3:]):
         yield "position", _part(group, slice(0, 3), "position", 2.0)
         yield "orientation", _quaternion(group, group.names[3:])
     elif n_columns == 9 and _is_turn(group.columns):
-        yield (
-            "orientation",
-            Guess(columns=group.names, stream=group.stream, form="rotation_matrix", score=3.0),
-        )
+        turned = Guess(columns=group.names, stream=group.stream, form="rotation_matrix", score=3.0)
+        yield "orientation", turned
 
 
 def _vectors(group: Group) -> Iterable[tuple[str, Guess]]:
-    kind = kind_of(group.unit())
+    kind = kind_of(group.columns[0].shown_unit)
     for quantity in QUANTITIES:
         score = 2.0 * bool(_WORDS[quantity] & set(group.words))
         if kind is not None:
@@ -128,15 +124,11 @@ def _vectors(group: Group) -> Iterable[tuple[str, Guess]]:
         if score <= 0.0:
             continue
         guess = Guess(columns=group.names, stream=group.stream, score=score)
-        yield quantity, _turned(group, guess) if quantity == "orientation" else guess
-
-
-def _turned(group: Group, guess: Guess) -> Guess:
-    if "euler" in group.words or "rpy" in group.words:
-        check = 'the order of the angles: sequence "xyz" (fixed axes) is assumed'
-        return replace(guess, form="euler", to_check=(check,))
-    check = "three angles: axis_angle is assumed, as Universal Robots logs it; other makes log euler"
-    return replace(guess, form="axis_angle", to_check=(check,), score=guess.score - 0.5)
+        if quantity == "orientation" and {"euler", "rpy"} & set(group.words):
+            guess = replace(guess, form="euler", to_check=(_EULER,))
+        elif quantity == "orientation":
+            guess = replace(guess, form="axis_angle", to_check=(_AXIS_ANGLE,), score=score - 0.5)
+        yield quantity, guess
 
 
 def _part(group: Group, part: slice, quantity: str, score: float) -> Guess:
@@ -173,28 +165,28 @@ def _is_turn(columns: Iterable[Column]) -> bool:
 # -------------------------------------------------------------------------- units
 
 
-def _with_unit(log: RawLog, quantity: str, guess: Guess, best: Mapping[str, Guess]) -> Guess:
+def _with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> Guess:
     """Guess with a unit judged by magnitude, where the file shows none."""
-    columns = [log.stream(guess.stream).columns[name] for name in guess.columns]
-    first = columns[0]
-    if guess.form in ("quaternion", "rotation_matrix") or kind_of(first.shown_unit):
+    columns = _columns(log, guess)
+    if guess.form in ("quaternion", "rotation_matrix") or kind_of(columns[0].shown_unit):
         return guess
     values = _values(columns)
-    extent = float(np.ptp(values, axis=0).max(initial=0.0)) if len(values) else 0.0
-    unit = _likely_unit(quantity, extent, values, _force_extent(log, best))
+    unit = _likely_unit(quantity, values, force_extent)
     check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
     return replace(guess, unit=unit, to_check=(*guess.to_check, check))
 
 
-def _force_extent(log: RawLog, best: Mapping[str, Guess]) -> float:
-    if "force" not in best:
-        return 0.0
-    guess = best["force"]
-    values = _values(log.stream(guess.stream).columns[name] for name in guess.columns)
+def _columns(log: RawLog, guess: Guess) -> list[Column]:
+    return [log.stream(guess.stream).columns[name] for name in guess.columns]
+
+
+def _extent(values: FloatArray) -> float:
+    """Largest range of a column (n, k); 0 without rows."""
     return float(np.ptp(values, axis=0).max()) if len(values) else 0.0
 
 
-def _likely_unit(quantity: str, extent: float, values: FloatArray, force_extent: float) -> str:
+def _likely_unit(quantity: str, values: FloatArray, force_extent: float) -> str:
+    extent = _extent(values)
     if quantity == "position":
         return "m" if extent < 0.8 else "mm"
     if quantity == "orientation":

@@ -11,27 +11,23 @@ _N_SHOWN = {"position": 3, "orientation": 4, "force": 3, "moment": 3}
 
 def channel_map(proposal: Proposal) -> dict[str, object]:
     """Proposed map as plain values, without the quantities that were not found."""
-    streams = proposal.used_streams()
     time = _time(proposal)
     chosen: dict[str, object] = {}
     if time is not None:
         chosen["time"] = {"column": time.columns[0], "unit": time.unit} if time.unit else time.columns[0]
     for quantity in QUANTITIES:
-        guess = proposal.guesses.get(quantity)
-        if guess is not None:
-            chosen[quantity] = _entry(guess, time, proposal, is_one=len(streams) <= 1)
+        if (guess := proposal.guesses.get(quantity)) is not None:
+            chosen[quantity] = _entry(guess, time, proposal)
     return chosen
 
 
 def _time(proposal: Proposal) -> Guess | None:
-    """Time of the stream that most guesses come from."""
-    for stream in proposal.used_streams():
-        if stream in proposal.time:
-            return proposal.time[stream]
-    return next(iter(proposal.time.values()), None)
+    """Time of the first stream that guesses come from and that has one."""
+    streams = [*proposal.used_streams(), *proposal.time]
+    return next((proposal.time[stream] for stream in streams if stream in proposal.time), None)
 
 
-def _entry(guess: Guess, time: Guess | None, proposal: Proposal, *, is_one: bool) -> dict[str, object]:
+def _entry(guess: Guess, time: Guess | None, proposal: Proposal) -> dict[str, object]:
     entry: dict[str, object] = {}
     if guess.form and guess.form != "quaternion":
         entry["form"] = guess.form
@@ -40,7 +36,7 @@ def _entry(guess: Guess, time: Guess | None, proposal: Proposal, *, is_one: bool
         entry["sequence"] = "xyz"
     if guess.unit:
         entry["unit"] = guess.unit
-    if guess.stream and not is_one:
+    if guess.stream and len(proposal.used_streams()) > 1:
         entry["stream"] = guess.stream
     own = proposal.time.get(guess.stream)
     if own is not None and time is not None and own.columns != time.columns:

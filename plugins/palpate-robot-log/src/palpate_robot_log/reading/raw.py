@@ -5,11 +5,27 @@ length of its arrays. Nothing is converted here: units are those of the file, wh
 the file shows them, and a value that is missing is NaN.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from palpate.api import CurveError, IntArray
 from palpate.delimited import Column, close_to, listed
+
+
+@contextmanager
+def or_damaged(
+    path: Path, what: str, advice: str, kinds: tuple[type[BaseException], ...] = (Exception,)
+) -> Iterator[None]:
+    """Turn whatever damaged bytes lead a library to into one error that names the file."""
+    try:
+        yield
+    except (CurveError, MemoryError):
+        raise
+    except kinds as error:
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise CurveError(f"{path}: {what} ({reason}); {advice}") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,12 +78,7 @@ class RawLog:
     layout: Mapping[str, object] = field(default_factory=dict)
 
     def stream(self, name: str) -> Stream:
-        """Stream by its name.
-
-        Raises
-        ------
-        CurveError
-        """
+        """Stream by its name; a name that is not there is a CurveError."""
         for stream in self.streams:
             if stream.name == name:
                 return stream
@@ -96,17 +107,14 @@ class RawLog:
                 f"{self.source}: the columns {listed(wanted)} are in several streams ({names}); "
                 "choose one with stream in the channel map"
             )
-        raise CurveError(self._missing(wanted, among))
-
-    def _missing(self, wanted: list[str], among: tuple[Stream, ...]) -> str:
-        known = [name for stream in among for name in stream.columns]
+        known = [name for one in among for name in one.columns]
         missing = [name for name in wanted if name not in known]
         if not missing:
-            return (
+            raise CurveError(
                 f"{self.source}: no one stream has all of {listed(wanted)}; "
                 "take the columns of one vector from one stream"
             )
-        return (
+        raise CurveError(
             f"{self.source}: no column '{missing[0]}'{close_to(missing[0], known)} "
             f"(columns there: {listed(known)}); correct the channel map, or see 'palpate experiment inspect'"
         )

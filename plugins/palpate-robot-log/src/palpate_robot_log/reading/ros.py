@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.api import CurveError
 from palpate.delimited import Column, listed
-from palpate_robot_log.reading.raw import RawLog, Stream
+from palpate_robot_log.reading.raw import RawLog, Stream, or_damaged
 
 Fields = tuple[tuple[str, str], ...]
 
@@ -79,18 +79,11 @@ def read_bag(path: Path, topics: Sequence[str] | None = None) -> RawLog:
     CurveError
         The bag is cut off, damaged, or has no topic of a known type.
     """
-    try:
+    advice = "repair it with 'rosbag reindex', 'ros2 bag reindex' or 'mcap recover', or record again"
+    with or_damaged(path, "the bag is damaged or cut off", advice):
         reader, deserialise = _reader(path)
         with reader:
             return _collected(path, reader, deserialise, topics)
-    except (CurveError, MemoryError):
-        raise
-    except Exception as error:  # rosbags raises whatever the damaged bytes lead it to
-        first_line = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise CurveError(
-            f"{path}: the bag is damaged or cut off ({first_line}); repair it with "
-            "'rosbag reindex', 'ros2 bag reindex' or 'mcap recover', or record again"
-        ) from None
 
 
 def _reader(path: Path) -> tuple[Any, Callable[[bytes, str], Any]]:
@@ -103,8 +96,10 @@ def _reader(path: Path) -> tuple[Any, Callable[[bytes, str], Any]]:
             f"{path}: ROS bags need rosbags; run: pip install 'palpate-robot-log[ros]'"
         ) from None
     # The bag's own definitions are not used: a topic that is not read may have any.
-    if path.is_file() and _begins_with(path, b"#ROSBAG V"):
-        return rosbag1.Reader(path), get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
+    if path.is_file():
+        with path.open("rb") as stream:
+            if stream.read(9) == b"#ROSBAG V":
+                return rosbag1.Reader(path), get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
     if path.is_file() and path.suffix not in (".mcap", ".db3"):
         raise CurveError(
             f"{path}: a recording of ROS 2 that ends in '{path.suffix}'; rename it to .mcap or .db3"
@@ -115,11 +110,6 @@ def _reader(path: Path) -> tuple[Any, Callable[[bytes, str], Any]]:
                 f"{log}: the recording was not closed; open the .db3 once with sqlite3 to finish it"
             )
     return rosbag2.Reader(path), get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
-
-
-def _begins_with(path: Path, magic: bytes) -> bool:
-    with path.open("rb") as stream:
-        return stream.read(len(magic)) == magic
 
 
 def _collected(

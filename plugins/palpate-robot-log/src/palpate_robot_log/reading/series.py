@@ -1,13 +1,12 @@
 """A part of a log that shares its time: columns picked by the map, in the recording's units."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.api import BoolArray, CurveError, FloatArray, IntArray
-from palpate.delimited import BASE_UNITS, UNITS, Column, Kind, factor_to_base, unit_in
-from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Source, bare
+from palpate.delimited import BASE_UNITS, UNITS, Kind, factor_to_base, unit_in
+from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Orientation, Vector, bare
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 
@@ -48,26 +47,17 @@ class Series:
 
     def fault(self, message: str, index: int | None = None, column: int | None = None) -> CurveError:
         """Error that names file, stream, row, time stamp and column."""
-        where = [self.source]
-        if self.stream:
-            where.append(f"stream '{self.stream}'")
-        if index is not None:
-            where.append(self.at(index))
-        where.append(self.what if column is None else f"{self.what}, column '{self.names[column]}'")
-        return CurveError(f"{': '.join(where[:1])}: {', '.join(where[1:])}: {message}")
+        where = [f"stream '{self.stream}'"] if self.stream else []
+        where += [] if index is None else [self.at(index)]
+        where += [self.what] if column is None else [self.what, f"column '{self.names[column]}'"]
+        return CurveError(f"{self.source}: {', '.join(where)}: {message}")
 
     def part(self, kept: BoolArray) -> "Series":
         """Only some rows."""
         return replace(self, time_s=self.time_s[kept], values=self.values[kept], rows=self.rows[kept])
 
-    def with_values(self, values: FloatArray) -> "Series":
-        """Other values at the same instants."""
-        return replace(self, values=values)
 
-
-def pick(
-    log: RawLog, channels: ChannelMap, what: str, source: Source, columns: Sequence[str], kind: Kind | None
-) -> Series:
+def pick(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> Series:
     """Columns of one quantity and their time, converted to the recording's units.
 
     Parameters
@@ -75,11 +65,7 @@ def pick(
     log : RawLog
     channels : ChannelMap
     what : str
-        Name of the quantity, for messages.
-    source : Source
-        Its entry in the map.
-    columns : sequence of str
-        As the map names them.
+        position, orientation, force or moment.
     kind : Kind, optional
         What the columns measure; None for plain numbers.
 
@@ -88,43 +74,34 @@ def pick(
     CurveError
         A column is missing, its unit is unknown or of another kind, or a row lacks a value.
     """
+    source: Vector | Orientation = getattr(channels, what)
     time_name = source.time or channels.time.column
-    real = [bare(name) for name in columns if name != NO_COLUMN]
+    real = [bare(name) for name in source.columns if name != NO_COLUMN]
     stream = log.stream_of([time_name, *real], source.stream)
-    factor, time_unit = _factor(log, channels, stream, time_name, channels.time.unit, "time")
+    time_factor, time_unit = _factor(log, channels, stream, time_name, channels.time.unit, "time")
     time = stream.columns[time_name].values
-    # Series that share a column of time are known by sharing the array.
-    time = time if factor == 1.0 else factor * time
-    factors = [
-        (0.0, "") if name == NO_COLUMN else _factor(log, channels, stream, bare(name), source.unit, kind)
-        for name in columns
-    ]
-    return _complete(
-        Series(
-            source=log.source,
-            what=what,
-            names=tuple(columns),
-            stream=stream.name,
-            row_word=log.row_word,
-            time_s=time,
-            values=_table(stream, columns, [factor for factor, _ in factors]),
-            rows=stream.rows,
-            units=(time_unit, next((unit for _, unit in factors if unit), "")),
-        ),
-        channels,
-        time_name,
-    )
-
-
-def _table(stream: Stream, columns: Sequence[str], factors: Sequence[float]) -> FloatArray:
-    """Columns side by side, each times its factor and with its sign; zero for one that is not there."""
     # Column after column in memory: what is done to each axis of a long log takes a tenth of the time.
-    table = np.zeros((len(columns), stream.rows.size)).T
-    for index, (name, factor) in enumerate(zip(columns, factors, strict=True)):
+    table = np.zeros((len(source.columns), stream.rows.size)).T
+    units = []
+    for index, name in enumerate(source.columns):
         if name != NO_COLUMN:
+            factor, unit = _factor(log, channels, stream, bare(name), source.unit, kind)
             sign = -1.0 if name.startswith("-") else 1.0
             np.multiply(stream.columns[bare(name)].values, sign * factor, out=table[:, index])
-    return table
+            units.append(unit)
+    series = Series(
+        source=log.source,
+        what=what,
+        names=tuple(source.columns),
+        stream=stream.name,
+        row_word=log.row_word,
+        # Series that share a column of time are known by sharing the array.
+        time_s=time if time_factor == 1.0 else time_factor * time,
+        values=table,
+        rows=stream.rows,
+        units=(time_unit, units[0] if units else ""),
+    )
+    return _complete(series, channels, time_name)
 
 
 def _factor(
@@ -135,7 +112,9 @@ def _factor(
     where = f"{log.source}: column '{name}'"
     if kind is None:
         return 1.0, ""
-    found = _unit_shown(column) if channels.header_units else ""
+    # A unit that the file gives counts where its spelling is known.
+    given = (column.unit, unit_in(name)[1]) if channels.header_units else ()
+    found = next((text for text in given if text in UNITS), "")
     if not unit and not found:
         raise CurveError(
             f"{where} shows no unit, and the channel map gives none; "
@@ -148,14 +127,6 @@ def _factor(
             "there, or set header_units = false if the file is wrong"
         )
     return factor, unit or found
-
-
-def _unit_shown(column: Column) -> str:
-    """Unit that the file gives a column, in a spelling that is known; else nothing."""
-    for unit in (column.unit, unit_in(column.name)[1]):
-        if unit in UNITS:
-            return unit
-    return ""
 
 
 def _complete(series: Series, channels: ChannelMap, time_name: str) -> Series:
