@@ -37,10 +37,6 @@ def palpate_studies() -> "list[StudyTemplate]":
         StudyTemplate(
             name="robot-log",
             summary="the forearm phantom at four spots, from a robot's logs (simulated)",
-            directory=_directory("robot-log"),
+            directory=str(files("palpate_robot_log") / "studies" / "robot-log"),
         ),
     ]
-
-
-def _directory(name: str) -> str:
-    return str(files("palpate_robot_log") / "studies" / name)

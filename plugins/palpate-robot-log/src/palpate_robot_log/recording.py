@@ -1,7 +1,6 @@
 """One press as a robot logged it, in palpate's units: what readers make and processing takes."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -85,8 +84,11 @@ class Recording:
 
     def changed(self, **fields: FloatArray | IntArray) -> "Recording":
         """Copy with other fields, checked like a new one."""
-        values: dict[str, Any] = {name: getattr(self, name) for name in _WIDTHS}
-        return Recording(source=self.source, row_word=self.row_word, **(values | fields))
+        return replace(self, **fields)
+
+    def less(self, force_N: FloatArray, moment_Nmm: FloatArray) -> "Recording":
+        """Copy without a part of the wrench, of shapes (3,) or (n, 3)."""
+        return self.changed(force_N=self.force_N - force_N, moment_Nmm=self.moment_Nmm - moment_Nmm)
 
     def part(self, chosen: slice | IntArray) -> "Recording":
         """Only some rows, in order."""
@@ -136,3 +138,8 @@ class Recording:
                 "check that its four columns are x, y, z, w of one orientation",
                 worst,
             )
+
+
+def rows_between(time_s: FloatArray, start_s: float, stop_s: float) -> slice:
+    """Rows among increasing time stamps (n,) from one instant up to, but not at, another."""
+    return slice(*map(int, np.searchsorted(time_s, [start_s, stop_s])))

@@ -13,7 +13,7 @@ from palpate.api import FloatArray
 from palpate_robot_log.processing.rotation import continuous
 from palpate_robot_log.processing.strokes import Stroke
 from palpate_robot_log.processing.transitions import speed_change
-from palpate_robot_log.recording import Recording
+from palpate_robot_log.recording import Recording, rows_between
 
 LARGEST_LAG_S = 0.5
 """A lag beyond this is no delay of a device but a mistake in a clock."""
@@ -88,7 +88,7 @@ def _bends(
         if instant.kind != "kink":
             continue
         reach = _WINDOW_SHARE * min(moving[max(k - 1, 0) : k + 1])
-        rows = slice(*np.searchsorted(time, [instant.time_s - reach, instant.time_s + reach]))
+        rows = rows_between(time, instant.time_s - reach, instant.time_s + reach)
         margin = min(LARGEST_LAG_S * 1.5, 0.6 * reach)
         bend = speed_change(time[rows], moment[rows], (instant.time_s - margin, instant.time_s + margin))
         if bend is not None and abs(bend.time_s - instant.time_s) < 0.98 * margin:

@@ -33,10 +33,10 @@ from palpate_robot_log.processing.rotation import mean_orientation, unrotated
 from palpate_robot_log.processing.settings import ProcessingSettings, Window
 from palpate_robot_log.processing.smoothing import Smoothed, smoothed
 from palpate_robot_log.processing.spikes import without_spikes
-from palpate_robot_log.processing.spot_frame import unturned, wrench_at_spot
+from palpate_robot_log.processing.spot_frame import wrench_at_spot
 from palpate_robot_log.processing.tare import Bias, find_bias, tared
 from palpate_robot_log.processing.thinning import thinned
-from palpate_robot_log.recording import Recording
+from palpate_robot_log.recording import Recording, rows_between
 
 _ABSCISSA = 0.1
 """What smoothing may do to depth and rotation, over what it may do to force and torque."""
@@ -114,13 +114,14 @@ def _windowed(recording: Recording, window: Window) -> Recording:
     time = recording.time_s
     start = -np.inf if window.start is None else window.start
     stop = np.inf if window.stop is None else window.stop
-    first, last = (int(k) for k in np.searchsorted(time, [start, stop]))
-    if last - first < 2:
+    rows = rows_between(time, start, stop)
+    n_rows = max(rows.stop - rows.start, 0)
+    if n_rows < 2:
         raise recording.fault(
-            f"the window from {window.start} to {window.stop} s holds {max(last - first, 0)} rows of "
+            f"the window from {window.start} to {window.stop} s holds {n_rows} rows of "
             f"a log from {time[0]:.3f} to {time[-1]:.3f} s; correct window.start and window.stop"
         )
-    return recording if last - first == recording.n_rows else recording.part(slice(first, last))
+    return recording if n_rows == recording.n_rows else recording.part(rows)
 
 
 def _cleaned(located: Located, settings: ProcessingSettings) -> _Clean:
@@ -158,8 +159,8 @@ def _tool(recording: Recording, free: IntArray, settings: ProcessingSettings) ->
 
 def _at_spot(located: Located, clean: Recording, settings: ProcessingSettings) -> SpotWrench:
     frame = settings.frame
-    if not frame.rotate:
-        return unturned(clean)
+    if not frame.rotate:  # the sensor's axes are the spot's already
+        return SpotWrench(force_N=clean.force_N, moment_Nmm=clean.moment_Nmm)
     return wrench_at_spot(
         clean,
         located.motion.origin_mm,
@@ -172,7 +173,9 @@ def _at_spot(located: Located, clean: Recording, settings: ProcessingSettings) -
 def _zero_std(located: Located, clean: _Clean) -> tuple[FloatArray, FloatArray]:
     """Standard deviation (n,) of the zero of force and of torque, from bias and drift."""
     time = located.recording.time_s
-    inside = np.abs(_in_sensor(located))
+    pressing = slice(located.contact.first, located.contact.last + 1)
+    orientation = mean_orientation(located.recording.quaternion[pressing])
+    inside = np.abs(unrotated(orientation[None, :], located.normal.vector)[0])  # the normal, to the sensor
     elapsed = np.abs(time - time[clean.free].mean())
     spreads = []
     for unit in ("_N", "_Nmm"):
@@ -181,14 +184,6 @@ def _zero_std(located: Located, clean: _Clean) -> tuple[FloatArray, FloatArray]:
         rate = getattr(clean.drift, f"{quantity}_std{unit}_per_s") if clean.drift is not None else np.zeros(3)
         spreads.append(np.hypot(np.linalg.norm(inside * fixed), elapsed * np.linalg.norm(inside * rate)))
     return spreads[0], spreads[1]
-
-
-def _in_sensor(located: Located) -> FloatArray:
-    """The normal (3,) in the sensor's frame while the tool presses."""
-    rows = slice(located.contact.first, located.contact.last + 1)
-    orientation = mean_orientation(located.recording.quaternion[rows])
-    normal: FloatArray = unrotated(orientation[None, :], located.normal.vector)[0]
-    return normal
 
 
 def _smooth(settings: ProcessingSettings, time: FloatArray, values: FloatArray, peak: float) -> Smoothed:

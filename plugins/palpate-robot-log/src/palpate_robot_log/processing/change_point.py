@@ -54,35 +54,12 @@ def profile(
     zoom : sequence of int
         Places on each of the grids that close in.
     """
-    middle, scale = _scale(abscissa)
+    middle, scale = float(abscissa.mean()), float(np.ptp(abscissa)) or 1.0
     x, y = (abscissa - middle) / scale, values - values.mean()
-    best, coefficients, squares = _closed_in(x, y, _scaled(between, middle, scale), design, zoom)
+    low, high = ((place - middle) / scale for place in between)
+    best, coefficients, squares = _closed_in(x, y, (low, high), design, zoom)
     std = _std_of_place(x, best, design, coefficients, squares)
     return Fit(at=middle + scale * best, std=scale * std, squares=squares, n_rows=y.size)
-
-
-def least_squares(
-    abscissa: FloatArray,
-    values: FloatArray,
-    between: tuple[float, float],
-    design: Design,
-    zoom: Sequence[int] = COARSE,
-) -> float:
-    """Squared residual at the best place, which is all that a comparison of descriptions needs.
-
-    Parameters are those of :func:`profile`.
-    """
-    middle, scale = _scale(abscissa)
-    x, y = (abscissa - middle) / scale, values - values.mean()
-    return _closed_in(x, y, _scaled(between, middle, scale), design, zoom)[2]
-
-
-def _scale(abscissa: FloatArray) -> tuple[float, float]:
-    return float(abscissa.mean()), float(np.ptp(abscissa)) or 1.0
-
-
-def _scaled(between: tuple[float, float], middle: float, scale: float) -> tuple[float, float]:
-    return (between[0] - middle) / scale, (between[1] - middle) / scale
 
 
 def _closed_in(

@@ -1,4 +1,7 @@
-"""Physical checks: mistakes that leave curves which look fine, named by what gives them away."""
+"""Physical checks: mistakes that leave curves which look fine, named by what gives them away.
+
+Each check raises a CurveError that says what is wrong and what to change.
+"""
 
 import numpy as np
 
@@ -11,7 +14,7 @@ from palpate_robot_log.processing.normal import Normal
 from palpate_robot_log.processing.phases import Strokes
 from palpate_robot_log.processing.rotation import angle_between_deg, rotated, unrotated
 from palpate_robot_log.processing.strokes import Stroke
-from palpate_robot_log.recording import Recording
+from palpate_robot_log.recording import Recording, rows_between
 
 LARGEST_FRICTION_ANGLE_DEG = 50.0
 """Between the contact force and the normal; a tool that sticks at friction 1 reaches 45 degrees."""
@@ -40,12 +43,7 @@ _LONGEST_GAP_S = 0.05
 
 
 def check_gaps(recording: Recording, contact: Contact) -> None:
-    """Refuse a log that lacks rows while the tool presses.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse a log that lacks rows while the tool presses."""
     steps = np.diff(recording.time_s[contact.first : contact.last + 1])
     allowed = max(_LONGEST_GAP_ROWS * float(np.median(np.diff(recording.time_s))), _LONGEST_GAP_S)
     worst = int(np.argmax(steps)) if steps.size else 0
@@ -58,12 +56,7 @@ def check_gaps(recording: Recording, contact: Contact) -> None:
 
 
 def check_depth(recording: Recording, motion: Motion, contact: Contact) -> None:
-    """Refuse a depth that no limb has, as of a position in another unit.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse a depth that no limb has, as of a position in another unit."""
     depth = float(np.ptp(motion.travel_mm[contact.first : contact.last + 1]))
     if not DEPTHS_MM[0] <= depth <= DEPTHS_MM[1]:
         raise recording.fault(
@@ -74,16 +67,10 @@ def check_depth(recording: Recording, motion: Motion, contact: Contact) -> None:
 
 
 def check_direction(recording: Recording, contact: Contact, normal: Normal) -> None:
-    """Refuse a contact force that does not push the tool out of the limb.
-
-    Raises
-    ------
-    CurveError
-        Naming what is wrong: the sign of the wrench, or its axes.
-    """
-    rest = _mean_force(recording, 0, max(contact.first // 2, 1))
-    force = rotated(recording.quaternion, recording.force_N) - rest
-    pressed = force[contact.first : contact.last + 1]
+    """Refuse a contact force that does not push the tool out of the limb: a wrong sign, or wrong axes."""
+    force = rotated(recording.quaternion, recording.force_N)
+    rest = force[: max(contact.first // 2, 1)].mean(axis=0)
+    pressed = force[contact.first : contact.last + 1] - rest
     size = np.linalg.norm(pressed, axis=1)
     push: FloatArray = np.median(pressed[size > 0.8 * np.median(size)], axis=0)
     angle = angle_between_deg(push, normal.vector)
@@ -105,12 +92,7 @@ def check_direction(recording: Recording, contact: Contact, normal: Normal) -> N
 
 
 def check_path(recording: Recording, contact: Contact, normal: Normal, path: Normal) -> None:
-    """Refuse a given normal (or the tool's axis) that is not the direction of the press.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse a given normal (or the tool's axis) that is not the direction of the press."""
     angle = angle_between_deg(normal.vector, path.vector)
     if angle > LARGEST_PATH_ANGLE_DEG:
         raise recording.fault(
@@ -121,12 +103,7 @@ def check_path(recording: Recording, contact: Contact, normal: Normal, path: Nor
 
 
 def check_turn_axis(recording: Recording, motion: Motion, twists: tuple[Stroke, ...]) -> None:
-    """Refuse a twist whose axis is not the normal.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse a twist whose axis is not the normal."""
     if not twists:
         return
     rows = _rows(motion, twists)
@@ -147,23 +124,9 @@ def check_turn_axis(recording: Recording, motion: Motion, twists: tuple[Stroke, 
 def check_torque(
     recording: Recording, motion: Motion, wrench: SpotWrench, strokes: Strokes, *, weighed: bool
 ) -> None:
-    """Refuse a torque that does not resist the rotation, or resists it less than another moment.
+    """Refuse a tared torque that does not resist the rotation, or resists it less than another moment.
 
-    Parameters
-    ----------
-    recording : Recording
-        For messages.
-    motion : Motion
-    wrench : SpotWrench
-        Tared.
-    strokes : Strokes
-    weighed : bool
-        Whether the tool's weight is out; in it, tangential moments follow the rotation too.
-
-    Raises
-    ------
-    CurveError
-        Naming handedness, swapped axes, or an orientation that does not change.
+    ``weighed`` is whether the tool's weight is out; with it, tangential moments follow the rotation too.
     """
     if not strokes.twists:
         _check_torque_at_rest(recording, motion, wrench, strokes)
@@ -192,7 +155,7 @@ def check_torque(
 def _check_torque_at_rest(recording: Recording, motion: Motion, wrench: SpotWrench, strokes: Strokes) -> None:
     """Refuse a torque that comes and goes while the logged pose rests."""
     end = motion.time_s[-1] if strokes.retract is None else strokes.retract.start.time_s
-    rows = slice(*(int(k) for k in np.searchsorted(motion.time_s, [strokes.press.stop.time_s, end])))
+    rows = rows_between(motion.time_s, strokes.press.stop.time_s, end)
     torque = wrench.twisting[rows]
     if torque.size < _REST_PARTS:
         return
@@ -209,20 +172,12 @@ def _check_torque_at_rest(recording: Recording, motion: Motion, wrench: SpotWren
 
 
 def _rows(motion: Motion, twists: tuple[Stroke, ...]) -> slice:
-    return slice(
-        *(int(k) for k in np.searchsorted(motion.time_s, [twists[0].start.time_s, twists[-1].stop.time_s]))
-    )
+    return rows_between(motion.time_s, twists[0].start.time_s, twists[-1].stop.time_s)
 
 
 def _correlation(first: FloatArray, second: FloatArray) -> float:
     spread = float(first.std() * second.std())
     return float(np.mean((first - first.mean()) * (second - second.mean()))) / spread if spread > 0.0 else 0.0
-
-
-def _mean_force(recording: Recording, start: int, stop: int) -> FloatArray:
-    rows = slice(start, stop)
-    mean: FloatArray = rotated(recording.quaternion[rows], recording.force_N[rows]).mean(axis=0)
-    return mean
 
 
 def _axis(recording: Recording, row: int, vector: FloatArray) -> str:

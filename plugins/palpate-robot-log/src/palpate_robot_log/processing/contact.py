@@ -49,7 +49,10 @@ def rough_contact(recording: Recording) -> Contact:
     change = np.linalg.norm(force - _at_rest(force, head), axis=1)
     change = median_filter(change, size=5, mode="nearest")
     noise = float(np.linalg.norm([noise_std(column) for column in track.force_N.T]))
-    change = uniform_filter1d(change, _calming_rows(change, noise), mode="nearest")
+    # So many rows are averaged that noise is small against the threshold.
+    n_calming = (noise / (_CALM_SHARE * change.max())) ** 2 if change.any() else 1.0
+    n_calming = int(np.clip(n_calming, 1, max(change.size // 50, 1)))
+    change = uniform_filter1d(change, n_calming, mode="nearest")
     peak = float(change.max())
     if peak < NOISE_MULTIPLE * noise or peak == 0.0:
         raise recording.fault(
@@ -76,13 +79,6 @@ def _at_rest(force: FloatArray, n_ends: int) -> FloatArray:
         return first[None, :]
     line: FloatArray = first + np.linspace(0.0, 1.0, force.shape[0])[:, None] * (last - first)
     return line
-
-
-def _calming_rows(change: FloatArray, noise: float) -> int:
-    """Rows to average so that noise is small against the threshold."""
-    peak = float(change.max())
-    rows = (noise / (_CALM_SHARE * peak)) ** 2 if peak > 0.0 else 1.0
-    return int(np.clip(rows, 1, max(change.size // 50, 1)))
 
 
 def _only_press(

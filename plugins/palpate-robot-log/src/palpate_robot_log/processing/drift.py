@@ -64,10 +64,7 @@ def find_drift(recording: Recording, before: IntArray, after: IntArray) -> Drift
 def without_drift(recording: Recording, drift: Drift) -> Recording:
     """Wrench as if the bias had stayed what it was at the first instant."""
     elapsed = (recording.time_s - recording.time_s[0])[:, None]
-    return recording.changed(
-        force_N=recording.force_N - elapsed * drift.force_N_per_s,
-        moment_Nmm=recording.moment_Nmm - elapsed * drift.moment_Nmm_per_s,
-    )
+    return recording.less(elapsed * drift.force_N_per_s, elapsed * drift.moment_Nmm_per_s)
 
 
 def _slope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:

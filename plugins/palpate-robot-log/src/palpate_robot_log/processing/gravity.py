@@ -41,9 +41,7 @@ class ToolLoad:
 def without_weight(recording: Recording, tool: ToolLoad, direction: FloatArray) -> Recording:
     """Wrench without the tool's weight; ``direction`` (3,) is that of gravity in the base frame."""
     pull = tool.weight_N * unrotated(recording.quaternion, direction / np.linalg.norm(direction))
-    return recording.changed(
-        force_N=recording.force_N - pull, moment_Nmm=recording.moment_Nmm - cross(tool.centre_mm, pull)
-    )
+    return recording.less(pull, cross(tool.centre_mm, pull))
 
 
 def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> ToolLoad:
@@ -87,18 +85,13 @@ def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> Too
 
 
 def check_plausible(recording: Recording, tool: ToolLoad) -> None:
-    """Refuse a tool that no such sensor carries.
-
-    Raises
-    ------
-    CurveError
-    """
-    reach = float(np.linalg.norm(tool.centre_mm))
+    """Refuse a tool that no such sensor carries."""
     if not 0.0 <= tool.weight_N <= HEAVIEST_N:
         raise recording.fault(
             f"a tool of {tool.weight_N:.4g} N is not plausible (0 to {HEAVIEST_N:g} N); check the units of "
             "the force and of gravity.weight, and the direction of gravity"
         )
+    reach = float(np.linalg.norm(tool.centre_mm))
     if reach > FARTHEST_MM:
         raise recording.fault(
             f"a tool whose centre is {reach:.4g} mm from the sensor is not plausible "
@@ -107,12 +100,7 @@ def check_plausible(recording: Recording, tool: ToolLoad) -> None:
 
 
 def check_shown(recording: Recording, free: IntArray, tool: ToolLoad) -> None:
-    """Refuse a known weight that the sensor could only hide behind a bias larger than all it shows.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse a known weight that the sensor could only hide behind a bias larger than all it shows."""
     shown = float(np.linalg.norm(recording.force_N[free].mean(axis=0)))
     span = float(np.ptp(recording.force_N, axis=0).max())
     if tool.weight_N > 2.0 * (shown + span):
@@ -129,13 +117,8 @@ def _fit_centre(part: Recording, lever: FloatArray, weight: float) -> tuple[Floa
     pull = weight * lever
     zero = np.zeros(pull.shape[0])
     x, y, z = pull.T
-    rows = np.concatenate(
-        [
-            np.stack([zero, z, -y], axis=1),
-            np.stack([-z, zero, x], axis=1),
-            np.stack([y, -x, zero], axis=1),
-        ]
-    )
+    columns = ([zero, -z, y], [z, zero, -x], [-y, x, zero])
+    rows = np.stack([np.concatenate(column) for column in columns], axis=1)
     moment = (part.moment_Nmm - part.moment_Nmm.mean(axis=0)).T.ravel()
     centre, *_ = np.linalg.lstsq(rows, moment, rcond=None)
     noise = float(np.std(moment - rows @ centre))

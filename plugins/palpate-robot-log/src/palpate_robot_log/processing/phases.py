@@ -10,7 +10,7 @@ from palpate_robot_log.processing.motion import Motion
 from palpate_robot_log.processing.onset import Onset
 from palpate_robot_log.processing.strokes import Stroke, strokes_of
 from palpate_robot_log.processing.transitions import TooFewRowsError, Transition, speed_change
-from palpate_robot_log.recording import Recording
+from palpate_robot_log.recording import Recording, rows_between
 
 LEAST_TWIST_DEG = 1.0
 """Turns smaller than this are no twist."""
@@ -36,8 +36,7 @@ class Phase:
 
     def rows(self, time_s: FloatArray) -> slice:
         """Rows of the phase among increasing time stamps (n,)."""
-        first, last = np.searchsorted(time_s, [self.start.time_s - 1e-9, self.stop.time_s + 1e-9])
-        return slice(int(first), int(last))
+        return rows_between(time_s, self.start.time_s - 1e-9, self.stop.time_s + 1e-9)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,9 +175,8 @@ def _passage(time: FloatArray, travel: FloatArray, first: int, until_s: float, o
     at = _last_below(travel, first, onset.travel_mm)
     low, high = float(time[below]), float(time[min(above, time.size - 1)])
     moving = until_s - float(time[at])
-    rows = slice(
-        *np.searchsorted(time, [low - _WINDOW_SHARE * moving, max(high, low + _WINDOW_SHARE * moving)])
-    )
+    reach = _WINDOW_SHARE * moving
+    rows = rows_between(time, low - reach, max(high, low + reach))
     row_s = (high - low) / max(above - below, 1)
     bend = speed_change(time[rows], travel[rows], (low - 2.0 * row_s, high))
     if bend is not None and low - row_s <= bend.time_s <= high:

@@ -33,34 +33,32 @@ def with_record(
     counts: Counts,
     smoothings: Mapping[str, Sequence[Smoothed]],
 ) -> Processed:
-    """The same result with its record.
-
-    Parameters
-    ----------
-    processed : Processed
-    settings : ProcessingSettings
-    counts : Counts
-    smoothings : mapping of channel to sequence of Smoothed
-    """
-    found = {
-        "window": _window(processed),
+    """The same result with its record; ``smoothings`` are those of each channel's branches."""
+    raw = processed.raw
+    found: dict[str, Any] = {
+        "window": {
+            "first_row": raw.rows[0],
+            "last_row": raw.rows[-1],
+            "from_s": raw.time_s[0],
+            "to_s": raw.time_s[-1],
+            "rate_hz": raw.rate_hz,
+        },
         "thinning": {"rows_averaged": counts.block},
         "spikes": {"rows": counts.spiky_rows[:_MOST_LISTED], "count": counts.spiky_rows.size},
         "alignment": {**asdict(processed.lag), "taken_out": counts.lag_taken},
-        "normal": _plain_fields(processed.normal),
-        "gravity": _plain_fields(processed.tool),
-        "drift": _plain_fields(processed.drift),
-        "tare": _plain_fields(processed.bias) | {"free_rows": int(processed.free.size)},
+        "normal": asdict(processed.normal),
+        "gravity": processed.tool and asdict(processed.tool),
+        "drift": processed.drift and asdict(processed.drift),
+        "tare": (asdict(processed.bias) if processed.bias else {}) | {"free_rows": processed.free.size},
         "frame": {"farthest_from_axis_mm": _farthest(processed)},
         "onset": asdict(processed.onset),
         "smoothing": {name: [_of_smoothing(s) for s in each] for name, each in smoothings.items()},
-        "resampling": {"points": _points(processed)},
+        "resampling": {"points": {n: c.abscissa.size for n, c in processed.response.curves.items()}},
         "relaxation": {"dwells": [asdict(item) for item in processed.relaxations]},
     }
     steps = [
-        {"step": name, "settings": getattr(settings, name).model_dump(mode="json"), "found": found[name]}
-        for name in type(settings).model_fields
-        if name in found
+        {"step": name, "settings": getattr(settings, name).model_dump(mode="json"), "found": each or {}}
+        for name, each in found.items()
     ]
     phases = [
         {
@@ -88,21 +86,6 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a finding holds
     return int(value) if isinstance(value, np.integer) else value
 
 
-def _plain_fields(found: Any) -> dict[str, Any]:  # noqa: ANN401 - the dataclass of any step
-    return {} if found is None else asdict(found)
-
-
-def _window(processed: Processed) -> dict[str, Any]:
-    raw = processed.raw
-    return {
-        "first_row": int(raw.rows[0]),
-        "last_row": int(raw.rows[-1]),
-        "from_s": float(raw.time_s[0]),
-        "to_s": float(raw.time_s[-1]),
-        "rate_hz": raw.rate_hz,
-    }
-
-
 def _farthest(processed: Processed) -> float:
     """Largest distance of the tip from the contact axis while it presses [mm]."""
     press, last = processed.phase("press"), processed.phases[-1]
@@ -119,7 +102,3 @@ def _of_smoothing(smooth: Smoothed) -> dict[str, float]:
         "window_s": smooth.window_s,
         "largest_std": float(smooth.std.max()),
     }
-
-
-def _points(processed: Processed) -> dict[str, int]:
-    return {name: int(curve.abscissa.size) for name, curve in processed.response.curves.items()}

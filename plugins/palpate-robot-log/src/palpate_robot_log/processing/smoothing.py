@@ -114,9 +114,9 @@ def _longest(y: FloatArray, allowed: float, order: int) -> int:
 
 
 def _odd(window: float, order: int, n_rows: int) -> int:
-    least, most = order + 2 - order % 2 + (order % 2 == 0), n_rows - (n_rows % 2 == 0)
-    odd = 2 * int(window // 2) + 1
-    return min(max(odd, least + (least % 2 == 0)), most)
+    """Nearest odd length above the order that the rows allow."""
+    least, most = 2 * (order // 2) + 3, n_rows - (n_rows % 2 == 0)
+    return min(max(2 * int(window // 2) + 1, least), most)
 
 
 def _gain(window: int, order: int) -> float:

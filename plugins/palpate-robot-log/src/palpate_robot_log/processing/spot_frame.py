@@ -36,8 +36,3 @@ def wrench_at_spot(
         sensor = recording.position_mm - rotated(recording.quaternion, tip_mm)
         moment = moment + cross(sensor - spot_mm, force)
     return SpotWrench(force_N=force @ axes, moment_Nmm=moment @ axes)
-
-
-def unturned(recording: Recording) -> SpotWrench:
-    """Wrench of a sensor whose axes are the spot's already."""
-    return SpotWrench(force_N=recording.force_N, moment_Nmm=recording.moment_Nmm)

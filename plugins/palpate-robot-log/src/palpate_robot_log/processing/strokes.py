@@ -15,6 +15,7 @@ from palpate_robot_log.processing.transitions import (
     stroke_end,
     turning,
 )
+from palpate_robot_log.recording import rows_between
 
 _TRACK_ROWS = 20_000
 _REST_SHARE = 0.01
@@ -69,12 +70,13 @@ def strokes_of(time_s: FloatArray, values: FloatArray, least: float) -> tuple[St
         pair = rough[k], rough[k + 1]
         brief_s = _BRIEF_SHARE * min(_moving_s(time, each) for each in pair)
         brief = starts[k + 1].time_s - stops[k].time_s < brief_s
+        rows, between_s = _near_turn(time, *pair)
         if (
             _no_rest(time, stops[k], starts[k + 1])
             or _meet(time, value, *pair)
-            or (brief and _turns(time, value, *pair))
+            or (brief and is_turning(time[rows], value[rows], between_s))
         ):
-            stops[k] = starts[k + 1] = _turn(time, value, *pair)
+            stops[k] = starts[k + 1] = turning(time[rows], value[rows], between_s)
     return tuple(
         Stroke(
             start=start,
@@ -129,7 +131,7 @@ def _stop(time: FloatArray, values: FloatArray, rough: list[_Rough], k: int) -> 
         following = float(time[rough[k + 1].reached] - time[rough[k + 1].left])
         rest *= moving / max(moving + following, 1e-12)
     rest = min(rest, moving)
-    rows = slice(*np.searchsorted(time, [begin - _WINDOW_SHARE * moving, begin + rest]))
+    rows = rows_between(time, begin - _WINDOW_SHARE * moving, begin + rest)
     if not time[rows].size:
         raise TooFewRowsError
     between = (begin - _EARLY_SHARE * moving, float(time[rows][-1]))
@@ -190,21 +192,9 @@ def _meet(time: FloatArray, values: FloatArray, before: _Rough, after: _Rough) -
     return instants[1] - instants[0] < max(3.0 * row_s, _LEAST_REST_S)
 
 
-def _turns(time: FloatArray, values: FloatArray, before: _Rough, after: _Rough) -> bool:
-    """Whether a turn without a rest is all that the rows near it show."""
-    rows, between_s = _near_turn(time, before, after)
-    return is_turning(time[rows], values[rows], between_s)
-
-
-def _turn(time: FloatArray, values: FloatArray, before: _Rough, after: _Rough) -> Transition:
-    rows, between_s = _near_turn(time, before, after)
-    return turning(time[rows], values[rows], between_s)
-
-
 def _near_turn(time: FloatArray, before: _Rough, after: _Rough) -> tuple[slice, tuple[float, float]]:
     """Rows on both sides of a turn, and between which instants it is."""
     low, high = float(time[before.reached]), float(time[after.left])
     reach = _TURN_SHARE * min(low - float(time[before.left]), float(time[after.reached]) - high)
-    first, last = (int(k) for k in np.searchsorted(time, [low - reach, high + reach]))
     margin = (high - low) / 4.0
-    return slice(first, last), (low - margin, high + margin)
+    return rows_between(time, low - reach, high + reach), (low - margin, high + margin)

@@ -50,9 +50,7 @@ def find_bias(recording: Recording, free: IntArray) -> Bias:
 
 def tared(recording: Recording, bias: Bias) -> Recording:
     """Wrench without a bias."""
-    return recording.changed(
-        force_N=recording.force_N - bias.force_N, moment_Nmm=recording.moment_Nmm - bias.moment_Nmm
-    )
+    return recording.less(bias.force_N, bias.moment_Nmm)
 
 
 def _mean(values: FloatArray) -> tuple[FloatArray, FloatArray]:

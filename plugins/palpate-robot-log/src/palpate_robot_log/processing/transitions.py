@@ -17,8 +17,9 @@ from typing import Literal
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate_robot_log.processing.change_point import FINE, Design, Fit, least_squares, profile
+from palpate_robot_log.processing.change_point import COARSE, Design, Fit, profile
 from palpate_robot_log.processing.noise import noise_std
+from palpate_robot_log.processing.thinning import block_means
 
 _Again = Callable[[FloatArray, FloatArray, tuple[float, float]], Fit]
 
@@ -218,7 +219,7 @@ def _braking(time: FloatArray, value: FloatArray, between_s: tuple[float, float]
         return _braked(brake_s / (float(np.ptp(time)) or 1.0))
 
     def squares(brake_s: float) -> float:
-        return least_squares(time, value, between_s, braked(brake_s))
+        return profile(time, value, between_s, braked(brake_s), COARSE).squares
 
     tried = {length: squares(length) for length in map(float, moving_s * np.geomspace(0.008, 0.8, 9))}
     best = min(tried, key=tried.__getitem__)
@@ -227,7 +228,7 @@ def _braking(time: FloatArray, value: FloatArray, between_s: tuple[float, float]
         best = min(tried, key=tried.__getitem__)
     row_s = float(np.ptp(time)) / max(time.size - 1, 1)
     kind: Literal["kink", "smooth"] = "kink" if best < 8.0 * row_s else "smooth"
-    return replace(profile(time, value, between_s, braked(best), FINE), kind=kind)
+    return replace(profile(time, value, between_s, braked(best)), kind=kind)
 
 
 def _braked(brake: float) -> Design:
@@ -275,8 +276,4 @@ def _vertex(time: FloatArray, value: FloatArray, between_s: tuple[float, float])
 
 def _averaged(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     block = -(-time_s.size // MAX_ROWS)
-    if block == 1:
-        return time_s, values
-    n_whole = time_s.size // block * block
-    time, value = (v[:n_whole].reshape(-1, block).mean(axis=1) for v in (time_s, values))
-    return time, value
+    return block_means(time_s, block), block_means(values, block)
