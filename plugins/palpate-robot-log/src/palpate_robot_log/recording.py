@@ -1,6 +1,7 @@
 """One press as a robot logged it, in palpate's units: what readers make and processing takes."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -84,7 +85,8 @@ class Recording:
 
     def changed(self, **fields: FloatArray | IntArray) -> "Recording":
         """Copy with other fields, checked like a new one."""
-        return replace(self, **fields)
+        values: dict[str, Any] = fields
+        return replace(self, **values)
 
     def less(self, force_N: FloatArray, moment_Nmm: FloatArray) -> "Recording":
         """Copy without a part of the wrench, of shapes (3,) or (n, 3)."""

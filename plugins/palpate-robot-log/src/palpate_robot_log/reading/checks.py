@@ -124,7 +124,7 @@ def _longest_run(series: Series, same: np.ndarray) -> tuple[int, int, float]:
 
 
 def _check_stuck(wrench: Series, same: np.ndarray, channels: ChannelMap) -> None:
-    all_same = same.all(axis=1)
+    all_same = np.logical_and.reduce(same, axis=1)
     first, last, seconds = _longest_run(wrench, all_same)
     # A wrench that is updated less often than rows are written repeats in every run.
     if seconds > channels.stuck and last - first + 1 > 5 * np.median(_runs(all_same)[1]):
