@@ -1,4 +1,4 @@
-"""A run on disk: what every number depended on lies beside it.
+"""A run on disk, with everything that its numbers depended on.
 
 ::
 
@@ -20,7 +20,7 @@ import contextlib
 import io
 import json
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -41,15 +41,11 @@ from palpate.run.stage_records import COMMANDS, StageRecords
 from palpate.run.trust import IN_KEYS, fingerprints, recorded, trusting
 from palpate.study.reading import Study
 
+_OPTIONAL = ("refinement", "stiffness_scaling", "verification")
+
 
 class RunDirectory:
-    """The files of one run.
-
-    Parameters
-    ----------
-    folder : Path
-        Made on the first write.
-    """
+    """The files of one run; the folder is made on the first write."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -65,16 +61,20 @@ class RunDirectory:
     def initialise(self, study: Study, channels: Mapping[str, Channel], *, simulating: bool = False) -> None:
         """Write ``manifest.json`` and the study as run.
 
-        ``simulating`` says that simulations follow; otherwise those of earlier code stay on record
-        as such.
-
-        Raises
-        ------
-        StudyError
-            The folder cannot be made.
+        Unless ``simulating``, simulations of earlier code stay on record as such.
         """
-        content = manifest(study, channels) | {"measured": self._records(study)} | self._origin(study)
-        content |= self._trusted(study, simulating=simulating)
+        before = self.manifest() if self.exists else {}
+        now, earlier = fingerprints(study), before.get("fingerprints", {})
+        if not simulating:
+            now |= {name: earlier[name] for name in now if name.startswith(IN_KEYS) and name in earlier}
+        content = manifest(study, channels) | {
+            "measured": self._records(study),
+            # Relative to this folder, for `palpate resume`: both may move together.
+            "study_file": _from(self.folder, study.file),
+            "plugin_files": [_from(self.folder, file) for file in study.plugin_files],
+            "fingerprints": now,
+            "trusted": recorded(study, before),
+        }
         text = _json(content)
         as_run = self.folder / "study.toml"
         if study.file.is_file() and study.file.resolve() != as_run.resolve():
@@ -85,33 +85,13 @@ class RunDirectory:
         """The study with the results of earlier code that this run accepts, and those of ``names``."""
         return trusting(study, self.manifest() if self.exists else {}, names)
 
-    def _trusted(self, study: Study, *, simulating: bool) -> dict[str, Any]:
-        """Which code the simulations are of, and which is accepted as the same."""
-        before = self.manifest() if self.exists else {}
-        now, earlier = fingerprints(study), before.get("fingerprints", {})
-        if not simulating:
-            now |= {name: earlier[name] for name in now if name.startswith(IN_KEYS) and name in earlier}
-        return {"fingerprints": now, "trusted": recorded(study, before)}
-
-    def _origin(self, study: Study) -> dict[str, Any]:
-        """Where `palpate resume` finds the study: from this folder, so that both move together."""
-        return {
-            "study_file": _from(self.folder, study.file),
-            "plugin_files": [_from(self.folder, file) for file in study.plugin_files],
-        }
-
     @contextlib.contextmanager
     def locked(
         self, study: Study, channels: Mapping[str, Channel], *, adopt: bool = False
     ) -> Iterator[Callable[[], None]]:
         """Keep every other process out of the folder; yields what raises where the lock is lost.
 
-        Parameters
-        ----------
-        study : Study
-        channels : mapping of name to Channel
-        adopt : bool
-            Whether the run of another study file may be continued with this one.
+        With ``adopt`` the run of another study file may be continued with this one.
 
         Raises
         ------
@@ -129,12 +109,7 @@ class RunDirectory:
                 yield check
 
     def refuse_other(self, study: Study, *, adopt: bool) -> None:
-        """Refuse a folder with something else, or the run of another study file that is still there.
-
-        Raises
-        ------
-        StudyError
-        """
+        """Refuse a folder with something else, or the run of another study file that is still there."""
         check_claimable(self.folder)
         if not adopt and self.exists:
             refuse_other(self.folder, self.folder / self.manifest()["study_file"], study.file)
@@ -150,8 +125,8 @@ class RunDirectory:
         if not path.exists():
             raise StudyError(f"{path}: not there yet; run `palpate run` first")
         try:
-            return checked_manifest(json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError, RecursionError) as error:
+            return checked_manifest(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
             raise StudyError(
                 f"{path}: damaged ({error}); restore a copy, or delete it: "
                 f"`palpate run STUDY --out {self.folder}` writes it again and keeps what is simulated"
@@ -160,12 +135,7 @@ class RunDirectory:
     # ------------------------------------------------------------------ the stages
 
     def require(self, stage: str) -> None:
-        """Refuse to go on where an earlier stage has not been run.
-
-        Raises
-        ------
-        StudyError
-        """
+        """Refuse to continue where an earlier stage has not been run."""
         path = self.folder / f"{stage}.parquet"
         if not path.exists():
             raise StudyError(f"{path}: not there yet; run `palpate {COMMANDS[stage]}` first")
@@ -177,9 +147,8 @@ class RunDirectory:
             write_atomically(self._record(spot), _json(plain(response.record)))
         files = [path for spot in measured for path in (self._measured(spot), self._record(spot))]
         self.records.write("measured", files, made_from)
-        content = self.manifest()
-        content["measured"] = {spot: plain(response.record) for spot, response in measured.items()}
-        write_atomically(self.folder / "manifest.json", _json(content))
+        records = {spot: plain(response.record) for spot, response in measured.items()}
+        write_atomically(self.folder / "manifest.json", _json(self.manifest() | {"measured": records}))
 
     def measured(self, spots: tuple[str, ...]) -> dict[str, Response]:
         """Measured responses of these spots."""
@@ -218,8 +187,7 @@ class RunDirectory:
 
     def write_scores(self, scores: pl.DataFrame, made_from: Mapping[str, str]) -> None:
         """Write ``scores.parquet``."""
-        write_frame(self.folder / "scores.parquet", scores)
-        self.records.write("scores", [self.folder / "scores.parquet"], made_from)
+        self._write("scores", {"scores": scores}, made_from)
 
     def scores(self) -> pl.DataFrame:
         """Scores of every set, as :func:`palpate.stages.scoring.score` returns them."""
@@ -233,29 +201,18 @@ class RunDirectory:
         stiffness_scaling: pl.DataFrame,
         made_from: Mapping[str, str],
     ) -> None:
-        """Write the tables of the selection.
-
-        The last two are removed where there is none, and ``refined/<spot>/<scenario>.parquet``
-        has the curves of the refinement.
-        """
+        """Write the tables of the selection, and ``refined/<spot>/<scenario>.parquet`` with the curves."""
+        files = []
+        for (spot, scenario), response in refined.responses.items():
+            files.append(self._refined(spot, scenario))
+            write_frame(files[-1], frame_of(response))
         frames = {
             "selection": selection,
             "generalisation": generalisation,
             "refinement": refined.table,
             "stiffness_scaling": stiffness_scaling,
         }
-        files = []
-        for name, frame in frames.items():
-            path = self.folder / f"{name}.parquet"
-            if name in ("refinement", "stiffness_scaling") and frame.is_empty():
-                path.unlink(missing_ok=True)
-                continue
-            write_frame(path, frame)
-            files.append(path)
-        for (spot, scenario), response in refined.responses.items():
-            files.append(self._refined(spot, scenario))
-            write_frame(files[-1], frame_of(response))
-        self.records.write("selection", files, made_from)
+        self._write("selection", frames, made_from, files)
 
     def selection(self) -> pl.DataFrame:
         """Least Fopt by spot and scenario."""
@@ -284,14 +241,8 @@ class RunDirectory:
         return self._optional("selection", "stiffness_scaling")
 
     def write_verification(self, verification: pl.DataFrame) -> None:
-        """Write ``verification.parquet``, or remove that of an earlier selection where there are none."""
-        path = self.folder / "verification.parquet"
-        if verification.is_empty():
-            path.unlink(missing_ok=True)
-            self.records.write("verification", (), {})
-        else:
-            write_frame(path, verification)
-            self.records.write("verification", [path], {})
+        """Write ``verification.parquet``."""
+        self._write("verification", {"verification": verification}, {})
 
     def verification(self) -> pl.DataFrame:
         """Verification of the selected sets; empty where the solver has none."""
@@ -307,7 +258,25 @@ class RunDirectory:
                 found[path.name] = {"missing": [f"{path.name} cannot be read: {error}"]}
         return found
 
-    # ----------------------------------------------------------------------- paths
+    # ----------------------------------------------------------------------- files
+
+    def _write(
+        self,
+        stage: str,
+        frames: Mapping[str, pl.DataFrame],
+        made_from: Mapping[str, str],
+        others: Iterable[Path] = (),
+    ) -> None:
+        """Write the tables of a stage and record them; an empty one of ``_OPTIONAL`` is removed."""
+        files = list(others)
+        for name, frame in frames.items():
+            path = self.folder / f"{name}.parquet"
+            if name in _OPTIONAL and frame.is_empty():
+                path.unlink(missing_ok=True)
+            else:
+                write_frame(path, frame)
+                files.append(path)
+        self.records.write(stage, files, made_from)
 
     def _measured(self, spot: str) -> Path:
         return self.folder / "measured" / f"{file_name(spot)}.parquet"

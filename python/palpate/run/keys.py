@@ -29,13 +29,8 @@ def job_key(job: Job, limb: Limb | None, solver: Solver, trusted: Mapping[str, s
 
     That is the mesh, the spot, each region's material with its code, settings and values, the
     protocol, the solver with its version, code and settings, and whether slopes are wanted. The
-    ``set_id`` is a name and decides nothing.
-
-    Parameters
-    ----------
-    trusted : mapping of component to fingerprint
-        Fingerprints of earlier code whose results count as those of the code as it is, by
-        ``material:NAME`` or ``solver:NAME``.
+    ``set_id`` is a name and decides nothing. ``trusted`` has fingerprints of earlier code whose results
+    count as those of the code as it is, by ``material:NAME`` or ``solver:NAME``.
     """
     return JobKeys(solver, {} if limb is None else {job.limb_name: limb}, trusted).key(job)
 
@@ -58,13 +53,7 @@ def solver_key(solver: Solver, trusted: Mapping[str, str] = NOTHING_TRUSTED) -> 
 
 
 def identity(component: Component) -> str:
-    """Fingerprint of a component's code; of a solver with its version and that of palpate.
-
-    Raises
-    ------
-    PluginError
-        The component fails to make one.
-    """
+    """Fingerprint of a component's code; of a solver with its version and that of palpate."""
     with answering_for(component, "asking for its version and fingerprint"):
         parts = [component.fingerprint()]
         if isinstance(component, Solver):  # it computes with palpate's own elements and stresses

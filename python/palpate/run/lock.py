@@ -19,6 +19,9 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
+from typing import Annotated
+
+from pydantic import Field, TypeAdapter
 
 from palpate.errors import LedgerError
 from palpate.run.result_files import write_whole
@@ -39,23 +42,16 @@ LEASE_S = 20.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Runner:
-    """Who works in a folder.
-
-    Parameters
-    ----------
-    since : str
-        Start in UTC; for people, never compared.
-    token : str
-        Random, so that two runs of one process id are distinct.
-    beat : int
-        Grows for as long as the runner lives.
-    """
+    """Who works in a folder."""
 
     host: str
-    pid: int
+    pid: Annotated[int, Field(gt=0, lt=2**31)]
     since: str
+    """Start in UTC; for people, never compared."""
     token: str
+    """Random, so that two runs of one process id are distinct."""
     beat: int = 0
+    """Grows for as long as the runner lives."""
 
     @property
     def is_here(self) -> bool:
@@ -70,15 +66,14 @@ class Runner:
 def locked(folder: Path) -> Iterator[Callable[[], None]]:
     """Hold the lock on a folder that exists; yields a check that raises once the lock is lost.
 
-    Raises
-    ------
-    LedgerError
-        Another runner holds it, named by host, process and start.
+    A LedgerError where another runner holds it, named by host, process and start.
     """
     descriptor, has_os_lock = _os_lock(folder)
     try:
         _wait_for_lease(folder, has_os_lock=has_os_lock)
-        me, lost, ended = _this_process(), list[Runner](), threading.Event()
+        since = datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+        me = Runner(host=socket.gethostname(), pid=os.getpid(), since=since, token=secrets.token_hex(8))
+        lost, ended = list[Runner](), threading.Event()
         _write(folder, me)
         beats = threading.Thread(target=_keep_beating, args=(folder, me, lost, ended), daemon=True)
         beats.start()
@@ -99,11 +94,6 @@ def locked(folder: Path) -> Iterator[Callable[[], None]]:
                 _record(folder).unlink(missing_ok=True)
     finally:
         os.close(descriptor)
-
-
-def _this_process() -> Runner:
-    since = datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-    return Runner(host=socket.gethostname(), pid=os.getpid(), since=since, token=secrets.token_hex(8))
 
 
 def _os_lock(folder: Path) -> tuple[int, bool]:
@@ -165,12 +155,9 @@ def _write(folder: Path, runner: Runner) -> None:
 def runner_of(folder: Path) -> Runner | None:
     """Runner on record in a folder; None where there is none."""
     try:
-        runner = Runner(**json.loads(_record(folder).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError, RecursionError):
+        return TypeAdapter(Runner).validate_json(_record(folder).read_bytes(), strict=True)
+    except (OSError, ValueError):
         return None
-    texts, numbers = (runner.host, runner.since, runner.token), (runner.pid, runner.beat)
-    is_whole = all(isinstance(text, str) for text in texts) and all(type(n) is int for n in numbers)
-    return runner if is_whole and 0 < runner.pid < 2**31 else None
 
 
 def living_runner_of(folder: Path) -> Runner | None:
@@ -188,7 +175,7 @@ def _is_alive(pid: int) -> bool:
     except ProcessLookupError:
         return False
     except PermissionError:
-        return True
+        pass
     return True
 
 

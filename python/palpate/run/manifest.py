@@ -3,23 +3,16 @@
 import contextlib
 import hashlib
 import importlib.metadata
+import json
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, fields
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from palpate.domain import (
-    Channel,
-    HomogeneousTests,
-    Indentation,
-    Normaliser,
-    PointWeighting,
-    Protocol,
-    ScoringRules,
-)
+from palpate.domain import Channel, HomogeneousTests, Indentation, Protocol, ScoringRules
 from palpate.executors.answers import plain
 from palpate.plugins.fingerprints import distributions
 from palpate.plugins.guard import answering_for
@@ -35,7 +28,7 @@ _LIBRARIES = ("palpate", "numpy", "scipy", "jax", "polars", "matplotlib")
 
 
 def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
-    """Tell what the numbers of a run depended on."""
+    """Describe what the numbers of a run depended on."""
     weighted = {channel for scenario in study.scenarios for channel in scenario.weights}
     return {
         "study": study.name,
@@ -150,60 +143,39 @@ def infinite(parameter: dict[str, Any]) -> dict[str, Any]:
     return parameter | {k: v for k, v in missing.items() if parameter[k] is None}
 
 
-_TYPES: Mapping[str, type | tuple[type, ...]] = MappingProxyType(
-    {
-        "study": str,
-        "study_file": str,
-        "plugin_files": list,
-        "spots": dict,
-        "scenarios": dict,
-        "inputs": dict,
-        "fingerprints": dict,
-        "trusted": dict,
-        "n_total": int,
-        "scoring": dict,
-    }
-)
-"""What is read of the manifest again."""
+class _ReadAgain(BaseModel, strict=True):
+    """What is read of the manifest again."""
+
+    study: str
+    study_file: str
+    plugin_files: list[str]
+    spots: dict[str, Any]
+    scenarios: dict[str, dict[str, float]]
+    inputs: dict[str, str]
+    fingerprints: dict[str, str]
+    trusted: dict[str, dict[str, list[Any]]]
+    n_total: int
+    scoring: ScoringRules
 
 
-def checked_manifest(content: object) -> dict[str, Any]:
-    """Return a manifest, and refuse one that is not as palpate writes it.
+def checked_manifest(text: str) -> dict[str, Any]:
+    """Parse a manifest, and refuse one that is not as palpate writes it.
 
     Raises
     ------
     ValueError
     """
-    if not isinstance(content, dict):
-        raise ValueError("not an object")
-    for key, kind in _TYPES.items():
-        if not isinstance(content.get(key), kind):
-            raise ValueError(f"'{key}' is missing or of another type")
-    texts = (*content["plugin_files"], *content["fingerprints"].values(), *content["inputs"].values())
-    if not all(isinstance(text, str) for text in texts):
-        raise ValueError("a plugin file, a fingerprint or a hash is not text")
-    for key, kinds in (("scenarios", (int, float)), ("trusted", (list,))):
-        for table in content[key].values():
-            if not isinstance(table, dict) or not all(isinstance(each, kinds) for each in table.values()):
-                raise ValueError(f"'{key}' holds something of another type")
-    scoring_rules(content)
+    try:
+        _ReadAgain.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ValueError(f"'{'.'.join(map(str, first['loc']))}': {first['msg']}") from None
+    content: dict[str, Any] = json.loads(text)
+    if content["scoring"].keys() != {field.name for field in fields(ScoringRules)}:
+        raise ValueError("'scoring': not the rules of this palpate")
     return content
 
 
 def scoring_rules(content: Mapping[str, Any]) -> ScoringRules:
-    """Scoring rules of a manifest.
-
-    Raises
-    ------
-    ValueError, TypeError
-    """
-    rules = ScoringRules(
-        **content["scoring"]
-        | {
-            "normaliser": Normaliser(content["scoring"].get("normaliser")),
-            "point_weighting": PointWeighting(content["scoring"].get("point_weighting")),
-        }
-    )
-    if not isinstance(rules.minimum_coverage, (int, float)) or not isinstance(rules.rank_partial, bool):
-        raise TypeError("'scoring' holds something of another type")
-    return rules
+    """Scoring rules of a manifest that :func:`checked_manifest` returned."""
+    return TypeAdapter(ScoringRules).validate_python(content["scoring"])

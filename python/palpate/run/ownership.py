@@ -1,7 +1,7 @@
 """Which folders and files palpate made: only those are written over or removed.
 
 A run directory has a marker, ``.palpate-run``. What is to be removed later is listed by name when it
-is written, in ``files.json`` beside it. No link is followed to what is removed.
+is written, in ``files.json`` next to it. No link is followed to what is removed.
 """
 
 import contextlib
@@ -43,12 +43,7 @@ def is_of_disk(error: OSError) -> bool:
 
 @contextlib.contextmanager
 def writing_in(folder: Path) -> Iterator[None]:
-    """Turn a full disk, or a folder without write permission, into an error with path and remedy.
-
-    Raises
-    ------
-    LedgerError
-    """
+    """Turn a full disk, or a folder without write permission, into a LedgerError with path and remedy."""
     try:
         yield
     except OSError as error:
@@ -58,13 +53,7 @@ def writing_in(folder: Path) -> Iterator[None]:
 
 
 def claim(folder: Path) -> None:
-    """Make a folder a run directory, unless it holds something else.
-
-    Raises
-    ------
-    StudyError
-        The folder is neither empty nor a run directory, or cannot be made.
-    """
+    """Make a folder a run directory; a StudyError where it holds something else, or cannot be made."""
     check_claimable(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -75,16 +64,11 @@ def claim(folder: Path) -> None:
 
 
 def check_claimable(folder: Path) -> None:
-    """Refuse a folder that is neither missing, empty, nor a run directory.
-
-    Raises
-    ------
-    StudyError
-    """
+    """Refuse a folder that is neither missing, empty, nor a run directory."""
     try:
         if is_run(folder) or not folder.exists():
             return
-        others = sorted(path.name for path in folder.iterdir() if not is_temporary(path.name))
+        others = sorted(path.name for path in folder.iterdir() if not is_temporary(path))
     except OSError as error:
         raise _refusal(folder, error) from None
     if others:
@@ -111,12 +95,7 @@ def is_run(folder: Path) -> bool:
 
 
 def refuse_other(folder: Path, before: Path, now: Path) -> None:
-    """Refuse the run of another study file, which may have the same name, as long as that file is there.
-
-    Raises
-    ------
-    StudyError
-    """
+    """Refuse the run of another study file, which may have the same name, as long as that file is there."""
     try:
         is_other = before.is_file() and now.is_file() and not before.samefile(now)
     except (OSError, ValueError):

@@ -4,34 +4,63 @@ import io
 import os
 import re
 import secrets
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 
 from palpate.domain import Curve, FloatArray, Response
 
+CURVES = pl.Schema(
+    {
+        "key": pl.String,
+        "channel": pl.String,
+        "point": pl.Int64,
+        "abscissa": pl.Float64,
+        "ordinate": pl.Float64,
+        "std": pl.Float64,
+    }
+)
+"""Columns of curves of several simulations, by key; a row is a point."""
+
+SLOPE = "d_"
+"""What the name of a further column begins with, of slopes in a parameter."""
+
+
+def curve_rows(responses: Mapping[str, Response]) -> pl.DataFrame:
+    """Curves of each key as rows, null where a curve has no std or slopes."""
+    curves = [(key, curve) for key, response in responses.items() for curve in response.curves.values()]
+    lengths = [curve.abscissa.size for _, curve in curves]
+
+    def repeated(texts: Iterable[str]) -> pl.Series:
+        which = pl.Series(np.repeat(np.arange(len(curves)), lengths), dtype=pl.UInt32)
+        return pl.Series(texts, dtype=pl.String).gather(which)
+
+    def column(arrays: Iterable[FloatArray | None]) -> pl.Series:
+        filled = [np.full(n, np.nan) if a is None else a for a, n in zip(arrays, lengths, strict=True)]
+        return pl.Series(np.concatenate([np.empty(0), *filled])).fill_nan(None)
+
+    slopes = dict.fromkeys(name for _, curve in curves for name in curve.slopes)
+    return pl.DataFrame(
+        {
+            "key": repeated(key for key, _ in curves),
+            "channel": repeated(curve.channel for _, curve in curves),
+            "point": column(np.arange(n, dtype=np.float64) for n in lengths).cast(pl.Int64),
+            "abscissa": column(curve.abscissa for _, curve in curves),
+            "ordinate": column(curve.ordinate for _, curve in curves),
+            "std": column(curve.std for _, curve in curves),
+            **{SLOPE + name: column(curve.slopes.get(name) for _, curve in curves) for name in slopes},
+        },
+        schema_overrides=CURVES,
+    )
+
 
 def frame_of(response: Response) -> pl.DataFrame:
     """Curves as rows of channel, point, abscissa, ordinate and, where any curve has it, std."""
-    frame = pl.concat(
-        [_rows_of(name, curve) for name, curve in response.curves.items()] or [pl.DataFrame(schema=_CURVES)]
-    )
-    if all(curve.std is None for curve in response.curves.values()):
-        return frame.drop("std")
-    return frame
-
-
-def _rows_of(name: str, curve: Curve) -> pl.DataFrame:
-    return pl.DataFrame(
-        {
-            "channel": [name] * curve.abscissa.size,
-            "point": range(curve.abscissa.size),
-            "abscissa": curve.abscissa,
-            "ordinate": curve.ordinate,
-            "std": [None] * curve.abscissa.size if curve.std is None else curve.std,
-        },
-        schema=_CURVES,
-    )
+    has_std = any(curve.std is not None for curve in response.curves.values())
+    frame = curve_rows({"": response})
+    return frame.select("channel", "point", "abscissa", "ordinate", *(["std"] if has_std else []))
 
 
 def response_of(frame: pl.DataFrame) -> Response:
@@ -42,28 +71,11 @@ def response_of(frame: pl.DataFrame) -> Response:
                 channel=str(name),
                 abscissa=rows["abscissa"].to_numpy(),
                 ordinate=rows["ordinate"].to_numpy(),
-                std=_std(rows),
+                std=rows["std"].to_numpy() if "std" in rows and rows["std"].count() else None,
             )
             for (name,), rows in frame.group_by("channel", maintain_order=True)
         }
     )
-
-
-def _std(rows: pl.DataFrame) -> FloatArray | None:
-    if "std" not in rows.columns or rows["std"].null_count() == rows.height:
-        return None
-    return rows["std"].to_numpy()
-
-
-_CURVES = pl.Schema(
-    {
-        "channel": pl.String,
-        "point": pl.Int64,
-        "abscissa": pl.Float64,
-        "ordinate": pl.Float64,
-        "std": pl.Float64,
-    }
-)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -73,20 +85,9 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def write_whole(path: Path, content: bytes, *, durable: bool = True) -> None:
-    """Write a file beside its place and move it there.
+    """Write a file under another name in its folder, which exists, and move it there.
 
-    Parameters
-    ----------
-    path : Path
-        In a folder that exists.
-    content : bytes
-    durable : bool
-        Whether to wait until the file, and its name, are on the disk.
-
-    Raises
-    ------
-    OSError
-        Nothing is left behind then.
+    With ``durable``, wait until the file and its name are on the disk. An OSError leaves nothing behind.
     """
     part = path.with_name(temporary_name(path.name))
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
@@ -116,14 +117,13 @@ def remove_temporary(folder: Path) -> None:
     """Remove what a killed process was writing in this very folder; a link to a folder is left alone."""
     if folder.is_symlink() or not folder.is_dir():
         return
-    for path in list(folder.iterdir()):
-        if is_temporary(path.name):
-            path.unlink(missing_ok=True)
+    for path in filter(is_temporary, list(folder.iterdir())):
+        path.unlink(missing_ok=True)
 
 
-def is_temporary(name: str) -> bool:
-    """Whether a file of this name was being written by palpate."""
-    return _TEMPORARY.fullmatch(name) is not None
+def is_temporary(path: Path) -> bool:
+    """Whether palpate gave a file its name while writing it."""
+    return _TEMPORARY.fullmatch(path.name) is not None
 
 
 def _sync_folder(folder: Path) -> None:

@@ -5,8 +5,8 @@
     {"scores": {"made_from": {"normaliser": "4f…", "measured curves": "a0…"},
                 "files": {"scores.parquet": "<SHA-256>"}}}
 
-A stage reads what the stages before it wrote only as it was written, and only where it was made from
-what the study says now.
+A stage reads the files of earlier stages only as they were written, and only where they were made from
+what the study has now.
 """
 
 import hashlib
@@ -41,12 +41,7 @@ _T = TypeVar("_T")
 
 
 class StageRecords:
-    """Records of the stages of one run directory.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """Records of the stages of one run directory."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -63,13 +58,7 @@ class StageRecords:
         return self._name(path) in self._files(stage)
 
     def read(self, stage: str, path: Path, parse: Callable[[bytes], _T]) -> _T:
-        """Read a file of a stage.
-
-        Raises
-        ------
-        StudyError
-            It is missing, or not as the stage wrote it.
-        """
+        """Read a file of a stage; a StudyError where it is missing, or not as the stage wrote it."""
         again = f"run `palpate {COMMANDS[stage]}` again"
         if not path.exists():
             raise StudyError(f"{path}: not there yet; run `palpate {COMMANDS[stage]}` first")
@@ -84,12 +73,7 @@ class StageRecords:
             raise StudyError(f"{path}: cannot be read ({error}); {again}") from error
 
     def check(self, stage: str, made_from: Mapping[str, str]) -> None:
-        """Refuse the files of a stage that were made from something else; an empty value is not compared.
-
-        Raises
-        ------
-        StudyError
-        """
+        """Refuse the files of a stage that were made from something else; an empty value is not compared."""
         recorded = self._entry(stage).get("made_from", {})
         other = [name for name, value in made_from.items() if value and recorded.get(name) != value]
         other += [name for name in recorded if name not in made_from]
@@ -104,23 +88,24 @@ class StageRecords:
         return fingerprint(self._files(stage))
 
     def _files(self, stage: str) -> dict[str, Any]:
-        files = self._entry(stage).get("files")
-        return files if isinstance(files, dict) else {}
+        return _table(self._entry(stage).get("files"))
 
     def _entry(self, stage: str) -> dict[str, Any]:
-        entry = self._read().get(stage)
-        return entry if isinstance(entry, dict) else {}
+        return _table(self._read().get(stage))
 
     def _read(self) -> dict[str, Any]:
         """Every record; none where the file is damaged, so that each stage has to be run again."""
         try:
-            content = json.loads(self.path.read_bytes())
+            return _table(json.loads(self.path.read_bytes()))
         except (OSError, ValueError, RecursionError):
             return {}
-        return content if isinstance(content, dict) else {}
 
     def _name(self, path: Path) -> str:
         return path.relative_to(self.folder).as_posix()
+
+
+def _table(content: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
+    return content if isinstance(content, dict) else {}
 
 
 _NOUNS = MappingProxyType(
@@ -140,7 +125,10 @@ def measured_from(study: Study) -> dict[str, str]:
     """What decides the measured curves; no value for files that are not there any more."""
     found = {}
     for spot in study.spots:
-        files = {channel or "": [*map(_of_file, paths)] for channel, paths in spot.measured.items()}
+        files = {
+            channel or "": [_sha256(path.read_bytes()) if path.is_file() else "" for path in paths]
+            for channel, paths in spot.measured.items()
+        }
         is_whole = all(each for sums in files.values() for each in sums)
         found[f"files of spot '{spot.spot.name}'"] = fingerprint(files) if is_whole else ""
         found[f"loader of spot '{spot.spot.name}'"] = fingerprint(_described(study.loader_at(spot.spot.name)))
@@ -195,10 +183,6 @@ def _described(component: Component, study: Study | None = None) -> tuple[str, o
     """Name, settings and code; of a material whose earlier results the study accepts, the earlier code."""
     earlier = study.trusted.get(f"material:{component.name}") if study else None
     return component.name, component.settings.model_dump(mode="json"), earlier or identity(component)
-
-
-def _of_file(path: Path) -> str:
-    return _sha256(path.read_bytes()) if path.is_file() else ""
 
 
 def _sha256(content: bytes) -> str:

@@ -15,9 +15,6 @@ _ABOUT_NOTHING = ("measured", "study_file", "plugin_files", "trusted")
 _CODE = "fingerprints."
 """How the keys of components begin."""
 
-_DIGITS = 12
-"""Digits of a file's hash that are shown."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
@@ -41,19 +38,13 @@ class Change:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Changed:
-    """How a study differs from the one that a run directory was written for.
-
-    Parameters
-    ----------
-    n_finished : int
-        Simulations of that one that are finished.
-    n_valid : int
-        Those of them that are simulations of this one too.
-    """
+    """How a study differs from the one that a run directory was written for."""
 
     changes: Sequence[Change]
     n_finished: int
+    """Finished simulations of the earlier study."""
     n_valid: int
+    """Those of them that are simulations of this study too."""
 
     @property
     def trustable(self) -> tuple[str, ...]:
@@ -69,16 +60,7 @@ class Changed:
 def changed(
     ledger: Ledger, before: Mapping[str, Any], after: Mapping[str, Any], keys: Sequence[str]
 ) -> Changed:
-    """Compare a study with what a run directory holds.
-
-    Parameters
-    ----------
-    ledger : Ledger
-    before, after : mapping
-        Manifests.
-    keys : sequence of str
-        Keys of the simulations that the study asks for.
-    """
+    """Compare a study, of manifest ``after`` and simulations ``keys``, with what a run directory holds."""
     finished = ledger.finished_of_last_sweep()
     n_valid = len(finished & set(keys))
     return Changed(changes=differences(before, after), n_finished=len(finished), n_valid=n_valid)
@@ -86,9 +68,9 @@ def changed(
 
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Change]:
     """Differences of two manifests, key by key, in the order of the later one."""
-    # What they say shows key by key, and what they compute as a component.
+    # Their content shows key by key, and what they compute as a component.
     shown = {Path(file).name for file in (before["study_file"], *before["plugin_files"])}
-    old, new = _flat(_plain(before, shown)), _flat(_plain(after, shown))
+    old, new = (_flat(_plain(each, shown)) for each in (before, after))
     return [
         Change(key=key, before=old.get(key), after=new.get(key))
         for key in dict.fromkeys([*new, *old])
@@ -99,21 +81,18 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Cha
 def _plain(manifest: Mapping[str, Any], shown: Collection[str]) -> dict[str, Any]:
     kept = {key: value for key, value in manifest.items() if key not in _ABOUT_NOTHING}
     plain: dict[str, Any] = json.loads(json.dumps(kept))
-    plain["inputs"] = {k: v[:_DIGITS] for k, v in plain["inputs"].items() if Path(k).name not in shown}
+    # Enough digits of a file's hash for people.
+    plain["inputs"] = {k: v[:12] for k, v in plain["inputs"].items() if Path(k).name not in shown}
     return plain
 
 
 def _flat(value: object, key: str = "") -> dict[str, str]:
     """Leaves of a tree by their dotted key; a list of things with a name goes by these names."""
-    if isinstance(value, dict):
-        items = value.items()
-    elif isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
-        items = {
-            str(item.get("region") or item.get("name") or i): item for i, item in enumerate(value)
-        }.items()
-    else:
+    if isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
+        value = {item.get("region") or item.get("name") or i: item for i, item in enumerate(value)}
+    if not isinstance(value, dict):
         return {key: json.dumps(value, ensure_ascii=False)}
     flat: dict[str, str] = {}
-    for name, item in items:
-        flat.update(_flat(item, f"{key}.{name}" if key else str(name)))
+    for name, item in value.items():
+        flat |= _flat(item, f"{key}.{name}" if key else str(name))
     return flat

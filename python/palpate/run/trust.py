@@ -40,18 +40,8 @@ def fingerprints(study: Study) -> dict[str, str]:
 def trusting(study: Study, manifest: Mapping[str, Any], names: Collection[str] = ()) -> Study:
     """The study with the results that its run directory accepts, and those of ``names`` from now on.
 
-    Parameters
-    ----------
-    study : Study
-    manifest : mapping
-        Of the run directory as it is; empty for a new one.
-    names : collection of str
-        Components whose earlier results are to be accepted: ``material:NAME`` or ``solver:NAME``.
-
-    Raises
-    ------
-    StudyError
-        The study has no such component, or the run directory no results of it.
+    ``manifest`` is empty for a new run. A StudyError where the study has no component of such a name,
+    ``material:NAME`` or ``solver:NAME``, or the run directory no results of it.
     """
     now = {name: text for name, text in fingerprints(study).items() if name.startswith(IN_KEYS)}
     earlier, accepted = manifest.get("fingerprints", {}), manifest.get("trusted", {})
@@ -67,21 +57,18 @@ def trusting(study: Study, manifest: Mapping[str, Any], names: Collection[str] =
     trusted = {}
     for name, text in now.items():
         wanted = earlier[name] if name in names else text
-        if (origin := _origin(accepted.get(name, {}), wanted)) != text:
+        # Code that the results were made with which count as those of the wanted fingerprint.
+        origins = (origin for origin, others in accepted.get(name, {}).items() if wanted in others)
+        if (origin := next(origins, wanted)) != text:
             trusted[name] = origin
     return replace(study, trusted=trusted)
 
 
 def recorded(study: Study, manifest: Mapping[str, Any]) -> dict[str, dict[str, list[str]]]:
-    """What the next manifest says under ``trusted``: by component, origin of results → accepted code."""
+    """What the next manifest has under ``trusted``: by component, origin of results → accepted code."""
     now = fingerprints(study)
     record = {name: dict(origins) for name, origins in manifest.get("trusted", {}).items()}
     for name, origin in study.trusted.items():
         of_name = record.setdefault(name, {})
         of_name[origin] = list(dict.fromkeys([*of_name.get(origin, []), now[name]]))
     return record
-
-
-def _origin(accepted: Mapping[str, Collection[str]], fingerprint: str) -> str:
-    """Code that the results were made with which count as those of ``fingerprint``."""
-    return next((origin for origin, others in accepted.items() if fingerprint in others), fingerprint)

@@ -2,7 +2,7 @@
 
 A file is written whole and never changed, so that any number of runs may read and write the
 folder at once, on any file system. Only what would end the same way again is shared: a
-time-out or a crash says something about a machine.
+time-out or a crash depends on the machine.
 """
 
 import hashlib
@@ -21,25 +21,13 @@ _SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)
 
 
 class ResultCache:
-    """Results by key, shared between studies.
-
-    Parameters
-    ----------
-    folder : Path
-        Made on the first :meth:`store`.
-    """
+    """Results by key, shared between studies; the folder is made on the first :meth:`store`."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def store(self, key: str, simulation: Simulation) -> None:
-        """Share a simulation, unless it is there already, and whole.
-
-        Raises
-        ------
-        LedgerError
-            The folder cannot be written.
-        """
+        """Share a simulation, unless it is there already, and whole; a LedgerError if that fails."""
         path = self._path(key)
         if simulation.status not in _SHARED or self.load(key, simulation.job) is not None:
             return

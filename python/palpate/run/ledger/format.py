@@ -45,13 +45,8 @@ def is_blank(connection: sqlite3.Connection) -> bool:
     return bool(n_tables == 0 and application == 0)
 
 
-def check_version(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse a file that is no ledger, or one of another version.
-
-    Raises
-    ------
-    LedgerError
-    """
+def check_sound(connection: sqlite3.Connection, path: Path) -> None:
+    """Refuse a file that is no ledger, is one of another version, or whose structure is damaged."""
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application != APPLICATION:
@@ -61,16 +56,14 @@ def check_version(connection: sqlite3.Connection, path: Path) -> None:
             f"{path}: of version {version}, while this palpate reads version {VERSION}; "
             "install the palpate that wrote it, or name another folder"
         )
+    (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    if verdict != "ok":
+        raise damaged(path, verdict)
 
 
 @contextlib.contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
-    """Turn what SQLite and the file system raise into a LedgerError with what to do.
-
-    Raises
-    ------
-    LedgerError
-    """
+    """Turn what SQLite and the file system raise into a LedgerError with what to do."""
     try:
         yield
     except sqlite3.Error as error:
@@ -101,29 +94,11 @@ def damaged(path: Path, place: str) -> LedgerError:
     )
 
 
-def check_sound(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse a ledger whose structure is damaged.
-
-    Raises
-    ------
-    LedgerError
-    """
-    (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
-    if verdict != "ok":
-        raise damaged(path, verdict)
-
-
 _CURVE_FILE = re.compile(r"[0-9]{6,9}\.parquet")
 
 
 def curve_file(folder: Path, name: str) -> Path:
-    """Path of a file of curves that the ledger in ``folder`` names.
-
-    Raises
-    ------
-    LedgerError
-        The name is not one that palpate gives, so that it could lead to any other file.
-    """
+    """Path of a file of curves that the ledger in ``folder`` names; refused if it could lead elsewhere."""
     if not _CURVE_FILE.fullmatch(name):
         raise damaged(folder / LEDGER, f"{name!r} is not a name of a file of curves")
     return folder / CURVES / name
@@ -143,21 +118,8 @@ def check_complete(connection: sqlite3.Connection, path: Path, n_files: int) -> 
 
     A damaged or deleted log costs, without an error, every transaction from there on. But each
     transaction of results comes after a file of curves with the next number, so at most
-    one file, that of a writer which was killed, is without its row.
-
-    Parameters
-    ----------
-    n_files : int
-        What :func:`last_curve_file` returned before this connection read anything.
-
-    Returns
-    -------
-    bool
-        Whether the last file of curves is without its row.
-
-    Raises
-    ------
-    LedgerError
+    one file, that of a writer which was killed, is without its row. Returns whether one is.
+    ``n_files`` is what :func:`last_curve_file` returned before this connection read anything.
     """
     (n_known,) = connection.execute("SELECT coalesce(max(rowid), 0) FROM curve_files").fetchone()
     if n_files > n_known + 1:

@@ -22,7 +22,6 @@ from palpate.run.ledger.format import (
     TABLES,
     check_complete,
     check_sound,
-    check_version,
     curve_file,
     damaged,
     digest,
@@ -34,17 +33,12 @@ from palpate.run.result_files import temporary_name, write_whole
 
 
 class Entry(NamedTuple):
-    """What decides whether a job is to be done again.
-
-    Parameters
-    ----------
-    quarantined : int
-        How often it had ended its worker when it was given up; 0: it was not.
-    """
+    """What decides whether a job is to be done again."""
 
     status: Status
     seconds: float
     quarantined: int
+    """How often it had ended its worker when it was given up; 0: it was not."""
 
 
 class Ledger:
@@ -85,15 +79,15 @@ class Ledger:
         self._connection.close()
 
     def _open(self) -> sqlite3.Connection:
-        if not self.path.exists():
-            return _empty()
-        with disk_errors(self.path):
-            connection = _read_only(self.path)
-            if is_blank(connection):
+        if self.path.exists():
+            with disk_errors(self.path):
+                connection = _read_only(self.path)
+                if not is_blank(connection):
+                    check_sound(connection, self.path)
+                    return connection
                 connection.close()
-                return _empty()
-            check_version(connection, self.path)
-            check_sound(connection, self.path)
+        connection = sqlite3.connect(":memory:")
+        connection.executescript(TABLES)
         return connection
 
     # -------------------------------------------------------------------- reading
@@ -133,17 +127,7 @@ class Ledger:
         return pl.DataFrame(rows, schema=names, schema_overrides=schema, orient="row")
 
     def copy_to(self, folder: Path) -> None:
-        """Copy the ledger and its curves, as they stand at one moment, even while somebody writes.
-
-        Parameters
-        ----------
-        folder : Path
-            Made where it is missing; without a ledger.
-
-        Raises
-        ------
-        LedgerError
-        """
+        """Copy ledger and curves, as of one moment even while somebody writes, to a folder without them."""
         if (folder / LEDGER).exists():
             raise LedgerError(f"{folder / LEDGER}: already there; name a folder without a run")
         with disk_errors(folder):
@@ -207,7 +191,7 @@ class Ledger:
         }
         if not gone:
             return set()
-        keys = self._all("SELECT key, curves FROM simulations WHERE curves IS NOT NULL")
+        keys = self._all("SELECT key, curves FROM simulations")
         return {key for key, name in keys if name in gone}
 
     def _rows(self, keys: Sequence[str]) -> Iterator[sqlite3.Row]:
@@ -224,28 +208,27 @@ class Ledger:
         for row in rows:
             if row["curves"] is not None:
                 by_file.setdefault(row["curves"], []).append(row["key"])
-        files = {name: rest for name, *rest in self._all("SELECT * FROM curve_files")}
+        files = {name: rest for name, *rest in self._all("SELECT name, size, sha256 FROM curve_files")}
         responses: dict[str, Response | CurveError] = {}
         for name, keys in by_file.items():
-            responses.update(self._read_curves(name, files.get(name), keys))
+            if name not in files:
+                raise damaged(self.path, f"curve_files has no row '{name}'")
+            if (content := self._content(name, *files[name], len(keys))) is not None:
+                responses |= unpack(content, keys)
         return responses
 
-    def _read_curves(
-        self, name: str, expected: list[Any] | None, keys: Sequence[str]
-    ) -> dict[str, Response | CurveError]:
+    def _content(self, name: str, size: int, sha256: str, n_keys: int) -> bytes | None:
+        """Content of a file of curves; None where it is missing or cut short."""
         path = curve_file(self.folder, name)
-        if expected is None:
-            raise damaged(self.path, f"curve_files has no row '{name}'")
         content = path.read_bytes() if path.is_file() else b""
-        size, sha256, _ = expected
         if len(content) < size:
-            return {}
+            return None
         if hashlib.sha256(content).hexdigest() != sha256:
             raise LedgerError(
                 f"{path}: not as it was written; the disk may be failing. Restore a copy, or delete the file "
-                f"to have its {len(keys)} simulations done again"
+                f"to have its {n_keys} simulations done again"
             )
-        return unpack(content, keys)
+        return content
 
     def _all(self, query: str, values: Sequence[object] = (), *, named: bool = False) -> list[Any]:
         with disk_errors(self.path):
@@ -275,21 +258,15 @@ def _simulation(job: Job, row: sqlite3.Row, response: Response | CurveError | No
 # ------------------------------------------------------------------- connections
 
 
-def _empty() -> sqlite3.Connection:
-    connection = sqlite3.connect(":memory:")
-    connection.executescript(TABLES)
-    return connection
-
-
 def _read_only(path: Path) -> sqlite3.Connection:
-    """Open a ledger that somebody may be writing to, or that lies where nothing can be written."""
+    """Open a ledger that somebody may be writing to, or in a folder where nothing can be written."""
     location = f"file:{quote(str(path.resolve()))}?mode=ro"
     connection = sqlite3.connect(location, uri=True, isolation_level=None)
     try:
         connection.execute("SELECT count(*) FROM sqlite_master")
     except sqlite3.OperationalError:
         connection.close()
-        # A reader needs to write beside the file, unless the last writer has closed it.
+        # A reader needs to write next to the file, unless the last writer has closed it.
         if _size(path.with_name(f"{path.name}-wal")) > 0:
             raise
         connection = sqlite3.connect(f"{location}&immutable=1", uri=True, isolation_level=None)

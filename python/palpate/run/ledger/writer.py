@@ -30,17 +30,12 @@ LARGEST_GROUP = 256
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finished:
-    """A simulation with all that is kept of it.
-
-    Parameters
-    ----------
-    quarantined : int
-        Attempts after which the job was given up; 0: it was not.
-    """
+    """A simulation with all that is kept of it."""
 
     key: str
     simulation: Simulation
     quarantined: int = 0
+    """Attempts after which the job was given up; 0: it was not."""
 
 
 class Writer:
@@ -97,21 +92,13 @@ class Writer:
     def store(self, finished: Finished) -> None:
         """Hand over a simulation; a later one of the same key takes its place.
 
-        Raises
-        ------
-        LedgerError
-            An earlier one could not be written.
+        A LedgerError where an earlier one could not be written.
         """
         self._raise_failure()
         self._waiting.put(finished)
 
     def flush(self) -> None:
-        """Wait until everything handed over is on the disk.
-
-        Raises
-        ------
-        LedgerError
-        """
+        """Wait until everything handed over is on the disk."""
         self._waiting.join()
         self._raise_failure()
 
@@ -203,11 +190,9 @@ def _marks(n: int) -> str:
 
 
 def _opened(path: Path) -> sqlite3.Connection:
-    is_new = not path.exists()
     connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=30.0)
     try:
-        if not is_new and is_blank(connection):
-            is_new = True  # killed before its first table was there
+        is_new = is_blank(connection)  # or its writer was killed before its first table was there
         # Where shared memory does not work SQLite stays with its older journal, which is as safe.
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
