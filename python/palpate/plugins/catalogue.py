@@ -17,43 +17,11 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from palpate.domain import Channel, Scenario, StudyTemplate
 from palpate.errors import PluginError
 from palpate.plugins.execution import Executor
-from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import (
-    ExperimentLoader,
-    LimbSource,
-    Material,
-    Sampler,
-    SetFilter,
-    Solver,
-)
-from palpate.plugins.registry import (
-    HOOKS,
-    KINDS,
-    BrokenPlugin,
-    Kind,
-    Registry,
-    add_commands,
-    load_file,
-    registered,
-    suggestion,
-)
+from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, Sampler, SetFilter, Solver
+from palpate.plugins.registry import KINDS, BrokenPlugin, Registry, registered, suggestion
 
 if TYPE_CHECKING:
     import typer
-
-__all__ = [
-    "HOOKS",
-    "KINDS",
-    "BrokenPlugin",
-    "Catalogue",
-    "Kind",
-    "Plugins",
-    "UnknownNameError",
-    "add_commands",
-    "answering_for",
-    "load_file",
-    "suggestion",
-]
 
 T = TypeVar("T")
 
@@ -106,20 +74,15 @@ class Catalogue(Mapping[str, T]):
         return self._entry(name)[1]
 
     def _entry(self, name: str) -> tuple[T, str]:
-        found = self._entries.get(name) or self._qualified.get(name)
-        if found is None:
-            raise UnknownNameError(self._unknown(name))
-        return found
-
-    def _unknown(self, name: str) -> str:
-        known = ", ".join(self._entries) or "none"
+        if found := self._entries.get(name) or self._qualified.get(name):
+            return found
         close = suggestion(name, self._entries)
-        message = f"no {self.noun} '{name}'{close} (known: {known})"
+        message = f"no {self.noun} '{name}'{close} (known: {', '.join(self._entries) or 'none'})"
         if not close:
             message += "; if a file of yours provides it, give it as --plugin FILE or as [study] plugins"
         if self._broken:
             message += "; plugins left out as broken: " + "; ".join(map(str, self._broken))
-        return message
+        raise UnknownNameError(message)
 
 
 class Plugins:
@@ -159,7 +122,7 @@ class Plugins:
     def load(
         cls, files: Sequence[Path] = (), *, entry_points: bool = True, without: Sequence[str] = ()
     ) -> "Plugins":
-        """Find, import and question every plugin.
+        """Find and import every plugin, and ask it for what it provides.
 
         Parameters
         ----------
@@ -182,23 +145,12 @@ class Plugins:
         return cls(registry, list(resolved), entry_points=entry_points, without=without)
 
     def with_files(self, files: Sequence[Path]) -> "Plugins":
-        """The same with more one-file plugins; itself where it has them all.
-
-        Raises
-        ------
-        PluginError
-            A file does not exist.
-        """
+        """The same with more one-file plugins; itself where it has them all."""
         more = [path for path in files if path.resolve() not in self.files]
         return self._again([*self.files, *more]) if more else self
 
     def catalogue(self, kind: str) -> Catalogue[Any]:
-        """Catalogue by the name of its attribute, one of ``KINDS``.
-
-        Raises
-        ------
-        PluginError
-        """
+        """Catalogue by the name of its attribute, one of ``KINDS``."""
         if kind not in KINDS:
             known = ", ".join(KINDS)
             raise PluginError(f"no kind of plugin '{kind}'{suggestion(kind, KINDS)} (known: {known})")

@@ -30,10 +30,7 @@ CONTENT_HASH = "__content_hash__"
 def code_fingerprint(cls: type) -> str:
     """Distribution, version and hash of the code of a class and its bases; empty within palpate itself.
 
-    Raises
-    ------
-    PluginError
-        A class is defined in no file, so that another version of it could not be distinguished.
+    A PluginError where a class is in no file, so that another version of it could not be distinguished.
     """
     found = dict.fromkeys(_fingerprint_of(base) for base in cls.__mro__)
     return "; ".join(text for text in found if text)

@@ -1,4 +1,4 @@
-"""How plugins are imported, registered and questioned, each behind a guard.
+"""How plugins are imported, registered and asked for what they provide, each behind a guard.
 
 One plugin's mistake must not stop another: whatever a plugin does wrong while
 it is imported or asked becomes a :class:`BrokenPlugin` with the reason.
@@ -135,12 +135,13 @@ class Registry:
         self.broken: list[BrokenPlugin] = []
         self.commands: dict[str, str] = {}
         self._qualifiers: dict[str, str] = {}
-        self._points: list[tuple[str, importlib.metadata.EntryPoint]] = []
+        self.points: list[tuple[str, importlib.metadata.EntryPoint]] = []
+        """Entry points of single components by kind, imported when the catalogues are filled."""
 
     def register(self, name: str, source: str, load: Callable[[], object], qualifier: str = "") -> None:
         """Import one plugin and register its hooks, or list it as broken.
 
-        ``qualifier`` goes before the name of a component to tell it from another of that name.
+        ``qualifier`` goes before the name of a component to distinguish it from another of that name.
         """
         try:
             if name in self.sources and qualifier not in ("", *self.sources):
@@ -153,13 +154,12 @@ class Registry:
             self._register(name, plugin)
             self._qualifiers[name] = qualifier or name
         except PluginError as error:
-            self.broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
+            self._leave_out(name, source, str(error))
             return
         self.sources[name] = source
 
-    def register_component(self, kind: str, point: importlib.metadata.EntryPoint) -> None:
-        """Note an entry point of one component; it is imported when the catalogues are filled."""
-        self._points.append((kind, point))
+    def _leave_out(self, name: str, source: str, reason: str, component: str = "") -> None:
+        self.broken.append(BrokenPlugin(name=name, source=source, reason=reason, component=component))
 
     def collect(self) -> None:
         """Ask every plugin for all that it provides; one that fails is listed as broken."""
@@ -168,21 +168,17 @@ class Registry:
                 provided = {kind: self._provided(name, kind) for kind in KINDS}
             except PluginError as error:
                 del self.sources[name]
-                self.broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
+                self._leave_out(name, source, str(error))
                 continue
             for kind, items in provided.items():
                 for item in items:
                     self._add(kind, item, name, source)
-        for kind, point in self._points:
+        for kind, point in self.points:
             owner, source = owner_of(point), _source(point)
             try:
-                item = _single(kind, point)
+                self._add(kind, _single(kind, point), owner, source)
             except PluginError as error:
-                said = f"{KINDS[kind].noun} '{point.name}'"
-                left_out = BrokenPlugin(name=owner, source=source, reason=str(error), component=said)
-                self.broken.append(left_out)
-                continue
-            self._add(kind, item, owner, source)
+                self._leave_out(owner, source, str(error), f"{KINDS[kind].noun} '{point.name}'")
 
     def _add(self, kind: str, item: Any, owner: str, source: str) -> None:  # noqa: ANN401 -- any entry
         """Enter one item; of two with one name the first keeps it."""
@@ -196,8 +192,7 @@ class Registry:
             return
         remedy = f"a study names this one '{full}'" if is_class and owner != holder else "rename one"
         reason = f"{noun} '{name}' of plugin '{owner}' is already provided by plugin '{holder}'; {remedy}"
-        left_out = BrokenPlugin(name=owner, source=source, reason=reason, component=f"{noun} '{name}'")
-        self.broken.append(left_out)
+        self._leave_out(owner, source, reason, f"{noun} '{name}'")
 
     def _register(self, name: str, plugin: object) -> None:
         _check_hooks(plugin)
@@ -251,20 +246,12 @@ class Registry:
 def registered(files: Sequence[Path], *, entry_points: bool, without: Sequence[str] = ()) -> Registry:
     """Import the core's plugin, those released with it, other installed ones by name, and files.
 
-    Parameters
-    ----------
-    files : sequence of Path
-    entry_points : bool
-        False leaves out the installed distributions.
-    without : sequence of str
-        Names of entry points or distributions to leave out.
-
-    Raises
-    ------
-    PluginError
-        A file does not exist, or nothing of a name in ``without`` is installed.
+    Entry points and distributions named in ``without`` are left out. A PluginError where a file does not
+    exist, or nothing of such a name is installed.
     """
-    paths = dict.fromkeys(_existing(path) for path in files)
+    for path in files:
+        if not path.is_file():
+            raise PluginError(f"plugin file {path}: no such file; give the path of a Python file")
     registry = Registry()
     registry.register(GROUP, "the core", lambda: importlib.import_module(CORE_PLUGIN))
     points = installed_points() if entry_points else []
@@ -275,8 +262,8 @@ def registered(files: Sequence[Path], *, entry_points: bool, without: Sequence[s
         if point.group == GROUP:
             registry.register(point.name, _source(point), point.load, qualifier=owner_of(point))
         else:
-            registry.register_component(point.group.removeprefix(f"{GROUP}."), point)
-    for path in paths:
+            registry.points.append((point.group.removeprefix(f"{GROUP}."), point))
+    for path in dict.fromkeys(path.resolve() for path in files):
         registry.register(path.stem, str(path), functools.partial(load_file, path))
     return registry
 
@@ -284,9 +271,8 @@ def registered(files: Sequence[Path], *, entry_points: bool, without: Sequence[s
 def load_file(path: Path) -> ModuleType:
     """Import a one-file plugin, once per process and content.
 
-    The module's name follows from the file's name and content alone and stands
-    in ``sys.modules``, so that a worker process that loads the same file can
-    unpickle instances of its classes.
+    The module's name in ``sys.modules`` follows from the file's name and content alone, so that a
+    worker process that loads the same file can unpickle instances of its classes.
     """
     digest = content_hash(path.read_bytes())
     name = f"palpate_plugin_{path.stem}_{digest}"
@@ -309,19 +295,9 @@ def load_file(path: Path) -> ModuleType:
 def add_commands(
     app: "typer.Typer", files: Sequence[Path] = (), without: Sequence[str] = ()
 ) -> tuple[BrokenPlugin, ...]:
-    """Let plugins add their commands, without asking for what else they provide.
-
-    The list of commands is wanted at once, and what a plugin provides may take
-    a while to import.
-    """
+    """Let plugins add their commands, without the time that it takes to import what else they provide."""
     registry = registered(files, entry_points=True, without=without)
     return (*registry.broken, *registry.add_commands(app))
-
-
-def _existing(path: Path) -> Path:
-    if not path.is_file():
-        raise PluginError(f"plugin file {path}: no such file; give the path of a Python file")
-    return path.resolve()
 
 
 def installed_points() -> list[importlib.metadata.EntryPoint]:
@@ -441,11 +417,12 @@ def _check_parameters(material: "type[Material]", hook: str) -> None:
 
     if any(field.is_required() for field in material.Settings.model_fields.values()):
         return  # they follow from settings that only a study gives
-    found = getattr(material(), "parameters", None)
-    if not isinstance(found, (tuple, list)) or not all(isinstance(each, Parameter) for each in found):
-        raise PluginError(
-            f"{hook}: material '{material.name}' has no parameters; give it a tuple of palpate.Parameter"
-        )
+    match getattr(material(), "parameters", None):
+        case [*found] if all(isinstance(each, Parameter) for each in found):
+            return
+    raise PluginError(
+        f"{hook}: material '{material.name}' has no parameters; give it a tuple of palpate.Parameter"
+    )
 
 
 def _check_text(item: object, attribute: str, hook: str) -> None:

@@ -13,35 +13,32 @@ import palpate
 from palpate.errors import PluginError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import Component
-from palpate.plugins.registry import GROUP, KINDS, suggestion
+from palpate.plugins.registry import GROUP, KINDS, owner_of, suggestion
 
 _NAME = re.compile(r"[a-z]([a-z0-9_]*[a-z0-9])?")
 
 
 @dataclass(frozen=True, slots=True)
 class Kit:
-    """What can be made: its catalogue, its contract test if it has one, and how it is used.
-
-    Parameters
-    ----------
-    use : str
-        A sentence, with ``{}`` for the name.
-    needs : tuple of str
-        Distributions that the plugin depends on.
-    files : tuple of str
-        More files of the package, each with a template.
-    """
+    """What can be made: its catalogue, its contract test if it has one, and how it is used."""
 
     catalogue: str
     noun: str
     contract: str
     use: str
+    """A sentence, with ``{}`` for the name."""
     needs: tuple[str, ...] = ("palpate",)
+    """Distributions that the plugin depends on."""
     files: tuple[str, ...] = ()
+    """More files of the package, each with a template."""
 
 
 def _named(key: str, table: str) -> str:
     return f"A study names it with `{key}` under `[{table}]`."
+
+
+_FILTER = "A study names it with a table `[sampling.filters.{}]`."
+_CHANNEL = 'A study measures it with `measured = {{ {} = "file" }}` under `[[spot]]`.'
 
 
 KITS: Mapping[str, Kit] = MappingProxyType(
@@ -59,18 +56,8 @@ KITS: Mapping[str, Kit] = MappingProxyType(
         "limb": Kit("limb_sources", "limb source", "LimbSourceContract", _named('source = "{}"', "limb")),
         "executor": Kit("executors", "executor", "ExecutorContract", _named('name = "{}"', "executor")),
         "sampler": Kit("samplers", "sampler", "SamplerContract", _named('sampler = "{}"', "sampling")),
-        "filter": Kit(
-            "set_filters",
-            "set filter",
-            "SetFilterContract",
-            "A study names it with a table `[sampling.filters.{}]`.",
-        ),
-        "channel": Kit(
-            "channels",
-            "channel",
-            "",
-            'A study measures it with `measured = {{ {} = "file" }}` under `[[spot]]`.',
-        ),
+        "filter": Kit("set_filters", "set filter", "SetFilterContract", _FILTER),
+        "channel": Kit("channels", "channel", "", _CHANNEL),
         "command": Kit("", "command", "", "Call it with `palpate {} STUDY`."),
         "study": Kit(
             "studies",
@@ -86,25 +73,16 @@ KITS: Mapping[str, Kit] = MappingProxyType(
 
 
 def new_plugin(kind: str, name: str, into: Path, plugins: Plugins, commands: Collection[str] = ()) -> Path:
-    """Write a plugin of one working component, its tests and its README.
+    """Write a plugin of one working component, its tests and its README; returns the new directory.
 
     Parameters
     ----------
     kind : str
         One of ``KITS``.
     name : str
-        What a study will call the component: lower case, an identifier.
+        Name of the component in a study: lower case, an identifier, not taken in ``plugins`` or ``commands``.
     into : Path
         Where the directory ``palpate-<name>`` is made.
-    plugins : Plugins
-        Whose names are taken.
-    commands : collection of str
-        Names of commands, which are taken too.
-
-    Returns
-    -------
-    Path
-        The new directory.
 
     Raises
     ------
@@ -147,10 +125,10 @@ def _check_free(kind: str, name: str, plugins: Plugins, commands: Collection[str
     catalogue = KITS[kind].catalogue
     if _shown(kind, name) in (plugins.catalogue(catalogue) if catalogue else commands):
         raise PluginError(f"{KITS[kind].noun} '{name}' is already provided; choose another name")
-    for point in importlib.metadata.entry_points(group=GROUP):
-        if point.name == name:
-            source = point.dist.name if point.dist else point.value
-            raise PluginError(f"plugin name '{name}' is taken by distribution {source}; choose another name")
+    for point in importlib.metadata.entry_points(group=GROUP, name=name):
+        raise PluginError(
+            f"plugin name '{name}' is taken by distribution {owner_of(point)}; choose another name"
+        )
     if _class(name) in dir(palpate):
         raise PluginError(
             f"plugin name '{name}': its class would hide palpate's own {_class(name)}; choose another name, "
@@ -178,8 +156,8 @@ def _files(kind: str, name: str) -> dict[str, str]:
     """Content of every file, by its path in the directory."""
     import jinja2
 
-    kit, package = KITS[kind], f"palpate_{name}"
-    shown = _shown(kind, name)
+    kit, package, shown = KITS[kind], f"palpate_{name}", _shown(kind, name)
+    major, minor = map(int, palpate.__version__.split(".")[:2])
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("palpate.plugins", "templates"),
         undefined=jinja2.StrictUndefined,
@@ -200,7 +178,8 @@ def _files(kind: str, name: str) -> dict[str, str]:
         "use": kit.use.format(shown),
         "entry": _entry_point(kit, package, name, shown),
         "needs": kit.needs,
-        "bounds": _bounds(),
+        # Versions of palpate, and of what is released with it, that the plugin is written for.
+        "bounds": f">={major}.{minor},<{major}.{minor + 1}",
     }
     templates = {
         "pyproject.toml": "pyproject.toml",
@@ -224,9 +203,3 @@ def _entry_point(kit: Kit, package: str, name: str, shown: str) -> tuple[str, st
         return GROUP, name, package
     made = _class(name) if issubclass(KINDS[kit.catalogue].base, Component) else name.upper()
     return f'"{GROUP}.{kit.catalogue}"', shown, f"{package}:{made}"
-
-
-def _bounds() -> str:
-    """Versions of palpate, and of what is released with it, that the plugin is written for."""
-    major, minor = map(int, palpate.__version__.split(".")[:2])
-    return f">={major}.{minor},<{major}.{minor + 1}"

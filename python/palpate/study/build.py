@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -56,30 +55,24 @@ class Components:
 
 def build_components(context: Context, tables: Tables) -> Components:
     """Build every component that the file names, except the materials."""
-    experiment, limb, sampling, solver = tables.experiment, tables.limb, tables.sampling, tables.solver
-    running = tables.executor
-    catalogues, build = context.plugins, partial(build_component, context)
+    plugins = context.plugins
+
+    def named(catalogue: Catalogue[type[C]], table: str, key: str) -> C | None:
+        given = getattr(tables, table)
+        name = getattr(given, key, None)
+        return build_component(context, catalogue, name, given.settings, (table, key)) if name else None
+
     filters = [
-        build(catalogues.set_filters, name, settings, (*FILTERS, name), (*FILTERS, name))
-        for name, settings in (sampling.filters.items() if sampling else ())
+        build_component(context, plugins.set_filters, name, settings, (*FILTERS, name), (*FILTERS, name))
+        for name, settings in (tables.sampling.filters.items() if tables.sampling else ())
     ]
     return Components(
-        loader=build(catalogues.loaders, experiment.loader, experiment.settings, ("experiment", "loader"))
-        if experiment
-        else None,
-        limb_source=build(catalogues.limb_sources, limb.source, limb.settings, ("limb", "source"))
-        if limb
-        else None,
-        sampler=build(catalogues.samplers, sampling.sampler, sampling.settings, ("sampling", "sampler"))
-        if sampling
-        else None,
+        loader=named(plugins.loaders, "experiment", "loader"),
+        limb_source=named(plugins.limb_sources, "limb", "source"),
+        sampler=named(plugins.samplers, "sampling", "sampler"),
         filters=tuple(built for built in filters if built is not None),
-        solver=build(catalogues.solvers, solver.name, solver.settings, ("solver", "name"))
-        if solver
-        else None,
-        executor=build(catalogues.executors, running.name, running.settings, ("executor", "name"))
-        if running and running.name
-        else None,
+        solver=named(plugins.solvers, "solver", "name"),
+        executor=named(plugins.executors, "executor", "name"),
     )
 
 
@@ -91,7 +84,7 @@ def build_component(
     key: Key,
     settings_key: Key | None = None,
 ) -> C | None:
-    """Build the component ``name``, which stands at ``key``, from its settings beside it."""
+    """Build the component ``name``, which is at ``key``, from its settings next to it."""
     settings_key = settings_key or (*key[:-1], "settings")
     component: type[C] | None = None
     with context.problems.at(*key):
@@ -179,7 +172,7 @@ def _own_scenario(
 def _check_channels(
     context: Context, scenario: Scenario, key: Key, measured: Mapping[str, Collection[str | None]]
 ) -> None:
-    """Refuse a scenario whose channels a spot does not measure, where the file says which it does."""
+    """Refuse a scenario whose channels a spot does not measure, where the file names those it does."""
     for spot, found in measured.items():
         if not set(found) <= set(context.plugins.channels):
             continue  # a file of several channels, or a channel that is reported as unknown
@@ -214,16 +207,15 @@ def check_limits(context: Context, executor: Executor, table: ExecutorTable) -> 
 def check_solver_channels(
     context: Context, solver: Solver, selection: SelectionTable, scenarios: Collection[Scenario]
 ) -> None:
-    """Refuse a scenario of a channel that the solver says it does not compute."""
-    for scenario in scenarios:
-        missing = [
-            c for c, weight in scenario.weights.items() if weight and c not in (solver.channels or (c,))
-        ]
+    """Refuse a scenario of a channel that the solver declares not to compute."""
+    computed = solver.channels or ()
+    for scenario in scenarios if computed else ():
+        missing = [c for c, weight in scenario.weights.items() if weight and c not in computed]
         if missing:
             context.problems.add(
                 ("selection", "scenarios", selection.scenarios.index(scenario.name)),
                 f"scenario '{scenario.name}' weights channel '{missing[0]}', which solver '{solver.name}' "
-                f"does not compute (it has {', '.join(solver.channels or ())}); choose another of either",
+                f"does not compute (it has {', '.join(computed)}); choose another of either",
             )
 
 
@@ -241,7 +233,4 @@ def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None
         if solver.needs_limb and spot.mesh is None:
             problems.add(("spot", index), f'{name} needs a mesh; add mesh = "…" to the spot')
         if not solver.needs_limb and spot.mesh is not None:
-            problems.add(
-                ("spot", index, "mesh"),
-                f"{name} takes no mesh; remove the key",
-            )
+            problems.add(("spot", index, "mesh"), f"{name} takes no mesh; remove the key")

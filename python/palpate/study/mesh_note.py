@@ -11,10 +11,7 @@ from palpate.study.plain_values import MOST_BYTES, check_plain
 def mesh_note(mesh: Path) -> dict[str, Any] | None:
     """The note of a mesh by whoever made it, ``<mesh>.json``; None without one.
 
-    Raises
-    ------
-    MeshError
-        It is no JSON object, larger than 1 MB, or holds what JSON or a terminal does not take.
+    A MeshError where it is no JSON object, larger than 1 MB, or holds what JSON or a terminal does not take.
     """
     note_file = mesh.with_suffix(".json")
     if not note_file.is_file():

@@ -30,15 +30,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 def check_plain(value: object) -> None:
     """Refuse values that are too many, too deep, too long, or that no terminal and no file takes.
 
-    Parameters
-    ----------
-    value : object
-        Tables, lists, texts and numbers, as read from TOML or JSON.
-
-    Raises
-    ------
-    ValueError
-        Naming the place and the limit.
+    They are tables, lists, texts and numbers, as read from TOML or JSON. A ValueError names place and limit.
     """
     n_values = 0
     waiting: list[tuple[Key, object]] = [((), value)]

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from palpate.errors import PalpateError, StudyError
@@ -22,16 +23,7 @@ T = TypeVar("T")
 
 
 class Problems:
-    """Collects messages, each with file, line and key.
-
-    Parameters
-    ----------
-    path : Path
-        The study file, as the user named it.
-    lines : KeyLines
-    raw : mapping
-        Content of the file.
-    """
+    """Collects messages about a study file and its content, each with file, line and key."""
 
     def __init__(self, path: Path, lines: KeyLines, raw: Mapping[str, Any]) -> None:
         self._path = path
@@ -47,12 +39,12 @@ class Problems:
             self._found.append((line, where + message))
 
     def _place(self, key: Key) -> str:
-        """Key as the user would say it: a spot by its name."""
-        tables = self._raw.get("spot")
-        if len(key) > 1 and key[0] == "spot" and isinstance(tables, list) and isinstance(key[1], int):
-            table = tables[key[1]] if key[1] < len(tables) else None
-            if isinstance(table, dict) and isinstance(name := table.get("name"), str):
-                return ", ".join(filter(None, (f"spot {name!r}", dotted(key[2:]))))
+        """Key as the user knows it: a spot by its name."""
+        match key, self._raw.get("spot"):
+            case ("spot", int(index), *rest), [*tables] if index < len(tables):
+                match tables[index]:
+                    case {"name": str(name)}:
+                        return ", ".join(filter(None, (f"spot {name!r}", dotted(tuple(rest)))))
         return dotted(key)
 
     @contextlib.contextmanager
@@ -72,12 +64,7 @@ class Problems:
             self.add((*key, *parts), _message(detail, known))
 
     def raise_if_any(self) -> None:
-        """Raise a StudyError that lists everything found, in the order of the file.
-
-        Raises
-        ------
-        StudyError
-        """
+        """Raise a StudyError that lists everything found, in the order of the file."""
         if self._found:
             raise StudyError("\n".join(message for _, message in sorted(self._found)))
 
@@ -135,23 +122,21 @@ def _shortened(given: object) -> str:
 def _keys(annotation: object, parts: tuple[str | int, ...]) -> tuple[str, ...]:
     """Keys that the model at ``parts`` inside ``annotation`` has."""
     try:
-        return tuple(_model(functools.reduce(_step, parts, annotation)).model_fields)
-    except (LookupError, TypeError):
+        fields = _fields(functools.reduce(_step, parts, annotation))
+    except LookupError:
         return ()
+    return tuple(fields or ())
 
 
 def _step(annotation: object, part: str | int) -> object:
-    inner = _plain(annotation)
-    if isinstance(inner, type) and issubclass(inner, BaseModel):
-        return inner.model_fields[str(part)].annotation
-    return typing.get_args(inner)[-1]
+    fields = _fields(annotation)
+    return typing.get_args(_plain(annotation))[-1] if fields is None else fields[str(part)].annotation
 
 
-def _model(annotation: object) -> type[BaseModel]:
+def _fields(annotation: object) -> dict[str, FieldInfo] | None:
+    """Fields of a model; None for another annotation."""
     inner = _plain(annotation)
-    if isinstance(inner, type) and issubclass(inner, BaseModel):
-        return inner
-    raise TypeError(annotation)
+    return inner.model_fields if isinstance(inner, type) and issubclass(inner, BaseModel) else None
 
 
 def _plain(annotation: object) -> object:

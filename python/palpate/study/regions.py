@@ -90,36 +90,17 @@ def _range(problems: Problems, key: Key, default: Parameter, table: ParameterTab
 
 
 def _in_convention(material: Material, convention: str) -> Iterator[Parameter]:
-    """Parameters of a material with their ranges and limits as ``convention`` writes them.
+    """Parameters of a material with their ranges and limits as ``convention`` writes them."""
 
-    Raises
-    ------
-    MaterialError
-        The material does not know the convention.
-    """
+    def written(end: str) -> FloatArray:
+        textbook = np.array([getattr(p, end) for p in material.parameters])
+        return material.from_textbook(textbook, convention)
 
-    def written(*textbook: float) -> FloatArray:
-        return material.from_textbook(np.array(textbook), convention)
-
-    ranges = np.sort(
-        [written(*(p.lower for p in material.parameters)), written(*(p.upper for p in material.parameters))],
-        axis=0,
-    )
-    limits = np.sort(
-        [
-            written(*(p.physical_lower for p in material.parameters)),
-            written(*(p.physical_upper for p in material.parameters)),
-        ],
-        axis=0,
-    )
-    for index, parameter in enumerate(material.parameters):
-        yield replace(
-            parameter,
-            lower=float(ranges[0, index]),
-            upper=float(ranges[1, index]),
-            physical_lower=float(limits[0, index]),
-            physical_upper=float(limits[1, index]),
-        )
+    ranges = np.sort([written("lower"), written("upper")], axis=0).T
+    limits = np.sort([written("physical_lower"), written("physical_upper")], axis=0).T
+    every = zip(material.parameters, ranges.tolist(), limits.tolist(), strict=True)
+    for parameter, (lower, upper), (least, most) in every:
+        yield replace(parameter, lower=lower, upper=upper, physical_lower=least, physical_upper=most)
 
 
 def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict[str, float]:

@@ -1,30 +1,29 @@
-"""Where each key of a TOML file stands, so that a message can name its line.
+"""Line of each key of a TOML file, so that a message can name it.
 
 ``tomllib`` reads values and forgets lines. This walks a text that ``tomllib``
-has accepted, so it needs to find keys and skip values, not to judge them.
+has accepted, so it needs to find keys and skip values, not to check them.
 """
 
 import re
-from bisect import bisect_left
-from collections.abc import Iterator
 
 Key = tuple[str | int, ...]
 """Path to a value: table names, keys, and positions in arrays (from 0)."""
 
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
-_BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
-_SCALAR = re.compile(r"[^,\]\}\n#]*")
-_QUOTES = ('"""', "'''", '"', "'")
+_TOKEN = re.compile(
+    r'"""(?:[^\\]|\\.)*?"{3,5}(?!")'
+    r"|'''.*?'{3,5}(?!')"  # may end in one or two quotes of its own
+    r'|"(?:[^"\\]|\\.)*"'
+    r"|'[^']*'"
+    r"|(?P<comment>#[^\n]*)"
+    r"|[\[\]{}=,.\n]"
+    r"""|[^\s\[\]{}=,."'#]+""",
+    re.DOTALL,
+)
+_END_OF_SCALAR = frozenset({",", "]", "}", "\n", ""})
 
 
 class KeyLines:
-    """Lines of the keys of one TOML text.
-
-    Parameters
-    ----------
-    text : str
-        Valid TOML.
-    """
+    """Lines of the keys of one text, which is valid TOML."""
 
     def __init__(self, text: str) -> None:
         self._lines: dict[Key, int] = {(): 1}
@@ -44,127 +43,86 @@ def dotted(key: Key) -> str:
 
 
 class _Walk:
-    """One pass over the text; ``at`` is the position of the next character."""
+    """One pass over the tokens; ``at`` is the number of the next."""
 
     def __init__(self, text: str, lines: dict[Key, int]) -> None:
-        self.text = text
         self.lines = lines
-        self.ends = [match.start() for match in re.finditer("\n", text)]
+        self.tokens: list[str] = []
+        self.token_lines: list[int] = []
         self.at = 0
         self.n_tables: dict[Key, int] = {}
+        line = 1
+        for match in _TOKEN.finditer(text):
+            if not match["comment"]:
+                self.tokens.append(match[0])
+                self.token_lines.append(line)
+            line += match[0].count("\n")
+        self.tokens.append("")
 
     def document(self) -> None:
         table: Key = ()
-        self.skip()
-        while self.at < len(self.text):
-            table = self.header() if self.text[self.at] == "[" else self.pair(table)
-            self.skip()
+        while token := self.next():
+            if token == "[":
+                table = self.header()
+            else:
+                self.pair(table)
+
+    def next(self) -> str:
+        """Return the next token that is no end of a line, without passing it; empty at the end."""
+        while self.tokens[self.at] == "\n":
+            self.at += 1
+        return self.tokens[self.at]
 
     def header(self) -> Key:
-        array = self.text.startswith("[[", self.at)
-        start = self.at
-        self.at += 2 if array else 1
-        key = self.inside(tuple(self.key()), start, array=array)
-        self.skip_to("]")
-        self.at += 2 if array else 1
-        return key
-
-    def inside(self, names: tuple[str, ...], start: int, *, array: bool) -> Key:
-        """Full key of a header: an array of tables on the way means its latest table."""
+        """Read the header of a table; an array of tables on the way means its latest table."""
+        line = self.token_lines[self.at]
+        is_array = self.tokens[self.at + 1] == "["
+        self.at += 1 + is_array
+        names = self.key("]")
+        self.at += is_array
         key: Key = ()
         for depth, name in enumerate(names, start=1):
             key = (*key, name)
-            self.mark(key, start)
-            if array and depth == len(names):
+            self.lines.setdefault(key, line)
+            if is_array and depth == len(names):
                 self.n_tables[key] = self.n_tables.get(key, 0) + 1
             if key in self.n_tables:
                 key = (*key, self.n_tables[key] - 1)
-                self.mark(key, start)
+                self.lines.setdefault(key, line)
         return key
 
-    def pair(self, table: Key) -> Key:
-        start = self.at
-        key = table
-        for name in self.key():
-            key = (*key, name)
-            self.mark(key, start)
-        self.skip_to("=")
-        self.at += 1
-        self.value(key)
-        return table
+    def key(self, end: str) -> list[str]:
+        """Names of a dotted key, and past the token that ends it."""
+        first, self.at = self.at, self.tokens.index(end, self.at) + 1
+        names = [token for token in self.tokens[first : self.at - 1] if token != "."]
+        return [name[1:-1] if name[0] in "\"'" else name for name in names]
 
-    def key(self) -> Iterator[str]:
-        """Names of a dotted key; ends before what follows it."""
-        while True:
-            self.skip()
-            if self.text[self.at] in "\"'":
-                yield self.string()
-            else:
-                match = _BARE.match(self.text, self.at)
-                assert match is not None, f"no key at {self.at}"
-                self.at = match.end()
-                yield match.group()
-            self.skip()
-            if self.text[self.at] != ".":
-                return
-            self.at += 1
+    def pair(self, key: Key) -> None:
+        line = self.token_lines[self.at]
+        for name in self.key("="):
+            key = (*key, name)
+            self.lines.setdefault(key, line)
+        self.value(key)
 
     def value(self, key: Key) -> None:
-        self.skip()
-        self.mark(key, self.at)
-        match self.text[self.at]:
-            case "[":
-                self.items(key)
-            case "{":
-                self.inline_table(key)
-            case '"' | "'":
-                self.string()
-            case _:
-                self.at = self.end(_SCALAR)
+        token = self.next()
+        self.lines.setdefault(key, self.token_lines[self.at])
+        if token == "[":
+            n_items = 0
+            while self.has_item("]"):
+                self.value((*key, n_items))
+                n_items += 1
+        elif token == "{":
+            while self.has_item("}"):
+                self.pair(key)
+        else:
+            while self.tokens[self.at] not in _END_OF_SCALAR:
+                self.at += 1
 
-    def items(self, key: Key) -> None:
-        self.at += 1
-        n_items = 0
-        while self.next_item("]"):
-            self.value((*key, n_items))
-            n_items += 1
-
-    def inline_table(self, key: Key) -> None:
-        self.at += 1
-        while self.next_item("}"):
-            self.pair(key)
-
-    def next_item(self, closing: str) -> bool:
-        """Step to the next item of an array or inline table, or past its end."""
-        self.skip()
-        if self.text[self.at] == ",":
+    def has_item(self, closing: str) -> bool:
+        """Step into an array or inline table, to its next item, or past its end."""
+        if self.next() != closing:
             self.at += 1
-            self.skip()
-        if self.text[self.at] == closing:
-            self.at += 1
-            return False
-        return True
-
-    def string(self) -> str:
-        quote = next(q for q in _QUOTES if self.text.startswith(q, self.at))
-        start = self.at = self.at + len(quote)
-        while not self.text.startswith(quote, self.at):
-            self.at += 2 if quote[0] == '"' and self.text[self.at] == "\\" else 1
-        content = self.text[start : self.at]
-        self.at += len(quote)
-        while len(quote) == 3 and self.text.startswith(quote[0], self.at):
-            self.at += 1  # a long string may end in one or two quotes of its own
-        return content
-
-    def skip(self) -> None:
-        self.at = self.end(_BLANK)
-
-    def skip_to(self, mark: str) -> None:
-        self.at = self.text.index(mark, self.at)
-
-    def end(self, pattern: re.Pattern[str]) -> int:
-        match = pattern.match(self.text, self.at)
-        return match.end() if match else self.at
-
-    def mark(self, key: Key, at: int) -> None:
-        self.lines.setdefault(key, bisect_left(self.ends, at) + 1)
+        is_over = self.next() == closing
+        self.at += is_over
+        return not is_over

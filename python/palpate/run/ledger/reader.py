@@ -213,7 +213,8 @@ class Ledger:
         for name, keys in by_file.items():
             if name not in files:
                 raise damaged(self.path, f"curve_files has no row '{name}'")
-            if (content := self._content(name, *files[name], len(keys))) is not None:
+            size, sha256 = files[name]
+            if (content := self._content(name, size, sha256, len(keys))) is not None:
                 responses |= unpack(content, keys)
         return responses
 
