@@ -12,13 +12,12 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ParamSpec, TypeVar, cast
+from typing import IO, ParamSpec, TypeVar, cast
 
 from palpate.errors import PalpateError, PluginError
 
@@ -27,10 +26,6 @@ T = TypeVar("T")
 
 TAIL_CHARACTERS = 32_000
 POLL_S = 0.05
-GRACE_S = 5.0
-"""Between asking a program to end and killing it."""
-
-LARGEST_OUTPUT_BYTES = 1_000_000_000
 
 GUARD = ("/bin/sh", "-c", 'read -r _; kill -9 -"$0"; [ -z "$1" ] || /bin/rm -rf -- "$1"')
 """Waits for the end of its input, which this process holds open, then kills a group and removes a folder."""
@@ -56,8 +51,8 @@ class Limits:
     time_s: float
     stall_s: float = math.inf
     memory_mb: float = math.inf
-    grace_s: float = GRACE_S
-    output_bytes: int = LARGEST_OUTPUT_BYTES
+    grace_s: float = 5.0
+    output_bytes: int = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,27 +75,6 @@ class Ended:
             return self.stopped or f"ended by signal {-self.exit_code}"
         last = (self.tail.strip().splitlines() or ["nothing printed"])[-1][:300]
         return f"exit code {self.exit_code}: {last}"
-
-
-class _Tail:
-    """Drains a pipe, so that its writer never waits, and keeps the end of it."""
-
-    def __init__(self, stream: int) -> None:
-        self.stream = os.dup(stream)  # its own: a grandchild that escaped may hold the pipe for ever
-        self.kept = b""
-        self.n_bytes = 0
-        self.thread = threading.Thread(target=self.drain, daemon=True)
-        self.thread.start()
-
-    def drain(self) -> None:
-        with open(self.stream, "rb", buffering=0) as stream:
-            while chunk := stream.read(65536):
-                self.n_bytes += len(chunk)
-                self.kept = (self.kept + chunk)[-TAIL_CHARACTERS:]
-
-    def text(self) -> str:
-        self.thread.join(1.0)
-        return self.kept.decode("utf-8", "replace")
 
 
 def run_program(
@@ -135,17 +109,19 @@ def run_program(
         The program cannot be started.
     """
     started = time.monotonic()
-    with (
-        _started(command, working_directory or folder, environment, limits) as process,
-        _guarded(process.pid, folder if is_scratch else None),
-    ):
-        assert process.stdout is not None
-        tail = _Tail(process.stdout.fileno())
-        stopped = _watched(process, folder, limits, tail)
-        if stopped:
-            end_group(process, limits.grace_s)
-        code = process.wait()
-    return Ended(exit_code=code, stopped=stopped, tail=tail.text(), seconds=time.monotonic() - started)
+    # A file, not a pipe: it needs nobody to drain it, nor waits for a grandchild that holds it.
+    with tempfile.TemporaryFile() as printed:
+        with (
+            _started(command, working_directory or folder, environment, limits, printed) as process,
+            _guarded(process.pid, folder if is_scratch else None),
+        ):
+            stopped = _watched(process, folder, limits, printed)
+            if stopped:
+                end_group(process, limits.grace_s)
+            code = process.wait()
+        printed.seek(max(0, printed.seek(0, os.SEEK_END) - TAIL_CHARACTERS))
+        tail = printed.read(TAIL_CHARACTERS).decode("utf-8", "replace")
+    return Ended(exit_code=code, stopped=stopped, tail=tail, seconds=time.monotonic() - started)
 
 
 def run_function(limits: Limits, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
@@ -203,7 +179,11 @@ def _answer() -> None:
 
 @contextmanager
 def _started(
-    command: Sequence[str], folder: Path, environment: Mapping[str, str] | None, limits: Limits
+    command: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str] | None,
+    limits: Limits,
+    printed: IO[bytes],
 ) -> Iterator[subprocess.Popen[bytes]]:
     try:
         process = subprocess.Popen(
@@ -211,7 +191,7 @@ def _started(
             cwd=folder,
             env={**os.environ, **(environment or {})},
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
+            stdout=printed,
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
@@ -223,10 +203,8 @@ def _started(
         _limit_memory(process.pid, limits.memory_mb)
         yield process
     finally:
-        # Processes that it started and that still hold the pipe would keep running, and be waited for.
+        # Processes that it started would keep running.
         end_group(process, limits.grace_s if process.poll() is None else 0.0)
-        if process.stdout is not None:
-            process.stdout.close()
 
 
 def _limit_memory(pid: int, memory_mb: float) -> None:
@@ -278,13 +256,13 @@ def end_group(process: "subprocess.Popen[bytes]", grace_s: float) -> None:
     process.wait()
 
 
-def _watched(process: "subprocess.Popen[bytes]", folder: Path, limits: Limits, tail: _Tail) -> str:
+def _watched(process: "subprocess.Popen[bytes]", folder: Path, limits: Limits, printed: IO[bytes]) -> str:
     """Wait for the end; returns why it has to be stopped, empty when it ended by itself."""
     started = grown = time.monotonic()
     size = -1
     while not _is_over(process):
         now = time.monotonic()
-        current = tail.n_bytes + _size(folder)
+        current = os.fstat(printed.fileno()).st_size + _size(folder)
         if current != size:
             size, grown = current, now
         if now - started > limits.time_s:
@@ -305,8 +283,6 @@ def _is_over(process: "subprocess.Popen[bytes]") -> bool:
 def _size(folder: Path) -> int:
     total = 0
     for file in os.scandir(folder):
-        try:
+        with contextlib.suppress(OSError):
             total += file.stat().st_size
-        except OSError:
-            continue
     return total

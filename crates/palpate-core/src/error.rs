@@ -21,110 +21,53 @@ pub enum Error {
 /// Why a curve cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum CurveError {
     /// A value is NaN or infinite.
     #[error("{array}[{index}] is {value}: every value must be finite; drop or repair that sample")]
-    NotFinite {
-        /// Argument that holds the value.
-        array: &'static str,
-        /// Position of the first offender.
-        index: usize,
-        /// The value itself.
-        value: f64,
-    },
+    NotFinite { array: &'static str, index: usize, value: f64 },
     /// A value is so large that differences overflow.
     #[error("{array}[{index}] is {value}: a value must stay below 2.2e307; check its unit")]
-    TooLarge {
-        /// Argument that holds the value.
-        array: &'static str,
-        /// Position of the first offender.
-        index: usize,
-        /// The value itself.
-        value: f64,
-    },
+    TooLarge { array: &'static str, index: usize, value: f64 },
     /// A simulated value in a batch is infinite (NaN marks an uncovered point there).
     #[error(
         "sim[{row}, {index}] is {value}: a simulated value must be finite, or NaN where the \
          simulation did not get to"
     )]
-    InfiniteInBatch {
-        /// Row of the batch.
-        row: usize,
-        /// Position within the row.
-        index: usize,
-        /// The value itself.
-        value: f64,
-    },
+    InfiniteInBatch { row: usize, index: usize, value: f64 },
     /// A row of a batch on a shared path goes on after a NaN.
     #[error(
         "sim[{row}, {index}] is NaN but later values are not: on a shared path NaN may only mark \
          the end that a simulation did not get to"
     )]
-    GapInBatch {
-        /// Row of the batch.
-        row: usize,
-        /// Position of the first NaN within the row.
-        index: usize,
-    },
+    GapInBatch { row: usize, index: usize },
     /// An array has no values.
     #[error("{array} is empty: a curve needs at least one value")]
-    Empty {
-        /// The argument.
-        array: &'static str,
-    },
+    Empty { array: &'static str },
     /// A path has a single point.
     #[error("{array} has one point: a path needs at least two")]
-    OnePoint {
-        /// The argument.
-        array: &'static str,
-    },
+    OnePoint { array: &'static str },
     /// Two arrays that belong together differ in length.
     #[error(
         "{array} has {length} values but {other} has {other_length}: they must be equally long"
     )]
-    LengthMismatch {
-        /// The argument found wanting.
-        array: &'static str,
-        /// Its length.
-        length: usize,
-        /// The argument it must match.
-        other: &'static str,
-        /// The length of that.
-        other_length: usize,
-    },
+    LengthMismatch { array: &'static str, length: usize, other: &'static str, other_length: usize },
     /// A batch does not divide into rows of the measured curve's length.
     #[error("sim has {length} values: {n_sets} sets of {n_points} measured points were expected")]
-    BatchShape {
-        /// Values in the batch.
-        length: usize,
-        /// Rows asked for.
-        n_sets: usize,
-        /// Points of the measured curve.
-        n_points: usize,
-    },
+    BatchShape { length: usize, n_sets: usize, n_points: usize },
     /// The abscissa stays where it is.
     #[error("{array} never moves: every value is {value}; give a path that moves")]
-    NeverMoves {
-        /// The argument.
-        array: &'static str,
-        /// The value.
-        value: f64,
-    },
+    NeverMoves { array: &'static str, value: f64 },
     /// A simulated branch runs against its measured counterpart.
     #[error(
         "branch {branch} of the simulated path {array} is {simulated} where that of {measured_array} \
          is {measured}: simulate the path that was travelled, or remove noise from the abscissa"
     )]
     Direction {
-        /// Index of the branch, from 0.
         branch: usize,
-        /// The simulated abscissa.
         array: &'static str,
-        /// The measured abscissa.
         measured_array: &'static str,
-        /// Direction of the simulated branch.
         simulated: Direction,
-        /// Direction of the measured branch.
         measured: Direction,
     },
     /// The simulated path turns more often than the measured one.
@@ -133,13 +76,9 @@ pub enum CurveError {
          {measured}: simulate the path that was travelled, or remove noise from the abscissa"
     )]
     TooManyBranches {
-        /// The simulated abscissa.
         array: &'static str,
-        /// The measured abscissa.
         measured_array: &'static str,
-        /// Branches of the simulated path.
         simulated: usize,
-        /// Branches of the measured path.
         measured: usize,
     },
 }
@@ -147,6 +86,7 @@ pub enum CurveError {
 /// Why curves cannot be compared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ScoringError {
     /// The normaliser is too close to zero to divide by.
     #[error(
@@ -154,138 +94,63 @@ pub enum ScoringError {
          {rms}; choose another ({others})",
         others = normaliser.others()
     )]
-    Degenerate {
-        /// The normaliser asked for.
-        normaliser: Normaliser,
-        /// Its value on the measured curve.
-        value: f64,
-        /// Root mean square of the measured curve.
-        rms: f64,
-    },
+    Degenerate { normaliser: Normaliser, value: f64, rms: f64 },
     /// The name of a normaliser is not known.
     #[error("normaliser {name:?} is unknown: choose mean_abs, mean, rms, range, std or unit")]
-    UnknownNormaliser {
-        /// The name given.
-        name: String,
-    },
+    UnknownNormaliser { name: String },
     /// A weight is negative, NaN or infinite.
     #[error("weights[{index}] is {value}: a weight must be finite and not negative")]
-    Weight {
-        /// Position of the first offender.
-        index: usize,
-        /// The value itself.
-        value: f64,
-    },
+    Weight { index: usize, value: f64 },
     /// Every weight is zero.
     #[error("every weight is zero: give at least one measured point a positive weight")]
     ZeroWeights,
     /// The range of a scale is empty or not a range.
     #[error("scales from {lower} to {upper} are no range: lower must not exceed upper, nor be NaN")]
-    ScaleRange {
-        /// Least scale.
-        lower: f64,
-        /// Greatest scale.
-        upper: f64,
-    },
+    ScaleRange { lower: f64, upper: f64 },
     /// There is not one weight for every measured point.
     #[error("weights has {length} values but the measured curve has {n_points} points")]
-    WeightsLength {
-        /// Number of weights.
-        length: usize,
-        /// Points of the measured curve.
-        n_points: usize,
-    },
+    WeightsLength { length: usize, n_points: usize },
 }
 
 /// Why a design cannot be drawn.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum SamplingError {
     /// The design has no rows or no columns.
     #[error("a design of n = {n} sets and d = {d} parameters is empty: both must be at least 1")]
-    EmptyDesign {
-        /// Sets asked for.
-        n: usize,
-        /// Parameters asked for.
-        d: usize,
-    },
+    EmptyDesign { n: usize, d: usize },
     /// The design has more values than the limit.
     #[error(
         "a design of n = {n} sets and d = {d} parameters exceeds {limit} values: ask for fewer"
     )]
-    DesignTooLarge {
-        /// Sets asked for.
-        n: usize,
-        /// Parameters asked for.
-        d: usize,
-        /// Most values a design may have.
-        limit: usize,
-    },
+    DesignTooLarge { n: usize, d: usize, limit: usize },
     /// The values do not make rows of d parameters.
     #[error("points has {length} values: one or more rows of d = {d} parameters were expected")]
-    PointsShape {
-        /// Number of values.
-        length: usize,
-        /// Parameters asked for.
-        d: usize,
-    },
+    PointsShape { length: usize, d: usize },
     /// A value leaves the unit cube.
     #[error("points[{row}, {column}] is {value}: a design in the unit cube keeps between 0 and 1")]
-    OutsideCube {
-        /// Row of the first offender.
-        row: usize,
-        /// Its column.
-        column: usize,
-        /// The value itself.
-        value: f64,
-    },
+    OutsideCube { row: usize, column: usize, value: f64 },
     /// More rows are to stay than there are.
     #[error("n_fixed is {n_fixed}, but points has only {n} rows: keep at most as many")]
-    FixedRows {
-        /// Rows to keep.
-        n_fixed: usize,
-        /// Rows of the design.
-        n: usize,
-    },
+    FixedRows { n_fixed: usize, n: usize },
     /// The name of a criterion is not known.
     #[error("criterion {name:?} is unknown: choose cd, maximin or correlation")]
-    UnknownCriterion {
-        /// The name given.
-        name: String,
-    },
+    UnknownCriterion { name: String },
     /// An extension that adds nothing.
     #[error("n_total is {n_total}, but points has {n} rows already: ask for more")]
-    NothingToAdd {
-        /// Sets asked for in all.
-        n_total: usize,
-        /// Sets there are.
-        n: usize,
-    },
+    NothingToAdd { n_total: usize, n: usize },
     /// Two sets fall into one of the finer strata.
     #[error(
         "points[{first}, {column}] and points[{row}, {column}] share one of n_total = {n_total} \
          strata, so no Latin hypercube of n_total sets holds both; extend a Latin hypercube, to a \
          multiple of its number of sets"
     )]
-    SharedStratum {
-        /// The parameter.
-        column: usize,
-        /// Row that came first.
-        first: usize,
-        /// Row that fell into the same stratum.
-        row: usize,
-        /// Sets asked for in all.
-        n_total: usize,
-    },
+    SharedStratum { column: usize, first: usize, row: usize, n_total: usize },
     /// The range of a parameter has no logarithm.
     #[error(
         "the range {lower} to {upper} has no logarithmic scale: both ends must be finite, of one \
          sign and not 0"
     )]
-    NoLogarithm {
-        /// One end.
-        lower: f64,
-        /// The other.
-        upper: f64,
-    },
+    NoLogarithm { lower: f64, upper: f64 },
 }

@@ -2,69 +2,32 @@
 
 /// Why arrays do not describe elements, or do not fit them.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum Error {
     /// There are no elements, points or nodes.
     #[error(
         "a block of {elements} elements with {points} points and {nodes} nodes each is empty: \
          leave it out"
     )]
-    Empty {
-        /// Number of elements.
-        elements: usize,
-        /// Quadrature points of each.
-        points: usize,
-        /// Nodes of each.
-        nodes: usize,
-    },
+    Empty { elements: usize, points: usize, nodes: usize },
     /// An array has the wrong number of values.
     #[error("{array} has {length} values where {expected} were expected")]
-    Length {
-        /// The argument.
-        array: &'static str,
-        /// Its length.
-        length: usize,
-        /// What it should be.
-        expected: usize,
-    },
+    Length { array: &'static str, length: usize, expected: usize },
     /// An index is negative or beyond 32 bits.
     #[error("{array}: element {element} has {value}: it must lie between 0 and 2^32 - 1")]
-    Index {
-        /// The argument.
-        array: &'static str,
-        /// Element of the first offender.
-        element: usize,
-        /// The value itself.
-        value: i64,
-    },
+    Index { array: &'static str, element: usize, value: i64 },
     /// A gradient is NaN or infinite.
     #[error("gradients: element {element} has {value}: every gradient must be finite")]
-    Gradient {
-        /// Element of the first offender.
-        element: usize,
-        /// The value itself.
-        value: f64,
-    },
+    Gradient { element: usize, value: f64 },
     /// A volume is negative or not finite, or an element has none.
     #[error(
         "volumes: element {element} has {value} mm³: volumes must be finite and not negative, and \
          some volume of each element positive; is its node order right?"
     )]
-    Volume {
-        /// Element of the first offender.
-        element: usize,
-        /// The volume of the point, or the sum of the element's.
-        value: f64,
-    },
+    Volume { element: usize, value: f64 },
     /// An array over nodes or entries is too short for an index of the block.
     #[error("{array} has {length} rows, but the block refers to row {index}")]
-    TooShort {
-        /// The argument.
-        array: &'static str,
-        /// Number of its rows.
-        length: usize,
-        /// The largest index in use.
-        index: usize,
-    },
+    TooShort { array: &'static str, length: usize, index: usize },
     /// A stiffness was asked of a block that does not know where its entries go.
     #[error("the block has no places to put stiffness entries in: give `places` when making it")]
     NoPlaces,
