@@ -12,7 +12,7 @@ say otherwise.
     N sets of parameters in one process, where the next starts from finished sets, next to cold runs:
     each in a process that imports, prepares the limb and solves. Five cold runs stand for all N.
     Then the same with two worker processes, by wall clock. Where a set with a warm start spends its time.
-``--sensitivities``
+``--slopes``
     One path with the derivatives in the three parameters and the friction, beside without.
 
 Without any of them, all three. ``--mesh FILE`` takes a mesh of yours (point data ``fixed`` and
@@ -27,6 +27,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -234,16 +235,15 @@ def warm_start(mesh: str, n_sets: int) -> dict[str, Any]:
 
 def with_slopes(mesh: str) -> dict[str, Any]:
     """Processor seconds and factors of a path without and with derivatives: in turns, the least."""
-    from palpate_jax.solver import JaxSettings, JaxSolver
+    from palpate_jax.solver import JaxSolver
 
     limb = load(mesh)
-    solvers = {k: JaxSolver(JaxSettings(sensitivities=k == "slopes")) for k in ("plain", "slopes")}
-    for solver in solvers.values():
-        solver.simulate(jobs([THETA], limb, [(0.0, 0.0), (0.5, 0.0)])[0], limb)
-    best = dict.fromkeys(solvers, (np.inf, 0))
-    for name in list(solvers) * N_TURNS:
+    solver, (job,), (short,) = JaxSolver(), jobs([THETA], limb), jobs([THETA], limb, [(0.0, 0.0), (0.5, 0.0)])
+    solver.simulate(replace(short, slopes=True), limb)
+    best = {"plain": (np.inf, 0), "slopes": (np.inf, 0)}
+    for name in list(best) * N_TURNS:
         before = time.process_time()
-        simulation = solvers[name].simulate(jobs([THETA], limb)[0], limb)
+        simulation = solver.simulate(replace(job, slopes=name == "slopes"), limb)
         spent = time.process_time() - before
         best[name] = min(best[name], (spent, simulation.diagnostics["n_factorisations"]))
     return best
@@ -349,7 +349,7 @@ def profile(spent: dict[str, dict[str, float]], n_sets: int) -> None:
     write("all", f"{1e3 * sum(early.values()) / N_EARLY:.0f}", f"{1e3 * total / n_late:.0f}", "100%")
 
 
-def sensitivities(meshes: dict[str, str]) -> None:
+def slopes_cost(meshes: dict[str, str]) -> None:
     """Print what the derivatives add."""
     heading(
         *("limb", "path s", "factors", "with derivatives s", "factors"),
@@ -371,21 +371,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--sizes", action="store_true")
     parser.add_argument("--many", type=int, metavar="N", default=0, help=f"more than {N_EARLY}")
-    parser.add_argument("--sensitivities", action="store_true")
+    parser.add_argument("--slopes", action="store_true")
     parser.add_argument("--mesh", action="append", default=[], metavar="FILE")
     given = parser.parse_args()
     if given.many and given.many <= N_EARLY:
         parser.error(
             f"--many {given.many}: give more than {N_EARLY} sets, or a late set has no initial guess"
         )
-    everything = not (given.sizes or given.many or given.sensitivities)
+    everything = not (given.sizes or given.many or given.slopes)
     forearms = {f"forearm, {Path(mesh).stem}": mesh for mesh in given.mesh}
     forearms = forearms or {f"forearm, {study}": forearm(study) for study in FOREARMS}
     blocks = {} if given.mesh else {f"block, {a} × {d}": f"block:{a}:{d}" for a, d in BLOCKS}
     if given.sizes or everything:
         sizes(blocks | forearms)
-    if given.sensitivities or everything:
-        sensitivities(forearms)
+    if given.slopes or everything:
+        slopes_cost(forearms)
     if given.many or everything:
         many(*next(iter(forearms.items())), given.many or 25)
 

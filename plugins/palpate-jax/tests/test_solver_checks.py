@@ -28,6 +28,17 @@ def test_a_sound_job_passes(kind):
     JaxSolver().check(JOB, block(kind))
 
 
+def test_limbs_stay_prepared():
+    """A copy of a limb, as it comes from another process, finds what was prepared for an earlier job."""
+    solver, limbs = JaxSolver(), [block(n_across=n, n_down=1) for n in (2, 4)]
+    prepared = [solver._prepared(limb, JOB.materials) for limb in limbs]
+    for limb, expected in zip(limbs, prepared, strict=True):
+        copy = replace(limb, mesh=replace(limb.mesh, points_mm=limb.mesh.points_mm.copy()))
+        assert solver._prepared(copy, {"soft_tissue": Yeoh()}) is expected
+    moved = replace(limbs[0], mesh=replace(limbs[0].mesh, points_mm=1.5 * limbs[0].mesh.points_mm))
+    assert solver._prepared(moved, JOB.materials) not in prepared
+
+
 @pytest.mark.parametrize(("offset", "word"), [(2.0, "off"), (-2.0, "inside")])
 def test_a_spot_off_the_surface_is_refused(offset, word):
     limb = block()

@@ -9,6 +9,7 @@ The spot is the origin and z its outward normal. The three signs depend on z alo
 The axes x and y are arbitrary: no force along z and no moment about it depends on them.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -87,15 +88,23 @@ def indentation_of(job: Job, limb: Limb | None, solver: str) -> tuple[Indentatio
 
 
 def indentation_response(
-    depth_mm: FloatArray, rotation_deg: FloatArray, force_N: FloatArray, torque_Nmm: FloatArray
+    depth_mm: FloatArray,
+    rotation_deg: FloatArray,
+    force_N: FloatArray,
+    torque_Nmm: FloatArray,
+    slopes: Mapping[str, Mapping[str, FloatArray]] | None = None,
 ) -> Response:
-    """Curves of force over depth and torque over rotation (n,), over the parts of the path that move."""
+    """Curves of force over depth and torque over rotation (n,), over the parts of the path that move.
+
+    ``slopes``, if any, are derivatives (n,) by channel and parameter.
+    """
     curves = {}
     for channel, abscissa, ordinate in (
         ("force", depth_mm, force_N),
         ("torque", rotation_deg, torque_Nmm),
     ):
         if len(abscissa) > 1 and np.ptp(abscissa) > 0.0:
-            span = moving_span(abscissa)
-            curves[channel] = Curve(channel=channel, abscissa=abscissa[span], ordinate=ordinate[span])
+            own = (slopes or {}).get(channel, {})
+            curve = Curve(channel=channel, abscissa=abscissa, ordinate=ordinate, slopes=own)
+            curves[channel] = curve.cut(moving_span(abscissa))
     return Response(curves=curves)

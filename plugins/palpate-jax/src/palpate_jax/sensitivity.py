@@ -22,7 +22,7 @@ from functools import partial
 import jax
 import numpy as np
 
-from palpate.api import Array, FloatArray, Material, Simulation, StudyError, moving_span
+from palpate.api import Array, FloatArray, Material
 from palpate.mechanics import moduli_at_rest
 from palpate_jax.contact import Change, ContactLaw, ContactState, Touched
 from palpate_jax.model import Linearised, Model
@@ -45,21 +45,27 @@ class Slopes:
     ----------
     names : tuple of m str
         ``region.parameter`` of each parameter, then ``friction``.
-    force_N, moment_Nmm : (m, 3) array
-        Per unit of the parameter; not a number from a state on whose tangent is singular.
+    force_N, torque_Nmm : (m,) array
+        About the axis, per unit of the parameter; not a number from a state on whose tangent is singular.
     """
 
     names: tuple[str, ...]
     force_N: FloatArray
-    moment_Nmm: FloatArray
+    torque_Nmm: FloatArray
+
+    @property
+    def finite(self) -> bool:
+        """Whether every derivative is a number."""
+        return bool(np.isfinite([self.force_N, self.torque_Nmm]).all())
 
 
-def by_parameter(steps: Sequence[Slopes]) -> dict[str, dict[str, list[list[float]]]]:
-    """``d_force_N`` and ``d_moment_Nmm``: by name of the parameter, a vector for each load step."""
-    names = steps[0].names if steps else ()
+def by_channel(steps: Sequence[Slopes]) -> dict[str, dict[str, FloatArray]]:
+    """Derivatives (1 + n_steps,) of force and torque by name of the parameter; the first, at rest, is 0."""
+    columns = {"force": [s.force_N for s in steps], "torque": [s.torque_Nmm for s in steps]}
     return {
-        f"d_{what}": {name: [getattr(s, what)[k].tolist() for s in steps] for k, name in enumerate(names)}
-        for what in (("force_N", "moment_Nmm") if names else ())
+        channel: dict(zip(steps[0].names, np.transpose([np.zeros_like(rows[0]), *rows]), strict=True))
+        for channel, rows in columns.items()
+        if rows
     }
 
 
@@ -105,10 +111,12 @@ class Sensitivity:
         self._moved = np.zeros((n, *model.points.shape))
         n_points = len(model.contact.positions(model.rest()))
         self._anchors = np.zeros((n, n_points, 3))
-        self.slopes = Slopes(self._names, np.zeros((n, 3)), np.zeros((n, 3)))
+        self.slopes = Slopes(self._names, np.zeros(n), np.zeros(n))
 
     def balanced(self, displacements: FloatArray, load: ContactState) -> None:
         """Take the derivatives from the last balanced state to this one."""
+        if not self.slopes.finite:
+            return
         model = self._model
         here = model.linearised(displacements, self._thetas)
         touched = model.contact.touched(displacements, load)
@@ -166,7 +174,7 @@ class Sensitivity:
             pulls = self._pull_rates(displacements, body)
             force -= pulls.sum(axis=1)
             moment += np.cross((model.points + displacements)[model.bonded], pulls).sum(axis=1)
-        self.slopes = Slopes(self._names, force, moment)
+        self.slopes = Slopes(self._names, force[:, 2], moment[:, 2])
 
     def _pull_rates(self, displacements: FloatArray, body: FloatArray) -> FloatArray:
         """Derivative (m, n_bonded, 3) of the internal forces at the bonded nodes."""
@@ -180,36 +188,3 @@ class Sensitivity:
             behind, _ = model.body.force(displacements - probe * moved, self._thetas)
             rate += (ahead - behind)[model.bonded] / (2.0 * probe)
         return rates
-
-
-def curve_slopes(simulation: Simulation) -> dict[str, dict[str, FloatArray]]:
-    """Derivatives of a simulation's curves: by channel and parameter, (n,) at the ordinates.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        Of the solver ``jax`` with ``sensitivities = true``.
-
-    Raises
-    ------
-    StudyError
-        It has none.
-    """
-    rows = simulation.diagnostics
-    if simulation.response is None or "d_force_N" not in rows:
-        raise StudyError(
-            f"spot '{simulation.job.spot}', set {simulation.job.set_id}: the simulation has no derivatives; "
-            "set sensitivities = true for the solver 'jax', or read its message if it failed"
-        )
-    slopes = {}
-    for channel, way, what in (
-        ("force", "depth_mm", "d_force_N"),
-        ("torque", "rotation_deg", "d_moment_Nmm"),
-    ):
-        if channel in simulation.response.curves:
-            span = moving_span(np.array([0.0, *rows[way]]))
-            slopes[channel] = {
-                name: np.array([0.0, *(v[2] for v in vectors)], dtype=np.float64)[span]
-                for name, vectors in rows[what].items()
-            }
-    return slopes

@@ -33,11 +33,14 @@ from palpate_jax.footprint import check_footprint
 from palpate_jax.initial_guess import InitialGuess, WarmStart
 from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, load_steps
 from palpate_jax.model import Model
-from palpate_jax.sensitivity import Sensitivity, by_parameter
+from palpate_jax.sensitivity import Sensitivity, Slopes, by_channel
 from palpate_jax.shapes import shape_of
 
 TOUCH_TOLERANCE_MM = 0.05
 """Largest gap or overlap of the surface and the sphere at depth 0."""
+
+LIMBS_KEPT = 8
+"""Limbs that stay prepared: a fit goes from spot to spot, and between their coarse and finer meshes."""
 
 
 class JaxSettings(Settings):
@@ -76,11 +79,6 @@ class JaxSettings(Settings):
         "in a sweep of many sets. Results then agree to within the tolerance, but not to the bit, when a "
         "sweep is stopped, resumed or spread over workers",
     )
-    sensitivities: bool = Field(
-        False,
-        description="also the exact derivatives of force and moment in every parameter and in the friction "
-        "coefficient, at every balanced state: d_force_N and d_moment_Nmm in the diagnostics",
-    )
     fields: Literal["none", "end", "all"] = Field(
         "none",
         description="VTU files with displacement, stress, stretches and contact tractions: of no balanced "
@@ -115,12 +113,13 @@ class JaxSolver(Solver[JaxSettings]):
     name = "jax"
     summary = "finite elements (hex8, tet10, tet4) under a rigid sphere, friction with memory; embedded"
     takes_fields = True
+    gives_slopes = True
     channels = ("force", "torque")
 
     def __init__(self, settings: JaxSettings | None = None) -> None:
         super().__init__(settings)
         self._materials: dict[tuple[type[Material], str], Material] = {}
-        self._last: _Prepared | None = None
+        self._recent: list[_Prepared] = []
 
     def check(self, job: Job, limb: Limb | None) -> None:
         """Refuse what cannot be simulated, before the first step.
@@ -168,8 +167,8 @@ class JaxSolver(Solver[JaxSettings]):
         prepared = self._prepared(limb, job.materials)
         finished = prepared.warm_start(protocol)
         started = time.perf_counter()
-        known = finished.multiple(job.thetas) if warm_start and self.settings.fields == "none" else None
-        known = None if self.settings.sensitivities else known
+        scales = warm_start and self.settings.fields == "none" and not job.slopes
+        known = finished.multiple(job.thetas) if scales else None
         if known is not None:
             return _scaled(*known, job, time.perf_counter() - started)
         try:
@@ -177,14 +176,15 @@ class JaxSolver(Solver[JaxSettings]):
         except MaterialError as error:
             return Simulation(job=job, status=Status.DIVERGED, response=None, message=str(error))
         initial_guess = finished.initial_guess(job.thetas, modulus) if warm_start else None
-        stepping, reached, stop = self._walk(prepared, protocol, job.thetas, modulus, initial_guess)
+        stepping, reached, stop = self._walk(prepared, protocol, job, modulus, initial_guess)
         # A negative number is that of a set outside the design, which has no folder.
         if self.settings.fields != "none" and reached and job.set_id >= 0:
             self._write_fields(prepared, job, reached)
+        slopes = [s.slopes for s in reached if s.slopes is not None]
         simulation = Simulation(
             job=job,
             status=Status.OK if stop is None else Status.DIVERGED,
-            response=_response(reached),
+            response=_response(reached, slopes),
             message="" if stop is None else explained(stop, prepared.model, prepared.materials, job.thetas),
             seconds=time.perf_counter() - started,
             diagnostics=_diagnostics(reached, stepping),
@@ -204,19 +204,14 @@ class JaxSolver(Solver[JaxSettings]):
         self,
         prepared: _Prepared,
         protocol: Indentation,
-        thetas: Mapping[str, FloatArray],
+        job: Job,
         modulus_MPa: float,
         initial_guess: InitialGuess | None,
     ) -> tuple[LoadStepping, list[LoadStep], Stop | None]:
         law = self._law(protocol, modulus_MPa)
-        sensitivity = (
-            Sensitivity(prepared.model, prepared.materials, thetas, law)
-            if self.settings.sensitivities
-            else None
-        )
-        stepping = LoadStepping(
-            prepared.model, thetas, law, self.settings.tolerance, initial_guess, sensitivity
-        )
+        model, thetas = prepared.model, job.thetas
+        sensitivity = Sensitivity(model, prepared.materials, thetas, law) if job.slopes else None
+        stepping = LoadStepping(model, thetas, law, self.settings.tolerance, initial_guess, sensitivity)
         points = load_steps(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
         reached: list[LoadStep] = []
         for state in stepping.along(points):
@@ -246,13 +241,12 @@ class JaxSolver(Solver[JaxSettings]):
         )
 
     def _prepared(self, limb: Limb, materials: Mapping[str, Material]) -> _Prepared:
-        """The model of this limb, kept for the next job on it."""
+        """The model of this limb, kept for later jobs on it."""
         own = {region: self._own(material) for region, material in materials.items()}
-        last = self._last
-        if last is None or last.materials != own or not _same(last.limb, limb):
-            last = _Prepared(limb, own, Model(limb, own, self.settings.mean_dilatation))
-            self._last = last
-        return last
+        known = (p for p in self._recent if p.materials == own and _same(p.limb, limb))
+        found = next(known, None) or _Prepared(limb, own, Model(limb, own, self.settings.mean_dilatation))
+        self._recent = [found, *(p for p in self._recent if p is not found)][:LIMBS_KEPT]
+        return found
 
     def _own(self, material: Material) -> Material:
         """One instance for equal materials: compiled kernels are cached by identity."""
@@ -311,7 +305,7 @@ def _scaled(known: Simulation, factor: float, job: Job, seconds: float) -> Simul
     """The answer of a set whose moduli are ``factor`` times a finished set's."""
     assert known.response is not None
     curves = {
-        name: replace(curve, ordinate=factor * curve.ordinate)
+        name: replace(curve, ordinate=factor * curve.ordinate, slopes={})
         for name, curve in known.response.curves.items()
     }
     diagnostics = dict(known.diagnostics) | dict.fromkeys(
@@ -329,12 +323,15 @@ def _scaled(known: Simulation, factor: float, job: Job, seconds: float) -> Simul
     )
 
 
-def _response(reached: list[LoadStep]) -> Response:
+def _response(reached: list[LoadStep], slopes: list[Slopes]) -> Response:
+    """Curves; without slopes where one of them is not finite."""
     rows = np.array(
         [(0.0, 0.0, 0.0, 0.0)]
         + [(s.depth_mm, s.rotation_deg, s.answer.force_N[2], s.answer.moment_Nmm[2]) for s in reached]
     )
-    return indentation_response(*rows.T)
+    depth, rotation, force, torque = rows.T
+    found = by_channel(slopes) if all(s.finite for s in slopes) else None
+    return indentation_response(depth, rotation, force, torque, found)
 
 
 def _diagnostics(reached: list[LoadStep], stepping: LoadStepping) -> dict[str, Any]:
@@ -353,5 +350,14 @@ def _diagnostics(reached: list[LoadStep], stepping: LoadStepping) -> dict[str, A
         "contact_radius_mm": [s.answer.contact_radius_mm for s in reached],
         "penetration_mm": [s.answer.penetration_mm for s in reached],
         "sticking": [s.answer.sticking for s in reached],
-        **by_parameter([s.slopes for s in reached if s.slopes is not None]),
+        **_missing_slopes(reached),
     }
+
+
+def _missing_slopes(reached: list[LoadStep]) -> dict[str, str]:
+    """Why the curves have no slopes although the job asks for them."""
+    for step in reached:
+        if step.slopes is not None and not step.slopes.finite:
+            where = f"depth {step.depth_mm:g} mm, rotation {step.rotation_deg:g}°"
+            return {"slopes": f"none: the tangent is singular at {where}"}
+    return {}
