@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         Normaliser as Normaliser,
         Parameter as Parameter,
         ParameterSpace as ParameterSpace,
+        Prior as Prior,
         Protocol as Protocol,
         RegionMaterial as RegionMaterial,
         Response as Response,
@@ -61,6 +62,17 @@ if TYPE_CHECKING:
         Settings as Settings,
         SettingsT as SettingsT,
         Solver as Solver,
+    )
+    from palpate.plugins.parametrisation import (
+        Parametrisation as Parametrisation,
+        SpotInputs as SpotInputs,
+    )
+    from palpate.plugins.search import (
+        Asking as Asking,
+        Evaluation as Evaluation,
+        Search as Search,
+        SearchSpace as SearchSpace,
+        Trial as Trial,
     )
     from palpate.plugins.subcommands import (
         SubCommand as SubCommand,

@@ -25,7 +25,7 @@ class LeastSquaresSettings(Settings):
     )
 
 
-class LeastSquares(Search):
+class LeastSquares(Search[LeastSquaresSettings]):
     """Gauss-Newton steps within the box and a trust region; a step is kept if it gains."""
 
     name = "least_squares"

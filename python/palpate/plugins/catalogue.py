@@ -18,7 +18,9 @@ from palpate.domain import Channel, Scenario, StudyTemplate
 from palpate.errors import PluginError
 from palpate.plugins.execution import Executor
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, Sampler, SetFilter, Solver
+from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.registry import KINDS, BrokenPlugin, Registry, registered, suggestion
+from palpate.plugins.search import Search
 
 if TYPE_CHECKING:
     import typer
@@ -100,6 +102,8 @@ class Plugins:
     set_filters: Catalogue[type[SetFilter]]
     solvers: Catalogue[type[Solver]]
     executors: Catalogue[type[Executor]]
+    parametrisations: Catalogue[type[Parametrisation]]
+    searches: Catalogue[type[Search]]
     scenarios: Catalogue[Scenario]
 
     def __init__(

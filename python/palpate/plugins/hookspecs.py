@@ -24,6 +24,8 @@ if TYPE_CHECKING:
         SetFilter,
         Solver,
     )
+    from palpate.plugins.parametrisation import Parametrisation
+    from palpate.plugins.search import Search
     from palpate.plugins.subcommands import SubCommand
 
 hookspec = pluggy.HookspecMarker("palpate")
@@ -109,6 +111,24 @@ def palpate_executors() -> "Iterable[type[Executor]]":  # type: ignore[empty-bod
 
     A study names one under ``[executor]``. Results are stored by the process that asks for them,
     so an executor only hands results back, one for each job, in any order.
+    """
+
+
+@hookspec
+def palpate_parametrisations() -> "Iterable[type[Parametrisation]]":  # type: ignore[empty-body]
+    """What a fit may search, and what that means at each spot.
+
+    A study names one under ``[fit]``; without a name it is the searched parameters of the materials
+    and what ``[fit.searched]`` adds.
+    """
+
+
+@hookspec
+def palpate_searches() -> "Iterable[type[Search]]":  # type: ignore[empty-body]
+    """Ways to find the parameters for which curves fit best.
+
+    A study names one under ``[fit]``. It asks for points of the unit box and is given their
+    residuals; what it asks for is simulated where the study runs, and kept.
     """
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from palpate.domain import FloatArray, Parameter, ParameterSpace, Protocol
-from palpate.plugins.interfaces import Component
+from palpate.plugins.interfaces import Component, SettingsT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,7 +30,7 @@ class SpotInputs:
     gains: Mapping[str, float] = field(default_factory=dict)
 
 
-class Parametrisation(Component):
+class Parametrisation(Component[SettingsT]):
     """What is searched, and what it means at each spot."""
 
     @abstractmethod

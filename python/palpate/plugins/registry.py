@@ -88,6 +88,13 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "set_filters": Kind("palpate_set_filters", "set filter", INTERFACES, "SetFilter"),
         "solvers": Kind("palpate_solvers", "solver", INTERFACES, "Solver"),
         "executors": Kind("palpate_executors", "executor", "palpate.plugins.execution", "Executor"),
+        "parametrisations": Kind(
+            "palpate_parametrisations",
+            "parametrisation",
+            "palpate.plugins.parametrisation",
+            "Parametrisation",
+        ),
+        "searches": Kind("palpate_searches", "search", "palpate.plugins.search", "Search"),
         "scenarios": Kind("palpate_scenarios", "scenario", DOMAIN, "Scenario"),
     }
 )

@@ -11,7 +11,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 from palpate.domain import FloatArray, Parameter
-from palpate.plugins.interfaces import Component
+from palpate.plugins.interfaces import Component, SettingsT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,7 +80,7 @@ Asking = Generator[Sequence[Trial], Sequence[Evaluation], str]
 """Yields trials, receives their evaluations in the same order, and returns why it ended."""
 
 
-class Search(Component):
+class Search(Component[SettingsT]):
     """Finds the point of the unit box at which a problem fits best."""
 
     @abstractmethod

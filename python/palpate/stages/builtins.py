@@ -7,6 +7,8 @@ from palpate import hookimpl
 if TYPE_CHECKING:
     from palpate.plugins.execution import Executor
     from palpate.plugins.interfaces import Sampler
+    from palpate.plugins.parametrisation import Parametrisation
+    from palpate.plugins.search import Search
 
 
 @hookimpl
@@ -23,3 +25,20 @@ def palpate_executors() -> "list[type[Executor]]":
     from palpate.executors import InProcess, Processes
 
     return [InProcess, Processes]
+
+
+@hookimpl
+def palpate_parametrisations() -> "list[type[Parametrisation]]":
+    """Provide what a study searches by itself."""
+    from palpate.fit.parametrisation import StandardParametrisation
+
+    return [StandardParametrisation]
+
+
+@hookimpl
+def palpate_searches() -> "list[type[Search]]":
+    """Provide least squares, a global search, and the paper's choice among the sets of the sweep."""
+    from palpate.fit.least_squares import LeastSquares
+    from palpate.fit.searches import BestSet, DifferentialEvolution
+
+    return [LeastSquares, BestSet, DifferentialEvolution]

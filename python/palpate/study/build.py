@@ -19,6 +19,8 @@ from palpate.plugins.interfaces import (
     SetFilter,
     Solver,
 )
+from palpate.plugins.parametrisation import Parametrisation
+from palpate.plugins.search import Search
 from palpate.study.model import ExecutorTable, ScenarioTable, SelectionTable, Tables
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
@@ -51,11 +53,13 @@ class Components:
     filters: tuple[SetFilter, ...]
     solver: Solver | None
     executor: Executor | None
+    search: Search | None
+    parametrisation: Parametrisation | None
 
 
 def build_components(context: Context, tables: Tables) -> Components:
     """Build every component that the file names, except the materials."""
-    plugins = context.plugins
+    plugins, fit = context.plugins, tables.fit
 
     def named(catalogue: Catalogue[type[C]], table: str, key: str) -> C | None:
         given = getattr(tables, table)
@@ -73,6 +77,17 @@ def build_components(context: Context, tables: Tables) -> Components:
         filters=tuple(built for built in filters if built is not None),
         solver=named(plugins.solvers, "solver", "name"),
         executor=named(plugins.executors, "executor", "name"),
+        search=named(plugins.searches, "fit", "search"),
+        parametrisation=build_component(
+            context,
+            plugins.parametrisations,
+            fit.parametrisation,
+            fit.searched,
+            ("fit", "parametrisation"),
+            ("fit", "searched"),
+        )
+        if fit
+        else None,
     )
 
 

@@ -301,6 +301,27 @@ class SelectionTable(Table):
     )
 
 
+class FitTable(Table):
+    """How the parameters are found for which the curves fit best."""
+
+    search: str = Field(default="least_squares", description="Name of a search; sweep: the best set itself.")
+    settings: dict[str, Any] = Field(default={}, description="Settings of the search.")
+    parametrisation: str = Field(default="standard", description="Name of a parametrisation.")
+    searched: dict[str, Any] = Field(
+        default={},
+        description="What is searched besides the materials' parameters: settings of the parametrisation.",
+    )
+    noise: float = Field(
+        default=0.01,
+        gt=0.0,
+        le=1.0,
+        description="Relative misfit, the root of the NMSE, that one standard deviation of a prior is worth.",
+    )
+    fine_runs: int = Field(
+        default=3, ge=0, le=20, description="Most simulations of each spot's finer mesh that correct a fit."
+    )
+
+
 class ScenarioTable(Table):
     """A scenario of this study."""
 
@@ -325,6 +346,7 @@ class StudyFile(Table):
     executor: ExecutorTable | None = Field(default=None, description="Leave out to use this machine.")
     scoring: ScoringTable = ScoringTable()
     selection: SelectionTable
+    fit: FitTable = FitTable()
     scenario: list[ScenarioTable] = Field(
         default=[], max_length=MOST_NAMED, description="Scenarios of this study's own."
     )
@@ -352,6 +374,7 @@ class Tables:
     executor: ExecutorTable | None = None
     scoring: ScoringTable | None = None
     selection: SelectionTable | None = None
+    fit: FitTable | None = None
     scenario: Sequence[ScenarioTable] = ()
     truth: Mapping[str, Any] = field(default_factory=dict)
 
@@ -364,6 +387,7 @@ NAMED_BY: Mapping[str, tuple[str, str]] = MappingProxyType(
         "samplers": ("SamplingTable", "sampler"),
         "solvers": ("SolverTable", "name"),
         "executors": ("ExecutorTable", "name"),
+        "searches": ("FitTable", "search"),
     }
 )
 """Table and key that name a component of a kind, and so say what its ``settings`` may hold."""

@@ -12,6 +12,8 @@ from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.execution import Executor
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
+from palpate.plugins.parametrisation import Parametrisation
+from palpate.plugins.search import Search
 from palpate.study.build import (
     Components,
     Context,
@@ -71,6 +73,12 @@ class Study:
         Folder of results shared with other studies.
     unscaled : frozenset of str
         Channels of degree 0: their ordinates stay as they are when all moduli are scaled.
+    search, parametrisation
+        How a fit is found, and what it searches.
+    noise : float
+        Relative misfit (root of NMSE) that one standard deviation of a prior is worth.
+    fine_runs : int
+        Most simulations of each spot's finer mesh that correct a fit.
     n_total : int
         Sets that the design of ``n_sets`` is extended, or cut, to; 0: neither.
     trusted : mapping of component to fingerprint
@@ -108,6 +116,10 @@ class Study:
     one_frame: bool = False
     cache: Path | None = None
     unscaled: frozenset[str] = frozenset()
+    search: Search
+    parametrisation: Parametrisation
+    noise: float = 0.01
+    fine_runs: int = 3
     n_total: int = 0
     trusted: Mapping[str, str] = field(default_factory=dict)
 
@@ -289,6 +301,10 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         scenarios=scenarios,
         generalise_by=require(selection).generalise_by or scenarios[0].name,
         refine=require(selection).refine,
+        search=require(parts.search),
+        parametrisation=require(parts.parametrisation),
+        noise=require(tables.fit).noise,
+        fine_runs=require(tables.fit).fine_runs,
         stiffness_scaling=require(selection).stiffness_scaling,
         truth=truth,
         n_workers=require(tables.solver).n_workers,
