@@ -22,6 +22,8 @@ from palpate.domain import (
     Spot,
 )
 from palpate.executors import InProcess
+from palpate.fit.parametrisation import StandardParametrisation
+from palpate.fit.searches import BestSet
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.stages.samplers import LatinHypercube
@@ -107,6 +109,8 @@ def make_study(tmp_path: Path, tissue: ModuleType, space: ParameterSpace) -> Cal
             solver=getattr(tissue, solver)() if isinstance(solver, str) else solver,
             scenarios=SCENARIOS,
             generalise_by="I",
+            search=BestSet(),
+            parametrisation=StandardParametrisation(),
             refine=False,
             truth={},
             n_workers=1,

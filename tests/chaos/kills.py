@@ -29,6 +29,8 @@ from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 from palpate import pipeline
 from palpate.domain import Indentation, ParameterSpace, RegionMaterial, Sphere, Spot
 from palpate.executors import InProcess
+from palpate.fit.parametrisation import StandardParametrisation
+from palpate.fit.searches import BestSet
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.run import result_files as results
@@ -65,6 +67,8 @@ def make_study(folder: Path, n_sets: int, n_workers: int) -> Study:
         space=ParameterSpace(regions=(region,)), sampler=LatinHypercube(), n_sets=n_sets, seed=1, filters=(),
         solver=solver, scenarios=SCENARIOS,
         generalise_by="I", refine=False, truth={}, n_workers=n_workers, time_limit_s=60.0,
+        search=BestSet(),
+        parametrisation=StandardParametrisation(),
         plugin_files=(TISSUE_FILE,), executor=InProcess() if n_workers == 1 else None,
     )  # fmt: skip
 

@@ -19,6 +19,8 @@ from palpate.domain import (
     Spot,
 )
 from palpate.executors import InProcess
+from palpate.fit.parametrisation import StandardParametrisation
+from palpate.fit.searches import BestSet
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import LimbSource, Sampler
 from palpate.specimens import block
@@ -76,6 +78,8 @@ def layered_study(folder: Path) -> Study:
         solver=JaxSolver(JaxSettings(depth_steps=2, rotation_step_deg=4.0)),
         scenarios=(Scenario(name="I", weights={"force": 1.0, "torque": 1.0}),),
         generalise_by="I",
+        search=BestSet(),
+        parametrisation=StandardParametrisation(),
         refine=False,
         truth=TRUTH,
         n_workers=1,
