@@ -2,7 +2,7 @@
 //!
 //! A count is the same on a busy machine and an idle one. This program runs itself under Valgrind's
 //! callgrind, once per kernel, and fails if one takes more instructions than it may. The limits
-//! leave 15 % to the compiler. Without Valgrind it says so and counts nothing.
+//! leave 15 % to the compiler. Without Valgrind it prints a note and counts nothing.
 #![expect(clippy::print_stdout, reason = "what a benchmark is for")]
 #![expect(clippy::cast_precision_loss, reason = "counts here are small")]
 
@@ -37,7 +37,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Counts every kernel, and says which takes too many instructions.
+/// Counts every kernel, and reports which takes too many instructions.
 fn count_all() -> Outcome<ExitCode> {
     if Command::new("valgrind").arg("--version").output().is_err() {
         println!("SKIPPED: valgrind is not installed, no instruction was counted");

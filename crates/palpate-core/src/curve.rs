@@ -7,7 +7,7 @@
 //! | branch | longest stretch of a path that runs one way |
 //!
 //! A twist 0 → −22.5° → +22.5° → 0 passes most angles more than once, each time with another
-//! torque. So a path is never sorted by its abscissa: the k-th simulated branch answers for the
+//! torque. So a path is never sorted by its abscissa: the k-th simulated branch belongs to the
 //! k-th measured one.
 
 use std::fmt;
@@ -78,7 +78,7 @@ impl Branch {
         self.start..self.stop
     }
 
-    /// Points that only this branch answers for: a turning point belongs to the earlier branch.
+    /// Points of only this branch: a turning point belongs to the earlier branch.
     pub(crate) fn own_points(self) -> Range<usize> {
         self.start + usize::from(self.start > 0)..self.stop
     }
@@ -125,7 +125,7 @@ pub fn branches(abscissa: &[f64]) -> Result<Vec<Branch>, Error> {
 
 /// Interpolates a simulated path onto measured abscissae, branch by branch.
 ///
-/// Both paths are cut with [`branches`]. The k-th simulated branch answers for the k-th measured
+/// Both paths are cut with [`branches`]. The k-th simulated branch belongs to the k-th measured
 /// branch; a turning point is answered by the earlier of its two branches. Between its points a
 /// simulated path is straight. A measured point beyond its simulated branch is not covered (NaN,
 /// `false`) unless it overshoots the end by at most [`ROUND_OFF`] of the measured span: then it

@@ -3,7 +3,7 @@
 use crate::error::{Error, SamplingError};
 use crate::lhs::LARGEST_DESIGN;
 
-/// Values of n sets in d parameters, column after column, shifted by −½ to lie around 0.
+/// Values of n sets in d parameters, column after column, shifted by −½ to be centred at 0.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Columns {
     pub(crate) n: usize,

@@ -1,4 +1,4 @@
-//! Errors of the kernels: each names the array, the index and the value, and says what to do.
+//! Errors of the kernels: each names the array, the index and the value, with a remedy.
 
 use crate::curve::Direction;
 use crate::nmse::Normaliser;
@@ -35,7 +35,7 @@ pub enum CurveError {
          simulation did not get to"
     )]
     InfiniteInBatch { row: usize, index: usize, value: f64 },
-    /// A row of a batch on a shared path goes on after a NaN.
+    /// A row of a batch on a shared path has values after a NaN.
     #[error(
         "sim[{row}, {index}] is NaN but later values are not: on a shared path NaN may only mark \
          the end that a simulation did not get to"
@@ -128,7 +128,7 @@ pub enum SamplingError {
     /// The values do not make rows of d parameters.
     #[error("points has {length} values: one or more rows of d = {d} parameters were expected")]
     PointsShape { length: usize, d: usize },
-    /// A value leaves the unit cube.
+    /// A value is outside the unit cube.
     #[error("points[{row}, {column}] is {value}: a design in the unit cube keeps between 0 and 1")]
     OutsideCube { row: usize, column: usize, value: f64 },
     /// More rows are to stay than there are.

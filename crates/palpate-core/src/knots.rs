@@ -1,4 +1,4 @@
-//! The walk of measured points along the support points of a simulated path.
+//! Location of measured points between the support points of a simulated path.
 //!
 //! Both run the same way along corresponding branches, so one pass over each is enough. The run of
 //! measured points between two knots is found without regard to the runs before it, and taken in
@@ -32,7 +32,7 @@ pub(crate) struct Segments {
     slack: f64,
 }
 
-/// The points that one measured branch answers for.
+/// The points of one measured branch.
 #[derive(Debug, Clone)]
 struct Segment {
     start: usize,
@@ -96,7 +96,7 @@ impl Segments {
         Ok(branches)
     }
 
-    /// Where on a simulated path each measured point lies; `None` where it does not get to.
+    /// Location of each measured point on a simulated path; `None` where the path does not reach.
     pub(crate) fn positions(&self, sim_x: &[f64]) -> Result<Positions, Error> {
         let mut found = Positions { segments: Vec::new(), points: vec![None; self.n_points] };
         self.knots_of(sim_x, &mut found.segments)?;
@@ -267,7 +267,7 @@ fn walk(
     }
 }
 
-/// A straight piece.
+/// A straight segment.
 struct Line {
     y: f64,
     rise: f64,

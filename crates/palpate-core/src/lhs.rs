@@ -18,7 +18,7 @@ pub const LARGEST_DESIGN: usize = 1 << 28;
 /// In every column each of the n strata (k/n, (k + 1)/n) holds exactly one value: at a random place
 /// in the stratum, or at its centre if `centred`. The strata are shuffled independently for each
 /// column (Fisher–Yates). A seed gives the same bits on every platform; a centred design has the
-/// same strata as the other one of its seed, and a wider design begins with the narrower one's
+/// same strata as the random one of its seed, and a design of more parameters starts with the same
 /// columns.
 ///
 /// # Errors

@@ -4,18 +4,18 @@
 //! |---|---|
 //! | [`curve`] | a measured or simulated curve as a path: monotone branches, interpolation along them |
 //! | [`nmse`] | normalised mean squared error between a simulated and a measured curve |
-//! | [`measured`] | a measured curve made ready for many simulated ones |
+//! | [`measured`] | a measured curve prepared for many simulated ones |
 //! | [`shared`] | many simulated curves on one path, in O(n) per curve |
-//! | [`gradient`] | how their NMSE depends on each simulated value |
-//! | [`ray`] | the multiple of a simulated curve that scores best |
+//! | [`gradient`] | derivatives of their NMSE in each simulated value |
+//! | [`stiffness_scaling`] | the multiple of a simulated curve that scores best |
 //! | [`lhs`] | Latin hypercube designs, the same bits on every platform |
-//! | [`nested`] | Latin hypercubes that grow and keep their sets |
-//! | [`optimise`] | designs made better in discrepancy, distance or correlation |
+//! | [`nested`] | Latin hypercubes that are extended and keep their sets |
+//! | [`optimise`] | designs optimised for discrepancy, distance or correlation |
 //! | [`owen`] | scrambling of Sobol' points |
 //! | [`scale`] | logarithmic ranges |
-//! | [`error`] | what can be wrong with the input, and where |
+//! | [`error`] | errors in the input, with their place |
 //!
-//! Nothing here knows units: abscissae and ordinates may be mm and N, degrees and N·mm, or any
+//! The kernels are independent of units: abscissae and ordinates may be mm and N, degrees and N·mm, or any
 //! other pair, as long as the simulated and the measured curve share them.
 
 #[cfg(doctest)]
@@ -35,10 +35,10 @@ pub mod nmse;
 pub mod optimise;
 pub mod owen;
 mod quadratic_form;
-pub mod ray;
 mod rng;
 pub mod scale;
 pub mod shared;
+pub mod stiffness_scaling;
 mod swap;
 
 pub use error::{CurveError, Error, SamplingError, ScoringError};

@@ -8,7 +8,7 @@
 //! | `exp` | measured forces F (N) or torques T (N·mm) |
 //! | `sim` | simulated ones at the same points |
 //! | `normaliser` | positive number with the unit of `exp`, from the whole measured curve |
-//! | coverage | share of the weight that lies on points which the simulation reached |
+//! | coverage | share of the weight of the points that the simulation reached |
 //!
 //! The normaliser always comes from the whole measured curve, without weights, so that a
 //! simulation that ended early is measured with the same yardstick as the others.
@@ -21,7 +21,7 @@ use crate::curve::{self, Named};
 use crate::error::{CurveError, Error, ScoringError};
 use crate::real;
 
-/// What the error is divided by: a named choice, recorded with every score.
+/// Divisor of the error, recorded with every score.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Normaliser {
@@ -44,7 +44,7 @@ pub enum Normaliser {
 ///
 /// A uniform error of 10 % scores 0.01 · (rms/normaliser)², so below this share it would score more
 /// than 1, as much as predicting nothing at all scores with the rms. A twist loop of ±28 N·mm has a
-/// mean of about 0.09 rms, left over from its asymmetry, and is caught. A curve of one sign is not:
+/// mean of about 0.09 rms, from its asymmetry, and is detected. A curve of one sign is not:
 /// force ∝ depth^p has mean/rms = √(2p + 1)/(p + 1), still 0.4 at p = 10.
 pub const LEAST_MEAN: f64 = 0.1;
 

@@ -15,7 +15,7 @@ use crate::swap::{Correlation, Discrepancy, Distance, Room, Swap, Swappable};
 /// Exchanges tried for each value of the design by default, in a design of moderate
 /// size.
 const SWAPS_PER_VALUE: u64 = 20;
-/// Most exchanges times values that a search of its own accord spends: a few seconds.
+/// Default limit of exchanges times values of a search: a few seconds.
 const MOST_WORK: u64 = 4_000_000_000;
 
 /// Times that the threshold falls and the partners come closer.
@@ -33,7 +33,7 @@ const FELL: f64 = 1e-3;
 
 const SALT: u64 = 0x6f70_7469_6d69_7365;
 
-/// What a design is optimised for.
+/// Criterion of a design.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Criterion {
     /// Least squared centred L2 discrepancy (Hickernell 1998): every box holds its share of the sets.

@@ -14,7 +14,7 @@ const CELLS: f64 = 4_294_967_296.0;
 ///
 /// Each binary digit of a value is flipped or not, as decided at random, once for the column, the
 /// digit and all digits before it (nested uniform scrambling). So the net stays a net, each point
-/// is uniform in the cube, and a longer net of the same seed begins with the shorter one's points.
+/// is uniform in the cube, and a longer net of the same seed starts with the shorter one's points.
 /// 32 digits count; a value ends in the centre of its cell of width 2^−32, inside (0, 1). The
 /// decisions are hashes of whole numbers: a seed gives the same bits on every platform.
 ///

@@ -21,7 +21,7 @@ use crate::nmse::{PARTS, sum_of_parts};
 pub(crate) struct QuadraticForm {
     /// Diagonal of R (n,).
     diagonal: Vec<f64>,
-    /// What is right of it (n − 1,).
+    /// Off-diagonal entries (n − 1,).
     above: Vec<f64>,
     /// f (n,).
     rotated: Vec<f64>,

@@ -14,7 +14,7 @@ impl Rng {
         Self(std::array::from_fn(|_| split_mix(&mut state)))
     }
 
-    /// A generator for another use of the same seed: `salt` tells the uses apart.
+    /// A generator for another use of the same seed: `salt` distinguishes the uses.
     pub(crate) fn salted(seed: u64, salt: u64) -> Self {
         Self::new(seed ^ mixed(salt))
     }

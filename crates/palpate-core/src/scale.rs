@@ -4,12 +4,12 @@ use crate::error::{Error, SamplingError};
 
 /// lower · (upper / lower)^share: equal shares are equal factors.
 ///
-/// The value lies between the two ends and is exactly `lower` at 0 and `upper` at 1. The power comes
+/// The value is between the two ends and is exactly `lower` at 0 and `upper` at 1. The power comes
 /// from a pure Rust `libm`, so its bits are the same on every platform.
 ///
 /// # Errors
 /// [`SamplingError::NoLogarithm`] if an end is 0, NaN or infinite or they differ in sign, or their
-/// quotient leaves the range of numbers; [`SamplingError::OutsideCube`] if a share leaves 0 to 1.
+/// quotient is beyond the range of numbers; [`SamplingError::OutsideCube`] if a share is outside 0 to 1.
 ///
 /// # Examples
 /// ```

@@ -1,7 +1,7 @@
 //! Many simulated curves on one path, against one measured curve.
 //!
-//! Where each measured point lies on the simulated path is found once. Interpolation is linear, so
-//! the NMSE is a quadratic form of the simulated values, which costs O(n) per curve whatever the
+//! Each measured point is located on the simulated path once. Interpolation is linear, so
+//! the NMSE is a quadratic form of the simulated values, which costs O(n) per curve for any
 //! number of measured points.
 #![expect(clippy::inline_always, reason = "only what is inlined gets a kernel's instructions")]
 
@@ -93,7 +93,7 @@ impl SharedPath {
     ///
     /// # Errors
     /// [`CurveError`](crate::CurveError) if `sim` is not `n_sets` rows, holds an infinite value, or
-    /// goes on after a NaN.
+    /// has values after a NaN.
     pub fn score(&self, sim: &[f64], n_sets: usize) -> Result<Scores, Error> {
         let n = self.n_values();
         check_shape(sim, n_sets, n)?;
@@ -197,7 +197,7 @@ impl Positions {
     fn neighbours(&self, position: Position) -> (usize, usize) {
         let at = &self.segments[position.segment].at;
         let lower = at[position.knot];
-        // A point on a knot is that knot's alone.
+        // A point on a knot belongs only to that knot.
         if position.share == 0.0 { (lower, lower) } else { (lower, at[position.knot + 1]) }
     }
 

@@ -8,7 +8,7 @@ use palpate_core::nmse::{Normaliser, nmse};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-/// Turning points of a path of one to four legs, and the sign of its first leg.
+/// Turning points of a path of one to four branches, and the sign of its first branch.
 fn turns() -> impl Strategy<Value = Vec<f64>> {
     (vec(1.0..20.0_f64, 1..5), any::<bool>(), -5.0..5.0_f64).prop_map(|(legs, rising, start)| {
         let mut sign = if rising { 1.0 } else { -1.0 };
@@ -23,7 +23,7 @@ fn turns() -> impl Strategy<Value = Vec<f64>> {
     })
 }
 
-/// A path through all turning points with `shares` of every leg in between; strictly moving.
+/// A path through all turning points with `shares` of every branch in between; strictly monotone.
 fn walk(turns: &[f64], shares: &[f64]) -> Vec<f64> {
     let mut path = vec![turns[0]];
     for leg in turns.windows(2) {
@@ -33,7 +33,7 @@ fn walk(turns: &[f64], shares: &[f64]) -> Vec<f64> {
     path
 }
 
-/// Ascending shares of a leg, far enough apart to stay distinct.
+/// Ascending shares of a branch, far enough apart to stay distinct.
 fn shares() -> impl Strategy<Value = Vec<f64>> {
     proptest::sample::subsequence((1..50).collect::<Vec<i32>>(), 0..12)
         .prop_map(|chosen| chosen.into_iter().map(|c| f64::from(c) / 50.0).collect())
@@ -120,7 +120,7 @@ proptest! {
         (turns, dense, at) in (turns(), shares(), shares()),
         (slope, step) in (-5.0..5.0_f64, -5.0..5.0_f64),
     ) {
-        // Hysteresis: each leg is a line of its own that starts where the last one ended.
+        // Hysteresis: each branch is another line that starts where the last one ended.
         let line = |path: &[f64], per_leg: usize| -> Vec<f64> {
             let (mut y, mut x) = (0.0, path[0]);
             path.iter().enumerate().map(|(i, &v)| {

@@ -39,7 +39,7 @@ fn criterion() -> impl Strategy<Value = Criterion> {
     ]
 }
 
-/// What is to become less, straight from its definition.
+/// The criterion, directly from its definition.
 fn quality(criterion: Criterion, points: &[f64], d: usize) -> f64 {
     match criterion {
         Criterion::CentredDiscrepancy => discrepancy(points, d),
@@ -149,7 +149,7 @@ proptest! {
         prop_assert!((decades_up - share * (high / low).log10()).abs() < 1e-12 * decades.max(1.0));
     }
 
-    /// Any array: an answer or an error, and no panic.
+    /// Any array: a result or an error, and no panic.
     #[test]
     fn no_array_is_a_panic(
         points in proptest::collection::vec(

@@ -16,7 +16,7 @@ use crate::deformation::Point;
 use crate::lanes::{Lanes, Square, Triple, ZERO, dot, inverse, product};
 use crate::principal::{PAIRS, Tangent};
 
-/// What the points of a group share.
+/// Common values of the points of a group.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Dilatation {
     /// θ.

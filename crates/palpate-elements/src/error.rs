@@ -28,7 +28,7 @@ pub enum Error {
     /// An array over nodes or entries is too short for an index of the block.
     #[error("{array} has {length} rows, but the block refers to row {index}")]
     TooShort { array: &'static str, length: usize, index: usize },
-    /// A stiffness was asked of a block that does not know where its entries go.
+    /// A stiffness was requested from a block without places of its entries.
     #[error("the block has no places to put stiffness entries in: give `places` when making it")]
     NoPlaces,
 }

@@ -1,7 +1,7 @@
 //! A few elements side by side: one number of each, and arithmetic on all of them at once.
 //!
 //! The compiler turns the loops here into vector instructions. Lanes never mix, and no operation is
-//! fused, so an element's result is the same to the last bit whatever lies beside it and whatever
+//! fused, so an element's result is the same to the last bit, independent of adjacent lanes and of
 //! the processor.
 
 use std::ops::{Add, AddAssign, Div, Mul, Sub};

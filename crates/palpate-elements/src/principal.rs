@@ -14,7 +14,7 @@ pub const EQUAL: f64 = 3e-6;
 /// One-sided Jacobi converges quadratically: the fourth sweep reaches rounding, the fifth is margin.
 const SWEEPS: usize = 5;
 
-/// Columns at an angle this close to a right one are left alone: rounding tilts them as much.
+/// Columns this close to orthogonal are not rotated: rounding has the same effect.
 const RIGHT: f64 = 4.0 * f64::EPSILON;
 
 /// The pairs of principal directions.
@@ -66,7 +66,7 @@ impl Frame {
 ///
 /// With p twice their product, d the difference of their squares and h² = d² + p²: cos² = ½ (1 +
 /// |d|/h) and sin = ± p / (2 h cos). Where columns are orthogonal already, the rotation is exactly
-/// none, so that further sweeps for the sake of a neighbour change nothing.
+/// none, so that further sweeps for other lanes change nothing.
 #[inline(always)]
 fn angle(left: &Triple, right: &Triple) -> Option<(Lanes, Lanes)> {
     let (product, before, after) = (dot(left, right), dot(left, left), dot(right, right));

@@ -122,7 +122,7 @@ impl Stiffness {
         let mut start = 0;
         for (b, own) in self.turned.iter().enumerate() {
             let blocks = &mut self.blocks[start..=start + b];
-            // Row by row: what the inner loop needs then fits in registers.
+            // Row by row, so that the inner loop fits in registers.
             for i in 0..3 {
                 let row = contracted(&moduli, own, i);
                 for (sum, d) in blocks.iter_mut().zip(&self.turned) {

@@ -8,7 +8,7 @@ use numpy::{
 use pyo3::PyResult;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 
-/// The values in C order: borrowed where they lie that way, copied where they do not.
+/// The values in C order: borrowed if they are in that order, else copied.
 pub(crate) fn values<'a, T, D>(array: &'a PyReadonlyArray<'_, T, D>) -> Cow<'a, [T]>
 where
     T: Element + Copy,
@@ -21,7 +21,7 @@ where
     }
 }
 
-/// Checks the shape, where the number of values alone would let axes pass in another order.
+/// Checks the shape: the number of values would not detect another order of axes.
 pub(crate) fn shaped<T, D>(
     name: &str,
     array: &PyReadonlyArray<'_, T, D>,

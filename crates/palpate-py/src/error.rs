@@ -42,7 +42,7 @@ impl From<Raised> for PyErr {
                     palpate_core::Error::Curve(_) => CurveError::new_err(message),
                     palpate_core::Error::Scoring(_) => ScoringError::new_err(message),
                     palpate_core::Error::Sampling(_) => SamplingError::new_err(message),
-                    // What a later core may add is a mistake in the input too.
+                    // An error that a later core may add is a mistake in the input too.
                     _ => PyValueError::new_err(message),
                 }
             }

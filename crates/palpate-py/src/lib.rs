@@ -50,7 +50,7 @@ mod _core {
         warn_of_debug_build(module.py())
     }
 
-    /// A debug build is many times slower; nobody should time or ship one unawares.
+    /// A debug build is many times slower; a user should notice one.
     fn warn_of_debug_build(py: Python<'_>) -> PyResult<()> {
         if cfg!(debug_assertions) {
             let category = py.get_type::<pyo3::exceptions::PyRuntimeWarning>();

@@ -25,7 +25,7 @@ pub(crate) fn nmse(
 /// Scores as two arrays: NMSE (n_sets,) and coverage (n_sets,).
 pub(crate) type Scores<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// Hands the scores over without a copy.
+/// Moves the scores to Python without a copy.
 pub(crate) fn handed_over(py: Python<'_>, scores: core::Scores) -> Scores<'_> {
     (PyArray1::from_vec(py, scores.nmse), PyArray1::from_vec(py, scores.coverage))
 }

@@ -27,7 +27,7 @@ pub enum InputError {
     /// The matrix has no rows.
     #[error("indptr has {length} values: a matrix of n rows needs n + 1, and n at least 1")]
     NoRows { length: usize },
-    /// An index lies outside the matrix.
+    /// An index is outside the matrix.
     #[error("indices[{index}] is {value}: it must lie between 0 and {n} - 1")]
     Index { index: usize, value: i32, n: usize },
     /// The indices of a row do not rise.
@@ -53,7 +53,7 @@ pub enum InputError {
     /// A value is NaN or infinite.
     #[error("{array}[{index}] is {value}: every value must be finite")]
     NotFinite { array: &'static str, index: usize, value: f64 },
-    /// A solution was asked for before a factorisation succeeded.
+    /// A solution was requested before a factorisation succeeded.
     #[error("there is no factor to solve with: call factorise first, and mind its error")]
     NotFactorised,
     /// The factor exceeds memory.

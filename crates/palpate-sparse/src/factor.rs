@@ -18,7 +18,7 @@ use crate::triangular_solve::{Number, TriangularSolve};
 /// One thread: simulations run side by side instead. With two, these factors gain a quarter.
 const PAR: Par = Par::Seq;
 
-/// The blocked variant, whatever the size: the unblocked one would not pivot.
+/// The blocked variant for any size: the unblocked one would not pivot.
 const BLOCKED: SupernodalThreshold = SupernodalThreshold::FORCE_SUPERNODAL;
 
 /// A factorisation: structure from the pattern, ordered by nested dissection, and numbers from the

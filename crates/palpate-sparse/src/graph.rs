@@ -5,14 +5,14 @@
 
 use std::collections::HashMap;
 
-/// Vertices with weights, and who is whose neighbour: no loops, every edge from both ends.
+/// Vertices with weights, and their neighbours: no loops, every edge from both ends.
 #[derive(Debug, Clone)]
 pub(crate) struct Graph {
     starts: Vec<usize>,
     neighbours: Vec<u32>,
-    /// Unknowns that a vertex stands for.
+    /// Unknowns of a vertex.
     pub(crate) weights: Vec<u32>,
-    /// Original edges that an edge stands for, in the order of `neighbours`.
+    /// Number of original edges of an edge, in the order of `neighbours`.
     multiplicities: Vec<u32>,
 }
 
@@ -40,7 +40,7 @@ impl Graph {
         (starts, self.neighbours.clone())
     }
 
-    /// The graph in which `groups[v]` of `n` new vertices stands for v; `None` leaves v out.
+    /// The graph in which `groups[v]` of `n` new vertices represents v; `None` leaves v out.
     pub(crate) fn quotient(&self, groups: &[Option<u32>], n: usize) -> Self {
         let mut weights = vec![0; n];
         let mut members = vec![Vec::new(); n];
@@ -71,7 +71,7 @@ impl Graph {
     }
 }
 
-/// A graph whose vertices stand for unknowns with the same neighbours.
+/// A graph whose vertices are groups of unknowns with the same neighbours.
 pub(crate) struct Compressed {
     pub(crate) graph: Graph,
     /// Unknowns of every vertex.

@@ -11,7 +11,7 @@ use crate::triangular_solve::{Number, products};
 /// Steps of a cycle, which sets how many vectors are kept.
 const CYCLE: usize = 30;
 
-/// Part of the tolerance at which a cycle ends, since its own account of the residual drifts.
+/// Part of the tolerance at which a cycle ends, since its recursive residual drifts.
 const SAFETY: f64 = 0.9;
 
 /// Where an iteration ended.
@@ -25,7 +25,7 @@ pub struct Iterated {
     pub residual: f64,
 }
 
-/// What a cycle of one precision works with.
+/// Work arrays of a cycle of one precision.
 pub(crate) struct Cycle<'a, T, P> {
     pub(crate) rows: &'a Rows,
     pub(crate) values: &'a [T],
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn least_squares_leave_what_they_say() {
-        // H of three columns; the residual of the solution found is what `left` says.
+        // H of three columns; `left` is the residual of the solution.
         let columns = [vec![2.0, 1.0], vec![-1.0, 3.0, 0.5], vec![0.25, 1.0, -2.0, 0.75]];
         let mut squares = LeastSquares::new();
         for (k, column) in columns.iter().enumerate() {

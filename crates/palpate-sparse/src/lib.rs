@@ -1,8 +1,8 @@
 //! Factors of sparse symmetric matrices whose pattern stays the same, to precondition with.
 //!
 //! A finite element tangent is assembled into one pattern many times. [`SparseFactor`] orders and
-//! analyses the pattern once, factorises values as often as asked, and solves nearby systems by
-//! GMRES with the last factor. The factorisation is faer's; what is added here is the pattern's
+//! analyses the pattern once, factorises values any number of times, and solves nearby systems by
+//! GMRES with the last factor. The factorisation is faer's; this crate adds the pattern's
 //! validation, the order of elimination, and the refusal to keep a factor of a singular matrix.
 //!
 //! | module | what |

@@ -56,7 +56,7 @@ fn part(graph: &Graph, sides: &[Side], side: Side) -> (Graph, Vec<usize>) {
     (graph.quotient(&places, inside.len()), inside)
 }
 
-/// Vertices by approximate minimum degree; as they come if that fails for want of memory.
+/// Vertices by approximate minimum degree; in the given order if memory does not suffice.
 fn by_degree(graph: &Graph) -> Vec<u32> {
     let n = graph.n();
     let (starts, neighbours) = graph.compressed();
@@ -72,7 +72,7 @@ fn by_degree(graph: &Graph) -> Vec<u32> {
     if done.is_some() { order } else { (0..narrow(n)).collect() }
 }
 
-/// The same elimination with every subtree of the elimination tree in one piece.
+/// The same elimination with every subtree of the elimination tree contiguous.
 fn postordered(graph: &Graph, order: &[u32]) -> Vec<u32> {
     let parents = elimination_tree(graph, order);
     let mut children = vec![Vec::new(); order.len()];

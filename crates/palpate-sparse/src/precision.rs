@@ -56,7 +56,7 @@ impl FromStr for Precision {
     }
 }
 
-/// A factorisation that takes and gives double precision, whatever it is kept in.
+/// A factorisation with double precision input and output, stored in any precision.
 pub(crate) enum Numbers {
     Double(Factor<f64>),
     Single { factor: Factor<f32>, scales: Vec<f64> },

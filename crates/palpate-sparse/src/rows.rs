@@ -124,7 +124,7 @@ fn pointers(indptr: &[i32], n_indices: usize) -> Result<Vec<usize>, InputError> 
     Ok(starts)
 }
 
-/// The columns, checked to lie in the matrix and to rise within a row.
+/// The columns, checked to be in the matrix and to increase within a row.
 fn columns(starts: &[usize], indices: &[i32]) -> Result<Vec<u32>, InputError> {
     let n = starts.len() - 1;
     let column = |(index, &value): (usize, &i32)| {

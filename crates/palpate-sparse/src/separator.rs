@@ -31,7 +31,7 @@ const TRIALS: usize = 8;
 /// Sweeps of improvement on every level.
 const SWEEPS: usize = 6;
 
-/// Moves without a new best after which a sweep ends.
+/// Moves without improvement after which a pass ends.
 const PATIENCE: usize = 150;
 
 /// Largest part of the weight on one side.
@@ -55,7 +55,7 @@ fn multilevel(graph: &Graph, seed: usize) -> Separation<'_> {
     } else {
         let (groups, n) = matching(graph, seed);
         let coarse = graph.quotient(&groups, n);
-        // Where nothing matches any more, as in a star, coarsening has come to its end.
+        // If nothing matches any more, as in a star, coarsening ends.
         let ended = n * 20 > graph.n() * 19;
         let coarse = if ended { grown(&coarse, seed) } else { multilevel(&coarse, seed) };
         let sides = coarse.sides;
@@ -160,7 +160,7 @@ impl<'a> Separation<'a> {
         separation
     }
 
-    /// What is minimised: too heavy a side first, then the separator, then the imbalance.
+    /// Objective: excess weight of a side first, then the separator, then the imbalance.
     fn cost(&self) -> (i64, i64, i64) {
         let heavier = self.left.max(self.right);
         ((heavier - self.most).max(0), self.between, heavier)
@@ -174,7 +174,7 @@ impl<'a> Separation<'a> {
         }
     }
 
-    /// What the separator loses when `v` leaves it for `side`, drawing in its neighbours beyond.
+    /// Decrease of the separator's weight when `v` moves to `side` and its other neighbours join.
     fn gain(&self, v: usize, side: Side) -> i64 {
         let drawn = self.beside[v][usize::from(side == Side::Left)];
         i64::from(self.graph.weights[v]) - drawn
@@ -205,7 +205,7 @@ impl<'a> Separation<'a> {
         }
     }
 
-    /// Moves every vertex at most once, best first, and keeps the best state met; whether it pays.
+    /// Moves every vertex at most once, best first, and keeps the best state; returns whether it improved.
     fn sweep(&mut self) -> bool {
         let before = self.cost();
         let mut best = before;
@@ -275,7 +275,7 @@ impl<'a> Separation<'a> {
                     self.offer(queue, u, Side::Left);
                     self.offer(queue, u, Side::Right);
                 }
-                // Whoever borders on u has one neighbour less beyond.
+                // Vertices next to u have one neighbour fewer on the other side.
                 for w in graph.neighbours(u) {
                     if self.sides[w] == Side::Between && !moved[w] {
                         self.offer(queue, w, side);

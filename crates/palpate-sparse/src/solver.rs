@@ -117,7 +117,7 @@ impl SparseFactor {
     /// rounding unit.
     fn probe(&self, values: &[f64]) -> f64 {
         // A low-discrepancy sequence in [0.5, 1.5): no rigid motion or checkerboard is orthogonal
-        // to it, so that whatever the matrix cannot see shows.
+        // to it, so that its null space shows.
         let golden = 0.618_033_988_749_894_9_f64;
         let mut share = 0.0_f64;
         let known: Vec<f64> = (0..self.pattern.n())

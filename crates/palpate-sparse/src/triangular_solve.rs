@@ -84,7 +84,7 @@ pub(crate) struct TriangularSolve<T> {
     rows: Vec<u32>,
     /// Unknown at every place.
     order: Vec<u32>,
-    /// Diagonal of B⁻¹, and what it has beside the diagonal, by the first of two rows.
+    /// Diagonal of B⁻¹, and its off-diagonal entry, by the first of two rows.
     diagonal: Vec<T>,
     beside: Vec<T>,
     tallest: usize,
@@ -128,7 +128,7 @@ impl<T: Number> TriangularSolve<T> {
 
     /// Takes pivots inside supernodes, which move rows, and the block diagonal B.
     ///
-    /// `pattern` has the rows of L as the analysis knew them; `moved` and `places` say which row
+    /// `pattern` has the rows of L as of the analysis; `moved` and `places` give which row
     /// is now at a place, and where a row now is.
     pub(crate) fn take_pivots(
         &mut self,
@@ -187,7 +187,7 @@ impl<T: Number> TriangularSolve<T> {
     }
 }
 
-/// Both passes over x, compiled for the processor at hand.
+/// Both passes over x, compiled for this processor.
 struct Passes<'a, T> {
     triangles: &'a TriangularSolve<T>,
     values: &'a [T],
@@ -250,7 +250,7 @@ fn block_diagonal<T: Number>(diagonal: &[T], beside: &[T], x: &mut [T]) {
     }
 }
 
-/// Columns of a supernode: its own rows first, zero above a diagonal of ones, then those below.
+/// Columns of a supernode: its rows first, zero above a diagonal of ones, then those below.
 #[derive(Clone, Copy)]
 struct Block<'a, T> {
     values: &'a [T],
@@ -258,7 +258,7 @@ struct Block<'a, T> {
 }
 
 impl<'a, T: Number> Block<'a, T> {
-    /// Solves L₁₁ y = x, where x are the own rows of `work`, and takes L₂₁ y from the others.
+    /// Solves L₁₁ y = x, where x are the supernode's rows of `work`, and takes L₂₁ y from the others.
     #[inline(always)]
     fn down(self, n: usize, work: &mut [T]) {
         let mut j = 0;
@@ -269,7 +269,7 @@ impl<'a, T: Number> Block<'a, T> {
         (j..n).for_each(|j| self.eliminate::<1>(j, work));
     }
 
-    /// Solves L₁₁ᵀ y = x − L₂₁ᵀ z, where x are the own rows of `work` and z the others.
+    /// Solves L₁₁ᵀ y = x − L₂₁ᵀ z, where x are the supernode's rows of `work` and z the others.
     #[inline(always)]
     fn up(self, n: usize, work: &mut [T]) {
         let mut j = n / WIDTH * WIDTH;
@@ -289,9 +289,9 @@ impl<'a, T: Number> Block<'a, T> {
         columns
     }
 
-    /// Where to begin so that whole vectors lead from there to the end, with `first` inside.
+    /// Start of whole vectors up to the end that contain `first`.
     ///
-    /// What lies before `first` is zero in every column from `first` on.
+    /// Rows before `first` are zero in every column from `first` on.
     #[inline(always)]
     fn aligned(self, first: usize) -> usize {
         let reach = (self.height - first).next_multiple_of(LANES);

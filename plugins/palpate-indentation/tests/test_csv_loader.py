@@ -237,7 +237,7 @@ def test_a_missing_file_is_reported(tmp_path: Path) -> None:
 
 def test_a_line_of_units_is_refused_since_scales_are_settings(file: Path) -> None:
     file.write_text("depth_mm,force\nmm,kN\n0,0\n1,2\n")
-    with pytest.raises(CurveError, match="column 'depth_mm' has the unit 'mm' in a line of its own; remove"):
+    with pytest.raises(CurveError, match="column 'depth_mm' has the unit 'mm' in a separate line; remove"):
         loader().load(file, "pull")
 
 

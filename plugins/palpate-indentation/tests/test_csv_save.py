@@ -103,7 +103,7 @@ def test_channels_that_the_settings_do_not_name_are_refused(tmp_path: Path) -> N
 def test_two_channels_over_one_column_are_refused(tmp_path: Path) -> None:
     channels = {name: {"abscissa": "depth_mm", "ordinate": name} for name in ("force", "lateral")}
     both = response(**{name: np.column_stack([DEPTH, DEPTH]) for name in channels})
-    with pytest.raises(CurveError, match=r"c\.csv: two curves need one column .*its own file"):
+    with pytest.raises(CurveError, match=r"c\.csv: two curves need one column .*separate file"):
         loader(channels=channels).save(tmp_path / "c.csv", both)
 
 

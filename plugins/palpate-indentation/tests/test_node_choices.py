@@ -86,9 +86,12 @@ def test_nodes_are_fixed_by_their_distance_to_a_bone(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"regions": {"skin": "dermis", "soft_tissue": "fat"}}, "no group of elements 'dermis'.*skin layer"),
-        ({"regions": {"soft_tissue": "fat"}}, r"\d+ elements belong to none of the groups.*name theirs too"),
+        (
+            {"regions": {"soft_tissue": "fat"}},
+            r"\d+ elements are in none of the groups.*name their groups too",
+        ),
         ({"node_sets": {"fixed": "bone", "contact": "pressed"}}, "group of elements 'bone'.*there: .*base"),
-        ({"node_sets": {"fixed": {"normal": [0, 0, 0], "at": "1 mm"}}}, "give one that is not zero"),
+        ({"node_sets": {"fixed": {"normal": [0, 0, 0], "at": "1 mm"}}}, "give a vector that is not zero"),
         ({"node_sets": {"fixed": {"normal": [0, 0, 1], "at": "9 mm"}}}, "reach from -12 to 0 mm along it"),
         ({"node_sets": {"fixed": {"surface": "../bone.stl"}}}, "outside of the mesh's folder"),
         ({"node_sets": {"fixed": {"surface": "/bone.stl"}}}, "outside of the mesh's folder"),
@@ -113,5 +116,5 @@ def test_the_surface_of_a_phantom_s_bone_is_too_far_and_says_how_far(tmp_path: P
     write_phantom(tmp_path)
     sets = {"fixed": {"surface": "ulna.stl", "unit": "m"}, "contact": "pressed"}
     settings = MeshioSettings.model_validate(GROUPS["two_layers.msh"] | {"node_sets": sets})
-    with pytest.raises(MeshError, match=r"the nearest is .* mm off; check its unit and frame"):
+    with pytest.raises(MeshError, match=r"the nearest is .* mm away; check its unit and frame"):
         MeshioSource(settings).load(tmp_path / "m.msh", SPOT)

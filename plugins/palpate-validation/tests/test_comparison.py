@@ -131,7 +131,7 @@ def test_what_a_solver_does_not_take_is_open_and_certifies_nothing():
 
 def test_an_answer_that_does_not_come_there_is_open():
     (row,) = compared(case_of([(0, 0), (1, 0)]), {"echo": answering(1.0)}, REFERENCES, 0.01)
-    assert (row.verdict, row.note) == ("failed", "its force does not come to 2")
+    assert (row.verdict, row.note) == ("failed", "its force does not reach 2")
 
 
 def test_places_are_taken_in_the_order_of_the_path():
@@ -229,7 +229,7 @@ def test_a_solver_of_others_is_judged_when_it_is_asked_for(capsys, tmp_path, mon
     assert main(call) == 0
     own = json.loads(capsys.readouterr().out)
     assert list(own["solvers"]) == own["judged"] == ["jax"]
-    assert "not judged: alien; name each with --solver" in own["missing"]
+    assert "not compared: alien; name each with --solver" in own["missing"]
     for name in ("alien", "alien:alien"):
         assert main([*call, "--solver", name]) == 1
         asked = json.loads(capsys.readouterr().out)

@@ -32,9 +32,7 @@ class TextFormat(Settings):
         default=None, description="Between cells; blanks means any run of blanks and tabs."
     )
     decimal: Literal[".", ","] | None = Field(default=None, description="Decimal mark.")
-    skip_lines: int | None = Field(
-        default=None, ge=0, description="Lines of preamble before the line of names."
-    )
+    skip_lines: int | None = Field(default=None, ge=0, description="Lines before the header line.")
     comment: str = Field(default="#", description="Lines that start with it are passed over; empty: none.")
     encoding: Literal["utf-8", "utf-16", "latin-1", "cp1252"] = Field(
         default="utf-8", description="Encoding of the characters."

@@ -1,4 +1,4 @@
-//! Any design whatever: no panic, what is drawn lies in the cube, and what is there stays.
+//! Any design: no panic, drawn points are in the cube, and given points stay.
 #![no_main]
 
 use arbitrary::Arbitrary;
@@ -43,7 +43,7 @@ fn check(points: &[f64]) {
     assert!(points.iter().all(|x| (0.0..=1.0).contains(x)), "{points:?}");
 }
 
-/// Everything that takes a design takes this one, or says why not.
+/// Every function of a design accepts this one, or returns an error.
 fn use_design(input: &Input, points: &[f64], d: usize) {
     let criterion = match input.criterion % 3 {
         0 => Criterion::CentredDiscrepancy,

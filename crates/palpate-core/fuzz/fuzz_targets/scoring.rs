@@ -1,4 +1,4 @@
-//! Any input whatever: no panic, and every score that is returned is a score.
+//! Any input: no panic, and every returned score is valid.
 #![no_main]
 
 use arbitrary::Arbitrary;

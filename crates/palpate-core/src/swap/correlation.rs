@@ -45,7 +45,7 @@ impl Correlation {
         matrix
     }
 
-    /// What the swap adds to the correlation of its column with column `m`.
+    /// Change by the swap of the correlation of its column with column `m`.
     fn shift(&self, design: &Columns, Swap { k, i, j }: Swap, m: usize) -> f64 {
         let (x, y) = (design.column(k), design.column(m));
         (x[j] - x[i]) * (y[i] - y[j]) * self.inverse_spread[k] * self.inverse_spread[m]

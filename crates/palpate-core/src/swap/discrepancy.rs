@@ -27,7 +27,7 @@ impl Shared {
     }
 }
 
-/// 1 + ½|a| − ½a²: the share of a value alone.
+/// 1 + ½|a| − ½a²: the term of one value.
 fn alone(a: f64) -> f64 {
     1.0 + 0.5 * a.abs() - 0.5 * a * a
 }

@@ -69,7 +69,7 @@ impl Swappable for Distance {
         sum
     }
 
-    /// The distance of i to j stays; every other distance of theirs changes in column k alone.
+    /// The distance of i to j stays; their other distances change only in column k.
     fn change(&self, design: &Columns, Swap { k, i, j }: Swap, room: &mut Room) -> f64 {
         let (of_i, of_j) = (&mut room.of_i[..], &mut room.of_j[..]);
         squared_distances(design, i, of_i, Some(k));

@@ -1,4 +1,4 @@
-//! Criteria that know what exchanging two values of one column would change.
+//! Criteria with the change by an exchange of two values of one column.
 
 mod correlation;
 mod discrepancy;

@@ -1,6 +1,6 @@
 """The paper's study: a simulated forearm, ready studies, and the command that repeats the paper.
 
-Names are imported when they are first used, so that finding the plugin costs nothing.
+Names are imported when they are first used, so that loading the plugin is fast.
 """
 
 from importlib.resources import files

@@ -1,6 +1,6 @@
-"""The method's nouns: force and torque, the three scenarios, curves in files and meshes in files.
+"""Indentation: the channels force and torque, the three scenarios, loaders of curves and of meshes.
 
-Names are imported when they are first used, so that finding the plugin costs nothing.
+Names are imported when they are first used, so that loading the plugin is fast.
 """
 
 from typing import TYPE_CHECKING

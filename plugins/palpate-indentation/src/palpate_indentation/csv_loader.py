@@ -31,13 +31,13 @@ def _not_zero(scale: float) -> float:
 
 
 class Column(Settings):
-    """A column of the file, and how its numbers become those of the channel."""
+    """A column of the file, with scale and offset to the channel's unit."""
 
     name: str = Field(min_length=1, description="Name of the column in the header line.")
     scale: Annotated[float, AfterValidator(_not_zero)] = Field(
         default=1.0, description="Factor from the file's unit to the channel's, not zero."
     )
-    offset: float = Field(default=0.0, description="Added after scaling; 1 makes a stretch of a strain.")
+    offset: float = Field(default=0.0, description="Added after scaling; 1 converts a strain to a stretch.")
 
 
 def _named(given: object) -> object:
@@ -48,7 +48,7 @@ ColumnChoice = Annotated[Column, BeforeValidator(_named, json_schema_input_type=
 
 
 class ChannelColumns(Settings):
-    """The columns that make a channel's curve."""
+    """The columns of a channel's curve."""
 
     abscissa: ColumnChoice = Field(description="Column name, or a table of name, scale and offset.")
     ordinate: ColumnChoice = Field(description="Column name, or a table of name, scale and offset.")
@@ -94,7 +94,7 @@ class CsvSettings(TextFormat):
         description="Columns of each channel. A file that the study gives for one channel uses that entry.",
     )
     decimal: Literal[".", ","] | None = Field(default=".", description="Decimal mark.")
-    skip_lines: int | None = Field(default=0, ge=0, description="Lines of preamble before the line of names.")
+    skip_lines: int | None = Field(default=0, ge=0, description="Lines before the header line.")
 
 
 class CsvLoader(ExperimentLoader[CsvSettings]):
@@ -104,12 +104,11 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
     first and the last movement of its abscissa: the force while the depth moves,
     the torque while the rotation does.
 
-    Without further settings a file holds the columns ``depth_mm``, ``force_N``,
+    By default a file has the columns ``depth_mm``, ``force_N``,
     ``angle_deg`` and ``torque_Nmm``. A file that the study gives for one channel
-    holds that channel's columns: ``stretch`` and ``stress_MPa`` (``shear`` in
-    simple shear) for homogeneous tests. For a channel that neither the settings
-    nor this loader know, it has two columns in the channel's units, first the
-    abscissa, then the ordinate.
+    has that channel's columns: ``stretch`` and ``stress_MPa`` (``shear`` in
+    simple shear) for homogeneous tests. For any other channel without settings, it has two columns in the channel's
+    units, first the abscissa, then the ordinate.
     """
 
     name = "csv"
@@ -122,12 +121,12 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
         ----------
         path : Path
         channel : str, optional
-            The one channel that the file holds; all channels of the settings when left out.
+            The only channel of the file; all channels of the settings by default.
 
         Raises
         ------
         CurveError
-            Naming file, line and column.
+            With file, line and column.
         """
         table = TextTable(path, self.settings)
         wanted = self.settings.channels if channel is None else {channel: self._columns_of(channel, table)}
@@ -136,20 +135,20 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
     def save(self, path: Path, response: Response, channel: str | None = None) -> None:
         """Write curves in the columns that the settings name.
 
-        Where one channel moves, the columns of the others rest at their last value, and
-        :meth:`load` passes over them there.
+        Where one channel moves, the columns of the others are constant, and
+        :meth:`load` skips them there.
 
         Parameters
         ----------
         path : Path
         response : Response
         channel : str, optional
-            The one channel that the file is to hold.
+            The only channel of the file.
 
         Raises
         ------
         CurveError
-            The settings name no columns for a channel, columns for one that the curves
+            The settings have no columns for a channel, columns for one that the curves
             lack, or one column for two of them.
         """
         settings = self.settings
@@ -161,7 +160,7 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
         decimal = settings.decimal or "."
         delimiter = DELIMITERS[settings.delimiter or (";" if decimal == "," else ",")]
         if settings.names is not None:
-            raise CurveError(f"{path}: curves are written with a line of names; remove the setting names")
+            raise CurveError(f"{path}: curves are written with a header line; remove the setting names")
         lines = [settings.comment or "preamble"] * (settings.skip_lines or 0) + [delimiter.join(header)]
         lines += [delimiter.join(repr(float(x)).replace(".", decimal) for x in row) for row in rows]
         path.write_text("\n".join(lines) + "\n", encoding=settings.encoding)
@@ -174,7 +173,7 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
         if len(names) != 2:
             raise CurveError(
                 f"{table.path}: {len(names)} columns ({', '.join(names)}) for channel "
-                f"'{channel}', of which the loader knows no columns; keep two columns, or name them "
+                f"'{channel}', whose columns are not set; keep two columns, or name them "
                 f"under channels.{channel} in the loader's settings"
             )
         return _columns(*names)
@@ -190,17 +189,19 @@ def _curves(table: TextTable, wanted: Mapping[str, ChannelColumns]) -> dict[str,
 def _rows(
     path: Path, response: Response, columns: Mapping[str, ChannelColumns]
 ) -> tuple[list[str], FloatArray]:
-    """Header and rows: one block for each channel, in which only its own columns move."""
+    """Header and rows: one block for each channel, in which only its columns change."""
     if set(response) != set(columns):
         raise CurveError(
             f"{path}: the curves are {', '.join(response)}, and the loader's settings name columns for "
-            f"{', '.join(columns)}; name the same channels under channels, or give each its own file"
+            f"{', '.join(columns)}; name the same channels under channels, or use a separate file for each"
         )
     # Abscissae first, then ordinates, then standard deviations: as one reads such a file.
     places = [(k, c) for k in range(3) for c in response if k < len(columns[c].all)]
     names = [columns[c].all[k].name for k, c in places]
     if len(set(names)) < len(names):
-        raise CurveError(f"{path}: two curves need one column ({', '.join(names)}); give each its own file")
+        raise CurveError(
+            f"{path}: two curves need one column ({', '.join(names)}); use a separate file for each"
+        )
     written = {c: _written(path, curve, columns[c]) for c, curve in response.curves.items()}
     now = np.array([written[c][k, 0] for k, c in places])
     blocks = []
@@ -245,7 +246,7 @@ def _curve(path: Path, channel: str, columns: ChannelColumns, values: Mapping[Co
     except CurveError as error:
         raise CurveError(
             f"{path}: channel '{channel}', column '{columns.abscissa.name}': {error}; "
-            "check that this is the column that was driven"
+            "check that this is the column of the prescribed motion"
         ) from None
 
 
@@ -253,7 +254,7 @@ def _values(path: Path, rows: IntArray, read: delimited.Column, column: Column) 
     """Numbers of a column in the channel's unit, all finite."""
     if read.unit:
         raise CurveError(
-            f"{path}: column '{column.name}' has the unit '{read.unit}' in a line of its own; remove that "
+            f"{path}: column '{column.name}' has the unit '{read.unit}' in a separate line; remove that "
             "line, and give scale in the loader's settings"
         )
     with np.errstate(over="ignore"):

@@ -1,8 +1,8 @@
-"""Mesh files through meshio, which this module alone touches.
+"""Mesh files through meshio, which only this module uses.
 
-meshio is untyped, ends the interpreter on some bad files, writes its complaints
-to the terminal, unpacks whatever a file asks for and accepts coordinates that are
-not numbers. Here all of that becomes a :class:`~palpate.errors.MeshError` or a plain value.
+meshio is untyped, ends the interpreter on some bad files, prints errors to the terminal,
+unpacks without a limit and accepts coordinates that are not finite. Here all of that
+becomes a :class:`~palpate.errors.MeshError` or a plain value.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ LONGEST_S = 60.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeshFile:
-    """What a mesh file holds, in its own names and units.
+    """Contents of a mesh file, in its names and units.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class MeshFile:
 
 
 def read_mesh_file(path: Path) -> MeshFile:
-    """Read any format that meshio knows, in a process with bounded memory and time.
+    """Read any format of meshio, in a subprocess with limits of memory and time.
 
     Raises
     ------
@@ -59,21 +59,19 @@ def read_mesh_file(path: Path) -> MeshFile:
     if not path.is_file():
         raise MeshError(f"{path}: no such file; check the path of the mesh")
     if path.stat().st_size > MOST_BYTES:
-        raise MeshError(
-            f"{path}: larger than {MOST_BYTES / 1e9:g} GB; keep the segment around the spot alone"
-        )
+        raise MeshError(f"{path}: larger than {MOST_BYTES / 1e9:g} GB; keep only the segment around the spot")
     try:
         return run_function(Limits(time_s=LONGEST_S, memory_mb=MOST_MEMORY_MB), read_here, path)
     except (ChildProcessError, MemoryError) as error:
         how = "too little memory" if isinstance(error, MemoryError) else error
         raise MeshError(
-            f"{path}: reading failed ({how}); the file is damaged or too large, write it again or use a "
+            f"{path}: reading failed ({how}); the file is corrupt or too large; export it again or use a "
             "smaller mesh"
         ) from None
 
 
 def read_here(path: Path) -> MeshFile:
-    """Read a file in this very process: for the process that is made for it.
+    """Read a file in this process, which should be a subprocess for it.
 
     Raises
     ------
@@ -81,7 +79,7 @@ def read_here(path: Path) -> MeshFile:
         As :func:`read_mesh_file`.
     """
     _refuse_outside(path)
-    import meshio  # here, so that whoever reads no mesh does not wait for it
+    import meshio  # here: slow to import
 
     complaints = io.StringIO()
     try:
@@ -106,7 +104,7 @@ def read_here(path: Path) -> MeshFile:
 
 
 def _cell_sets(mesh: Any) -> dict[str, tuple[NDArray[np.int64], ...]]:  # noqa: ANN401 - meshio has no types
-    """Groups of elements by name: those that the file lists, and those that it numbers and names apart."""
+    """Groups of elements by name: listed ones, and numbered ones with a table of names."""
     groups = {
         str(name): tuple(np.asarray(rows, dtype=np.int64).ravel() for rows in blocks)
         for name, blocks in mesh.cell_sets.items()
@@ -124,7 +122,7 @@ _ENTITY = re.compile(rb"<!(doctype|entity)", re.IGNORECASE)
 
 
 def _refuse_outside(path: Path) -> None:
-    """Refuse a mesh file that would have another folder's files read, or that defines XML entities."""
+    """Refuse a mesh file that includes files of other folders, or that defines XML entities."""
     kind = path.suffix.lower()
     named: Iterator[str] = iter(())
     if kind == ".inp":
@@ -150,7 +148,7 @@ _HDF = b"\x89HDF\r\n\x1a\n"
 
 
 def _refuse_hdf_links(path: Path) -> None:
-    """Refuse an HDF5 file whose arrays are in other files, which its library would open wherever they are."""
+    """Refuse an HDF5 file whose arrays are in other files, which its library would open."""
     if not path.is_file():
         return
     with contextlib.suppress(OSError):
@@ -165,7 +163,7 @@ def _refuse_hdf_links(path: Path) -> None:
             elsewhere = _hdf_elsewhere(h5py, file)
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         raise MeshError(
-            f"{path}: damaged HDF5 ({' '.join(str(error).split())[:200]}); write it again"
+            f"{path}: corrupt HDF5 ({' '.join(str(error).split())[:200]}); write it again"
         ) from None
     if elsewhere:
         raise MeshError(
@@ -174,7 +172,7 @@ def _refuse_hdf_links(path: Path) -> None:
 
 
 def _is_hdf(path: Path) -> bool:
-    """Whether the library would open it: its mark is at 0, or at 512, 1024, … after a user block."""
+    """Whether it has the signature of HDF5: at 0, or at 512, 1024, … after a user block."""
     place, size = 0, path.stat().st_size
     with path.open("rb") as stream:
         while place < size:
@@ -195,7 +193,7 @@ def _hdf_elsewhere(h5py: Any, file: Any) -> str:  # noqa: ANN401 - h5py has no t
             if isinstance(link, h5py.ExternalLink):
                 return f"{group.name}/{key}"
             if not isinstance(link, h5py.HardLink):
-                continue  # a name of something in this file, which is looked at where it is
+                continue  # an internal link, whose target is checked itself
             item = group[key]
             if isinstance(item, h5py.Group) and (place := h5py.h5o.get_info(item.id).addr) not in seen:
                 seen.add(place)
@@ -206,7 +204,7 @@ def _hdf_elsewhere(h5py: Any, file: Any) -> str:  # noqa: ANN401 - h5py has no t
 
 
 def _included(path: Path, by: frozenset[Path] = frozenset()) -> Iterator[str]:
-    """Files that an Abaqus file includes, as meshio takes its lines, and those that these include."""
+    """Files that an Abaqus file includes, recursively, by meshio's rules."""
     by |= {path}
     for keyword, value in _KEYWORD.findall(path.read_bytes().replace(b"\r", b"\n")):
         if keyword.decode(errors="replace").strip().replace("*", "").upper() != "INCLUDE":
@@ -218,7 +216,7 @@ def _included(path: Path, by: frozenset[Path] = frozenset()) -> Iterator[str]:
 
 
 def _data_files(path: Path) -> Iterator[str]:
-    """Files in which an XDMF keeps its arrays; one that is no XML is left for meshio to refuse."""
+    """Files with the arrays of an XDMF; invalid XML is left for meshio to refuse."""
     with path.open("rb") as stream, contextlib.suppress(ElementTree.ParseError):
         for _, element in ElementTree.iterparse(stream):
             text = (element.text or "").strip()

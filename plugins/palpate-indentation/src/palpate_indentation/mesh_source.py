@@ -25,7 +25,7 @@ IGNORED = frozenset(
         *("quad", "quad8", "quad9", "polygon"),
     }
 )
-"""Points, edges and faces: a mesh generator leaves them in the file, no volume among them."""
+"""Points, edges and faces, which a mesh generator writes next to the volume."""
 
 
 def _one_region() -> dict[str, int | str]:
@@ -49,14 +49,14 @@ class MeshioSettings(Settings):
     regions: dict[str, int | str] = Field(
         default_factory=_one_region,
         min_length=1,
-        description="Number of each region in that data, by the region's name; or the group of elements "
-        "(physical group of Gmsh, element set of Abaqus) that it is.",
+        description="Number of each region in that data, by the region's name; or its group of elements "
+        "(physical group of Gmsh, element set of Abaqus).",
     )
     node_sets: dict[str, Choice | list[Choice]] = Field(
         default_factory=_plain_names,
         min_length=1,
-        description="What makes each node set: point data (not zero: in the set), a point set or a group of "
-        "elements by name; { normal, at, within } for a plane; { surface, within } for what is near a "
+        description="Nodes of each node set: point data (not zero: in the set), a point set or a group of "
+        "elements by name; { normal, at, within } for a plane; { surface, within } for nodes near a "
         "bone; or a list of these.",
     )
 
@@ -64,7 +64,7 @@ class MeshioSettings(Settings):
     @classmethod
     def _distinct_numbers(cls, regions: dict[str, int | str]) -> dict[str, int | str]:
         if len(set(regions.values())) < len(regions):
-            raise ValueError("two regions have one number or group; give each region its own")
+            raise ValueError("two regions have one number or group; give each region another")
         if len({type(source) for source in regions.values()}) > 1:
             raise ValueError("regions by number and by group; name all of them in one way")
         return regions
@@ -75,9 +75,9 @@ class MeshioSource(LimbSource[MeshioSettings]):
 
     Elements ``tetra``, ``tetra10`` and ``hexahedron`` become ``tet4``, ``tet10``
     and ``hex8`` with their nodes in the file's order as meshio gives it, that of
-    :mod:`palpate.mesh.topology`. Edges may be curved. Points, lines and faces are passed over; any
+    :mod:`palpate.mesh.topology`. Edges may be curved. Points, lines and faces are ignored; any
     other element is refused. Cell data of one number or one vector for each element, such as the
-    direction of fibres, go to the materials that name them.
+    direction of fibres, are passed to the materials that name them.
     """
 
     name = "meshio"
@@ -188,7 +188,7 @@ def _by_group(path: Path, content: MeshFile, block: int, settings: MeshioSetting
     ids = np.full(len(content.blocks[block][1]), -1)
     for index, (region, group) in enumerate(settings.regions.items()):
         if group not in content.cell_sets:
-            continue  # the limb at another spot may have it
+            continue  # another spot's limb may have it
         members = content.cell_sets[str(group)][block]
         twice = members[ids[members] >= 0]
         if twice.size:
@@ -206,8 +206,8 @@ def _by_group(path: Path, content: MeshFile, block: int, settings: MeshioSetting
         )
     if (ids < 0).any():
         raise MeshError(
-            f"{path}: {np.count_nonzero(ids < 0)} elements belong to none of the groups that regions names, "
-            f"first element {np.flatnonzero(ids < 0)[0]}; name theirs too (there: "
+            f"{path}: {np.count_nonzero(ids < 0)} elements are in none of the groups of regions, "
+            f"first element {np.flatnonzero(ids < 0)[0]}; name their groups too (there: "
             f"{', '.join(content.cell_sets)})"
         )
     return ids

@@ -1,4 +1,4 @@
-"""Which nodes of a mesh file make a node set: by name, in a plane, or near a surface such as a bone's."""
+"""Nodes of a node set: by name, in a plane, or near a surface such as a bone's."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +15,7 @@ Length = Annotated[float, Quantity("mm")]
 class InPlane(Settings):
     """Nodes in a plane n · x = at, such as a cut."""
 
-    normal: tuple[float, float, float] = Field(description="Normal of the plane; its length does not count.")
+    normal: tuple[float, float, float] = Field(description="Normal of the plane, of any length.")
     at: Length = Field(description="Position of the plane along its normal, from the origin.")
     within: Length = Field(default=0.05, gt=0.0, description="Largest distance of a node from the plane.")
 
@@ -32,7 +32,7 @@ Choice = str | InPlane | NearSurface
 
 
 def chosen(path: Path, content: MeshFile, points_mm: FloatArray, choices: list[Choice]) -> IntArray:
-    """Nodes that any of the choices takes, in rising order.
+    """Nodes of any of the choices, in rising order.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def chosen(path: Path, content: MeshFile, points_mm: FloatArray, choices: list[C
     Raises
     ------
     MeshError
-        A choice takes no node, or names what the file does not have.
+        A choice has no node, or names something that the file does not have.
     """
     nodes = [_nodes(path, content, points_mm, choice) for choice in choices]
     return np.unique(np.concatenate(nodes)).astype(np.int64)
@@ -65,7 +65,9 @@ def _in_plane(path: Path, points_mm: FloatArray, plane: InPlane) -> IntArray:
     normal = np.array(plane.normal)
     length = float(np.linalg.norm(normal))
     if not length > 0.0:
-        raise MeshError(f"{path}: a plane with the normal {list(plane.normal)}; give one that is not zero")
+        raise MeshError(
+            f"{path}: a plane with the normal {list(plane.normal)}; give a vector that is not zero"
+        )
     along = points_mm @ (normal / length)
     found = np.flatnonzero(np.abs(along - plane.at) <= plane.within)
     if not found.size:
@@ -81,7 +83,7 @@ def _near(path: Path, points_mm: FloatArray, choice: NearSurface) -> IntArray:
         from palpate_limb.surface_files import read_surface
     except ImportError as error:
         raise MeshError(
-            f"{path}: nodes near '{choice.surface}' are found with palpate-limb; pip install palpate-limb"
+            f"{path}: nodes near '{choice.surface}' need palpate-limb; pip install palpate-limb"
         ) from error
     named = Path(choice.surface)
     if named.is_absolute() or ".." in named.parts:
@@ -93,7 +95,7 @@ def _near(path: Path, points_mm: FloatArray, choice: NearSurface) -> IntArray:
     if not found.size:
         raise MeshError(
             f"{path}: no node within {choice.within:g} mm of '{named}', the nearest is "
-            f"{distances.min():.4g} mm off; check its unit and frame, or take more"
+            f"{distances.min():.4g} mm away; check its unit and frame, or raise within"
         )
     return found
 
@@ -111,7 +113,7 @@ def _named(path: Path, content: MeshFile, source: str) -> IntArray:
     there = [*content.point_data, *content.point_sets, *content.cell_sets]
     raise MeshError(
         f"{path}: no point data, point set or group of elements '{source}' "
-        f"(there: {', '.join(there) or 'none'}); mark its nodes, or name what marks them under node_sets in "
+        f"(there: {', '.join(there) or 'none'}); add it to the file, or name other data under node_sets in "
         "the limb's settings"
     )
 

@@ -192,7 +192,7 @@ class AutodiffKernel:
         Axes of the spatial frame, as columns in the frame that the material's directions are in; F then
         goes from that frame to this one, which changes no energy.
     fields : mapping of name to (e, q) or (e, q, 3) array, optional
-        What the material takes, in that frame too.
+        Cell data for the material, in that frame too.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
-"""The limb in equilibrium: internal forces and their tangent, block by block.
+"""Internal forces of the limb and their tangent, block by block.
 
-Each block holds the elements of one kind and region. Its energy is
+Each block has the elements of one kind and region. Its energy is
 E = Σ_q w_q Ψ(F̄_q) with F̄ = (θ/J)^(1/3) F, where θ is the element's mean of J
 (mean dilatation: three-field with constant pressure and dilatation, Simo,
 Taylor & Pister 1985). Force and tangent are its exact first and second
@@ -82,7 +82,7 @@ def _by_patch(block: Block, labels: IntArray) -> Block:
     """Make an element of each patch of one-point elements.
 
     Patches are filled up to a common size with points of no volume and no
-    gradient, and with nodes of their own that have no gradient either.
+    gradient, and with separate nodes that have no gradient either.
     """
     slots = _places(labels)
     owners, inverse = np.unique(labels[:, None] * (block.nodes.max() + 1) + block.nodes, return_inverse=True)
@@ -160,7 +160,7 @@ class Body:
             self._kernels.append(AutodiffKernel(material, *shape, axes=axes, fields=fields))
 
     def bind(self, places: Sequence[IntArray], n_entries: int) -> None:
-        """Say where stiffness entries go, before the first tangent.
+        """Set the places of the stiffness entries, before the first tangent.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class Body:
         return total, float(np.min(least))
 
     def rates(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """∂force/∂θ (m, n_nodes, 3) of a region's m parameters, by region, where nothing moves."""
+        """∂force/∂θ (m, n_nodes, 3) of a region's m parameters, by region, at fixed displacements."""
         totals = {region: np.zeros((len(theta), *self._shape)) for region, theta in thetas.items()}
         for block, kernel in zip(self.blocks, self._kernels, strict=True):
             kernel.add_rates(displacements, thetas[block.region], totals[block.region])
@@ -200,7 +200,7 @@ class Body:
             :meth:`bind` was not called.
         """
         if self._n_entries is None:
-            raise RuntimeError("the body does not know where stiffness entries go; call `bind` first")
+            raise RuntimeError("the places of the stiffness entries are not set; call `bind` first")
         total, values = np.zeros(self._shape), np.zeros(self._n_entries + 1)
         least = [
             kernel.add_tangent(displacements, thetas[block.region], total, values)

@@ -1,7 +1,7 @@
-"""Element forces and tangents of isotropic materials, compiled but for the energy.
+"""Element forces and tangents of isotropic materials, compiled except for the energy.
 
 An isotropic energy is a function of three principal stretches, so its first and
-second derivatives at the quadrature points are all that a material contributes.
+second derivatives at the quadrature points are all that a material provides.
 JAX differentiates that small function; :class:`palpate._core.ElementBlock` does
 the rest.
 """
@@ -21,7 +21,7 @@ POINTS = 4096
 
 
 def serves(material: Material) -> bool:
-    """Whether the compiled kernels serve a material where JAX computes."""
+    """Whether the compiled kernels support a material on JAX's device."""
     return material.isotropic and jax.default_backend() == "cpu"
 
 

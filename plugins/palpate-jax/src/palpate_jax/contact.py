@@ -1,4 +1,4 @@
-"""Contact of the limb with a rigid indenter: penalty, and Coulomb friction that remembers.
+"""Contact of the limb with a rigid indenter: penalty, and Coulomb friction with history.
 
 At every quadrature point of the contact faces, with signed distance d to the
 indenter and normal n = ∇d:
@@ -7,13 +7,13 @@ indenter and normal n = ∇d:
 * tangential traction t = ε s, where s is the tangential distance from the
   point's anchor, returned to the Coulomb cone |t| ≤ μ p (return mapping).
 
-The anchor lives in the indenter's frame, so it turns with the indenter; it is
-kept from step to step until slip moves it. That memory is what makes the torque
-of a twist independent of the number of steps. A point that touches for the first
-time is anchored where its way through the step met the surface.
+The anchor is in the indenter's frame, so it turns with the indenter; it is stored from
+step to step until slip moves it. This history makes the torque of a twist independent
+of the number of steps. A point that touches for the first time is anchored where its
+path within the step crossed the surface.
 
 All positions, anchors and derivatives of this module are in the indenter's frame;
-what a :class:`Contact` returns is in the limb's.
+the results of a :class:`Contact` are in the limb's.
 """
 
 from dataclasses import dataclass, replace
@@ -26,10 +26,10 @@ from palpate_jax.contact_surface import ContactSurface, contact_surfaces
 from palpate_jax.shapes import Shape
 
 NEAR = 0.5
-"""Distance from the indenter [mm] within which a node is taken to slide along it."""
+"""Distance from the indenter [mm] within which a node is assumed to slide along it."""
 
 LEAST_GAP = 1e-12
-"""Distance [mm] that a point which has not touched has at least."""
+"""Smallest distance [mm] of a point that has not touched."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """How the indenter moves: velocity of its lowest point (3,) [mm] and its spin (3,) [radians]."""
+    """Motion of the indenter: velocity of its lowest point (3,) [mm] and its spin (3,) [radians]."""
 
     tip: FloatArray
     spin: FloatArray
@@ -55,7 +55,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
-    """What every quadrature point remembers.
+    """History variables of the quadrature points.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Memory:
 class ContactLaw:
     """Indenter's shape, penalty ε [N/mm³] and Coulomb coefficient.
 
-    Forces below ``least_force_N`` count as none: what a limb out of contact is compared with.
+    Forces below ``least_force_N`` count as zero: the scale of a limb out of contact.
     """
 
     shape: Shape
@@ -84,9 +84,9 @@ class ContactLaw:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactState:
-    """One position on the path: where the indenter is, what the contact remembers, and its law.
+    """One position on the path: pose of the indenter, history of the contact, and its law.
 
-    ``limits`` (n,), if given, are the greatest tangential tractions [MPa] in place of the friction
+    ``limits`` (n,), if given, are the largest tangential tractions [MPa] in place of the friction
     coefficient times the pressure: Tresca's friction, whose forces have a potential.
     """
 
@@ -164,10 +164,10 @@ class Points:
 
     @cached_property
     def _held_share(self) -> tuple[FloatArray, FloatArray]:
-        """Share φ of the way from the anchor that counts as slip, and ∂φ/∂depth.
+        """Share φ of the path from the anchor that counts as slip, and ∂φ/∂depth.
 
         All of it for a point that has touched before; otherwise the part after
-        the surface was met: the way is straight, so φ = depth / (depth + gap before).
+        it crossed the surface: the path is straight, so φ = depth / (depth + gap before).
         """
         before = np.maximum(self.law.shape.distance(self.anchors), LEAST_GAP)
         way = before + self.depth
@@ -209,8 +209,8 @@ class Points:
     def jacobian(self, *, coupled: bool) -> FloatArray:
         """∂traction/∂positions (k, 3, 3).
 
-        Uncoupled it takes the Coulomb limit as given: it leaves out how sliding
-        friction follows the pressure, which is what makes it unsymmetric.
+        Uncoupled, the Coulomb limit is fixed: the derivative of sliding friction in the
+        pressure, which makes it unsymmetric, is left out.
         """
         (n, curvature), (share, share_slope) = self._normals, self._held_share
         way = self.positions - self.anchors
@@ -260,7 +260,7 @@ class Points:
         return self.law.penalty * d_tangential + change.penalty / self.law.penalty * self._trial
 
     def _share_rate(self, anchors: FloatArray) -> FloatArray:
-        """Rate of the share φ as the gap before the step changes with the anchors' rates."""
+        """Rate of the share φ from the change of the initial gap with the anchors' rates."""
         gap = self.law.shape.distance(self.anchors)
         held = self.anchored | (gap <= LEAST_GAP)
         d_gap = _dot(self.law.shape.normals(self.anchors)[0], anchors)
@@ -300,7 +300,7 @@ class Contact:
         ]
 
     def no_memory(self, pose: Pose) -> Memory:
-        """Nothing has touched yet, the limb is at rest."""
+        """History of a limb at rest without contact."""
         positions = pose.into(self.positions(np.zeros_like(self._rest)))
         return Memory(positions, np.zeros(len(positions), dtype=bool))
 
@@ -337,11 +337,11 @@ class Contact:
         ]
 
     def along(self, start: FloatArray, end: FloatArray, load: ContactState) -> FloatArray:
-        """Bend a straight move of the surface so that points slide along the indenter.
+        """Curve a straight step of the surface so that points slide along the indenter.
 
-        A point that moves by s along a surface of curvature 1/R ends s²/2R off it,
+        A point that moves by s along a surface of curvature 1/R ends at a distance s²/2R,
         which may be more than its penetration: Newton's method would lose the contact.
-        Near the indenter, nodes end at the distance that a flat one would leave.
+        Near the indenter, nodes end at the distance that a flat indenter would give.
         """
         nodes = self._nodes
         before, after = (load.pose.into((self._rest + u)[nodes]) for u in (start, end))
@@ -394,13 +394,13 @@ class Contact:
         return self.to_nodes(touched, turned - (jacobians @ velocities[:, :, None])[:, :, 0])
 
     def held(self, displacements: FloatArray, load: ContactState) -> ContactState:
-        """The load with the limits of friction that these displacements' pressures give."""
+        """The load with friction limits from the pressures of these displacements."""
         distance = load.law.shape.distance(load.pose.into(self.positions(displacements)))
         limits = load.law.friction * load.law.penalty * np.maximum(-distance, 0.0)
         return replace(load, limits=limits)
 
     def remember(self, displacements: FloatArray, load: ContactState) -> Memory:
-        """Memory after an equilibrium: anchors are kept where points stick and moved by slip."""
+        """History after an equilibrium: anchors stay where points stick and move with slip."""
         anchors = load.pose.into(self.positions(displacements))
         touched, anchored = self.touched(displacements, load), np.zeros(len(anchors), dtype=bool)
         anchored[touched.where] = touched.points.depth > 0.0
@@ -444,7 +444,7 @@ class Answer:
     moment_Nmm : (3,) array
         Moment that the indenter applies to the tissue about the spot.
     contact_radius_mm, penetration_mm : float
-        Farthest touching point from the axis; deepest overlap.
+        Largest distance of a touching point from the axis; largest penetration.
     sticking : float
         Share of the touching points that stick.
     """

@@ -1,4 +1,4 @@
-"""Why load stepping ended early: what its last balanced state says about the material and the elements."""
+"""Reason why load stepping ended early, from the material and the elements of its last balanced state."""
 
 from collections.abc import Mapping
 
@@ -20,7 +20,7 @@ def explained(
     """The stop in words: the symptom, where on the path, and the likely cause.
 
     A material is unstable where ∂²Ψ/∂ε_i∂ε_j in the logarithmic principal strains is not positive
-    definite (Drucker), which is looked for at every quadrature point of the last balanced state.
+    definite (Drucker), which is checked at every quadrature point of the last balanced state.
     Materials that are not isotropic are not examined.
     """
     where = f"beyond depth {stop.depth_mm:.2f} mm, rotation {stop.rotation_deg:.1f} degrees"
@@ -38,18 +38,18 @@ def explained(
             return (
                 f"{stop.reason} {where}: the material of region '{block.region}' is unstable there, at "
                 f"{int((stiffness <= 0.0).sum())} of {stiffness.size} points, worst at stretches {worst}; "
-                "no finer step helps, a stability filter drops such sets"
+                "smaller steps do not help; a stability filter drops such sets"
             )
     if least < CRUSHED:
         return f"{stop.reason} {where}: an element is crushed to {least:.3f} of its volume; refine the mesh"
     return (
-        f"{stop.reason} {where}: the material is stable there, so the contact finds no rest; "
+        f"{stop.reason} {where}: the material is stable there, but the contact finds no equilibrium; "
         "try more depth_steps, a smaller rotation_step_deg, or a finer mesh under the indenter"
     )
 
 
 def _deformation(block: Block, displacements: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Deformation gradient (e, q, 3, 3) that the material sees, and J (e, q)."""
+    """Deformation gradient (e, q, 3, 3) of the material, and J (e, q)."""
     F = np.eye(3) + np.einsum("eai,eqaj->eqij", displacements[block.nodes], block.gradients)
     J = np.linalg.det(F)
     if block.mean_dilatation:

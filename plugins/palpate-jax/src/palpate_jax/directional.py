@@ -1,8 +1,8 @@
 """Homogeneous tests of a material with directions, such as fibres.
 
-Such a specimen shears when it is pulled, so its stretches do not describe it. The lines along
-which it is driven keep their direction and have the prescribed length; everything else about F
-is free, and is where the energy is least (F e1 = t e1 fixes the rotation):
+Such a specimen shears when it is pulled, so its stretches do not describe it. The driven lines
+keep their direction and have the prescribed length; the other entries of F minimise the energy
+(F e1 = t e1 fixes the rotation):
 
 ===========  ==================  ============================================  ===================
 mode         driven lines        F                                             stress
@@ -12,7 +12,7 @@ equibiaxial  e1 and e2 by t      [[t, 0, b], [0, t, c], [0, 0, exp v]]         m
 pure_shear   e1 by t, e2 held    [[t, 0, b], [0, 1, c], [0, 0, exp v]]         P11 = dΨ/dt
 ===========  ==================  ============================================  ===================
 
-At constant volume exp v is what makes det F = 1.
+At constant volume exp v follows from det F = 1.
 """
 
 from dataclasses import dataclass
@@ -26,16 +26,16 @@ from palpate import mechanics
 from palpate.api import Array, FloatArray, Material
 
 STEP_LENGTHS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.1, 0.02, 0.0)
-"""Shares of a Newton step that are tried; the one with the least energy is taken."""
+"""Tried shares of a Newton step; the one with the least energy is used."""
 
 LONGEST_STEP = 0.3
 """Largest change of a free entry, or of the logarithm of a free stretch, in one Newton step."""
 
 NEAR = 1e-5
-"""Steps below this are taken whole: differences of energy are rounding there."""
+"""Smaller steps are used in full: differences of energy are rounding there."""
 
 STEP_TOLERANCE = 1e-11
-"""The free entries count as found when none moves by more."""
+"""The free entries have converged when none moves by more."""
 
 MAXIMUM_STEPS = 60
 

@@ -58,8 +58,8 @@ def _triangle_points() -> tuple[FloatArray, FloatArray]:
 class Face:
     """A face kind: shape values (q, n), slopes (q, n, 2) and weights (q,) of its quadrature points.
 
-    Contact lives at these points. Few of them, because each is a constraint: with 3 × 3 on a
-    four-node face a stiff contact leaves too little freedom, and overstates force by 3 %.
+    Contact is evaluated at these points. Each is a constraint, so there are few: with 3 × 3 on a
+    four-node face a stiff contact locks, and overstates force by 3 %.
     """
 
     values: FloatArray

@@ -89,7 +89,7 @@ class FieldWriter:
         return index
 
     def _write_one(self, path: Path, thetas: Mapping[str, FloatArray], state: LoadStep) -> None:
-        import meshio  # here, so that whoever writes no fields does not wait for it
+        import meshio  # here: slow to import, and few simulations write fields
 
         mesh = self._original
         kinds = [(kind, cell.meshio) for kind, cell in CELLS.items() if len(mesh.cells.get(kind, ()))]

@@ -1,4 +1,4 @@
-"""Refuses a press that would run over the edge of the contact surface."""
+"""Refuses a press that would cross the edge of the contact surface."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     Raises
     ------
     MeshError
-        No face can be touched, or the surface ends too near, naming the node.
+        No face can be touched, or the surface ends too near; with the node.
     """
     mesh = in_spot_frame(limb)
     radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())

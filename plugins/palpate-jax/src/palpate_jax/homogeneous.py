@@ -14,9 +14,9 @@ simple_shear            F = 1 + γ e1 ⊗ e2      P12 = dΨ/dγ, at constant vol
 ======================  =====================  =========================
 
 Incompressible: y follows from t and the pressure drops out of dΨ/dt, so the
-stress is exact and the volumetric energy plays no part. Compressible: y is
+stress is exact and independent of the volumetric energy. Compressible: y is
 where ∂Ψ/∂y = 0, found by Newton's method. A material with directions also shears:
-:mod:`palpate_jax.directional` says what is free then. The compression of a cylinder
+see :mod:`palpate_jax.directional`. The compression of a cylinder
 between greased plates is ``uniaxial`` with t < 1 and force / area < 0.
 """
 
@@ -61,17 +61,17 @@ SLOW = 0.5
 """Newton's method is slow where a step is longer than this share of the one before."""
 
 NEAR = 1e-4
-"""Steps of ln y below this are never lengthened: the gradient may be rounding."""
+"""Steps of ln y below this are never extended: the gradient may be rounding."""
 
 ISOCHORIC = (0.6, 1.4, 2.0)
-"""Stretches at which to see which parameters an incompressible specimen feels."""
+"""Stretches at which an incompressible specimen's parameters are checked for an effect."""
 
 MAXIMUM_STEPS = 100
 STEP_TOLERANCE = 1e-11
-"""A transverse stretch counts as found when its logarithm moves by less."""
+"""A transverse stretch has converged when its logarithm moves by less."""
 
 SETS_AT_ONCE = 16
-"""Sets evaluated in one call, however many there are to evaluate."""
+"""Sets evaluated in one call, for any number of sets."""
 
 Lateral = Callable[[Array, Array], Array]
 
@@ -121,7 +121,7 @@ class _Search(NamedTuple):
 
 
 def _transverse(gradient: Lateral, log_t: Array, guess: Array) -> tuple[Array, Array]:
-    """Solve ∂Ψ/∂u = 0 for u = ln y, shape (n,), and say where that succeeded.
+    """Solve ∂Ψ/∂u = 0 for u = ln y, shape (n,); also return where that succeeded.
 
     Newton with the modulus of the curvature, which always descends in energy,
     and a bounded step. While the steps hardly shrink, as they do far out on an
@@ -239,7 +239,7 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
         self._compiled: dict[tuple[object, ...], Evaluate] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the compiled functions behind: they cannot travel to another process."""
+        """Drop the compiled functions, which cannot be pickled."""
         return {**self.__dict__, "_compiled": {}}
 
     def ignored(self, material: Material) -> tuple[str, ...]:
@@ -262,14 +262,14 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
         return f"{__version__}, jax {jax.__version__}"
 
     def check(self, job: Job, limb: Limb | None) -> None:
-        """Refuse what is not a homogeneous test of one sound material.
+        """Refuse all but homogeneous tests of one valid material.
 
         Raises
         ------
         CurveError
             The protocol, a mode or a stretch cannot be tested.
         SolverError
-            Several regions, or a material without a sound reference state.
+            Several regions, or a material without a valid reference state.
         """
         self._check_tests(job)
         material, theta = _specimen(job)
@@ -283,7 +283,7 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
         """Simulate jobs, those of one protocol and material together.
 
         Where no equilibrium is found the status is ``diverged``, and the response
-        holds the points before.
+        has the points before.
         """
         for _, alike in groupby(jobs, key=_batch_key):
             while batch := list(islice(alike, SETS_AT_ONCE)):
@@ -309,7 +309,7 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
                 yield _simulation(job, {mode: values[row] for mode, values in stresses.items()}, seconds)
 
     def _refusal(self, job: Job) -> str:
-        """Say why a job cannot be simulated; empty when it can."""
+        """Reason why a job cannot be simulated; empty if it can."""
         try:
             self._check_tests(job)
             _specimen(job)
@@ -329,7 +329,7 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
         return {mode: np.asarray(values)[: len(jobs)] for mode, values in results.items()}
 
     def _evaluate(self, material: Material, modes: tuple[str, ...]) -> Evaluate:
-        """Compiled function for the material's class and settings, whichever instance a job carries."""
+        """Compiled function for the material's class and settings, shared by its instances."""
         key = (*_kind(material), modes)
         if key not in self._compiled:
             incompressible = self.settings.incompressible
@@ -366,12 +366,12 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
 
 
 def _kind(material: Material) -> tuple[object, ...]:
-    """Name what decides a material's energy: two instances of one kind are interchangeable."""
+    """Key of a material's energy: instances with the same key are interchangeable."""
     return type(material), material.settings.model_dump_json()
 
 
 def _batch_key(job: Job) -> tuple[object, ...]:
-    """Name what jobs must share to be evaluated together."""
+    """Key of jobs that can be evaluated together."""
     kinds = tuple(_kind(material) for material in job.materials.values())
     if not isinstance(job.protocol, HomogeneousTests):
         return kinds

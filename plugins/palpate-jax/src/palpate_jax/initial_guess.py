@@ -1,8 +1,8 @@
 """Initial guesses of a set's displacements from the sets that were simulated before it.
 
-Prescribed motion makes the displacements of all sets alike: scaling every modulus changes none of
-them, and they follow the remaining parameters smoothly. So they are interpolated between finished
-sets at every load step, and a set that is a multiple of a finished one is known.
+With prescribed motion the displacements of all sets are similar: they do not change when all moduli
+are scaled, and depend smoothly on the other parameters. So they are interpolated between finished
+sets at every load step, and a multiple of a finished set needs no simulation.
 """
 
 from collections import deque
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from palpate.api import FloatArray, Material, Simulation
 
 MOST_BYTES = 500_000_000
-"""Displacements kept; beyond it the oldest go."""
+"""Displacements kept; beyond this number the oldest are dropped."""
 
 MOST_SETS = 24
 """Sets that a guess is interpolated from."""
@@ -78,7 +78,7 @@ class WarmStart:
         return np.concatenate([np.asarray(thetas[region], dtype=np.float64) for region in self._regions])
 
     def _features(self, values: FloatArray, modulus_MPa: float) -> FloatArray:
-        """What displacements follow smoothly: moduli relative to one, as logarithms if they can be."""
+        """Coordinates of the interpolation: moduli relative to one, as logarithms if possible."""
         features = np.where(self._moduli, values / modulus_MPa, values)
         sizes = np.abs(features)
         usable = self._logarithmic & (sizes > 0.0)
@@ -128,7 +128,7 @@ class WarmStart:
 def _interpolation(known: FloatArray, target: FloatArray) -> FloatArray:
     """Coefficients (m,) of a cubic radial interpolant with linear polynomials, at ``target``.
 
-    The nearest set alone while there are too few for a plane.
+    Only the nearest set if there are too few for a plane.
     """
     m, d = known.shape
     if m < d + 2:

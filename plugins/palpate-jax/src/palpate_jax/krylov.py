@@ -9,15 +9,15 @@ from scipy.linalg import solve_triangular
 from palpate.api import FloatArray
 
 MOST_STEPS = 60
-"""Directions per right-hand side; who needs more has a poor preconditioner."""
+"""Directions per right-hand side; more would mean a poor preconditioner."""
 
 
 class Space:
     """Solves K x = b for one b after the other by minimal residuals, as GCR does.
 
-    Every solution is sought among the preconditioned residuals of all right-hand
-    sides so far: what a preconditioner misses is the same for each of them, so the
-    first one pays for most of it. With Z the directions, K Zᵀ = Cᵀ R and C Cᵀ = I,
+    Every solution is a combination of the preconditioned residuals of all right-hand
+    sides so far: the error of the preconditioner is the same for each, so the
+    first one costs most. With Z the directions, K Zᵀ = Cᵀ R and C Cᵀ = I,
     the residual is least for x = Zᵀ R⁻¹ C b.
 
     Parameters
@@ -58,7 +58,7 @@ class Space:
         return solution
 
     def _correction(self, residual: FloatArray, target: float) -> FloatArray:
-        """Solution for a residual, as good as rounding in the images lets it be."""
+        """Solution for a residual, up to rounding in the images."""
         shares = self._images[: self.n_steps] @ residual
         residual = residual - shares @ self._images[: self.n_steps]
         more = []
@@ -72,14 +72,14 @@ class Space:
         return correction
 
     def _extend(self, direction: FloatArray) -> bool:
-        """Take up a direction; false if it is none, or the space is full."""
+        """Add a direction; false if it is dependent, or the space is full."""
         n = self.n_steps
         image = self._matrix @ direction
         if n == len(self._images) or not np.isfinite(image).all():
             return False
         size = np.linalg.norm(image)
         shares = np.zeros(n)
-        for _ in range(2):  # the second time takes away the rounding of the first
+        for _ in range(2):  # the second removes the rounding of the first
             more = self._images[:n] @ image
             image -= more @ self._images[:n]
             shares += more

@@ -1,4 +1,4 @@
-"""Load stepping along the indenter's path: predict, balance, store friction; cut a step that fails."""
+"""Load stepping along the indenter's path: predict, balance, store friction; halve a step that fails."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -17,10 +17,10 @@ from palpate_jax.sensitivity import Sensitivity, Slopes
 SMALLEST_CUT = 1.0 / 32.0
 
 GOOD_GUESS = 0.3
-"""Imbalance below which an initial guess is taken without the linear prediction."""
+"""Imbalance below which an initial guess is used without the linear prediction."""
 
 PROBE = 1e-4
-"""How far ahead of a balanced state, as a share of the step, the predictor is taken."""
+"""Distance ahead of a balanced state, as a share of the step, at which the predictor is evaluated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Stop:
 
 
 def load_steps(protocol: Indentation, depth_steps: int, rotation_step_deg: float) -> FloatArray:
-    """Points (n, 2) of depth and rotation to balance at, waypoints included, rest left out."""
+    """Load steps (n, 2) of depth and rotation, with the waypoints and without the rest."""
     depth_step_mm = max(float(protocol.path[:, 0].max()), 1e-9) / depth_steps
     points = []
     for start, end in zip(protocol.path[:-1], protocol.path[1:], strict=True):
@@ -67,13 +67,13 @@ def pose(position: FloatArray) -> Pose:
 
 
 def motion(way: FloatArray) -> Motion:
-    """The indenter's motion along a way of (depth_mm, rotation_deg)."""
+    """The indenter's motion along a change of (depth_mm, rotation_deg)."""
     return Motion(np.array([0.0, 0.0, -way[0]]), np.array([0.0, 0.0, np.deg2rad(way[1])]))
 
 
 @dataclass(slots=True, eq=False)
 class _State:
-    """The last balanced state; ``felt`` is the memory that it was balanced with."""
+    """The last balanced state; ``felt`` is the history that it was balanced with."""
 
     position: FloatArray
     displacements: FloatArray
@@ -82,7 +82,7 @@ class _State:
 
 
 class LoadStepping:
-    """Takes a model along a path.
+    """Load steps of a model along a path.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class LoadStepping:
         self.n_held = 0
 
     def along(self, points: FloatArray) -> Iterator[LoadStep | Stop]:
-        """Balance at each point (n, 2) in turn; a ``Stop`` is the last."""
+        """Balance at each point (n, 2) in turn; the last may be a ``Stop``."""
         nothing = self._model.contact.no_memory(pose(np.zeros(2)))
         state = _State(np.zeros(2), self._model.rest(), nothing, nothing)
         for k, point in enumerate(points):
@@ -132,7 +132,7 @@ class LoadStepping:
             yield self._load_step(state)
 
     def _advance(self, state: _State, target: FloatArray, guesses: Sequence[FloatArray]) -> str:
-        """Reach the target in as few cuts as it takes; the reason when it cannot be reached."""
+        """Step to the target, halving a step that fails; returns the reason if it cannot be reached."""
         done, share = 0.0, 1.0
         origin = state.position
         while done < 1.0:
@@ -158,7 +158,7 @@ class LoadStepping:
         return ContactState(pose(position), state.memory, self._law)
 
     def _predicted(self, state: _State, position: FloatArray) -> FloatArray:
-        """First guess: the linear answer to the indenter's motion, taken just ahead of the last state.
+        """Initial guess: the linear response to the indenter's motion, just ahead of the last state.
 
         Ahead, because at a reversal of the twist the points that slid now stick.
         """

@@ -1,4 +1,4 @@
-"""One limb ready to be solved: body, contact and the sparse pattern they share."""
+"""Model of one limb: body, contact and their common sparse pattern."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -83,7 +83,7 @@ class Model:
         return np.zeros_like(self._unknowns, dtype=np.float64)
 
     def moved(self, displacements: FloatArray, step: FloatArray, load: ContactState) -> FloatArray:
-        """Displacements after a step of the free unknowns, along the indenter where it is near."""
+        """Displacements after a step of the free unknowns, curved along a nearby indenter."""
         result = self.contact.along(displacements, self.straight(displacements, step), load)
         result.reshape(-1)[~self._free] = displacements.reshape(-1)[~self._free]
         return result
@@ -95,7 +95,7 @@ class Model:
         return result
 
     def carried(self, displacements: FloatArray, pose: Pose) -> FloatArray:
-        """Displacements with the bonded nodes where the indenter takes them."""
+        """Displacements with the bonded nodes moved by the indenter."""
         result = displacements.copy()
         rest = self.points[self.bonded]
         result[self.bonded] = rest @ pose.rotation.T + pose.tip - rest
@@ -104,7 +104,7 @@ class Model:
     def answer(
         self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: ContactState
     ) -> Answer:
-        """What the indenter feels at a balanced state: the contact's tractions and the bonded nodes' pull."""
+        """Load on the indenter at a balanced state: contact tractions and forces of the bonded nodes."""
         answer = self.contact.answer(displacements, load)
         if not self.bonded.size:
             return answer
@@ -117,10 +117,10 @@ class Model:
         )
 
     def along_arcs(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Bend a straight move so that its circumferential part runs along arcs about the axis.
+        """Curve a straight step so that its circumferential part follows arcs about the axis.
 
-        Points that turn with the sphere stay on it; the straight move would
-        lift them off by r α²/2, which the penalty turns into a large force.
+        Points that turn with the sphere stay on it; the straight step would
+        lift them by r α²/2, which the penalty turns into a large force.
         """
         place = self.points[:, :2] + start[:, :2]
         step = end[:, :2] - start[:, :2]
@@ -146,7 +146,7 @@ class Model:
         return Forces(self, displacements, internal, least)
 
     def linearised(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> "Linearised":
-        """Internal forces of a state and their derivative, kept for who asks for the same state next."""
+        """Internal forces of a state and their derivative, cached for the next call with the same state."""
         last = self._last
         if last is None or last.thetas is not thetas or not np.array_equal(last.displacements, displacements):
             internal, values, least = self.body.tangent(displacements, thetas)

@@ -1,4 +1,4 @@
-"""Equilibrium at one position of the sphere: Newton's method, guarded."""
+"""Equilibrium at one position of the sphere: Newton's method with line search."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,24 +16,24 @@ MOST_TRIALS = 8
 
 
 MOST_GROWTH = 2.0
-"""Growth of the imbalance beyond which a step is shortened: points that stick and slip would cycle."""
+"""Growth of the imbalance above which a step is shortened, against cycles of stick and slip."""
 
 
 MOST_RENEWALS = 60
-"""Rounds of held limits of friction before a position counts as out of reach.
+"""Updates of fixed friction limits before a position counts as unreachable.
 
-A few where points cycle; many where a part of the contact lets go and the tissue slides on.
+Few if points cycle; many if a part of the contact opens and the tissue slides.
 """
 
 LOOSER = 10.0
-"""Imbalance, in tolerances, that is let pass where friction leaves no balance for Newton's method."""
+"""Accepted imbalance, in tolerances, if Newton's method finds no balance because of friction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Balance:
     """Where Newton's method ended; ``reason`` is empty when it converged.
 
-    ``held`` says that it did so with limits of friction that were held.
+    ``held``: with fixed friction limits.
     """
 
     displacements: FloatArray
@@ -73,12 +73,12 @@ def _by_held_limits(
     linear: LinearSolver,
     tolerance: float,
 ) -> Balance:
-    """Balance with limits of friction that are held, renewed until they agree with the pressures.
+    """Balance with fixed friction limits, updated until they agree with the pressures.
 
-    With much friction Newton's method may cycle between points that stick and slip: pressing harder
-    where they slip lets them stick, and the other way round. Held limits leave a potential, in
-    which the line search is sure to descend, also off a saddle where the tissue buckles; what
-    their renewal leaves is small, and reported.
+    With much friction Newton's method may cycle between stick and slip: more pressure lets slipping
+    points stick, and the other way round. With fixed limits there is a potential, in
+    which the line search always descends, also from a saddle where the tissue buckles. The
+    imbalance after the last update is small, and reported.
     """
     displacements, n_iterations = failed.displacements, failed.n_iterations
     for _ in range(MOST_RENEWALS):
@@ -120,7 +120,7 @@ def _newton(
             return Balance(displacements, iteration, str(error))
         moved = _line_search(model, thetas, load, displacements, step, residual)
         if moved is None:
-            return Balance(displacements, iteration, "no step lessens the imbalance or an element inverts")
+            return Balance(displacements, iteration, "no step reduces the imbalance or an element inverts")
         displacements, after = moved
         if after.relative <= tolerance:
             return Balance(displacements, iteration + 1, "")
@@ -128,7 +128,7 @@ def _newton(
 
 
 def _forcing(relative: float, tolerance: float) -> float:
-    """Accuracy of the linear solve: Newton stays quadratic, and the last solve ends within tolerance."""
+    """Accuracy of the linear solve that keeps Newton's convergence and ends within tolerance."""
     return float(np.clip(0.1 * relative, 0.1 * tolerance / relative, 0.03))
 
 
@@ -140,11 +140,11 @@ def _line_search(
     step: FloatArray,
     before: Residual,
 ) -> tuple[FloatArray, Residual] | None:
-    """A length at which the imbalance no longer pulls along the step.
+    """Length of the step at which the imbalance has no component along it.
 
-    The pull r·d is the slope of the energy where there is one. A full step is
-    taken when it lessens the imbalance; otherwise the root of the slope is
-    bracketed and closed in on by regula falsi, which ends the cycles of points
+    r·d is the slope of the energy if there is one. A full step is
+    used if it reduces the imbalance; otherwise the root of the slope is
+    bracketed and found by regula falsi, which ends the cycles of points
     that go in and out of contact.
     """
 

@@ -1,9 +1,9 @@
 """Patches of linear tetrahedra that share one volume change.
 
-A single tetrahedron of constant strain can hardly keep its volume: nearly
-incompressible, it locks. Averaged over about eight neighbours the constraint is
-as mild as that of a hexahedron (F-bar patch, de Souza Neto, Andrade Pires &
-Owen 2005). Patches grow by pairing neighbours three times, those first that
+A single tetrahedron of constant strain locks if it is nearly incompressible.
+Averaged over about eight neighbours the constraint is
+as weak as that of a hexahedron (F-bar patch, de Souza Neto, Andrade Pires &
+Owen 2005). Patches grow by pairing neighbours three times, first those that
 share most of their surface, so that they become compact.
 """
 
@@ -33,7 +33,7 @@ class _Dual:
     surface: FloatArray
 
     def closeness(self) -> FloatArray:
-        """Share of a pair's surface that vanishes when it is joined, (p,)."""
+        """Share of a pair's surface that becomes internal when it is joined, (p,)."""
         joint: FloatArray = self.common / self.surface[self.pairs].sum(axis=1)
         return joint
 
@@ -50,7 +50,7 @@ class _Dual:
 
 
 def tetrahedron_patches(points_mm: FloatArray, tets: IntArray) -> IntArray:
-    """Group tetrahedra into patches that hang together by faces.
+    """Group tetrahedra into patches that are connected by faces.
 
     Parameters
     ----------

@@ -1,18 +1,18 @@
-"""Exact derivatives of the answer in the materials' parameters and in the friction.
+"""Exact derivatives of force and moment in the materials' parameters and in the friction.
 
-Direct differentiation along the path. A balanced state fulfils r(u, a, θ) = 0 with the
-anchors a that the contact remembers; its derivative is one linear system per parameter,
+Direct differentiation along the path. A balanced state satisfies r(u, a, θ) = 0 with the
+anchors a of the contact; its derivative is one linear system per parameter,
 
     K du = −∂f_body/∂θ + ∂f_contact/∂a da + ∂f_contact/∂ε dε + ∂f_contact/∂μ dμ,
 
 with the exact tangent K, and the new anchors' derivative follows from du as the
-anchors follow from u. So da carries the derivative of the path along the path. The
+anchors follow from u. So da is the history of the derivative. The
 penalty ε counts too: it is proportional to the initial shear modulus of the touched
 region. (Kleiber, Antúnez, Hien & Kowalczyk, Parameter Sensitivity in Nonlinear
 Mechanics, 1997, treat path dependence in this way.)
 
-Where a point just begins to touch or to slide, the answer has a kink, and the
-derivative is that of the side on which the state is.
+Where a point just begins to touch or to slide, the response has a kink; the
+derivative is one-sided, on the side of the state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ ACCURACY = 1e-8
 """Residual, relative to the right-hand side, of the linear systems."""
 
 PROBE_MM = 1e-5
-"""Largest displacement of the central difference that gives the pull of the bonded nodes."""
+"""Largest displacement of the central difference for the forces of the bonded nodes."""
 
 FRICTION = "friction"
 """Name of the friction coefficient among the parameters."""
@@ -39,14 +39,14 @@ FRICTION = "friction"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slopes:
-    """Derivatives of a balanced state's answer.
+    """Derivatives of a balanced state's force and moment.
 
     Parameters
     ----------
     names : tuple of m str
         ``region.parameter`` of each parameter, then ``friction``.
     force_N, torque_Nmm : (m,) array
-        About the axis, per unit of the parameter; not a number from a state on whose tangent is singular.
+        About the axis, per unit of the parameter; NaN from the first state with a singular tangent on.
     """
 
     names: tuple[str, ...]
@@ -75,7 +75,7 @@ def _shear_modulus_slopes(material: Material, theta: Array) -> tuple[Array, Arra
 
 
 class Sensitivity:
-    """Follows load stepping: an observer of its balanced states.
+    """Sensitivities along load stepping: an observer of its balanced states.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class Sensitivity:
         self.slopes = Slopes(self._names, np.zeros(n), np.zeros(n))
 
     def balanced(self, displacements: FloatArray, load: ContactState) -> None:
-        """Take the derivatives from the last balanced state to this one."""
+        """Advance the derivatives from the last balanced state to this one."""
         if not self.slopes.finite:
             return
         model = self._model
@@ -133,7 +133,7 @@ class Sensitivity:
         return np.concatenate([*(rates[region] for region in self._thetas), np.zeros_like(self._moved[:1])])
 
     def _changes(self, moved: FloatArray, load: ContactState) -> list[Change]:
-        """What changes at all points with each parameter, if the nodes move by rows of ``moved``."""
+        """Rates at all points for each parameter, if the nodes move by rows of ``moved``."""
         contact, turn = self._model.contact, load.pose.rotation
         rows = zip(moved, self._anchors, self._penalty, self._friction, strict=True)
         return [Change(contact.at_points(u) @ turn, a, float(e), float(f)) for u, a, e, f in rows]
@@ -154,7 +154,7 @@ class Sensitivity:
     def _follow(
         self, displacements: FloatArray, load: ContactState, touched: Touched, body: FloatArray
     ) -> None:
-        """Take up the derivatives of the answer and of the anchors; compare ``Contact.remember``."""
+        """Store the derivatives of force, moment and anchors; compare ``Contact.remember``."""
         model, turn, where = self._model, load.pose.rotation, touched.where
         arms = model.contact.positions(displacements)[where]
         areas = model.contact.areas[where, None]

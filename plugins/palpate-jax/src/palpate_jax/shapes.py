@@ -1,4 +1,4 @@
-"""Shapes of rigid indenters, as signed distances in the indenter's own frame.
+"""Shapes of rigid indenters, as signed distances in the indenter's frame.
 
 The frame's origin is the indenter's lowest point and its z axis points away
 from the limb, so that an indenter at rest just touches the spot.
@@ -12,7 +12,7 @@ from palpate.api import FloatArray, Sphere
 
 
 class Shape(Protocol):
-    """A rigid body that tissue is pressed with; smooth where tissue touches it."""
+    """A rigid indenter; smooth where tissue touches it."""
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Signed distance (n,) [mm] of points (n, 3) to the surface, negative inside."""

@@ -44,13 +44,13 @@ LIMBS_KEPT = 8
 
 
 class JaxSettings(Settings):
-    """How finely and how strictly to solve."""
+    """Settings of the solver ``jax``."""
 
     depth_steps: int = Field(
         10,
         ge=2,
         description="balanced states from the surface to the greatest depth; "
-        "a point has no friction in the step in which it first touches, so few steps lose force",
+        "a point has no friction in the step of its first contact, so too few steps reduce the force",
     )
     rotation_step_deg: float = Field(
         4.5, gt=0.0, description="largest step of rotation between balanced states [degrees]"
@@ -70,8 +70,8 @@ class JaxSettings(Settings):
     mean_dilatation: bool | tuple[str, ...] = Field(
         True,
         description="one volume change per element, or per patch of about eight tet4, which keeps nearly "
-        "incompressible tissue from locking: in all regions, in none, or in those named; without it, "
-        "which is for comparison with other programs, tet4 overstates force by half and more",
+        "incompressible tissue from locking: in all regions, in none, or in the named ones; without it, "
+        "for comparison with other programs, tet4 overstates force by half and more",
     )
     warm_start: bool = Field(
         False,
@@ -81,20 +81,20 @@ class JaxSettings(Settings):
     )
     fields: Literal["none", "end", "all"] = Field(
         "none",
-        description="VTU files with displacement, stress, stretches and contact tractions: of no balanced "
-        "state, of the last one of each set of the design, or of all",
+        description="VTU files with displacement, stress, stretches and contact tractions: of no load "
+        "step, of the last one of each set of the design, or of all",
     )
     fields_folder: str = Field(
         "fields",
         min_length=1,
         description="where the VTU files go, as <folder>/<spot>/set-<number>/path.pvd; relative to the "
-        "folder that palpate is run in",
+        "current folder of palpate",
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Prepared:
-    """A limb ready to be solved, with the sets finished so far by protocol."""
+    """Model of a limb, with the finished sets by protocol."""
 
     limb: Limb
     materials: Mapping[str, Material]
@@ -108,10 +108,10 @@ class _Prepared:
 
 
 class JaxSolver(Solver[JaxSettings]):
-    """Quasi-static finite elements of a limb under a rigid sphere with friction that remembers."""
+    """Quasi-static finite elements of a limb under a rigid sphere, with friction and its history."""
 
     name = "jax"
-    summary = "finite elements (hex8, tet10, tet4) under a rigid sphere, friction with memory; embedded"
+    summary = "finite elements (hex8, tet10, tet4) under a rigid sphere, friction with history; embedded"
     takes_fields = True
     gives_slopes = True
     channels = ("force", "torque")
@@ -133,7 +133,7 @@ class JaxSolver(Solver[JaxSettings]):
             A region without material, a surface that does not touch the sphere at
             depth 0, or one that ends within its reach.
         MaterialError
-            Parameters out of their physical range or without a stable rest.
+            Parameters outside their physical range or without a stable reference state.
         """
         protocol, limb = indentation_of(job, limb, self.name)
         _check_touch(limb, protocol.indenter.radius_mm)
@@ -149,15 +149,15 @@ class JaxSolver(Solver[JaxSettings]):
             _check_folder(self._fields_folder(job))
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
-        """Walk the protocol's path; a path that cannot be finished is ``diverged`` and keeps its start."""
+        """Simulate the protocol's path; if it cannot be finished, ``diverged`` with partial curves."""
         return self._simulate(job, limb, warm_start=False)
 
     def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
-        """Walk the same path with every set, with a warm start if the setting asks for it.
+        """Simulate the same path with every set, with a warm start if set.
 
         An initial guess changes no result by more than the tolerance, as long as ``n_cuts`` is 0
-        without it too. Where it saves a step from being cut, friction follows the longer step. A
-        set whose moduli are a multiple of a finished set's is that set's result, scaled.
+        without it too. Where it avoids halving a step, friction follows the longer step. A
+        multiple of a finished set gets that set's result, scaled.
         """
         for job in jobs:
             yield self._simulate(job, limb, warm_start=self.settings.warm_start)
@@ -221,18 +221,18 @@ class JaxSolver(Solver[JaxSettings]):
         return stepping, reached, None
 
     def _write_fields(self, prepared: _Prepared, job: Job, reached: Sequence[LoadStep]) -> None:
-        from palpate_jax.fields import FieldWriter  # here: few write fields, and nobody else waits
+        from palpate_jax.fields import FieldWriter  # here: slow to import, and rarely used
 
         writer = FieldWriter(prepared.limb, prepared.materials, self.settings.mean_dilatation)
         shown = reached if self.settings.fields == "all" else reached[-1:]
         writer.write(self._fields_folder(job) / f"set-{job.set_id}", job.thetas, shown)
 
     def _fields_folder(self, job: Job) -> Path:
-        """Folder of the spot's files; whatever in its name could lead out of it is escaped."""
+        """Folder of the spot's files; characters that could leave it are escaped."""
         return Path(self.settings.fields_folder) / quote(job.spot, safe=" ").replace(".", "%2E")
 
     def _law(self, protocol: Indentation, modulus_MPa: float) -> ContactLaw:
-        """Contact whose penetration is about the same share of the depth, however deep the press is."""
+        """Contact whose penetration is about the same share of any depth."""
         radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
         dent = np.sqrt(radius * depth) if depth > 0.0 else radius
         penalty = self.settings.penalty * modulus_MPa / dent
@@ -255,7 +255,7 @@ class JaxSolver(Solver[JaxSettings]):
 
 
 def _same(one: object, other: object) -> bool:
-    """Whether two values, perhaps copies that travelled between processes, are equal."""
+    """Whether two values are equal; they may be copies from other processes."""
     if one is other:
         return True
     if isinstance(one, Mapping) and isinstance(other, Mapping):
@@ -302,7 +302,7 @@ def _check_touch(limb: Limb, radius_mm: float) -> None:
 
 
 def _scaled(known: Simulation, factor: float, job: Job, seconds: float) -> Simulation:
-    """The answer of a set whose moduli are ``factor`` times a finished set's."""
+    """The simulation of a set whose moduli are ``factor`` times a finished set's."""
     assert known.response is not None
     curves = {
         name: replace(curve, ordinate=factor * curve.ordinate, slopes={})

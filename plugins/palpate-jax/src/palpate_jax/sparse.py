@@ -1,8 +1,8 @@
-"""The sparse system: a pattern fixed once, filled many times.
+"""The sparse linear system, with one pattern for all tangents.
 
 The tangent is unsymmetric under friction and changes little from one Newton
-iteration to the next, so a factorisation is kept as the preconditioner of GMRES
-for as long as that stays cheap.
+iteration to the next, so a factorisation is reused as the preconditioner of GMRES
+as long as that is cheaper.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,26 +15,25 @@ from palpate.api import FloatArray, IntArray, SparseFactor
 from palpate_jax.krylov import Space
 
 PATIENCE = 120
-"""Krylov steps that an older factor may cost beyond those of a new one before it is renewed.
+"""Extra Krylov steps of an older factor, compared with a new one, before a new factorisation.
 
-Where to stop paying for old factors is the choice between renting and buying: renew when the
-extra steps since the last factorisation have cost about as much as the next one will.
+A new factorisation is due when the extra steps since the last one have cost about as much.
 """
 
 FEW_KRYLOV_STEPS = 40
-"""A solve that needs more has outlived its preconditioner."""
+"""A solve that needs more gets a new preconditioner."""
 
 MOST_KRYLOV_STEPS = 60
 """A solve that needs more with a fresh preconditioner has failed."""
 
 
 class Pattern:
-    """Where element entries go in a compressed-row matrix over the free unknowns.
+    """Places of the element entries in a compressed-row matrix of the free unknowns.
 
     Parameters
     ----------
     groups : sequence of (e, m) integer arrays
-        Unknown of each element degree of freedom, −1 where it is held.
+        Unknown of each element degree of freedom, −1 if it is fixed.
     n_unknowns : int
     """
 
@@ -54,7 +53,7 @@ class Pattern:
         self._transposed = np.argsort(entries % n_unknowns * n_unknowns + entries // n_unknowns)
 
     def places(self, group: int) -> IntArray:
-        """Place (e, m, m) of each entry of a group in ``indices``, their number for a held one."""
+        """Place (e, m, m) of each entry of a group in ``indices``, their number for a fixed one."""
         m = self._sizes[group]
         return self._places[group].reshape(-1, m, m)
 
@@ -77,8 +76,8 @@ class Pattern:
 class LinearSolver:
     """Solves K x = b by GMRES, preconditioned with the factors of a symmetric matrix close to K.
 
-    Symmetric factors cost a fifth of unsymmetric ones, and older ones still
-    serve: they are renewed only when the iteration stops paying.
+    Symmetric factors cost a fifth of unsymmetric ones, and older ones are
+    reused until the extra iterations cost more.
 
     Parameters
     ----------
@@ -87,7 +86,7 @@ class LinearSolver:
     Attributes
     ----------
     n_factorisations : int
-        How often a matrix was factorised.
+        Number of factorisations.
     """
 
     def __init__(self, pattern: Pattern) -> None:
@@ -99,11 +98,11 @@ class LinearSolver:
         self._extra_steps = 0
 
     def reset(self) -> None:
-        """Forget the factors."""
+        """Drop the factors."""
         self._ready = False
 
     def restart(self) -> None:
-        """Forget the factors and the count, before another simulation of the same pattern."""
+        """Drop the factors and the count, before another simulation of the same pattern."""
         self.reset()
         self.n_factorisations = 0
 
@@ -120,7 +119,7 @@ class LinearSolver:
         ----------
         matrix : (n, n) sparse array
         preconditioner : callable
-            Makes the values of a symmetric matrix close to it, when new factors are due.
+            Returns the values of a symmetric matrix close to it, for new factors.
         rhs : (n,) array
         tolerance : float
 
@@ -145,9 +144,9 @@ class LinearSolver:
     def solve_all(
         self, matrix: sp.csr_array, preconditioner: FloatArray, rhs: FloatArray, tolerance: float
     ) -> FloatArray:
-        """Solutions (m, n) of several right-hand sides (m, n), with new factors and a space for all.
+        """Solutions (m, n) of several right-hand sides (m, n), with new factors and one Krylov space.
 
-        New, because older ones cost a multiple of the steps where many digits are due.
+        New factors, because older ones need many more steps at a tight tolerance.
 
         Raises
         ------

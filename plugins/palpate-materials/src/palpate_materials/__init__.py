@@ -1,6 +1,6 @@
-"""Hyperelastic materials, the Drucker stability filter, and studies of real rubber and silicone.
+"""Hyperelastic materials, the Drucker stability filter, and studies of measured rubber and silicone.
 
-Names are imported when they are first used, so that finding the plugin costs nothing.
+Names are imported when they are first used, so that loading the plugin is fast.
 """
 
 from importlib.resources import files
@@ -24,7 +24,7 @@ if not TYPE_CHECKING:
 
 @hookimpl
 def palpate_materials() -> "list[type[Material]]":
-    """Provide the paper's three materials, and three more of the field."""
+    """Provide the paper's three materials, and three more."""
     from palpate_materials import Demiray, MooneyRivlin, NeoHookean, Ogden, VerondaWestmann, Yeoh
 
     return [Ogden, Yeoh, NeoHookean, MooneyRivlin, VerondaWestmann, Demiray]
@@ -46,7 +46,7 @@ def palpate_studies() -> "list[StudyTemplate]":
     return [
         StudyTemplate(
             name="treloar",
-            summary="Treloar's rubber in three modes, one of which misleads; half a minute (measured)",
+            summary="Treloar's rubber in three modes; half a minute (measured)",
             directory=_directory("treloar"),
         ),
         StudyTemplate(

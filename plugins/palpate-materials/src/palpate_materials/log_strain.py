@@ -1,4 +1,4 @@
-"""Stiffness between Kirchhoff stress and logarithmic strain, the Hessian that stability is about."""
+"""Stiffness between Kirchhoff stress and logarithmic strain: the Hessian of the stability criterion."""
 
 from functools import partial
 from itertools import permutations
@@ -11,7 +11,7 @@ from palpate import mechanics
 from palpate.api import Array, Material
 
 SETS_AT_ONCE = 256
-"""Sets whose Hessians are held in memory together."""
+"""Sets whose Hessians are in memory together."""
 
 
 @partial(jax.jit, static_argnums=0)

@@ -1,4 +1,4 @@
-"""Drucker stability: which parameter sets describe a material that does not collapse under load."""
+"""Drucker stability: a filter of parameter sets of unstable materials."""
 
 from typing import Literal
 
@@ -16,7 +16,7 @@ class DruckerSettings(Settings):
     modes: tuple[Mode, ...] = Field(
         default=("uniaxial", "equibiaxial", "planar"),
         min_length=1,
-        description="Deformation modes along which stability is demanded.",
+        description="Deformation modes along which stability is required.",
     )
     least_stretch: float = Field(
         default=0.3, gt=0.0, lt=1.0, description="Compressive end of the stretch range, less than 1."
@@ -54,7 +54,7 @@ class Drucker(SetFilter[DruckerSettings]):
     the increments of constant volume, plus κ on the volumetric one. So for
     these materials the condition is the classic one of incompressible rubber (a
     positive definite 2 × 2 stiffness between true stress and logarithmic strain)
-    and κ > 0, and the pressure plays no part. A coupled material meets the same
+    and κ > 0, independent of the pressure. A coupled material has the same
     condition along the same isochoric paths. For an anisotropic one the Hessian
     is 6 × 6, in the whole logarithmic strain tensor, with each mode applied along
     all permutations of the coordinate axes.

@@ -1,4 +1,4 @@
-"""What nearly incompressible materials share: Ψ = Ψ̃(λ̃) + κ/2 (ln J)²."""
+"""Base of nearly incompressible materials: Ψ = Ψ̃(λ̃) + κ/2 (ln J)²."""
 
 import sys
 from abc import abstractmethod
@@ -6,11 +6,11 @@ from abc import abstractmethod
 from palpate.api import Array, Material, Parameter, SettingsT
 
 POSITIVE = sys.float_info.min
-"""Lower physical limit of what must be greater than zero."""
+"""Lower physical limit of a positive parameter."""
 
 
 class Uncoupled(Material[SettingsT]):
-    """A material whose energy splits into a part of shape and a part of volume.
+    """A material whose energy is the sum of an isochoric and a volumetric part.
 
     Ψ = Ψ̃(λ̃1, λ̃2, λ̃3) + κ/2 (ln J)², with λ̃ = J^(−1/3) λ. (The paper prints
     J^(1/3), a misprint.) κ is the last parameter and the initial bulk modulus.
@@ -47,7 +47,7 @@ def bulk_modulus(lower: float = 0.25, upper: float = 2.5) -> Parameter:
 
 
 def modulus(name: str, lower: float, upper: float, description: str, least: float = POSITIVE) -> Parameter:
-    """Parameter in MPa that scales with stiffness; greater than zero unless ``least`` says otherwise."""
+    """Parameter in MPa that scales with stiffness; greater than zero by default (``least``)."""
     return Parameter(
         name=name,
         unit="MPa",
@@ -60,7 +60,7 @@ def modulus(name: str, lower: float, upper: float, description: str, least: floa
 
 
 def shape(name: str, lower: float, upper: float, description: str, least: float = POSITIVE) -> Parameter:
-    """Dimensionless parameter; greater than zero unless ``least`` says otherwise."""
+    """Dimensionless parameter; greater than zero by default (``least``)."""
     return Parameter(
         name=name,
         unit="",

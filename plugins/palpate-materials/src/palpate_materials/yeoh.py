@@ -1,4 +1,4 @@
-"""Yeoh material, and the two ways in which its coefficients are written."""
+"""Yeoh material, and the two conventions of its coefficients."""
 
 import numpy as np
 from pydantic import Field

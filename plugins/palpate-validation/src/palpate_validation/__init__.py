@@ -1,4 +1,4 @@
-"""Whether solvers agree with each other and with recorded results, and what friction without memory does."""
+"""Comparison of solvers with each other and with recorded results, and friction without history."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""``palpate certify``: whether the installed solvers agree with each other and with FEBio."""
+"""``palpate certify``: compare the installed solvers with each other and with FEBio."""
 
 from __future__ import annotations
 
@@ -21,9 +21,7 @@ FAILED = 1
 
 def certify(
     context: typer.Context,
-    material: Annotated[
-        str | None, typer.Argument(help="A material; without it all that were recorded.")
-    ] = None,
+    material: Annotated[str | None, typer.Argument(help="A material; by default all recorded ones.")] = None,
     mesh: Annotated[
         Path | None,
         typer.Option(
@@ -35,13 +33,15 @@ def certify(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FILE", help="Write the JSON there too; in a run's folder, its report shows it."
+            "--out",
+            metavar="FILE",
+            help="Write the JSON there too; the report of a run shows it from the run's folder.",
         ),
     ] = None,
     solver: Annotated[
         list[str] | None,
         typer.Option(
-            "--solver", metavar="NAME", help="A solver to judge; repeat for more. Default: palpate's own."
+            "--solver", metavar="NAME", help="A solver to compare; repeat for more. Default: palpate's."
         ),
     ] = None,
     as_json: AsJson = False,
@@ -87,9 +87,9 @@ def _version(solver: Solver) -> str:
 
 
 def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any, dict[str, Any], list[str]]:
-    """Names to judge, the installed FEBio or None, a maker for each solver to run, and what is missing.
+    """Names to compare, the installed FEBio or None, a factory for each solver, and what is missing.
 
-    Palpate's own solvers come first: the others are judged against them, and never the other way round.
+    Palpate's solvers come first: they are the references of the others, never the other way round.
     """
     from palpate_febio.solver import FebioSolver
 
@@ -102,16 +102,16 @@ def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any,
         if any(issubclass(plugins.solvers[name], FebioSolver) for name in asked):
             raise
         febio = None
-        missing.append(f"FEBio itself: {error}. its recorded curves are used instead")
+        missing.append(f"FEBio itself: {error}. Its recorded curves are used instead")
     for name in asked:
         if not plugins.solvers[name].needs_limb:
-            raise PluginError(f"solver '{name}' takes no mesh, and every problem here has one")
+            raise PluginError(f"solver '{name}' takes no mesh, but every problem here has one")
     able = {name: each for name, each in plugins.solvers.items() if each.needs_limb}
     others = [name for name, each in able.items() if not _is_own(each)]
     own = [name for name in able if name not in others]
     judged = list(asked) or own
     if unasked := [name for name in others if name not in judged]:
-        missing.append(f"not judged: {', '.join(unasked)}; name each with --solver")
+        missing.append(f"not compared: {', '.join(unasked)}; name each with --solver")
     is_other = any(not _is_own(plugins.solvers[name]) for name in judged)
     wanted = own if is_other else [name for name in own if name in judged]
     makers = {
@@ -128,7 +128,7 @@ def _is_own(solver: type[Solver]) -> bool:
 
 
 def _maker(solver: type[Solver]) -> Any:  # noqa: ANN401 -- a Contender
-    """Make the solver for a case; one with a choice of element formulation is given FEBio's."""
+    """Make the solver for a case, with FEBio's element formulation if it has a choice."""
 
     def make(mean_dilatation: bool | tuple[str, ...]) -> Solver:
         if "mean_dilatation" in solver.Settings.model_fields:

@@ -1,4 +1,4 @@
-"""A comparison that solvers agree: what was compared, how much it differs, and the verdict."""
+"""A comparison of solvers: quantities, differences and the verdict."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -38,8 +38,8 @@ Contender = Callable[[bool | tuple[str, ...]], Solver]
 class Row:
     """One comparison.
 
-    ``difference`` is relative to the peak of what it is compared with; None where there was
-    no answer: ``note`` says why. ``refused`` is a problem that the solver does not take.
+    ``difference`` is relative to the peak of the reference; None without a result, with the
+    reason in ``note``. ``refused`` is a problem that the solver does not support.
     """
 
     problem: str
@@ -54,7 +54,7 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """``agrees``, ``differs``, ``failed`` without answer, or ``open`` where none can be asked."""
+        """``agrees``, ``differs``, ``failed`` without a result, or ``open`` without a solver."""
         if self.difference is None:
             return "open" if self.refused else "failed"
         return "agrees" if self.difference <= self.tolerance else "differs"
@@ -64,8 +64,8 @@ class Row:
 class SolverComparison:
     """Every comparison, the solvers with their versions, and what could not be run.
 
-    ``judged`` names the solvers that the verdict is about, all of them where it is empty; others
-    were run as references.
+    ``judged`` names the solvers of the verdict, all if it is empty; the others
+    are references.
     """
 
     rows: tuple[Row, ...]
@@ -75,16 +75,16 @@ class SolverComparison:
 
     @property
     def passed(self) -> bool:
-        """Whether something was compared, and nothing of what is judged differs or failed."""
+        """Whether something was compared, and no judged solver differs or failed."""
         return self._sound([row for row in self.rows if self.counts(row.solver)])
 
     def counts(self, solver: str) -> bool:
-        """Whether the verdict is about this solver."""
+        """Whether the verdict includes this solver."""
         return not self.judged or solver in self.judged or solver == ENERGIES
 
     @property
     def by_solver(self) -> dict[str, bool]:
-        """The same for the rows of each solver alone."""
+        """The same for the rows of each solver."""
         names = dict.fromkeys(row.solver for row in self.rows)
         return {name: self._sound([row for row in self.rows if row.solver == name]) for name in names}
 
@@ -112,14 +112,14 @@ class Case:
     Parameters
     ----------
     problem, name : str
-        What it is, and of which material.
+        Of the problem, and of its material.
     limb : Limb
     materials, thetas : mapping by region
     path : (n, 2) array
         Depth [mm] and rotation [degrees], from rest.
     friction : float
     mean_dilatation : bool or tuple of regions
-        Where FEBio's element has one volume change: hex8 of uncoupled materials.
+        As FEBio's element: true for hex8 of uncoupled materials.
     """
 
     problem: str
@@ -132,7 +132,7 @@ class Case:
     mean_dilatation: bool | tuple[str, ...]
 
     def run(self, solver: Solver) -> Simulation:
-        """The case by one solver; what it does not take has crashed with the remark ``refused``."""
+        """The case by one solver; an unsupported one has crashed with the diagnostic ``refused``."""
         protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=self.path, friction=self.friction)
         job = Job(
             spot=self.limb.spot.name,
@@ -156,7 +156,7 @@ class Case:
 
 
 def at(curve: Curve, wanted: Sequence[float]) -> FloatArray:
-    """Ordinates where the path comes to each of these abscissae in turn; NaN where it does not."""
+    """Ordinates where the path reaches each of these abscissae in turn; NaN where it does not."""
     found, start = [], 0
     for value in wanted:
         near = np.flatnonzero(np.abs(curve.abscissa[start:] - value) < 1e-6)
@@ -166,14 +166,14 @@ def at(curve: Curve, wanted: Sequence[float]) -> FloatArray:
 
 
 def answer(simulation: Simulation, channel: str, wanted: Sequence[float]) -> tuple[FloatArray | None, str]:
-    """Ordinates at these abscissae, or None and why not."""
+    """Ordinates at these abscissae, or None and the reason."""
     if simulation.status is not Status.OK or simulation.response is None:
         return None, simulation.message or simulation.status.value
     if channel not in simulation.response:
-        return None, f"no channel '{channel}' in its answer"
+        return None, f"no channel '{channel}' in its result"
     values = at(simulation.response[channel], wanted)
     if not np.isfinite(values).all():
-        return None, f"its {channel} does not come to {wanted[int(np.argmin(np.isfinite(values)))]:g}"
+        return None, f"its {channel} does not reach {wanted[int(np.argmin(np.isfinite(values)))]:g}"
     return values, ""
 
 

@@ -15,7 +15,7 @@ from palpate_validation.comparison import COUPLED, Case, Contender, Row, compare
 
 BONDED_RADIUS_MM = 5.0
 BONDED_TIMES = (0.6, 1.0, 2.0, 4.0)
-"""Half way down, all the way, and both ends of the twist."""
+"""Half depth, full depth, and both ends of the twist."""
 
 FRICTIONLESS_TIMES = (0.5, 1.0)
 BONDED_TOLERANCE = 1e-3
@@ -24,7 +24,7 @@ OUR_NAMES: Mapping[str, str] = {"k": "kappa", "v": "nu"}
 KINDS = ("bonded", "frictionless")
 NAMES = ("ogden", "yeoh", "neo_hookean", "layered")
 SKIN_MM = 2.0
-"""Between the first and the second plane of elements that the recorded skin had."""
+"""Between the first and second layer of elements, as in the recorded skin."""
 
 
 def block_rows(
@@ -36,7 +36,7 @@ def block_rows(
         case, rows = _case(kind, name, about, materials)
         press = rows[rows[:, 1] == 0.0]
         references = {"force": (press[:, 0].tolist(), press[:, 2], float(about["peak_force"]))}
-        note = "facets of FEBio's sphere cost up to 0.5 %"
+        note = "the facets of FEBio's sphere change the force by up to 0.5 %"
         if kind == "bonded":
             twist = rows[rows[:, 1] != 0.0]
             peak = float(np.abs(about["torque"]).max())

@@ -18,7 +18,7 @@ RECORDED_VALUES: Mapping[str, tuple[str, tuple[float, ...]]] = {
     "yeoh": ("yeoh_raw", (0.0129, -1e-3, 9.2e-5, 0.6)),
     "neo_hookean": ("neo_hookean", (0.0735, 0.4434)),
 }
-"""Rows of the record by material, and the numbers as they stood in the deck."""
+"""Recorded rows by material, and the coefficients of the deck."""
 
 COLUMNS = ("sxx", "syy", "szz", "sxy", "syz", "sxz")
 
@@ -52,7 +52,7 @@ def recorded_deviation(material: Material, rows_of: str, theta: FloatArray) -> f
 
 
 def one_element(material: Material, febio: FebioSolver | None) -> Iterator[Row]:
-    """Palpate's stress against the record, and against the installed FEBio where there is one."""
+    """Palpate's stress against the record, and against an installed FEBio."""
     stress = partial(Row, problem="one element", material=material.name, quantity="stress", solver=ENERGIES)
     if material.name in RECORDED_VALUES:
         rows_of, sent = RECORDED_VALUES[material.name]

@@ -1,4 +1,4 @@
-"""Frictional twist: a solver must agree with itself, then with others; a record would be no reference."""
+"""Frictional twist: each solver is compared with itself at halved steps, then with others."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
@@ -14,7 +14,7 @@ STEP_DEG = 4.5
 N_HELD = 5
 TORQUE_TOLERANCE = 0.02
 PAIR_TOLERANCE = {"force": 0.01, "torque": 0.05}
-"""Between two solvers, of which one has a faceted sphere and both another contact."""
+"""Between two solvers with different contact, one with a faceted sphere."""
 
 
 def _path(step_deg: float, n_held: int) -> FloatArray:
@@ -41,9 +41,9 @@ def twist_rows(
     limb : Limb
         Every region gets the same material.
     problem : str
-        What the rows call it.
+        Its name in the rows.
     references : collection of str
-        Contenders that others may be compared with; any where it is empty.
+        Solvers that others may be compared with; any if it is empty.
     """
     case = Case(
         problem=problem,
@@ -109,7 +109,7 @@ def _with_other(case: Case, name: str, answers: Mapping[str, Simulation], other:
 def _changes(
     fine: Simulation, before: FloatArray | None, after: FloatArray | None
 ) -> dict[str, float | None]:
-    """What halving the steps and holding change, relative to the torque."""
+    """Change by halved steps and by a hold, relative to the torque."""
     if before is None or after is None:
         return {"steps halved": None, "hold": None}
     assert fine.response is not None

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 TWIST_DEG = 22.5
 MATERIAL = "yeoh"
 THETA = (0.0129, -1.008e-3, 9.2077e-5, 0.6)
-"""The paper's generalised set, textbook; κ is not given there."""
+"""The paper's generalised set, textbook; the paper gives no κ."""
 
 DEMO = ("forearm-demo", "meshes/p1.vtu")
 RIGHT = "embedded"
@@ -35,7 +35,7 @@ def friction_memory(
     depth_mm: Annotated[float, typer.Option("--depth-mm", min=0.1, help="How deep to press.")] = 3.0,
     as_json: AsJson = False,
 ) -> None:
-    """Show what friction without memory does to the torque, and to a stiffness identified by it."""
+    """Show the error of the torque, and of the stiffness identified by it, without friction history."""
     from palpate_validation.friction_memory import friction_results, recorded
 
     session = Session.of(context)
@@ -50,9 +50,7 @@ def friction_memory(
                 right = runs[form, n][0]
     found = [*recorded(), *(() if right is None else friction_results(problem, runs, right))]
     if right is None:
-        missing.append(
-            f"the embedded solver on {problem}: without it there is no right answer to compare with"
-        )
+        missing.append(f"the embedded solver on {problem}: without it there is no reference to compare with")
     if as_json:
         session.json({"results": [asdict(o) for o in found], "missing": missing})
         return
@@ -65,9 +63,9 @@ def friction_memory(
 HEADS = ("problem", "contact", "steps", "torque [N·mm]", "of the right one", "stiffness found / true", "note")
 EXPLANATION = (
     "The penalty form resets the sticking points in every step. Its torque falls with the number of steps, "
-    "and a stiffness identified by torque rises as much: a property of the step, not of the tissue. The "
+    "and a stiffness identified by torque rises as much: it depends on the step, not on the tissue. The "
     "augmented form keeps what its augmentation has converged and resets the rest in every step: its "
-    "checks show how much. The embedded solver keeps the sticking points."
+    "verification shows how much. The embedded solver keeps the sticking points."
 )
 
 

@@ -1,13 +1,13 @@
-"""Why the torque of FEBio's penalty friction identifies no material.
+"""Error of a stiffness identified by the torque of FEBio's penalty friction.
 
-The sticking point of a contact must be kept from step to step. FEBio's penalty
+The sticking point of a contact must be stored from step to step. FEBio's penalty
 form of ``sliding-elastic`` resets it in every step, so its traction is the
-penalty times the slip of one step: cut the twist into twice as many steps and
-the torque halves. Force hardly notices.
+penalty times the slip of one step: with twice as many steps of the
+twist the torque halves. The force hardly changes.
 
-What that does to an identified stiffness is exact. With prescribed motion every
+The error of the identified stiffness is exact. With prescribed motion every
 force and torque is proportional to the moduli, so the best multiple s of the
-true material for a form's curves f against the right ones e is
+true material for a form's curves f against the reference curves e is
 
     s = Σ_k w_k ⟨f_k, e_k⟩ / n_k²  /  Σ_k w_k ⟨f_k, f_k⟩ / n_k²
 
@@ -32,10 +32,10 @@ SCENARIOS: Mapping[str, Mapping[str, float]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionResult:
-    """What one form of contact gives with a twist of so many steps.
+    """Result of one form of contact with a number of steps of the twist.
 
     ``stiffness`` is, by scenario, the identified stiffness relative to the true
-    one; None where curves were not recorded.
+    one; None if curves were not recorded.
     """
 
     problem: str
@@ -48,7 +48,7 @@ class FrictionResult:
 
 
 def best_multiple(found: Response, right: Response, weights: Mapping[str, float]) -> float:
-    """Multiple of the true moduli at which these curves fit the right ones best.
+    """Multiple of the true moduli at which these curves fit the reference best.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def best_multiple(found: Response, right: Response, weights: Mapping[str, float]
 
 
 def resampled(curve: Curve, onto: Curve) -> FloatArray:
-    """Ordinates of a path at the places of another cut of the same path, by length travelled."""
+    """Ordinates of a path at the points of another division of the same path, by arc length."""
     ours, theirs = (np.concatenate([[0.0], np.abs(np.diff(c.abscissa)).cumsum()]) for c in (curve, onto))
     if not np.isclose(ours[-1], theirs[-1], rtol=1e-6):
         raise ValueError(f"paths of {ours[-1]:g} and {theirs[-1]:g}: not the same protocol")
@@ -77,13 +77,13 @@ def resampled(curve: Curve, onto: Curve) -> FloatArray:
 def friction_results(
     problem: str, runs: Mapping[tuple[str, int], tuple[Response | None, str]], right: Response
 ) -> Iterator[FrictionResult]:
-    """Compare every form and number of steps with the right answer.
+    """Compare every form and number of steps with the reference.
 
     Parameters
     ----------
-    runs : mapping of (form, number of steps) to the curves, or None and why there are none
+    runs : mapping of (form, number of steps) to the curves, or None and the reason
     right : Response
-        Of a solver that keeps the sticking points, with small steps.
+        Of a solver that stores the sticking points, with small steps.
     """
     truth = right["torque"].first_turn
     for (form, n_steps), (response, why) in runs.items():
@@ -110,10 +110,9 @@ def friction_results(
 
 
 def recorded() -> Sequence[FrictionResult]:
-    """What was measured with FEBio 4.11, relative to the embedded solver, or to the first augmented run.
+    """Recorded results of FEBio 4.11, relative to the embedded solver, or to the first augmented run.
 
-    Where only a torque was recorded there is only scenario II: the stiffness that
-    this torque asks for.
+    If only a torque was recorded there is only scenario II: the stiffness from this torque.
     """
     text = files("palpate_validation").joinpath("data/friction_recorded.csv").read_text()
     rows = list(csv.DictReader(text.splitlines()))

@@ -1,7 +1,7 @@
-//! The best point on the ray of all multiples of a simulated curve.
+//! Stiffness scaling: the multiple of a simulated curve that scores best.
 //!
-//! A material whose moduli are all multiplied by s answers with s times the force, so that one
-//! simulation scores the whole ray.
+//! If all moduli are multiplied by s, so is the force. So one simulation scores all its
+//! multiples.
 
 use crate::SharedPath;
 use crate::batch::{Scratch, check_shape, reached};
@@ -14,7 +14,7 @@ use crate::shared::NOTHING_REACHED;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct BestScales {
-    /// The factor on the curve; NaN where the curve is zero and any would do.
+    /// The factor on the curve; NaN where the curve is zero.
     pub scale: Vec<f64>,
     /// NMSE and coverage at that scale.
     pub scores: Scores,
@@ -74,7 +74,7 @@ impl SharedPath {
         let scale = self.scale_of_values(values, bounds);
         for value in &mut *values {
             let scaled = *value * if scale.is_nan() { 0.0 } else { scale };
-            // A bound may demand the impossible; infinity would make NaN of a weight of 0.
+            // A bound may overflow; infinity would give NaN with a weight of 0.
             *value = scaled.clamp(-LARGEST, LARGEST);
         }
         Ok((scale, self.measured.target.score(values)))
