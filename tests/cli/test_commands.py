@@ -60,7 +60,7 @@ def test_a_file_name_that_is_too_long_is_a_mistake_of_the_user(call: Call, argum
 # --------------------------------------------------------------------- check
 
 
-def test_check_tells_what_a_run_would_do_and_writes_nothing(call: Call, study: Path, tmp_path: Path) -> None:
+def test_check_shows_what_a_run_would_do_and_writes_nothing(call: Call, study: Path, tmp_path: Path) -> None:
     before = sorted(tmp_path.rglob("*"))
     outcome = call("check", study)
     assert outcome.code == 0
@@ -84,7 +84,7 @@ def test_tables_of_curves_have_units_and_peaks(call: Call, study: Path) -> None:
 
 
 @pytest.mark.usefixtures("one_figure")
-def test_what_is_odd_is_a_warning_of_check_and_of_a_run(call: Call, study: Path) -> None:
+def test_suspicious_curves_give_a_warning_in_check_and_run(call: Call, study: Path) -> None:
     edit(study, '"1000 kPa"', '"1 kPa"')
     said = "rubber.k: the range spans a factor of 3000, and a linear scale leaves its lower decades"
     outcome = call("check", study, "--json")
@@ -179,7 +179,9 @@ def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         main(["--plugin", PLUGIN, "run", str(TOY)])
 
 
-def test_ctrl_c_ends_with_130_and_says_how_to_go_on(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_ends_with_130_and_names_the_command_to_continue(
+    call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from palpate import pipeline
 
     def stopped(*_: object, **__: object) -> None:
@@ -291,13 +293,13 @@ def test_a_scenario_without_a_set_ends_with_1_after_the_results(
 
 
 @pytest.mark.parametrize("stage", ["simulate", "score", "select", "report"])
-def test_a_stage_without_its_input_says_what_to_run_first(call: Call, study: Path, stage: str) -> None:
+def test_a_stage_without_its_input_names_what_to_run_first(call: Call, study: Path, stage: str) -> None:
     outcome = call(stage, study)
     assert outcome.code == 2
     assert "palpate" in outcome.err
 
 
-def test_one_job_alone_shows_its_traceback(call: Call, study: Path) -> None:
+def test_a_single_job_shows_its_traceback(call: Call, study: Path) -> None:
     edit(study, "closed_form", "raises")
     for stage in ("experiment", "sample", "simulate"):
         assert call(stage, study, "--out", "o").code == 0
@@ -322,12 +324,12 @@ def test_stages_for_people_end_with_the_command_to_run_next(call: Call, study: P
     assert "Selection" in call("select", study).out
 
 
-def test_limb_shows_meshes_or_says_that_there_are_none(call: Call, study: Path) -> None:
+def test_limb_shows_meshes_or_reports_that_there_are_none(call: Call, study: Path) -> None:
     assert "No limb" in call("limb", study).out
     assert call("limb", study, "--json").json == []
 
 
-def test_limb_of_a_file_that_is_no_study_says_which_it_takes(call: Call, tmp_path: Path) -> None:
+def test_limb_of_another_file_names_the_files_that_it_takes(call: Call, tmp_path: Path) -> None:
     (tmp_path / "limb.vtu").write_text("<VTKFile/>")
     outcome = call("limb", "limb.vtu")
     assert outcome.code == 2
@@ -380,7 +382,7 @@ def test_init_names_the_studies_when_the_name_is_wrong(call: Call) -> None:
     assert not Path("mine").exists()
 
 
-def test_demo_says_that_the_data_are_simulated(call: Call) -> None:
+def test_demo_reports_that_the_data_are_simulated(call: Call) -> None:
     outcome = call("demo", "--study", "toy")
     assert outcome.code == 0
     assert "SIMULATED" in outcome.err

@@ -48,14 +48,14 @@ def examined(tmp_path):
     return {finding.what: finding for finding in findings}
 
 
-def test_a_broken_plugin_is_wrong_and_says_why(examined):
+def test_a_broken_plugin_is_listed_with_its_reason(examined):
     found = examined["misspelt"]
     assert found.level == "wrong"
     assert "did you mean 'palpate_solvers'" in found.found
     assert "misspelt.py" in found.advice
 
 
-def test_a_solver_that_is_not_there_is_a_note_with_its_own_advice(examined):
+def test_a_missing_solver_is_a_note_with_its_remedy(examined):
     assert (examined["absent"].level, examined["absent"].advice) == (
         "note",
         "no program 'absent'; install it",

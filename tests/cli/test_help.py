@@ -20,7 +20,7 @@ def group():
     return get_command(app)
 
 
-def test_every_core_command_has_an_example_of_its_own():
+def test_every_core_command_has_an_example():
     assert set(EXAMPLES) == set(CORE)
     for name, lines in EXAMPLES.items():
         assert lines
@@ -71,7 +71,7 @@ def test_help_fits_into_80_columns_and_ends_with_the_examples(name, capsys, monk
         assert "Examples:" in out
 
 
-def test_commands_stand_under_headings_in_the_order_of_a_study(capsys):
+def test_commands_are_under_headings_in_the_order_of_a_study(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     places = [out.index(f"\n{heading}") for heading in ("Start:", "Run:", "Stages, each", "FEBio:")]

@@ -78,7 +78,7 @@ def test_a_script_gets_the_record_of_the_first_loader_that_can(call: Call, plugi
     assert wide.json == {"by": "wide"}
 
 
-def test_what_each_loader_says_is_reported_when_none_can_read_the_file(call: Call, plugin: str) -> None:
+def test_each_loaders_message_is_reported_when_none_can_read_the_file(call: Call, plugin: str) -> None:
     outcome = call("experiment", "inspect", "none.log", plugin=plugin)
     assert outcome.code == 2
     assert "picky: none.log: is not picky; rename it" in outcome.err
@@ -92,7 +92,7 @@ def test_a_loader_that_breaks_is_named(call: Call, plugin: str) -> None:
     assert "raised ZeroDivisionError: by zero" in outcome.err
 
 
-def test_a_loader_that_cannot_inspect_says_so(call: Call, plugin: str) -> None:
+def test_a_loader_that_cannot_inspect_is_reported(call: Call, plugin: str) -> None:
     outcome = call("experiment", "inspect", "some.log", "--loader", "plain", plugin=plugin)
     assert outcome.code == 2
     assert "loader 'plain' cannot inspect files" in outcome.err

@@ -51,7 +51,7 @@ def test_their_tests_pass_at_once(made: dict[str, Path]) -> None:
         assert "def test_a_study_runs_with_it(" in (made[kind] / "tests" / f"test_my_{kind}.py").read_text()
 
 
-def test_their_own_settings_find_their_code(made: dict[str, Path]) -> None:
+def test_their_settings_find_their_code(made: dict[str, Path]) -> None:
     done = _run(["-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "counts_half"], made["scenario"], [])
     assert done.returncode == 0, done.stdout + done.stderr
     assert "1 passed" in done.stdout
@@ -110,7 +110,7 @@ def test_a_material_takes_thirty_lines(made: dict[str, Path]) -> None:
     assert len([line for line in code.splitlines() if line.strip()]) <= 30
 
 
-def test_the_command_tells_what_it_wrote_and_what_to_do_next(call: Call, tmp_path: Path) -> None:
+def test_the_command_reports_what_it_wrote_and_what_to_do_next(call: Call, tmp_path: Path) -> None:
     outcome = call("new-plugin", "scenario", "my_view", "--into", tmp_path / "here")
     assert outcome.code == 0, outcome.err
     assert "tests/test_my_view.py" in outcome.out

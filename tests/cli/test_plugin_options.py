@@ -32,7 +32,7 @@ def test_a_command_of_a_plugin_runs(call: Call) -> None:
         (["run", "--plugin"], ["run", "--plugin"], []),
     ],
 )
-def test_plugin_files_may_stand_anywhere(given: list[str], rest: list[str], files: list[str]) -> None:
+def test_plugin_files_may_be_given_anywhere(given: list[str], rest: list[str], files: list[str]) -> None:
     assert split_option("--plugin", given) == (rest, files)
 
 
@@ -101,7 +101,7 @@ def test_a_broken_plugin_is_shown_with_its_reason_and_the_rest_works(call: Call,
     assert [(b["name"], b["source"]) for b in found["broken"] if b["name"] == "bad"] == [("bad", str(bad))]
 
 
-def test_a_study_names_its_own_plugin_files(call: Call, study: Path) -> None:
+def test_a_study_names_plugin_files(call: Call, study: Path) -> None:
     file = study / "study.toml"
     text = file.read_text()
     (study / "springs.py").write_bytes(Path(PLUGIN).read_bytes())

@@ -63,7 +63,7 @@ def test_a_log_hears_of_a_slow_sweep_every_minute(follow, monkeypatch):
     assert len(text.getvalue().splitlines()) > 3
 
 
-def test_a_terminal_gets_a_bar_and_no_colour_where_none_is_wanted(follow):
+def test_a_terminal_gets_a_bar_and_respects_no_color(follow):
     session, text = follow(is_terminal=True)
     with StageProgress(session) as following:
         following.begin("simulate", 3)

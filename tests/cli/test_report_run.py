@@ -83,7 +83,7 @@ def test_a_received_run_is_reported_with_plugins_that_are_trusted(call, study, t
     assert "study.toml" in call("report", "run").err
 
 
-def test_the_report_of_a_run_is_of_its_own_tables(call, study, tmp_path):
+def test_the_report_of_a_run_is_of_its_tables(call, study, tmp_path):
     """An edited study does not change what a finished run is reported as."""
     call("run", study, "--out", "run")
     before = tables(tmp_path / "run")

@@ -89,7 +89,7 @@ def test_a_signal_outside_the_sweep_stops_at_once(call, study):
         signal.raise_signal(signal.SIGTERM)
 
 
-def test_status_tells_the_best_so_far_and_why_simulations_failed(call, study):
+def test_status_shows_the_best_so_far_and_why_simulations_failed(call, study):
     ran = call("run", study, "--json").json
     best = call("status", "runs/toy", "--json").json["best"]
     chosen = {(row["spot"], row["scenario"]): row for row in ran["selection"]}
@@ -113,7 +113,7 @@ def test_status_of_a_run_at_work_names_the_runner(call, study, tmp_path):
     assert call("status", "elsewhere").code == 2
 
 
-def test_failures_are_grouped_by_reason_whatever_its_numbers():
+def test_failures_are_grouped_by_reason_without_its_numbers():
     from palpate.stages.status import failures
 
     messages = ["step 3 of 10 at 1.5e-3 mm", "step 4 of 10 at 2 mm", "no licence", ""]
@@ -172,7 +172,7 @@ def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
     )
 
 
-def test_a_changed_study_shows_what_changed_and_forks_or_goes_on(call, study, tmp_path):
+def test_a_changed_study_shows_the_changes_and_forks_or_continues(call, study, tmp_path):
     call("run", study)
     path = study / "study.toml"
     path.write_text(path.read_text().replace('"3 MPa"', '"4 MPa"'))
@@ -192,7 +192,7 @@ def test_a_changed_study_shows_what_changed_and_forks_or_goes_on(call, study, tm
     assert "already there; name a folder without a run" in call("run", study, "--fork", "forked").err
 
 
-def test_a_changed_input_file_that_costs_simulations_is_reported_and_asked_about(call, study, tmp_path):
+def test_a_changed_input_file_that_costs_simulations_needs_confirmation(call, study, tmp_path):
     call("run", study)
     for name in ("s1.txt", "s2.txt"):
         lines = (study / name).read_text().splitlines()
@@ -224,7 +224,7 @@ def test_a_change_that_costs_nothing_is_reported_and_the_run_continues(call, stu
     assert "20 of 20 finished simulations are still valid" in ran.err
 
 
-def test_a_run_and_its_study_move_together_and_a_lost_study_is_asked_for(call, study, tmp_path):
+def test_a_run_and_its_study_move_together_and_a_lost_study_is_requested(call, study, tmp_path):
     call("run", study, "--out", study / "run")
     moved = tmp_path / "moved"
     shutil.move(study, moved)
@@ -271,7 +271,7 @@ def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, tmp_p
     assert tables(run) == wide
 
 
-def test_a_received_run_executes_no_file_that_nobody_trusts(call, study, tmp_path):
+def test_a_received_run_executes_no_untrusted_file(call, study, tmp_path):
     call("run", study, "--out", study / "run")
     planted = tmp_path / "planted.py"
     planted.write_text(f"open({str(tmp_path / 'executed')!r}, 'w').close()\n")

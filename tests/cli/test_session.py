@@ -34,14 +34,14 @@ def test_a_frame_has_six_digits_and_dashes(printed: Printed) -> None:
     assert second == ["–", "1e-09"]
 
 
-def test_a_wide_frame_of_few_rows_lies_on_its_side(printed: Printed) -> None:
+def test_a_wide_frame_of_few_rows_is_transposed(printed: Printed) -> None:
     printed.session.frame("Wide", pl.DataFrame({f"a_long_name_{i}": [i, i + 100] for i in range(20)}))
     lines = printed.lines()
     assert lines[1] == ["a_long_name_0", "0", "100"]
     assert lines[-1] == ["a_long_name_19", "19", "119"]
 
 
-def test_a_long_frame_is_cut_and_says_so(printed: Printed) -> None:
+def test_a_long_frame_is_cut_with_a_note(printed: Printed) -> None:
     printed.session.frame("Long", pl.DataFrame({"n": list(range(MAX_ROWS + 7))}))
     assert printed.lines()[-1] == ["…", "7", "more", "rows"]
 

@@ -21,7 +21,9 @@ def planned(study: Path) -> Path:
     return study
 
 
-def test_writes_what_the_truth_gives_and_tells_where(call: Call, planned: Path, tmp_path: Path) -> None:
+def test_writes_the_curves_of_the_truth_and_reports_the_files(
+    call: Call, planned: Path, tmp_path: Path
+) -> None:
     outcome = call("synthesise", planned, "--out", "made")
     assert outcome.code == 0
     for name in ("s1.csv", "s2.csv", "origin.json"):
@@ -31,7 +33,7 @@ def test_writes_what_the_truth_gives_and_tells_where(call: Call, planned: Path, 
     assert y == pytest.approx(2.0 * (x - 1.0) * (1.0 + 0.5 * (x - 1.0)))
 
 
-def test_a_run_over_the_curves_comes_near_the_truth(call: Call, planned: Path, tmp_path: Path) -> None:
+def test_a_run_on_the_curves_is_near_the_truth(call: Call, planned: Path, tmp_path: Path) -> None:
     files = call("synthesise", planned, "--out", "made", "--json").json["files"]
     for file in files[:2]:
         (planned / Path(file).name).write_bytes((tmp_path / file).read_bytes())
@@ -55,7 +57,7 @@ def test_noise_and_seed_reach_the_curves(call: Call, planned: Path, tmp_path: Pa
     assert a == b != c
 
 
-def test_help_says_what_such_curves_can_show(call: Call) -> None:
+def test_help_describes_what_such_curves_can_show(call: Call) -> None:
     text = " ".join(call("synthesise", "--help").out.split())
     assert "[truth]" in text
     assert "not that the model is right" in text

@@ -104,7 +104,7 @@ def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, 
 
 
 @quick
-def test_stages_after_the_sweep_do_not_forget_whose_results_there_are(call, study, tmp_path, plugin):
+def test_stages_after_the_sweep_use_the_same_results(call, study, tmp_path, plugin):
     run = tmp_path / "runs" / "toy"
     call("run", study, plugin=plugin())
     assert call("sample", study, plugin=plugin(2.0)).code == 0
@@ -114,7 +114,7 @@ def test_stages_after_the_sweep_do_not_forget_whose_results_there_are(call, stud
 
 
 @quick
-def test_results_under_a_trusted_key_are_shared_with_nobody(call, study, tmp_path, plugin):
+def test_results_under_a_trusted_key_are_not_shared(call, study, tmp_path, plugin):
     path = study / "study.toml"
     path.write_text(path.read_text().replace('name = "in_process"', 'name = "in_process"\ncache = "cache"'))
     call("run", study, "--sets", "10", plugin=plugin())

@@ -282,7 +282,7 @@ class OfOneRegion(SolverContract):
 
 
 @pytest.mark.parametrize("solver", [BlindToFriction(), BlindToRadius(), BlindToLimb(), FirstRegion()])
-def test_what_is_said_to_be_without_influence_passes(solver):
+def test_inputs_declared_without_influence_pass(solver):
     hold(INPUTS, solver, OfOneRegion)
     hold(PARAMETERS, solver, OfOneRegion)
 

@@ -81,7 +81,7 @@ def call(line: str) -> int:
     return main(shlex.split(line)[1:])
 
 
-def test_the_first_study_goes_through_from_log_to_report(tmp_path, monkeypatch, capsys):
+def test_the_first_study_runs_from_log_to_report(tmp_path, monkeypatch, capsys):
     """All its commands in order, on a simulated log; two sets instead of forty, in coarser steps."""
     guide = ROOT / "docs" / "first-study.md"
     (study,) = re.findall(r"```toml\n(.*?)```", text_of(guide), flags=re.DOTALL)

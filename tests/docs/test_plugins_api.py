@@ -39,7 +39,7 @@ def test_every_value_that_a_solver_meets_has_its_table():
     assert {"Job", "Limb", "Mesh", "Simulation", "Spot", "Curve", "Response", "Channel"} <= set(TABLES)
 
 
-def test_a_session_has_what_the_page_says():
+def test_a_session_has_the_methods_of_the_page():
     assert len(TABLES["Session"]) == 8
     assert all(hasattr(Session, name) for name in TABLES["Session"])
 

@@ -63,7 +63,7 @@ def test_memory_layout_changes_no_bit(batch):
 
 
 @given(batches())
-def test_the_best_scale_has_no_slope_and_the_gradient_says_so(batch):
+def test_the_gradient_is_zero_at_the_best_scale(batch):
     sim_x, sim, exp_x, exp = batch
     path = _core.Measured(exp_x, exp).along(sim_x)
     scale, (nmse, _) = path.best_scale(sim)

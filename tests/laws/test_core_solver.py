@@ -40,7 +40,7 @@ def test_a_double_factor_agrees_with_scipy(system):
 
 
 @given(systems(), st.floats(-4, 4))
-def test_a_single_factor_is_near_the_solution_whatever_the_units(system, spread):
+def test_a_single_factor_is_near_the_solution_in_any_units(system, spread):
     matrix, rhs = system
     # Units a hundred million apart in one matrix, as a stiff penalty and a soft tissue have.
     units = sp.diags_array(np.logspace(-spread, spread, matrix.shape[0]))

@@ -28,7 +28,7 @@ def press(swings, n_points, ordinate=np.sin, std=None):
 
 
 @given(TURNS, st.integers(2, 30), st.integers(2, 4))
-def test_equal_presses_are_their_own_mean(swings, n_points, n_presses):
+def test_equal_presses_have_themselves_as_mean(swings, n_points, n_presses):
     one = press(swings, n_points)
     mean = average({str(i): one for i in range(n_presses)})
     np.testing.assert_array_equal(mean.abscissa, one.abscissa)
@@ -37,7 +37,7 @@ def test_equal_presses_are_their_own_mean(swings, n_points, n_presses):
 
 
 @given(TURNS, st.integers(2, 30), SHIFTS)
-def test_presses_that_differ_by_constants_lie_as_far_apart_as_these(swings, n_points, shifts):
+def test_presses_that_differ_by_constants_have_their_spread(swings, n_points, shifts):
     one = press(swings, n_points)
     presses = {str(i): replace(one, ordinate=one.ordinate + s) for i, s in enumerate(shifts)}
     mean = average(presses)
@@ -80,7 +80,7 @@ def test_a_single_press_is_left_as_it_is():
     assert average({"a": one}) is one
 
 
-def test_the_band_is_no_narrower_than_what_the_presses_say_themselves():
+def test_the_band_is_no_narrower_than_the_std_of_the_presses():
     one = press([1.0], 50)
     unsure = replace(one, std=np.full(50, 0.3))
     sure = replace(one, std=np.full(50, 0.4))

@@ -57,7 +57,7 @@ def test_one_factor_on_both_changes_nothing(values, others, factor, normaliser):
 
 
 @given(loops, loops)
-def test_a_set_scores_the_same_alone_and_in_company(values, others):
+def test_a_set_scores_the_same_alone_and_in_a_batch(values, others):
     (x, y), (_, z) = twist(values), twist(np.resize(others, values.size))
     alone = scored([(x, z)], (x, y))["nmse"][0]
     company = scored([(x, y), (x, z), (x, 2 * z)], (x, y))["nmse"].to_list()

@@ -175,7 +175,7 @@ class Soft(SetFilter):
         return values[:, 0] <= 0.3
 
 
-def test_a_multiple_that_a_filter_refuses_is_left_alone(swept):
+def test_a_multiple_that_a_filter_refuses_is_not_scaled(swept):
     of = swept()
     free, held = of.stiffness_scaling(), swept(filters=(Soft(),)).stiffness_scaling()
     stiffness = of.design.values[free["set_id"].to_numpy(), 0] * free["scale"].to_numpy()

@@ -79,7 +79,7 @@ def test_curves_of_second_degree_have_the_slopes_at_the_origin(seed):
 
 @settings(max_examples=40)
 @given(seed=SEEDS)
-def test_noise_is_not_taken_for_an_answer(seed):
+def test_noise_is_not_taken_for_an_identification(seed):
     random = np.random.default_rng(seed)
     sets, residuals = random.uniform(0.0, 1.0, (20, 3)), random.normal(size=(20, 40))
     assert fit_slopes(sets, residuals, (residuals**2).sum(axis=1)).q2 < LEAST_Q2
@@ -116,6 +116,6 @@ def test_two_forms_together_are_no_less_than_each_alone(seed):
 
 
 @given(n_sets=st.integers(1, 5))
-def test_too_few_sets_tell_nothing(n_sets):
+def test_too_few_sets_are_unclear(n_sets):
     sets, residuals, _, _ = linear_problem(0, 3, n_sets)
     assert fit_slopes(sets, residuals, (residuals**2).sum(axis=1)) is None

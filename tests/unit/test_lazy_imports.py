@@ -96,7 +96,7 @@ def test_the_list_of_commands_imports_nothing_heavy():
     assert done.stderr.strip() == ""
 
 
-def test_a_notebook_shows_values_by_views_that_they_do_not_know():
+def test_a_notebook_shows_values_by_external_views():
     code = """
 import sys, types
 views = {}

@@ -71,7 +71,7 @@ def test_no_page_is_made_of_simulations_of_another_study(make_study, plugins, ti
     assert pipeline.report(study, tmp_path / "run", plugins).files
 
 
-def test_the_verbs_alone_leave_what_the_run_leaves(make_study, plugins, tmp_path):
+def test_single_stages_write_what_the_run_writes(make_study, plugins, tmp_path):
     study = make_study(refine=True)
     result = pipeline.run_study(study, tmp_path / "whole", plugins)
     alone = tmp_path / "alone"
@@ -115,13 +115,13 @@ def test_a_run_directory_moves_freely(make_study, plugins, tmp_path):
         ("report", "design.parquet", "sample"),
     ],
 )
-def test_a_verb_names_the_one_that_must_come_before(make_study, plugins, tmp_path, verb, missing, command):
+def test_a_stage_names_the_one_that_must_run_before(make_study, plugins, tmp_path, verb, missing, command):
     with pytest.raises(StudyError, match=rf"{missing}: not there yet; run `palpate {command}` first"):
         getattr(pipeline, verb)(make_study(), tmp_path / "run", plugins)
     assert not (tmp_path / "run").exists()
 
 
-def test_measured_curves_must_come_before_the_sweep(make_study, plugins, tmp_path):
+def test_measured_curves_are_required_before_the_sweep(make_study, plugins, tmp_path):
     pipeline.sample(make_study(), tmp_path / "run", plugins)
     with pytest.raises(StudyError, match=r"p1\.parquet: not there yet; run `palpate experiment` first"):
         pipeline.simulate(make_study(), tmp_path / "run", plugins)
@@ -202,7 +202,7 @@ def test_failures_are_rows_and_the_rest_is_ranked(make_study, plugins, tmp_path,
     assert not set(result.selected.selection["set_id"]) & {3, 4, 5}
 
 
-def test_unfinished_curves_are_ranked_when_asked_for_and_marked_in_every_table(
+def test_partial_curves_are_ranked_on_request_and_marked_in_every_table(
     make_study, plugins, tmp_path, tissue
 ):
     class Short(tissue.Analytic):
@@ -224,7 +224,7 @@ def test_unfinished_curves_are_ranked_when_asked_for_and_marked_in_every_table(
     assert "partial" not in whole.selected.selection.columns
 
 
-def test_the_manifest_says_what_the_numbers_depended_on(make_study, plugins, tmp_path):
+def test_the_manifest_lists_what_the_numbers_depend_on(make_study, plugins, tmp_path):
     (tmp_path / "variant.toml").write_text("# as run\n")
     (tmp_path / "study.toml").write_text("# another\n")
     study = make_study(truth=TRUTH, file=tmp_path / "variant.toml")
@@ -250,7 +250,7 @@ def test_a_refinement_of_an_earlier_selection_does_not_linger(make_study, plugin
     assert not RunDirectory(tmp_path / "run").refinement().responses
 
 
-def test_a_design_comes_back_to_the_last_bit(make_study, plugins, tmp_path):
+def test_a_design_is_read_back_to_the_last_bit(make_study, plugins, tmp_path):
     design = pipeline.sample(make_study(), tmp_path / "run", plugins)
     back = RunDirectory(tmp_path / "run").design()
     assert np.array_equal(back.values, design.values)

@@ -33,7 +33,7 @@ def python(tmp_path, code, limits=LIMITS):
     return run_program([sys.executable, "-c", code], tmp_path, limits)
 
 
-def test_the_end_of_what_was_printed_and_the_code_come_back(tmp_path):
+def test_the_end_of_the_output_and_the_code_are_returned(tmp_path):
     ended = python(tmp_path, "import sys; print('a' * 5); print('b', file=sys.stderr); sys.exit(3)")
     assert ended.exit_code == 3
     assert ended.stopped == ""
@@ -44,7 +44,7 @@ def test_there_is_no_input_to_wait_for(tmp_path):
     assert python(tmp_path, "import sys; print(repr(sys.stdin.read()))").tail.strip() == "''"
 
 
-def test_it_leads_a_group_of_its_own_in_the_folder(tmp_path):
+def test_it_leads_a_process_group_in_the_folder(tmp_path):
     tail = python(tmp_path, "import os; print(os.getpgrp() == os.getpid(), os.getcwd())").tail
     assert tail.strip() == f"True {tmp_path}"
 

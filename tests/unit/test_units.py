@@ -31,7 +31,7 @@ from palpate.units import convert
         ("40 %", "1", 0.4),
     ],
 )
-def test_a_quantity_comes_in_the_unit_of_the_surface(given: object, unit: str, value: float) -> None:
+def test_a_quantity_is_in_the_unit_of_the_surface(given: object, unit: str, value: float) -> None:
     assert convert(given, unit) == pytest.approx(value, rel=1e-14)
 
 
@@ -68,5 +68,5 @@ def test_anything_else_is_refused_with_what_to_write(given: object, unit: str, m
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
-def test_a_number_in_its_own_unit_keeps_its_bits(number: float) -> None:
+def test_a_number_in_the_same_unit_keeps_its_bits(number: float) -> None:
     assert convert(f"{number!r} mm", "mm") == number

@@ -94,7 +94,7 @@ def test_fibres_may_bear_compression_too():
     assert float(more) == pytest.approx(K1 / (2 * K2) * np.expm1(K2 * 0.36**2), rel=1e-12)
 
 
-def test_finite_elements_feel_the_fibres():
+def test_fibres_change_the_result_of_finite_elements():
     """In an affinely deformed block the moment of the nodal forces, Σ f ⊗ X, is P times the volume."""
     mesh = block("hex8", n_across=2, n_down=1, width_mm=4.0, height_mm=3.0).mesh
     F = np.eye(3) + np.array([[0.1, 0.05, 0.0], [0.0, -0.05, 0.02], [0.0, 0.0, -0.03]])
@@ -105,7 +105,7 @@ def test_finite_elements_feel_the_fibres():
     np.testing.assert_allclose(forces.T @ mesh.points_mm, P * 4.0 * 4.0 * 3.0, atol=1e-12)
 
 
-def test_fibres_may_come_with_the_mesh():
+def test_fibres_may_be_in_the_mesh():
     mesh = block("hex8", n_across=2, n_down=1, width_mm=4.0, height_mm=3.0).mesh
     of_mesh = Reinforced(ReinforcedSettings(field="fibre"))
     fibres = {"fibre": {"hex8": np.tile([2.0, -2.0, 1.0], (mesh.n_cells, 1))}}

@@ -51,7 +51,7 @@ class TestStrip(LoaderContract):
         return {"uniaxial": Expected(abscissa=(1.0, 1.2), ordinate=(0.0, 0.3), n_branches=2)}
 
 
-def test_the_study_has_to_say_which_test_it_is(tmp_path):
+def test_the_study_must_name_its_test(tmp_path):
     (tmp_path / "good.txt").write_text(GOOD)
     with pytest.raises(CurveError, match="say which test it is"):
         Strip().load(tmp_path / "good.txt")

@@ -169,7 +169,7 @@ def test_workers_stay_warm_and_what_is_not_to_go_on_is_drained(study, tmp_path):
 # ------------------------------------------------------------------ bad clusters
 
 
-def test_nobody_at_the_address_is_reported(study):
+def test_an_address_without_a_scheduler_is_reported(study):
     executor = DaskExecutor(DaskSettings(address="tcp://127.0.0.1:9", timeout="1 s"))
     with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9 within 1 s"):
         list(executor.results(batch_of(study)))
@@ -207,7 +207,7 @@ def test_settings_that_cannot_work_are_refused(given, said):
         DaskSettings(**given)
 
 
-def test_a_network_of_one_s_own_may_go_unencrypted():
+def test_a_private_network_may_be_unencrypted():
     assert DaskSettings(address="tcp://10.0.0.7:8786", plain_tcp=True).plain_tcp
     assert DaskSettings(address="tcp://127.0.0.1:8786").address
 
@@ -242,7 +242,7 @@ def cluster(tmp_path):
         process.wait()
 
 
-def test_the_scheduler_s_death_loses_nothing_and_the_sweep_goes_on_elsewhere(study, tmp_path, cluster):
+def test_the_scheduler_s_end_loses_nothing_and_the_sweep_continues_elsewhere(study, tmp_path, cluster):
     scheduler, file = cluster
     settings = study.solver.settings.model_copy(update={"pause_s": 0.1})
     study = replace(study, n_sets=40, solver=type(study.solver)(settings))

@@ -23,7 +23,7 @@ def test_found_in_the_usual_places(tmp_path, monkeypatch, install_febio):
     assert find_binary() == there
 
 
-def test_missing_says_how_to_get_it(tmp_path, monkeypatch):
+def test_missing_names_how_to_install_it(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))
     with pytest.raises(PluginError, match=r"febio\.org"):

@@ -226,7 +226,7 @@ def accepted(model, element, **more):
     return model(**given)
 
 
-def test_pyfebio_knows_every_name_in_the_control_section(root):
+def test_pyfebio_has_every_name_in_the_control_section(root):
     pyfebio = pytest.importorskip("pyfebio")
     control = root.find("Control")
     solver, stepper = control.find("solver"), control.find("time_stepper")
@@ -245,7 +245,7 @@ def test_pyfebio_knows_every_name_in_the_control_section(root):
     assert built.time_stepper.dtmin == 1e-3
 
 
-def test_pyfebio_knows_every_name_of_contact_motion_and_support(root):
+def test_pyfebio_has_every_name_of_contact_motion_and_support(root):
     pyfebio = pytest.importorskip("pyfebio")
     contact = accepted(pyfebio.contact.SlidingElastic, root.find("Contact/contact"))
     assert (contact.laugon, contact.fric_coeff) == ("AUGLAG", 1.0)
@@ -292,7 +292,7 @@ def test_pyfebio_reads_the_mesh_curves_and_record(root):
     assert record.text == rigid.get("id") == str(rigid_id(SOLVER.problem(job_of(), mixed_limb())))
 
 
-def test_pyfebio_knows_the_materials(root):
+def test_pyfebio_has_the_materials(root):
     pyfebio = pytest.importorskip("pyfebio")
     models = {"Ogden": "OgdenUC", "Yeoh": "Yeoh", "neo-Hookean": "NeoHookean"}
     for element in root.findall("Material/material")[:3]:

@@ -12,7 +12,7 @@ DECK = """<febio_spec version="4.0"><Material>
 <MeshDomains><SolidDomain name="part" mat="silicone"/></MeshDomains></febio_spec>"""
 
 
-def test_a_decks_coefficients_come_as_lines_of_a_study(call, tmp_path):
+def test_a_decks_coefficients_are_shown_as_lines_of_a_study(call, tmp_path):
     (tmp_path / "limb.feb").write_text(DECK)
     found = call("febio-deck", "limb.feb", "--json", plugin=None).json
     assert found["parts"] == {"part": 1}

@@ -18,7 +18,7 @@ def protocol(path):
 
 
 @given(paths, st.integers(1, 30), st.floats(0.5, 50.0))
-def test_steps_visit_every_waypoint_in_order_and_are_no_longer_than_asked(path, depth_steps, step_deg):
+def test_steps_visit_every_waypoint_in_order_and_respect_their_limit(path, depth_steps, step_deg):
     steps = steps_of(protocol(path), depth_steps, step_deg)
     visited = np.column_stack([steps.depth_mm, steps.rotation_deg])
     start = 0
@@ -39,7 +39,7 @@ def test_halving_is_undone_by_every_second_and_a_first_turn_has_no_turn(path):
 
 
 @given(paths, st.integers(1, 2**31 - 1))
-def test_what_febio_was_given_and_did_comes_back(path, seed):
+def test_the_input_and_output_of_febio_are_read_back(path, seed):
     steps = steps_of(protocol(path), 3, 30.0)
     reaction = np.random.default_rng(seed).standard_normal((steps.n + 1, 2)) + 0.1
     record = "".join(

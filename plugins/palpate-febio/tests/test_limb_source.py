@@ -93,7 +93,7 @@ def test_the_limb_is_the_one_that_was_written(deck):
     np.testing.assert_array_equal(found.node_sets["contact"], np.sort(limb.mesh.node_sets["contact"]))
 
 
-def test_the_skin_is_what_the_deck_says_is_touched(deck):
+def test_the_skin_is_the_decks_contact_surface(deck):
     named = SOURCE.load(deck, SPOT).mesh.node_sets["contact"]
     np.testing.assert_array_equal(FebioDeckSource().load(deck, SPOT).mesh.node_sets["contact"], named)
     deck.write_text(deck.read_text().replace("SurfacePair", "SurfaceTwo"))
@@ -115,7 +115,7 @@ def test_regions_units_and_sets_by_name(deck):
         FebioDeckSource(replace_settings(settings, regions={"outer": "1_skin"})).load(deck, SPOT)
 
 
-def test_a_mesh_is_certified_as_one_material_whatever_its_regions(tmp_path):
+def test_a_mesh_is_compared_as_one_material_for_any_regions(tmp_path):
     write_limb(tmp_path / "limb.vtu", block(n_across=2, n_down=2, layers_mm={"skin": 2.0}))
     plugins = SimpleNamespace(limb_sources={"meshio": MeshioSource, "febio_deck": FebioDeckSource})
     assert certify._read(plugins, tmp_path / "limb.vtu").mesh.regions == ("soft_tissue",)

@@ -97,7 +97,7 @@ def test_the_last_cause_counts():
     assert last_reason(text).name == "not a number"
 
 
-def test_both_banners_or_none_say_nothing():
+def test_both_banners_or_none_are_inconclusive():
     assert read_log(GOOD_LOG + BAD_LOG).finished is None
     assert read_log(HEAD).finished is None
     assert read_log("").finished is None
@@ -153,7 +153,7 @@ def test_a_run_of_febio_that_diverged_keeps_what_it_reached():
     np.testing.assert_allclose(force.ordinate, [0.0, 0.00982525103588])
 
 
-def test_a_record_of_another_body_is_not_believed():
+def test_a_record_of_another_body_is_rejected():
     verdict = judge(ended(), recorded("good.log"), recorded("other_body.csv"), GOOD_STEPS, 7.5)
     assert verdict.status is Status.UNREADABLE
     assert not indentation_response(*verdict.rows.T).curves
@@ -265,7 +265,7 @@ def spoiled(where, value):
         (ended(-15, "stopped after 1 s, its time limit"), HEAD, record_of(n=3), Status.TIMED_OUT, "limit"),
     ],
 )
-def test_what_febio_claims_is_not_believed(how, log, record, status, words):
+def test_what_febio_claims_is_checked(how, log, record, status, words):
     verdict = judge(how, log, record, STEPS, 7.5)
     assert verdict.status is status
     assert words in verdict.message

@@ -76,7 +76,7 @@ class TestFebioSolver(SolverContract):
         return LIMB
 
 
-def test_the_answer_has_the_protocols_points_and_a_history(fake, tmp_path):
+def test_the_result_has_the_protocols_points_and_a_history(fake, tmp_path):
     simulation = fake().simulate(job_of(), LIMB)
     assert simulation.status is Status.OK, simulation.message
     assert simulation.response["force"].abscissa[-1] == 2.0
@@ -96,7 +96,7 @@ def test_the_ladder_is_climbed_and_recorded(fake):
     assert "negative Jacobian" in tries[0]["message"]
 
 
-def test_half_steps_answer_at_the_same_points(fake):
+def test_half_steps_give_results_at_the_same_points(fake):
     whole = fake().simulate(job_of(), LIMB)
     halves = fake(fallbacks=("broyden_half_steps",)).simulate(job_of(), LIMB)
     for channel in ("force", "torque"):
@@ -124,7 +124,7 @@ def test_a_run_that_diverges_by_every_method_keeps_what_it_reached(fake):
         ("bad_code", Status.CRASHED),
     ],
 )
-def test_lies_and_crashes_give_no_curve_and_no_second_try(fake, tmp_path, words, status):
+def test_false_output_and_crashes_give_no_curve_and_no_second_attempt(fake, tmp_path, words, status):
     simulation = fake(words).simulate(job_of(), LIMB)
     assert simulation.status is status
     assert simulation.response is None
@@ -133,7 +133,7 @@ def test_lies_and_crashes_give_no_curve_and_no_second_try(fake, tmp_path, words,
     assert list((tmp_path / "tmp").iterdir()) == []
 
 
-def test_a_deck_that_is_refused_says_why_though_there_is_no_log(fake, monkeypatch):
+def test_a_refused_deck_has_a_reason_without_a_log(fake, monkeypatch):
     solver = fake()
     solver.convention(Yeoh())
     monkeypatch.setenv("FAKE_FEBIO", "xml_error")
@@ -148,7 +148,7 @@ def test_a_hanging_run_is_ended(fake):
     assert simulation.response is None
 
 
-def test_runs_are_kept_when_asked_for(fake, tmp_path):
+def test_runs_are_kept_on_request(fake, tmp_path):
     keep = tmp_path / "kept"
     fake("broyden_fails", keep_folder=str(keep)).simulate(job_of(), LIMB)
     kept = {str(p.relative_to(keep)) for p in keep.rglob("*") if p.is_file()}
@@ -162,7 +162,7 @@ def test_runs_are_kept_when_asked_for(fake, tmp_path):
 # ---------------------------------------------------------------------- verification
 
 
-def test_a_torque_that_remembers_passes_its_gates(fake):
+def test_a_torque_with_friction_history_passes_verification(fake):
     simulation = fake(verification="every").simulate(job_of(), LIMB)
     verification = simulation.diagnostics["verification"]
     assert verification["passed"]
@@ -190,7 +190,7 @@ def test_there_is_nothing_to_prove_without_a_twist_or_friction(fake):
 
 
 @pytest.mark.parametrize(("n_rows", "halving"), [(9, 0.0), (8, None)])
-def test_a_finer_run_that_does_not_end_proves_nothing_and_tells_what_it_can(n_rows, halving):
+def test_an_unfinished_finer_run_verifies_nothing_and_reports_what_it_has(n_rows, halving):
     steps = Steps(np.array([0.0, 1.0, 2.0, 2.0, 2.0]), np.array([0.0, 0.0, 0.0, -10.0, -20.0]))
 
     def run(finer):

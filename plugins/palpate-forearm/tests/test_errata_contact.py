@@ -28,7 +28,7 @@ def solved(limb: Limb, path: list[tuple[float, float]], **settings: Any) -> Simu
     return simulation
 
 
-def test_erratum_6a_a_contact_as_soft_as_the_tissue_lets_the_sphere_sink_in() -> None:
+def test_erratum_6a_a_sphere_sinks_into_a_contact_as_soft_as_the_tissue() -> None:
     """Penalty = modulus / thickness, as an automatic one is: the dent is not in the tissue."""
     limb = block("hex8", n_across=6, n_down=3, width_mm=24.0, height_mm=HEIGHT_MM, grading=1.4)
     path = [*PRESS, (DEPTH_MM, 10.0)]

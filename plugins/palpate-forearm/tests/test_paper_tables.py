@@ -44,7 +44,7 @@ def test_the_printed_table_2_obeys_the_law():
         assert row["I"] >= row["II"] + row["III"], key
 
 
-def test_palpates_own_table_2_obeys_it_too(make_study, plugins, tmp_path):
+def test_palpates_table_2_satisfies_it_too(make_study, plugins, tmp_path):
     result = pipeline.run_study(make_study(n_sets=100), tmp_path / "run", plugins)
     table = result.report.tables["table2_nmse"]
     assert len(table) == 2
@@ -93,7 +93,7 @@ def test_printed_yeoh_values_enter_as_febio4_and_convert(place, printed):
     assert np.array_equal(yeoh.to_textbook(values, "textbook"), values)
 
 
-def test_printed_yeoh_values_lie_in_the_ranges_read_low_to_high():
+def test_printed_yeoh_values_are_in_the_ranges_read_low_to_high():
     for place, printed in table1("yeoh").items():
         for name, value in printed.items():
             low, high = YEOH_RANGES[name]

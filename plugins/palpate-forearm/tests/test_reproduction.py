@@ -107,7 +107,7 @@ def test_the_studies_are_the_papers(made):
             assert parameter.lower <= row["value"] <= parameter.upper, row
 
 
-def test_tables_stand_beside_the_papers(results, outcome):
+def test_tables_are_next_to_the_papers(results, outcome):
     found = compare(outcome)
     assert found.tables["table1"].height == table1().height
     assert found.tables["table2"].height == table2().height
@@ -129,7 +129,7 @@ def test_tables_stand_beside_the_papers(results, outcome):
     assert general["here"] >= each_alone * (1.0 - 1e-12)
 
 
-def test_doubts_name_the_figures(outcome):
+def test_errata_name_the_figures(outcome):
     by_place = {erratum.where: erratum for erratum in compare(outcome).errata}
     assert (
         "0.0031 for II (neo_hookean, point 1) and 0.0259 for III (yeoh, point 3)"
@@ -147,7 +147,7 @@ def test_doubts_name_the_figures(outcome):
     assert by_place["a check that table 2 passes"].here == "holds in every row"
 
 
-def test_files_tell_all_of_it(outcome, made):
+def test_files_have_all_of_it(outcome, made):
     file = write(compare(outcome), outcome.results, made.folder)
     text = file.read_text()
     assert "**The curves are simulated.**" in text
@@ -182,7 +182,7 @@ def test_a_material_that_fails_does_not_stop_the_others(tmp_path, plugins):
         reproduction.run(replace(both, studies={"ogden": both.studies["ogden"]}), plugins)
 
 
-def test_stopping_says_how_to_go_on(tmp_path, plugins):
+def test_stopping_names_the_command_to_continue(tmp_path, plugins):
     class Stopping:
         def __getattr__(self, name):
             return lambda *given: False
@@ -192,7 +192,7 @@ def test_stopping_says_how_to_go_on(tmp_path, plugins):
         reproduction.run(made, plugins, Stopping())
 
 
-def test_a_folder_that_cannot_serve_is_refused(tmp_path, plugins):
+def test_a_folder_that_cannot_be_used_is_refused(tmp_path, plugins):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "study").mkdir()
     (tmp_path / "mine" / "study" / "thesis.tex").touch()
@@ -239,7 +239,7 @@ def test_sizes_follow_the_time():
     )
 
 
-def test_the_command_estimates_where_nobody_can_be_asked(monkeypatch, capsys, tmp_path):
+def test_the_command_estimates_without_a_terminal(monkeypatch, capsys, tmp_path):
     costs = [Cost(n_drawn=250, n_kept=250, n_spots=4, seconds_each=3.0)]
     monkeypatch.setattr("palpate_forearm.reproduce_command._costs", lambda *given: costs)
     monkeypatch.chdir(tmp_path)
@@ -286,7 +286,7 @@ def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
     assert "cannot become 3" in capsys.readouterr().err
 
 
-def test_minutes_never_ask_for_fewer_sets_than_there_are(monkeypatch, capsys, tmp_path, plugins):
+def test_minutes_never_give_fewer_sets_than_there_are(monkeypatch, capsys, tmp_path, plugins):
     from palpate.cli.session import Session
     from palpate_forearm.reproduce_command import _size
 

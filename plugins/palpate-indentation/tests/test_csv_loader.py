@@ -255,7 +255,7 @@ def test_a_channel_without_known_columns_needs_exactly_two(file: Path) -> None:
         loader().load(file, "pull")
 
 
-def test_skipping_past_the_end_says_which_setting_to_lower(file: Path) -> None:
+def test_skipping_past_the_end_names_the_setting_to_lower(file: Path) -> None:
     file.write_text(GOOD)
     with pytest.raises(CurveError, match="no names and no rows after line 99; lower skip_lines"):
         loader(skip_lines=99).load(file)

@@ -166,7 +166,7 @@ def test_a_mesh_that_unpacks_to_more_than_its_memory_is_an_error(
         read_mesh_file(bomb(tmp_path / "b.vtu", 700))
 
 
-def test_what_is_read_in_a_process_of_its_own_is_what_meshio_reads(tmp_path: Path) -> None:
+def test_a_mesh_read_in_a_subprocess_is_what_meshio_reads(tmp_path: Path) -> None:
     path = tmp_path / "m.vtu"
     content = {"fibre": [np.eye(3)[:1]], "region": [np.array([7])]}
     mesh = meshio.Mesh(np.eye(4)[:, :3], [("tetra", [[0, 1, 2, 3]])], cell_data=content)

@@ -48,7 +48,7 @@ def read(path: Path, **settings: object) -> Mesh:
 
 
 @pytest.mark.parametrize("suffix", ["vtu", "vtk"])
-def test_regions_and_node_sets_come_by_name(tmp_path: Path, suffix: str) -> None:
+def test_regions_and_node_sets_are_found_by_name(tmp_path: Path, suffix: str) -> None:
     limb = source(regions={"skin": 1, "soft_tissue": 0}).load(write(tmp_path / f"m.{suffix}"), SPOT)
     assert limb.spot is SPOT
     mesh = limb.mesh
@@ -247,7 +247,7 @@ def test_a_missing_file_is_reported(tmp_path: Path) -> None:
         read(tmp_path / "gone.vtu")
 
 
-def test_one_region_is_asked_for_where_the_file_has_no_regions(tmp_path: Path) -> None:
+def test_one_region_is_required_without_regions_in_the_file(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match=r'region_data = "" makes the mesh one region, but regions names 2'):
         read(write(tmp_path / "m.vtu"), region_data="")
 

@@ -111,7 +111,7 @@ def test_groups_that_share_an_element_are_refused() -> None:
         MeshioSettings.model_validate({"regions": {"skin": "skin", "soft_tissue": 0}})
 
 
-def test_the_surface_of_a_phantom_s_bone_is_too_far_and_says_how_far(tmp_path: Path) -> None:
+def test_the_distance_of_a_too_distant_bone_surface_is_reported(tmp_path: Path) -> None:
     (tmp_path / "m.msh").write_bytes((DATA / "two_layers.msh").read_bytes())
     write_phantom(tmp_path)
     sets = {"fixed": {"surface": "ulna.stl", "unit": "m"}, "contact": "pressed"}

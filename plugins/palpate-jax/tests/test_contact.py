@@ -119,7 +119,7 @@ def test_slip_moves_the_anchor_to_the_cone_and_a_reversal_sticks(contact, at_res
     assert contact.answer(at_rest, ContactState(back, moved, LAW)).sticking > sliding.sticking + 0.5
 
 
-def test_leaving_contact_forgets_the_anchor(contact, at_rest):
+def test_leaving_contact_drops_the_anchor(contact, at_rest):
     away = ContactState(pose(np.array([-1.0, 0.0])), touched(contact, at_rest), LAW)
     lifted = contact.remember(at_rest, away)
     assert not lifted.anchored.any()

@@ -108,14 +108,14 @@ def test_equibiaxial_stress_is_the_mean_of_both_directions():
     np.testing.assert_allclose(P, MU * (t - t**-5) + fibre_slope(t) / 2, atol=1e-12)
 
 
-def test_without_fibres_it_is_the_isotropic_answer():
+def test_without_fibres_it_is_the_isotropic_result():
     solver = HomogeneousSolver()
     (P,) = stresses(solver, Fibred(), [fibre(1, 2, 2, k=0.0)], "pure_shear")
     (expected,) = stresses(solver, Ground(), [[MU, KAPPA]], "pure_shear")
     np.testing.assert_allclose(P, expected, atol=1e-12)
 
 
-def test_an_incompressible_specimen_does_not_feel_the_bulk_modulus():
+def test_an_incompressible_specimen_does_not_use_the_bulk_modulus():
     solver = HomogeneousSolver(HomogeneousSettings(incompressible=True))
     assert solver.ignored(Fibred()) == ("kappa",)
     assert HomogeneousSolver().ignored(Fibred()) == ()

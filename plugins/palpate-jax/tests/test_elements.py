@@ -107,14 +107,14 @@ def test_patches_of_a_split_grid_are_its_cells():
     assert (np.bincount(labels) == 6).all()
 
 
-def test_patches_do_not_depend_on_where_the_limb_lies():
+def test_patches_do_not_depend_on_the_position_of_the_limb():
     points, tets = scattered()
     turn, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))
     labels = tetrahedron_patches(points, tets)
     np.testing.assert_array_equal(tetrahedron_patches(7.0 * points @ turn.T + 3.0, tets), labels)
 
 
-def test_a_lone_tetrahedron_is_its_own_patch():
+def test_a_single_tetrahedron_is_a_patch():
     points, tets = np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]])
     assert tetrahedron_patches(points, tets).tolist() == [0]
 

@@ -69,7 +69,7 @@ def written(tmp_path_factory):
     )
 
 
-def test_every_station_has_a_file_and_the_pvd_lists_them(written):
+def test_every_load_step_has_a_file_and_the_pvd_lists_them(written):
     listed = [e.attrib["file"] for e in ET.parse(written.folder / "path.pvd").iter("DataSet")]
     assert listed == ["000.vtu", "001.vtu", "002.vtu"]
     assert sorted(p.name for p in written.folder.iterdir()) == [*listed, "path.pvd"]
@@ -115,7 +115,7 @@ def test_shear_is_tangential_below_its_limit_and_there_only_under_the_sphere(wri
 
 
 @pytest.mark.parametrize(("fields", "names"), [("end", ["000.vtu", "path.pvd"]), ("none", None)])
-def test_fields_are_written_as_asked(fields, names, tmp_path):
+def test_fields_are_written_on_request(fields, names, tmp_path):
     limb = block("tet10", **(SMALL | {"n_across": 2, "n_down": 1}))
     simulated(limb, tmp_path / "out", fields=fields)
     folder = tmp_path / "out" / "block" / "set-12"
@@ -125,7 +125,7 @@ def test_fields_are_written_as_asked(fields, names, tmp_path):
         assert meshio.read(folder / "000.vtu").point_data["contact_pressure_MPa"].max() > 0.0
 
 
-def test_a_set_beside_the_design_writes_none(tmp_path):
+def test_a_set_outside_the_design_writes_none(tmp_path):
     simulated(block("tet10", **(SMALL | {"n_across": 2, "n_down": 1})), tmp_path, set_id=-1, fields="end")
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 

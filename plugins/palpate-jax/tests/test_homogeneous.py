@@ -148,7 +148,7 @@ def test_failure_at_the_first_point_has_no_response():
     assert simulation.response is None
 
 
-def test_an_energy_that_raises_is_a_crash_of_its_own_jobs():
+def test_an_energy_that_raises_is_a_crash_of_its_jobs():
     jobs = [
         job(Broken(), [0.1, 0.45], {"uniaxial": PATH}, 0),
         job(NeoHookean(), [0.1, 0.45], {"uniaxial": PATH}, 1),
@@ -217,7 +217,7 @@ def test_check_refuses_two_regions_and_indentation():
 @pytest.mark.parametrize(
     ("material", "volumetric"), [(Yeoh(), "kappa"), (Ogden(), "kappa"), (MooneyRivlin(), "kappa")]
 )
-def test_an_incompressible_specimen_does_not_feel_the_bulk_modulus(material, volumetric):
+def test_an_incompressible_specimen_does_not_use_the_bulk_modulus(material, volumetric):
     assert HomogeneousSolver(HomogeneousSettings(incompressible=True)).ignored(material) == (volumetric,)
     assert HomogeneousSolver().ignored(material) == ()
 
@@ -227,7 +227,7 @@ def test_parameters_that_are_felt_are_not_ignored():
 
 
 @pytest.mark.parametrize("solver", [COMPRESSIBLE, INCOMPRESSIBLE])
-def test_an_answer_has_the_same_bits_whichever_others_come_with_it(solver):
+def test_a_result_has_the_same_bits_in_any_batch(solver):
     paths = dict.fromkeys(FREE, STRETCHES)
     jobs = [job(Ogden(), [0.02 * (1 + i), 2.0 + 0.1 * i, 1.0], paths, set_id=i) for i in range(21)]
     together = {s.job.set_id: s for s in solver.simulate_many(jobs, None)}

@@ -163,7 +163,7 @@ def test_without_friction_no_modulus_twists():
     assert found["torque"].slopes["friction"][-3] > 1.0
 
 
-def test_they_change_no_answer():
+def test_they_change_no_result():
     case = yeoh_on_hexahedra(path=PATH[:3])
     plain = run(case).response
     for channel, curve in sloped(case).items():
@@ -186,7 +186,7 @@ def test_a_singular_tangent_leaves_the_curves(monkeypatch):
     assert not any(curve.slopes for curve in simulation.response.curves.values())
 
 
-def test_a_scaled_set_has_its_own():
+def test_a_scaled_set_has_separate_ones():
     """A multiple of a finished set is scaled from it only without slopes, which scale otherwise."""
     case = yeoh_on_hexahedra(path=PATH[:3])
     double = {f"soft_tissue.{name}": 2.0 * v for name, v in YEOH.items()}

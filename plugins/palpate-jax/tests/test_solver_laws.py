@@ -79,7 +79,7 @@ def test_moduli_scale_force_and_torque_exactly(solver, limb, reference):
         np.testing.assert_allclose(curve(scaled, channel), expected, atol=1e-7 * np.abs(expected).max())
 
 
-def test_a_turned_limb_answers_the_same(solver, limb, reference):
+def test_a_rotated_limb_responds_the_same(solver, limb, reference):
     c, s = np.cos(0.7), np.sin(0.7)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]) @ np.array(
         [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
@@ -93,7 +93,7 @@ def test_a_turned_limb_answers_the_same(solver, limb, reference):
         np.testing.assert_allclose(curve(simulation, channel), expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_finished_sets_spare_effort_and_change_no_answer(solver, limb, reference):
+def test_finished_sets_save_effort_and_change_no_result(solver, limb, reference):
     around = [
         YEOH * factors for factors in ((1.0, 0.9, 1.0, 1.0), (1.0, 1.1, 0.9, 1.1), (1.0, 1.0, 1.1, 0.9))
     ]
@@ -104,7 +104,7 @@ def test_finished_sets_spare_effort_and_change_no_answer(solver, limb, reference
         np.testing.assert_allclose(curve(warm, channel), expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_cold_sets_have_the_same_bits_whatever_came_before(limb):
+def test_cold_sets_have_the_same_bits_after_any_others(limb):
     softer, path = 0.7 * YEOH * (1.0, 0.9, 1.0, 1.0), PATH[:3]
     jobs = {"a": make_job(YEOH, path), "b": make_job(softer, path), "c": make_job(2.0 * YEOH, path)}
     orders = ("abc", "cba", "b")
@@ -144,7 +144,7 @@ def test_a_hold_changes_nothing(solver, limb):
         np.testing.assert_allclose(values, values[0], rtol=1e-6)
 
 
-def test_half_the_steps_answer_the_same(limb, reference):
+def test_half_the_steps_give_the_same(limb, reference):
     finer = JaxSolver(JaxSettings(depth_steps=8, rotation_step_deg=2.5, tolerance=1e-7))
     simulation = finer.simulate(make_job(), limb)
     for channel, bound in (("force", 0.005), ("torque", 0.01)):
@@ -202,7 +202,7 @@ def test_an_unstable_material_diverges_with_its_partial_curve(solver, limb):
     assert 0.0 < simulation.response["force"].abscissa[-1] < 6.0
 
 
-def test_tissue_that_lets_go_slides_on():
+def test_tissue_that_loses_contact_slides_on():
     """A stable material whose contact finds no balance near the last one reaches the end of the path.
 
     The rim of a hole in the contact surface, at the spot itself, is where it lets go.
@@ -226,7 +226,7 @@ def test_coupled_material_runs(solver, limb):
     assert simulation.status is Status.OK
 
 
-def test_bonded_nodes_go_where_the_indenter_goes(solver, limb):
+def test_bonded_nodes_move_with_the_indenter(solver, limb):
     """Glued on, the tissue answers a twist elastically: no loop, and the same both ways."""
     x = limb.mesh.points_mm
     disc = np.flatnonzero((x[:, 2] == 0.0) & (np.hypot(x[:, 0], x[:, 1]) < 4.0))

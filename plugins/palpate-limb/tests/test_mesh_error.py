@@ -12,7 +12,7 @@ from palpate_limb.cli import DEFAULT_SIZE
 from palpate_limb.mesh_error import RATIOS, mesh_error
 
 
-def test_the_note_beside_a_mesh_stands_in_the_manifest(make_study, plugins, tmp_path):
+def test_the_note_of_a_mesh_is_in_the_manifest(make_study, plugins, tmp_path):
     note = {"spot": "p1", "mesh_error": {"force": 0.006, "torque": 0.02}}
     (tmp_path / "p1.json").write_text(json.dumps(note))
     study = make_study()
@@ -40,7 +40,7 @@ def test_the_default_size_keeps_force_within_2_and_torque_within_3_percent():
     assert "phantom" in found["measured_on"]
 
 
-def test_nothing_is_said_of_meshes_that_were_not_studied():
+def test_meshes_that_were_not_studied_have_no_error():
     assert mesh_error(DEFAULT_SIZE, 1.0, "tet4")["force"] is None
     assert mesh_error(0.5 * RATIOS[0], 1.0, "tet10")["torque"] is None
     assert mesh_error(2.0 * RATIOS[-1], 1.0, "tet10")["torque"] is None

@@ -59,7 +59,7 @@ def files(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(("shading", "noise"), [(0.0, 0.0), (0.5, 0.03), (0.85, 0.06)])
-def test_marks_are_found_by_hue_whatever_the_light(shading: float, noise: float) -> None:
+def test_marks_are_found_by_hue_in_any_light(shading: float, noise: float) -> None:
     surface = scanned(shading, noise)
     named = name_marks(find_marks(surface), NAMES, X, surface.name)
     for spot in Phantom().spots:
@@ -202,12 +202,12 @@ def test_defects_are_named_with_a_place_and_repaired(kind: str, what: str) -> No
     assert fixed.volume_mm3 == pytest.approx(bone("ulna").volume_mm3, rel=0.02)
 
 
-def test_a_sound_surface_is_left_alone() -> None:
+def test_a_valid_surface_is_not_changed() -> None:
     assert defects(bone("ulna")) == []
     assert repaired(bone("ulna")) is bone("ulna")
 
 
-def test_repair_asks_for_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_repair_names_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pymeshfix", None)
     with pytest.raises(MeshError, match=r'holes.*pip install "palpate-limb\[repair\]"'):
         repaired(spoiled("hole"))

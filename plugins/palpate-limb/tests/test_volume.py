@@ -92,7 +92,7 @@ def test_a_bent_edge_lowers_the_quality_before_it_folds_the_element() -> None:
     assert after[0] < 0.5 * before[0]
 
 
-def test_the_level_below_the_skin_lies_at_its_depth() -> None:
+def test_the_level_below_the_skin_is_at_its_depth() -> None:
     surface = below_skin(segment(), 2.5)
     middle = surface.points_mm[np.abs(surface.points_mm @ segment().axis) < 15.0]
     _, depth = segment().skin.nearest(middle)
@@ -102,7 +102,7 @@ def test_the_level_below_the_skin_lies_at_its_depth() -> None:
         below_skin(segment(), 20.0)
 
 
-def test_a_layered_mesh_lies_on_its_surfaces_and_can_be_simulated() -> None:
+def test_a_layered_mesh_is_on_its_surfaces_and_can_be_simulated() -> None:
     limb = layered()
     mesh = limb.mesh
     check_limb(limb, ["skin", "soft_tissue"])

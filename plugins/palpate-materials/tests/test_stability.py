@@ -110,7 +110,7 @@ class Fibre(Material):
         return ground + theta[1] / 2 * (C[0, 0] - 1) ** 2
 
 
-def test_anisotropic_materials_are_judged_along_all_axes():
+def test_anisotropic_materials_are_checked_along_all_axes():
     drucker = Drucker(
         DruckerSettings(modes=("uniaxial",), least_stretch=0.5, largest_stretch=1.5, n_stretches=3)
     )

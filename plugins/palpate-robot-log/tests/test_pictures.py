@@ -88,7 +88,7 @@ def test_every_phase_is_named_and_shaded_in_every_panel(processed, figures, tmp_
         assert shade.get_x() == pytest.approx(phase.start.time_s)
 
 
-def test_the_tared_wrench_is_drawn_beside_the_one_that_was_read(processed, figures, tmp_path):
+def test_the_tared_wrench_is_drawn_next_to_the_raw_one(processed, figures, tmp_path):
     draw_processed(processed, tmp_path)
     figure = figures["2_tared.png"]
     assert figure.get_suptitle() == "press.csv: without drift, bias"

@@ -122,7 +122,7 @@ def test_a_log_that_stops_in_motion_is_refused_without_drift_too(seconds):
         process(until(seconds), logs.settings(drift={"enabled": False}))
 
 
-def test_a_log_without_retract_serves_where_drift_is_left_in():
+def test_a_log_without_retract_needs_no_drift_correction():
     processed = process(until(30.9), logs.settings(drift={"enabled": False}))
     assert processed.torque is not None
     assert [phase.name for phase in processed.phases][-1] == "dwell_2"

@@ -136,7 +136,7 @@ def with_poses_before(spot, weight_N):
     )
 
 
-def test_a_log_with_poses_in_free_air_tells_its_tool():
+def test_a_log_with_poses_in_free_air_identifies_its_tool():
     whole = with_poses_before("p4", 0.8829)
     processed, true = process(whole, logs.settings(gravity={"method": "fit"})), logs.truth("p4")
     assert processed.tool.weight_N == pytest.approx(0.8829, abs=0.01)
@@ -197,7 +197,7 @@ def test_a_moment_is_moved_by_lever_and_force_and_keeps_its_part_along_the_force
 
 @settings(max_examples=30, deadline=None)
 @given(seeds, st.floats(10.0, 400.0))
-def test_a_turn_about_an_axis_is_read_whatever_the_signs_and_the_tilt(seed, reach):
+def test_a_rotation_about_an_axis_is_read_for_any_signs_and_tilt(seed, reach):
     random = np.random.default_rng(seed)
     axis, first = Rotation.random(rng=random).apply(UP), Rotation.random(rng=random)
     across = np.cross(axis, [0.3, -0.5, 0.8])

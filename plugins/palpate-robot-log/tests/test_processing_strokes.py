@@ -65,7 +65,7 @@ def test_turns_without_a_dwell_end_one_stroke_and_start_the_next(profile):
     assert [stroke.to_value for stroke in strokes] == pytest.approx([-22.5, 22.5, 0.0], abs=0.05)
 
 
-def test_ripples_are_no_strokes_and_a_cut_stroke_says_so():
+def test_ripples_are_no_strokes_and_a_cut_stroke_is_reported():
     ripple = 0.2 * np.sin(7.0 * TIME)
     assert strokes_of(TIME, ripple, 1.0) == ()
     strokes = strokes_of(TIME[:1600], path([0.0, 2.0, 10.0], [0.0, 0.0, 20.0], cosine)[:1600], 1.0)

@@ -191,7 +191,7 @@ def test_bounds_can_be_widened() -> None:
     assert reading(table, stuck="1 s").recording.n_rows == 240
 
 
-def test_the_sensors_own_range_is_kept_to() -> None:
+def test_the_sensors_range_is_respected() -> None:
     table = write.press()
     with pytest.raises(
         CurveError, match=r"column 'fz_N': -9.* reaches the sensor's range of 9 \(force_limit"
@@ -247,7 +247,7 @@ def test_a_last_line_without_an_end_is_noted(tmp_path: Path) -> None:
     assert "may have been cut short" in read_here(path, Request()).notes[0]
 
 
-def test_columns_that_are_not_asked_for_may_hold_anything(tmp_path: Path) -> None:
+def test_unused_columns_may_hold_anything(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(TEXT.replace("x_m", "x_m,state").replace("\n7,0.7", "\n7,0.7,go").replace("0.8", "0.8,"))
     lines = [line if line.count(",") == 2 else line + ",1" for line in path.read_text().splitlines()]

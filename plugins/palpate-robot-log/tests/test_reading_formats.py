@@ -97,7 +97,7 @@ def test_every_format_gives_the_same_recording(
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "matlab 5", "matlab 7.3", "ros 1 lz4", "ros 2 mcap"])
-def test_a_process_of_its_own_gives_the_same(tmp_path: Path, kind: str) -> None:
+def test_a_subprocess_gives_the_same(tmp_path: Path, kind: str) -> None:
     name, writer, channels = FORMATS[kind]
     table = write.press()
     writer(tmp_path / name, table)
@@ -125,7 +125,7 @@ def test_rows_are_lines_of_text_and_messages_of_a_bag(tmp_path: Path) -> None:
     np.testing.assert_array_equal(rows[:3], [0, 2, 4])
 
 
-def test_an_ending_that_lies_changes_nothing(tmp_path: Path) -> None:
+def test_a_wrong_file_ending_changes_nothing(tmp_path: Path) -> None:
     table = write.press()
     write.write_parquet(tmp_path / "log.csv", table)
     assert_is_press(recording_of(tmp_path / "log.csv", write.channel_map()), table)

@@ -81,7 +81,7 @@ def test_gaps_and_repeats_are_listed_with_rows_and_time_stamps(tmp_path: Path) -
     assert "the time of the row before once more" in found.record["problem"]
 
 
-def test_what_is_missing_is_said_and_left_to_be_named(tmp_path: Path) -> None:
+def test_missing_channels_are_reported_and_left_to_be_named(tmp_path: Path) -> None:
     table = write.press()
     kept = {name: table[name] for name in write.COLUMNS[:8]}
     write.write_text(tmp_path / "log.csv", kept)

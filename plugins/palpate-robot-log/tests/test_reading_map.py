@@ -36,7 +36,7 @@ def renamed(table: write.Table, **names: str) -> write.Table:
 # ------------------------------------------------------------------------ units
 
 
-def test_units_come_from_the_names_or_from_the_map() -> None:
+def test_units_are_taken_from_the_names_or_the_map() -> None:
     table = write.press()
     expected = recording(table)
     bare = renamed(table, x_m="x", y_m="y", z_m="z")
@@ -99,7 +99,7 @@ def test_units_of_the_file_can_be_overruled() -> None:
 # ------------------------------------------------------------------------ signs
 
 
-def test_a_minus_turns_a_column_and_a_nought_stands_for_no_axis() -> None:
+def test_a_minus_reverses_a_column_and_a_zero_is_no_axis() -> None:
     table = write.press()
     found = recording(table, force={"columns": ["-fy_N", "fx_N", "fz_N"]})
     np.testing.assert_array_equal(found.force_N[:, 0], -table["fy_N"])
@@ -136,7 +136,7 @@ def test_a_wrench_in_the_base_is_brought_into_the_sensor() -> None:
     np.testing.assert_allclose(found.moment_Nmm, plain.moment_Nmm, atol=1e-9)
 
 
-def test_the_sensor_may_be_turned_in_the_tool_and_the_tip_stand_off() -> None:
+def test_the_sensor_may_be_rotated_in_the_tool_and_the_tip_offset() -> None:
     table = write.press()
     found = recording(table, sensor_turned=["10 deg", "20 deg", "30 deg"], tip=["1 mm", "0 mm", "120 mm"])
     mount = Rotation.from_euler("xyz", [10.0, 20.0, 30.0], degrees=True)

@@ -117,7 +117,7 @@ def test_large_files_are_not_opened(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are kept on Linux")
-def test_a_reader_that_asks_for_too_much_memory_is_an_error(tmp_path: Path) -> None:
+def test_a_reader_with_too_much_memory_is_an_error(tmp_path: Path) -> None:
     write.write_text(tmp_path / "log.csv", write.press(30_000))
     limits = ReadingLimits.model_validate({"memory": "300 MB"})
     with pytest.raises(CurveError, match=r"log\.csv: reading failed"):

@@ -28,7 +28,7 @@ def along_branches(curve: Curve, abscissa):
     return np.concatenate(parts)
 
 
-def test_force_agrees_with_the_simulated_answer(spot):
+def test_force_agrees_with_the_simulated_one(spot):
     clean, curve = logs.truth(spot).clean, logs.processed(spot).force
     press = slice(0, int(np.argmax(clean["depth_mm"])) + 1)
     found = np.interp(clean["depth_mm"][press], curve.abscissa, curve.ordinate)
@@ -36,7 +36,7 @@ def test_force_agrees_with_the_simulated_answer(spot):
     assert nmse(found, clean["force_N"][press]) < 1e-3
 
 
-def test_torque_agrees_with_the_simulated_answer(spot):
+def test_torque_agrees_with_the_simulated_one(spot):
     clean = logs.truth(spot).clean
     twist = slice(int(np.flatnonzero(clean["angle_deg"])[0]) - 1, None)
     found = along_branches(logs.processed(spot).torque, clean["angle_deg"][twist])
@@ -44,7 +44,7 @@ def test_torque_agrees_with_the_simulated_answer(spot):
     assert nmse(found, clean["torque_Nmm"][twist]) < 5e-5
 
 
-def test_the_onset_lies_within_a_tenth_of_a_millimetre(spot):
+def test_the_onset_is_within_a_tenth_of_a_millimetre(spot):
     processed, true = logs.processed(spot), logs.truth(spot)
     surface = -(true.spot_mm - processed.motion.origin_mm) @ true.normal
     assert abs(processed.onset.travel_mm - surface) < 0.1

@@ -66,7 +66,7 @@ def test_the_curves_are_those_that_made_the_logs(spot):
         assert np.abs(difference).max() < 0.02 * np.abs(clean["torque_Nmm"]).max()
 
 
-def test_every_point_says_how_sure_it_is_and_every_step_what_it_did():
+def test_every_point_has_a_std_and_every_step_a_record():
     for response in measured().values():
         for curve in response.curves.values():
             assert curve.std is not None
@@ -93,7 +93,7 @@ def test_a_twist_of_the_other_sign_is_refused():
         load_measured(replace(study(), spots=(spot,), protocol=turned), plugins().channels)
 
 
-def test_the_study_is_simulated_says_so_and_is_small():
+def test_the_study_is_marked_as_simulated_and_is_small():
     readme = (folder() / "README.md").read_text()
     assert "**The experiment is simulated, robot and sensor included.**" in readme
     assert study().data == "simulated"

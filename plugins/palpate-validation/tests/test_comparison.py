@@ -20,7 +20,7 @@ from palpate_validation.comparison_twist import TWIST_DEG, twist_rows
 MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
 
 
-def test_the_embedded_solver_is_certified_against_febios_curves(capsys, tmp_path, monkeypatch):
+def test_the_embedded_solver_agrees_with_febios_curves(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert main(["certify", "yeoh", "--out", str(tmp_path)]) == 0
@@ -117,7 +117,7 @@ class Choosy(Echo):
         raise MaterialError("material 'ogden' is not for me")
 
 
-def test_what_a_solver_does_not_take_is_open_and_certifies_nothing():
+def test_an_unsupported_problem_is_open_and_shows_no_agreement():
     makers = {"choosy": lambda _: Choosy(None), "echo": answering(1.0)}
     rows = list(compared(case_of([(0, 0), (1, 0), (2, 0)]), makers, REFERENCES, 0.01))
     assert [r.verdict for r in rows] == ["open", "agrees"]
@@ -129,7 +129,7 @@ def test_what_a_solver_does_not_take_is_open_and_certifies_nothing():
     assert [r.verdict for r in twisted] == ["open", "open"]
 
 
-def test_an_answer_that_does_not_come_there_is_open():
+def test_a_result_that_does_not_reach_there_is_open():
     (row,) = compared(case_of([(0, 0), (1, 0)]), {"echo": answering(1.0)}, REFERENCES, 0.01)
     assert (row.verdict, row.note) == ("failed", "its force does not reach 2")
 
@@ -171,7 +171,7 @@ def test_friction_without_memory_is_found_out():
     assert TWIST_DEG == -22.5
 
 
-def test_others_are_judged_against_references_and_not_the_other_way_round():
+def test_others_are_compared_with_references_and_not_the_other_way_round():
     limb, theta = block(n_across=2, n_down=1), np.array([0.06, 3.0, 1.0])
     contenders = {"alien": forgetful(False), "ours": forgetful(False)}
     rows = list(twist_rows(limb, Ogden(), theta, contenders, references=["ours"]))
@@ -212,7 +212,7 @@ def palpate_solvers():
 """
 
 
-def test_a_solver_of_others_is_judged_when_it_is_asked_for(capsys, tmp_path, monkeypatch):
+def test_a_third_party_solver_is_compared_on_request(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setattr("palpate_validation.comparison_block.block_rows", lambda *_: iter(()))
@@ -259,7 +259,7 @@ def test_the_recorded_block_is_the_one_that_is_simulated():
     assert set(bonded.materials) == {"skin", "soft_tissue"}
 
 
-def test_a_solver_that_raises_fails_its_own_rows_and_no_other():
+def test_a_solver_that_raises_fails_only_its_rows():
     def respond(job):
         raise ZeroDivisionError("a layer of no thickness")
 
@@ -293,7 +293,7 @@ def test_the_installed_febio_reads_coefficients_in_a_known_way(name):
 
 
 @needs_febio
-def test_the_installed_febio_agrees_with_its_own_record():
+def test_the_installed_febio_agrees_with_its_record():
     from palpate_febio.solver import FebioSolver
 
     rows = list(block_rows("ogden", MATERIALS, {"febio": lambda _: FebioSolver()}))

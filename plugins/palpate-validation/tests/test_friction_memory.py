@@ -83,7 +83,7 @@ def test_the_record_shows_it():
 
 
 @given(st.floats(0.05, 20.0), st.sampled_from(sorted(SCENARIOS)))
-def test_tissue_that_answers_s_times_as_hard_is_s_times_as_stiff(s, scenario):
+def test_tissue_with_s_times_the_force_is_s_times_as_stiff(s, scenario):
     x = np.linspace(0.0, 1.0, 7)
 
     def response(factor):

@@ -89,7 +89,7 @@ def test_a_solver_that_swallows_a_job_leaves_it_unreadable(make_study, tissue):
 
 
 @pytest.mark.parametrize("copies", [False, True])
-def test_jobs_of_one_name_keep_their_own_answers(make_study, tissue, copies):
+def test_jobs_of_one_name_keep_their_results(make_study, tissue, copies):
     class Backwards(tissue.Analytic):
         def simulate_many(self, jobs, limb):
             for job in reversed(list(jobs)):
@@ -128,14 +128,14 @@ def test_a_solver_of_no_importable_module_is_refused(make_study, tissue):
         results(make_study(solver=Local()), Processes())
 
 
-def test_a_worker_that_cannot_load_the_plugins_says_why(make_study, tmp_path):
+def test_a_worker_that_cannot_load_the_plugins_reports_why(make_study, tmp_path):
     broken = tmp_path / "broken.py"
     broken.write_text("raise RuntimeError('no licence')")
     with pytest.raises(PluginError, match="RuntimeError: no licence"):
         results(make_study(plugin_files=(broken,)), Processes())
 
 
-def test_what_a_solver_prints_does_not_garble_the_answers(make_study, tmp_path, tissue):
+def test_what_a_solver_prints_does_not_corrupt_the_results(make_study, tmp_path, tissue):
     talkative = tmp_path / "talkative.py"
     talkative.write_text(
         "import os, sys\n"

@@ -249,7 +249,7 @@ def has_ended(pid):
         return True
 
 
-def test_whatever_a_job_does_to_its_worker_it_has_one_outcome(hard, tmp_path):
+def test_every_job_has_one_result_whatever_its_worker_does(hard, tmp_path):
     found = {o.index: o for o in Processes().results(batch_for(hard, 6, time_s=2.0))}
     assert sorted(found) == list(range(6))
     assert [found[i].status.value for i in range(6)] == ["ok", "timed_out", "ok", "crashed", "crashed", "ok"]
@@ -264,7 +264,7 @@ def test_whatever_a_job_does_to_its_worker_it_has_one_outcome(hard, tmp_path):
         assert has_ended(pid), "a process that a job had started outlived it"
 
 
-def test_a_process_that_leaves_the_group_keeps_nobody_waiting(hard, tmp_path, monkeypatch):
+def test_a_process_that_leaves_the_group_blocks_nothing(hard, tmp_path, monkeypatch):
     monkeypatch.setattr(pool, "LAST_OUTPUT_S", 0.1)
     batch = batch_for(hard, 8)
     (found,) = Processes().results(replace(batch, jobs=batch.jobs[7:]))
@@ -275,7 +275,7 @@ def test_a_process_that_leaves_the_group_keeps_nobody_waiting(hard, tmp_path, mo
         os.kill(int(pid), signal.SIGKILL)
 
 
-def test_a_worker_that_somebody_kills_costs_no_job(hard, tmp_path):
+def test_a_killed_worker_costs_no_job(hard, tmp_path):
     batch = batch_for(hard, 40)
     found, hit = [], {}
     for result in Processes().results(replace(batch, jobs=batch.jobs[10:])):
@@ -393,7 +393,7 @@ def test_an_executor_that_breaks_its_contract_is_named(make_study, tmp_path, exe
         sweep(make_study(executor=executor(), n_sets=3), tmp_path / "run")
 
 
-def test_what_an_executor_hands_on_is_checked_like_any_answer(make_study, tmp_path):
+def test_results_of_an_executor_are_checked_like_any_others(make_study, tmp_path):
     found = sweep(make_study(executor=Careless(), n_sets=3), tmp_path / "run")
     assert {s.status for s in found} == {Status.UNREADABLE}
 

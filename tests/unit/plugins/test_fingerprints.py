@@ -105,7 +105,7 @@ def test_a_one_file_plugin_counts_by_the_content_that_was_imported(tmp_path, key
     assert key(load_file(other).Fat()) == key(first)
 
 
-def test_a_class_in_no_file_is_refused_unless_it_says_what_it_is(tmp_path, key, monkeypatch):
+def test_a_class_without_a_file_needs_a_fingerprint(tmp_path, key, monkeypatch):
     typed = {}
     exec(MATERIAL.format(imports="", factor=1.0), typed)
     with pytest.raises(PluginError, match=r"class Fat .* is defined in no file.*--plugin FILE"):

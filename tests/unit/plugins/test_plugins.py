@@ -181,7 +181,7 @@ def test_a_broken_plugin_contributes_nothing_at_all(write: Write) -> None:
     assert plugins.broken[0].reason == "OSError: no engine"
 
 
-def test_every_broken_plugin_is_listed_not_the_first_alone(write: Write) -> None:
+def test_every_broken_plugin_is_listed(write: Write) -> None:
     texts = [BROKEN[case][0] for case in ("misspelt", "wrong arguments", "import error")]
     plugins = load(*(write(f"p{i}", text) for i, text in enumerate(texts)))
     assert [broken.name for broken in plugins.broken] == ["p0", "p1", "p2"]

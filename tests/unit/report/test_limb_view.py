@@ -18,7 +18,7 @@ def enclosed(parts: list[ViewPart]) -> float:
 
 
 @pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8"])
-def test_the_outer_parts_enclose_the_mesh_whatever_its_elements(kind: str) -> None:
+def test_the_outer_parts_enclose_a_mesh_of_any_elements(kind: str) -> None:
     limb = block(kind, n_across=4, n_down=3, layers_mm={"skin": 6.0})
     view = limb_view(limb)
     points = limb.mesh.points_mm
@@ -39,7 +39,7 @@ def test_the_spot_s_skin_and_what_is_fixed_are_separate() -> None:
     np.testing.assert_allclose(between.points_mm[:, 2], -6.0)
 
 
-def test_a_bone_s_own_node_set_names_it() -> None:
+def test_a_bone_is_named_by_its_node_set() -> None:
     limb = block("tet4", n_across=4, n_down=3)
     mesh = limb.mesh
     low = np.flatnonzero(mesh.points_mm[:, 2] == mesh.points_mm[:, 2].min())
@@ -58,7 +58,7 @@ def test_a_bone_s_own_node_set_names_it() -> None:
     assert len(parts["cut"].triangles) == 2 * 2 * 4 * 3
 
 
-def test_the_sphere_rests_on_the_spot_wherever_it_lies() -> None:
+def test_the_sphere_rests_on_any_spot() -> None:
     spot = Spot(name="p2", position_mm=np.array([3.0, -2.0, 1.0]), normal=np.array([0.6, 0.0, 0.8]))
     mesh = block("tet4", n_across=2, n_down=2).mesh
     view = limb_view(Limb(spot=spot, mesh=mesh), 7.5)

@@ -158,7 +158,7 @@ def test_drawing_changes_nobodys_style(content, tmp_path, outlined):
     assert dict(rcParams) == before
 
 
-def test_every_figure_of_simulated_data_says_so(content):
+def test_every_figure_of_simulated_data_is_marked(content):
     made, real = content(), content(data="measured")
     for draw in (
         nmse_distribution, generalised, lambda c: responses(c, "p1"), lambda c: parameter_space(c, "p1"),
@@ -187,7 +187,7 @@ def test_a_refined_curve_takes_the_place_of_the_sweeps(content):
     assert labels == [f"scenario {name}, refined" for name in ("I", "II", "III")]
 
 
-def test_the_distribution_is_cut_and_says_how_many_are_above(content):
+def test_the_distribution_is_cut_with_the_number_above(content):
     made = content()
     axis = nmse_distribution(made).axes[0]
     offsets = np.concatenate([c.get_offsets() for c in axis.collections if len(c.get_offsets()) > 1])

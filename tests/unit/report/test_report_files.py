@@ -91,7 +91,7 @@ def test_colours_are_distinguished_by_every_colour_vision():
 HOSTILE = r"50 % of a_b & {c} $x$ #1 ~^ \end{table} | `d` <e>" + "\n next"
 
 
-def test_each_table_comes_as_csv_latex_and_markdown(content, tmp_path):
+def test_each_table_is_written_as_csv_latex_and_markdown(content, tmp_path):
     tables = make_tables(content(refine=True))
     files = write_tables(tables, tmp_path)
     assert {f.suffix for f in files} == {".csv", ".tex", ".md"}

@@ -73,7 +73,7 @@ def page(content):
     return made
 
 
-def test_the_page_names_every_file_and_says_that_the_data_are_simulated(undrawn, content, tmp_path):
+def test_the_page_names_every_file_and_reports_simulated_data(undrawn, content, tmp_path):
     files = write_report(content(), tmp_path / "report").files
     text = (tmp_path / "report" / "index.html").read_text()
     assert "These are simulated data, not a measurement" in text
@@ -86,7 +86,7 @@ def test_the_page_names_every_file_and_says_that_the_data_are_simulated(undrawn,
     assert "experiment (simulated)" not in real.partition("<script>")[0]
 
 
-def test_the_page_asks_for_nothing_and_may_run_its_own_scripts_alone(page):
+def test_the_page_requests_nothing_and_runs_only_its_scripts(page):
     made = page()
     (policy,) = (a["content"] for _, a, _ in made.all("meta") if a.get("http-equiv"))
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
@@ -272,7 +272,7 @@ def test_the_sphere_is_shown_at_rest_and_where_it_presses_deepest():
     assert not [name for name in (t["name"] for t in scene(limb, None, 1000)) if name.startswith("sphere")]
 
 
-def test_the_edge_of_the_contact_lies_on_the_pressed_sphere():
+def test_the_edge_of_the_contact_is_on_the_pressed_sphere():
     limb = block("tet4", n_across=4, n_down=3)
     protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=[(0, 0), (4, 0), (4, 20)], friction=1.0)
     path = {"depth_mm": [2.0, 4.0, 4.0], "rotation_deg": [0.0, 0.0, 20.0]}
@@ -284,7 +284,7 @@ def test_the_edge_of_the_contact_lies_on_the_pressed_sphere():
     assert edge_of_contact(limb, protocol, path | {"sticking": [1.0, 1.0, 0.5]}) is None
 
 
-def test_contact_is_taken_from_diagnostics_that_follow_the_path_alone():
+def test_contact_is_taken_only_from_diagnostics_along_the_path():
     def reported(**diagnostics):
         job = Job(spot="p", set_id=3, materials={}, thetas={}, protocol=None)
         return contact_along([Simulation(job=job, status=Status.OK, response=None, diagnostics=diagnostics)])

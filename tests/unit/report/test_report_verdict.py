@@ -48,7 +48,7 @@ def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
     )
 
 
-def test_a_refined_set_stands_for_the_sweeps(content):
+def test_a_refined_set_replaces_the_sweeps(content):
     made = content(refine=True)
     best = verdict(made).bests[0]
     assert best.found == "refined"
@@ -56,7 +56,7 @@ def test_a_refined_set_stands_for_the_sweeps(content):
     assert best.fopt < made.selection["fopt"][0]
 
 
-def test_one_spot_has_its_own_set_in_the_lead_and_nothing_to_generalise(content):
+def test_with_one_spot_its_set_leads_and_nothing_is_generalised(content):
     made = content()
     one = pl.col("spot") == "p1"
     alone = replace(
@@ -101,7 +101,7 @@ def test_measured_data_without_a_spread_are_named(content):
     assert about(repeated, "No spread") is None
 
 
-def test_what_is_odd_about_the_measured_curves_is_named(content):
+def test_warnings_about_the_measured_curves_are_named(content):
     made = content()
     assert about(made, "odd about the measured curves") is None
     warned = {s: replace(r, record={"warnings": [f"p.csv: {s}: odd"]}) for s, r in made.measured.items()}
@@ -157,7 +157,7 @@ def best_of(content):
     return verdict(content).bests[0]
 
 
-def test_a_set_that_does_not_fit_is_said_first_and_in_place_of_parameters(content):
+def test_a_set_that_does_not_fit_is_reported_first_instead_of_parameters(content):
     made = content()
     r2 = pl.when(pl.col("spot") == "p2").then(-567585.0).otherwise(pl.col("r2_torque"))
     wrong = replace(
@@ -184,7 +184,7 @@ def test_a_set_that_does_not_fit_is_said_first_and_in_place_of_parameters(conten
     assert verdict(alone).lead.startswith("No parameters can be read")
 
 
-def test_channels_that_disagree_are_named_with_what_each_says_and_typical_causes(content):
+def test_channels_that_disagree_are_named_with_values_and_typical_causes(content):
     made = content()
     assert made.disagreements.is_empty()
     row = {

@@ -63,7 +63,7 @@ def same(one, other):
         assert (one[name].std is None) == (other[name].std is None)
 
 
-def test_what_was_stored_comes_back_to_the_last_bit(tmp_path):
+def test_stored_results_are_read_back_to_the_last_bit(tmp_path):
     write(tmp_path, *(finished(i) for i in range(5)), finished(5, Status.CRASHED, quarantined=2))
     found = read(tmp_path, *range(7))
     assert list(found) == [f"key{i}" for i in range(6)]
@@ -94,7 +94,7 @@ NAMES = st.lists(st.sampled_from(["tissue.c1", "skin.E", "d_", "friction", "std"
 
 
 @given(st.lists(NAMES, min_size=1, max_size=3), st.data())
-def test_slopes_come_back_to_the_last_bit(names_of_each, data):
+def test_slopes_are_read_back_to_the_last_bit(names_of_each, data):
     """Of curves with different parameters in one file; a file without slopes has no column for them."""
     finite = arrays(np.float64, 5, elements=st.floats(allow_nan=False, allow_infinity=False))
     curve = Curve(channel="force", abscissa=np.arange(5.0), ordinate=np.ones(5))
@@ -351,7 +351,7 @@ def test_a_ledger_that_names_any_other_file_is_refused(tmp_path, name):
     assert (tmp_path / ".bashrc").read_text() == "mine"
 
 
-def test_a_link_that_lies_where_a_file_is_to_be_written_is_not_followed(tmp_path, monkeypatch):
+def test_a_link_in_place_of_a_written_file_is_not_followed(tmp_path, monkeypatch):
     victim = tmp_path / "victim"
     victim.write_text("mine")
     monkeypatch.setattr("palpate.run.result_files.temporary_name", lambda name: f".{name}.palpate")
@@ -361,7 +361,7 @@ def test_a_link_that_lies_where_a_file_is_to_be_written_is_not_followed(tmp_path
     assert victim.read_text() == "mine"
 
 
-def test_an_emptied_ledger_beside_its_curves_is_refused(tmp_path):
+def test_an_emptied_ledger_next_to_its_curves_is_refused(tmp_path):
     for i in range(3):
         write(tmp_path, finished(i))
     (tmp_path / "ledger.sqlite").write_bytes(b"")
@@ -506,7 +506,7 @@ def test_a_file_of_the_cache_with_a_right_checksum_and_no_simulation_is_as_none(
     same(cache.load("key0", job()).response, response(1.0))
 
 
-def test_a_copy_taken_while_somebody_writes_is_whole(tmp_path):
+def test_a_copy_during_writes_is_consistent(tmp_path):
     with Writer(tmp_path / "run") as writer:
         for i in range(30):
             writer.store(finished(i))

@@ -56,7 +56,7 @@ def manifest(folder):
     return json.loads((folder / "manifest.json").read_text())
 
 
-def test_the_manifest_tells_how_each_file_became_a_curve(make_study, plugins, tmp_path, telling):
+def test_the_manifest_records_how_each_file_became_a_curve(make_study, plugins, tmp_path, telling):
     study, out = pressed_thrice(make_study(loader=telling())), tmp_path / "run"
     pipeline.measure(study, out, plugins)
     reported = manifest(out)["measured"]
@@ -113,7 +113,7 @@ def test_a_file_that_is_refused_leaves_the_pictures_that_show_why(make_study, pl
     assert not (out / "manifest.json").exists()
 
 
-def test_a_loader_draws_in_its_folder_alone(make_study, plugins, tmp_path, telling):
+def test_a_loader_draws_only_in_its_folder(make_study, plugins, tmp_path, telling):
     class Stray(telling):
         def draw(self, path, folder, channel=None):
             return (folder.parent / "raw.svg",)
@@ -169,7 +169,7 @@ def test_a_study_that_weighs_by_std_needs_it_everywhere(make_study, plugins):
     )
 
 
-def test_one_channel_alone_can_be_drawn(make_study, plugins, tmp_path):
+def test_a_single_channel_can_be_drawn(make_study, plugins, tmp_path):
     curve = Curve(channel="force", abscissa=[0.0, 1.0], ordinate=[0.0, 1.0], std=[0.1, 0.1])
     response = Response(curves={"force": curve})
     presses = Presses(spot=make_study().spots[0], responses={"f.csv": response})

@@ -145,7 +145,7 @@ def test_a_measured_file_that_changes_makes_its_curves_stale(done, plugins):
     pipeline.report(study, run, plugins)
 
 
-def test_a_measured_file_that_changes_while_the_user_is_asked_is_noticed(make_study, plugins, tmp_path):
+def test_a_measured_file_that_changes_during_the_prompt_is_noticed(make_study, plugins, tmp_path):
     study, run = make_study(n_sets=4), tmp_path / "run"
     (path,) = study.spots[0].measured[None]
     changed = path.read_text() + "\n"
@@ -184,7 +184,7 @@ def test_simulations_that_came_later_make_the_scores_stale(make_study, plugins, 
             getattr(pipeline, verb)(study, run, plugins)
 
 
-def test_damaged_records_ask_for_every_stage_again(done, plugins):
+def test_corrupt_records_require_every_stage_again(done, plugins):
     study, run = done
     for content in (b"", b"{", b"[]", b'{"design": 3}', b'{"design": {"files": []}}', b"\xff"):
         (run / "stages.json").write_bytes(content)

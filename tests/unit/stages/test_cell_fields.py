@@ -122,7 +122,7 @@ def test_a_solver_that_gives_no_fields_is_refused_a_material_that_takes_them(mak
         check_jobs(study, [job], {"p1": block("hex8", **SMALL)})
 
 
-def test_a_study_says_that_its_meshes_share_a_frame(make_study, tissue, tmp_path):
+def test_a_study_declares_that_its_meshes_share_a_frame(make_study, tissue, tmp_path):
     class Meshed(tissue.Analytic):
         needs_limb = True
 

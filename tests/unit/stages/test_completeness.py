@@ -84,7 +84,7 @@ def test_a_set_whose_curves_are_lost_is_missing(make_study, plugins, tmp_path, o
     assert notes.notes[0].startswith("warning: incomplete sweep, 24 of 32 simulations (p1: 12 of 16, p2: 12")
 
 
-def test_the_set_for_all_spots_says_of_how_many_it_is(content):
+def test_the_set_for_all_spots_reports_their_number(content):
     made = content()
     partial = replace(made, scores=made.scores.filter((pl.col("spot") == "p1") | (pl.col("set_id") < 30)))
     lead = make_verdict(partial, make_tables(partial)).lead

@@ -110,7 +110,7 @@ def hole(table):
     return table[~inside]
 
 
-def test_the_clean_curves_are_not_odd(read):
+def test_clean_curves_give_no_warning(read):
     assert read() == ()
 
 
@@ -156,7 +156,7 @@ def test_what_cannot_be_is_refused(read, change, says):
         (shifted(0.5), "'force' rises as if first contact were at depth_mm 0.5"),
     ],
 )
-def test_what_is_odd_is_a_warning(read, change, says):
+def test_suspicious_curves_give_a_warning(read, change, says):
     (warning,) = read(change)
     assert warning.startswith("p1.csv: spot 'p1': ")
     assert re.search(says, warning), warning
@@ -170,7 +170,7 @@ def test_what_a_channel_does_not_declare_is_not_checked():
             check_curve(curve, Channel(name="profile", **LINES, **declared))
 
 
-def test_few_points_are_a_warning_whatever_they_are_of():
+def test_few_points_are_a_warning_in_any_channel():
     curve = Curve(channel="profile", abscissa=[0.0, 1.0, 2.0, 3.0], ordinate=[0.0, 1.0, 2.0, 3.0])
     assert check_curve(curve, Channel(name="profile", **LINES)) == [
         "channel 'profile' has 4 points from 0 to 3 and none between 0 and 1; "
@@ -190,7 +190,7 @@ def test_the_moduli_are_those_of_the_ranges():
     assert 0.126 < high < 0.15
 
 
-def test_a_clean_study_is_not_odd_and_slips_of_the_pen_are():
+def test_only_a_study_with_slips_gets_warnings():
     assert list(odd_settings(study())) == []
     (region,) = study().space.regions
     c1, c2, c3 = region.searched

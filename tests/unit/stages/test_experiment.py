@@ -43,7 +43,7 @@ def test_a_channel_without_weight_may_be_missing(make_study, plugins):
     assert set(load_measured(study, plugins.channels)) == {"p1", "p2"}
 
 
-def test_a_channel_that_nobody_declares_is_refused(make_study, plugins):
+def test_an_undeclared_channel_is_refused(make_study, plugins):
     with pytest.raises(
         CurveError, match=r"p1\.csv: spot 'p1': channel 'force' is not declared by any plugin"
     ):
@@ -100,7 +100,7 @@ def test_a_repeat_that_lacks_a_channel_is_named(make_study, plugins):
         load_measured(pressed_again(study, scaled(path, 1.0, drop="torque")), plugins.channels)
 
 
-def test_each_spot_has_a_protocol_and_a_loader_of_its_own(make_study, plugins, tissue):
+def test_each_spot_may_have_another_protocol_and_loader(make_study, plugins, tissue):
     class Doubling(tissue.Table):
         def load(self, path, channel=None):
             curves = super().load(path, channel).curves
@@ -146,7 +146,7 @@ def test_the_whole_path_is_covered(plugins):
         ),
     ],
 )
-def test_a_departure_from_the_protocol_says_what_is_covered(plugins, curve, says):
+def test_a_departure_from_the_protocol_reports_what_is_covered(plugins, curve, says):
     with pytest.raises(CurveError, match=says):
         check_covers(curve, plugins.channels[curve.channel], PROTOCOL, 0.95)
 

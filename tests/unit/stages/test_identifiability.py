@@ -55,7 +55,7 @@ def _row(frame, scenario, parameter, spot="p1"):
     return frame.filter(spot=spot, scenario=scenario, parameter=f"soft_tissue.{parameter}").row(0, named=True)
 
 
-def test_both_channels_identify_both_parameters_and_one_its_own(identified):
+def test_both_channels_identify_both_parameters_and_one_channel_one(identified):
     frame = identified()
     assert len(frame) == (2 * 3 + 1) * 2
     for parameter, blind in (("stiffness", "II"), ("grip", "III")):
@@ -131,7 +131,7 @@ def test_what_a_channel_cannot_see_is_not_identifiable_even_by_exact_curves(iden
     assert seen["lower"] < 0.4 < seen["upper"]
 
 
-def test_all_spots_together_have_rows_of_their_own(identified):
+def test_all_spots_together_have_separate_rows(identified):
     row = _row(identified(), "I", "stiffness", spot="all spots")
     # p1 says 0.4 and p2 0.5, each with the same weight.
     assert row["lower"] < row["optimum"] < row["upper"]

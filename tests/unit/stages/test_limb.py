@@ -272,7 +272,7 @@ def test_a_normal_that_points_inwards_is_refused():
 
 
 @pytest.mark.parametrize(("depth_mm", "sound"), [(0.99, True), (1.0, False)])
-def test_a_sphere_that_goes_through_the_limb_is_refused(depth_mm, sound):
+def test_a_sphere_that_passes_through_the_limb_is_refused(depth_mm, sound):
     protocol = Indentation(indenter=Sphere(radius_mm=1.0), path=[(0, 0), (depth_mm, 0)], friction=0.0)
     with contextlib.nullcontext() if sound else pytest.raises(MeshError, match="check the unit of the mesh"):
         check_depth(limb(), protocol)
@@ -346,7 +346,7 @@ def test_spots_of_different_anatomy_share_a_study(make_study, tissue, tmp_path):
         load_limbs(replace(both, spots=spots[:1]))
 
 
-def test_check_warns_of_what_is_odd_in_a_limb(make_study, tissue, plugins, tmp_path):
+def test_check_prints_warnings_about_a_limb(make_study, tissue, plugins, tmp_path):
     class Meshed(tissue.Analytic):
         needs_limb = True
 

@@ -37,7 +37,7 @@ def unsure(response):
     )
 
 
-def test_the_truth_is_found_far_closer_than_the_sweep_comes(make_study, plugins, tmp_path):
+def test_the_truth_is_found_far_closer_than_by_the_sweep(make_study, plugins, tmp_path):
     _, found = refined(make_study(), plugins, tmp_path)
     for spot, truth in (("p1", (0.4, 20.0)), ("p2", (0.5, 25.0))):
         row = found.table.row(by_predicate=_is(spot, "I"), named=True)
@@ -195,7 +195,7 @@ def test_what_a_diverged_simulation_reached_is_searched_where_the_study_ranks_it
     assert row["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-5)
 
 
-def test_a_search_ends_where_the_solver_s_own_rounding_begins(make_study, plugins, tmp_path, tissue):
+def test_a_search_ends_at_the_solver_s_rounding(make_study, plugins, tmp_path, tissue):
     class Rough(tissue.Analytic):
         def simulate(self, job, limb):
             whole = super().simulate(job, limb)

@@ -92,7 +92,7 @@ def test_a_filter_that_rejects_all_is_named(space):
         draw_design(space, LatinHypercube(), 8, seed=1, filters=[Stiff(), Nothing()])
 
 
-def test_a_filter_must_answer_with_booleans(space):
+def test_a_filter_must_return_booleans(space):
     with pytest.raises(SamplingError, match="'indices' returned int64"):
         draw_design(space, LatinHypercube(), 8, seed=1, filters=[Indices()])
 
@@ -189,7 +189,7 @@ def test_an_optimised_hypercube_is_more_even_than_a_plain_one(space):
 
 
 @pytest.mark.parametrize("n_sets", [1, 2, 100, 128])
-def test_a_sobol_draw_begins_every_longer_one(n_sets):
+def test_a_sobol_draw_is_the_start_of_every_longer_one(n_sets):
     points = Sobol().draw(n_sets, 3, 9)
     assert points.shape == (n_sets, 3)
     assert np.array_equal(Sobol().draw(2 * n_sets, 3, 9)[:n_sets], points)
@@ -244,7 +244,7 @@ def narrowed(space, upper):
     return replace(space, regions=(replace(region, searched=searched),))
 
 
-def test_narrower_ranges_begin_with_the_finished_sets_inside_them(space, plugins):
+def test_narrower_ranges_start_with_the_finished_sets_inside_them(space, plugins):
     sampler = plugins.samplers["lhs"]()
     wide, narrow = draw_design(space, sampler, 40, 1), narrowed(space, 0.4)
     finished = set(range(0, 40, 2))
@@ -268,7 +268,7 @@ def test_narrower_ranges_begin_with_the_finished_sets_inside_them(space, plugins
     np.testing.assert_array_equal(third, design.values[design.values[:, 0] <= 0.2])
 
 
-def test_other_ranges_than_narrower_ones_begin_with_nothing_of_before(space, plugins):
+def test_other_ranges_than_narrower_ones_keep_no_sets(space, plugins):
     sampler = plugins.samplers["lhs"]()
     design = draw_design(space, sampler, 12, 1)
     assert kept_sets(narrowed(space, 0.4), 2, design, range(12)) is None

@@ -41,7 +41,7 @@ def unsure(std):
     return {"p1": Response(curves={"force": replace(curve("force", *FORCE), std=std)})}
 
 
-def test_a_point_counts_as_its_standard_deviation_says():
+def test_a_point_is_weighted_by_its_standard_deviation():
     one = simulation(force=([0.0, 1.0, 2.0], [0.0, 3.0, 4.0]))
     weighed = scored([one], unsure([1.0, 2.0, 1.0]), point_weighting=PointWeighting.STD).row(0, named=True)
     # The error of 1 has weight 1/4 of 9/4, over a mean of 2, which has no weights.
@@ -141,7 +141,7 @@ def test_a_flat_measured_curve_has_no_r2():
 
 
 @pytest.mark.parametrize("status", [s for s in Status if s is not Status.OK])
-def test_a_partial_curve_is_ranked_only_when_asked_for_and_marked_then(status):
+def test_a_partial_curve_is_ranked_only_on_request_and_marked(status):
     half = simulation(set_id=1, status=status, message="cut short", force=([0.0, 1.0], [0.0, 3.0]))
 
     def rows(minimum_coverage):

@@ -47,7 +47,7 @@ def scores(table, status=None):
 TABLE = {"p2": [(0.1, 0.9), (0.5, 0.2), (0.3, 0.3)], "p1": [(0.4, 0.4), (0.9, 0.1), (0.2, 0.8)]}
 
 
-def test_each_scenario_takes_its_own_least():
+def test_each_scenario_selects_its_least():
     chosen = select(scores(TABLE), [BOTH, TORQUE, FORCE], design(3))
     assert chosen.select("spot", "scenario", "set_id").rows() == [
         ("p2", "I", 2), ("p2", "II", 1), ("p2", "III", 0),
@@ -87,7 +87,7 @@ def test_a_spot_where_all_failed_has_no_row():
     assert select(scores(table), [BOTH], design(1))["spot"].to_list() == ["p2"]
 
 
-def test_nothing_to_select_says_the_most_frequent_reason_and_what_to_try():
+def test_nothing_to_select_reports_the_most_frequent_reason_and_a_remedy():
     lines = scores({"p1": [(None, None)] * 3}).with_columns(
         pl.when(pl.col("set_id") == 0).then(pl.lit("crashed")).otherwise(pl.lit("timed_out")).alias("status"),
         pl.lit("stopped").alias("message"),
@@ -111,6 +111,6 @@ def test_failures_are_counted_by_simulation_and_reason():
     assert found["remedy"].to_list() == [Status.DIVERGED.remedy]
 
 
-def test_too_little_coverage_has_its_own_advice():
+def test_too_little_coverage_has_a_remedy():
     rows = scores({"p1": [(None, None)]}, status="ok")
     assert "simulated path" in failures(unranked(rows))["remedy"][0]

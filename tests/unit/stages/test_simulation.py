@@ -64,7 +64,7 @@ def test_a_second_run_computes_nothing_and_gives_the_same(sweep):
         assert np.array_equal(a.response["torque"].ordinate, b.response["torque"].ordinate)
 
 
-def test_more_sets_of_another_seed_are_computed_and_come_back_in_order(sweep):
+def test_more_sets_of_another_seed_are_computed_and_returned_in_order(sweep):
     sweep()
     found, computed = sweep(n_sets=15, seed=4)
     assert len(computed) == 15
@@ -76,7 +76,7 @@ def test_another_setting_of_the_solver_is_another_simulation(sweep):
     assert len(sweep(offset=1.0)[1]) == 12
 
 
-def test_an_interrupted_sweep_goes_on(sweep, tissue):
+def test_an_interrupted_sweep_continues(sweep, tissue):
     class Interrupted(tissue.Analytic):
         def behave(self, job):
             if (job.spot, job.set_id) == ("p1", 7) and not resumed:
@@ -131,7 +131,7 @@ def test_more_time_gives_a_timed_out_job_another_chance(make_study):
     assert not is_final(kept, make_study(time_limit_s=120.0))
 
 
-def test_odd_diagnostics_are_kept_as_text(sweep, tissue):
+def test_unusual_diagnostics_are_kept_as_text(sweep, tissue):
     class Wordy(tissue.Analytic):
         def behave(self, job):
             diagnostics = {"n": np.int64(3), "x": np.array([1.0, np.nan]), "o": object, "t": (1, None)}

@@ -77,7 +77,7 @@ def test_a_key_of_another_study_is_not_computed_again(sweep, tissue, tmp_path):
     assert len(log.read_text().splitlines()) == 12
 
 
-def test_a_job_that_kills_its_worker_twice_is_left_alone_from_then_on(sweep, tmp_path, tissue):
+def test_a_job_that_kills_its_worker_twice_is_not_tried_again(sweep, tmp_path, tissue):
     log = tmp_path / "log.txt"
     solver = tissue.Faulty(tissue.Faulty.Settings(log=str(log)))
     found = sweep(solver, n_sets=2, n_workers=2, time_limit_s=30.0)
@@ -97,7 +97,7 @@ def jobs_for(study, n_sets):
     return simulation.jobs(replace(study, spots=study.spots[:1]), design, {})
 
 
-def test_the_attempts_are_the_study_s_to_say(make_study, tissue, tmp_path):
+def test_the_study_sets_the_attempts(make_study, tissue, tmp_path):
     log = tmp_path / "log.txt"
     study = make_study(solver=tissue.Faulty(tissue.Faulty.Settings(log=str(log))))
     batch = Batch(
@@ -113,7 +113,7 @@ def test_the_attempts_are_the_study_s_to_say(make_study, tissue, tmp_path):
     assert len(log.read_text().splitlines()) == 1
 
 
-def test_a_stage_that_asks_again_gets_what_the_ledger_has_bit_for_bit(sweep, make_study, tmp_path, tissue):
+def test_a_repeated_stage_reads_the_ledger_bit_for_bit(sweep, make_study, tmp_path, tissue):
     log, folder = tmp_path / "log.txt", tmp_path / "run"
     solver = tissue.Analytic(tissue.AnalyticSettings(log=str(log)))
     sweep(solver, n_sets=2)
@@ -168,7 +168,7 @@ class Greedy(Solver):
 """
 
 
-def test_a_job_that_takes_too_much_memory_fails_alone(make_study, tmp_path):
+def test_only_the_job_with_too_much_memory_fails(make_study, tmp_path):
     path = tmp_path / "greedy.py"
     path.write_text(GREEDY)
     study = make_study(solver=load_file(path).Greedy())
@@ -185,7 +185,7 @@ def test_a_job_that_takes_too_much_memory_fails_alone(make_study, tmp_path):
     assert "MemoryError" in found[0].message
 
 
-def test_workers_finish_what_they_began_and_begin_nothing_more(make_study, tissue, tmp_path):
+def test_workers_finish_their_jobs_and_start_no_more(make_study, tissue, tmp_path):
     log = tmp_path / "log.txt"
     study = make_study(solver=tissue.Analytic(tissue.AnalyticSettings(log=str(log))))
     ended = []

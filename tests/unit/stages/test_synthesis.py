@@ -113,7 +113,7 @@ def test_files_of_one_channel_each(
         assert_same(study.loader.load(path, name), expected)
 
 
-def test_each_repeat_gets_noise_of_its_own(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
+def test_each_repeat_gets_different_noise(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
     files = tuple(tmp_path / "planned" / f"{name}.csv" for name in "abc")
     spot = StudySpot(spot=Spot(name="p1"), measured={None: files}, mesh=None)
     made = synthesise(planned(spots=(spot,)), plugins.channels, noise=0.01)
@@ -138,7 +138,7 @@ def test_a_file_outside_the_study_folder_stays_inside_out(
     assert made.files == (tmp_path / "out" / "p1.csv", tmp_path / "out" / NOTE)
 
 
-def test_the_note_says_what_made_the_curves(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
+def test_the_note_records_what_made_the_curves(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
     made = synthesise(planned(), plugins.channels, noise=0.01, seed=7)
     note = json.loads(made.files[-1].read_text())
     assert "simulated" in note["origin"]
@@ -175,7 +175,7 @@ def test_a_fixed_value_is_part_of_the_truth(planned: Planned, tissue: ModuleType
 # --------------------------------------------------------------------------- noise
 
 
-def test_noise_has_the_share_asked_for_and_the_seed_decides_it(
+def test_noise_has_the_requested_share_and_depends_on_the_seed(
     planned: Planned, plugins: Plugins, tmp_path: Path
 ) -> None:
     study = planned()
@@ -205,7 +205,7 @@ def test_noise_that_is_no_share_is_refused(planned: Planned, plugins: Plugins, n
 # ------------------------------------------------------------------------ refusals
 
 
-def test_an_existing_file_is_left_alone(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
+def test_an_existing_file_is_not_overwritten(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
     study = planned()
     folder = tmp_path / "planned"
     for name in ("p2.csv", NOTE):

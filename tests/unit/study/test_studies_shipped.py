@@ -89,7 +89,7 @@ def test_compression_is_negative_stress_over_a_falling_stretch() -> None:
 
 
 @pytest.mark.parametrize("name", HOMOGENEOUS)
-def test_the_least_squares_answer_lies_well_inside_the_ranges(name: str) -> None:
+def test_the_least_squares_solution_is_well_inside_the_ranges(name: str) -> None:
     """Yeoh is linear in its coefficients, so the best set of each scenario is known exactly."""
     ranges = [(p.lower, p.upper) for p in study(name).space.parameters]
     for response in load_measured(study(name), plugins().channels).values():
@@ -167,7 +167,7 @@ def test_the_truth_is_the_one_that_made_the_data(name: str) -> None:
     assert textbook == pytest.approx(TRUTH)
 
 
-def test_the_demo_can_find_the_truth_but_is_not_handed_it() -> None:
+def test_the_demo_can_find_the_truth_but_is_not_given_it() -> None:
     for parameter in study("forearm-demo").space.parameters:
         place = (TRUTH[parameter.name] - parameter.lower) / (parameter.upper - parameter.lower)
         assert 0.1 < place < 0.9
@@ -220,7 +220,7 @@ def test_the_layered_study_searches_a_stiffness_of_each_material_around_the_trut
         assert abs(place - 0.5) > 0.05
 
 
-def test_the_layered_study_says_that_it_is_an_inverse_crime() -> None:
+def test_the_layered_study_warns_of_an_inverse_crime() -> None:
     text = " ".join((folder(LAYERED) / "README.md").read_text().split())
     assert "same solver and the same mesh" in text
     assert "inverse crime" in text

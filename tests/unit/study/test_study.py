@@ -74,7 +74,7 @@ def test_defaults_are_the_papers(read: Edit) -> None:
     assert study.filters == ()
 
 
-def test_a_folder_stands_for_its_study_toml(plugins: Plugins) -> None:
+def test_a_folder_is_read_as_its_study_toml(plugins: Plugins) -> None:
     assert read_study(TOY, plugins).name == "toy"
 
 
@@ -156,9 +156,7 @@ def test_a_protocol_is_a_press_and_a_twist(read: Edit) -> None:
     assert spot.normal == pytest.approx([0, 0.6, 0.8])
 
 
-def test_a_spot_may_be_pressed_again_with_another_indenter_and_read_otherwise(
-    read: Edit, tmp_path: Path
-) -> None:
+def test_a_spot_may_be_pressed_again_with_another_indenter_and_loader(read: Edit, tmp_path: Path) -> None:
     study = read(
         ("[sampling]", LIMB + "[experiment.settings]\nskip = 1\n[sampling]"),
         ("closed_form", "needs_limb"),
@@ -179,7 +177,7 @@ def test_a_spot_may_be_pressed_again_with_another_indenter_and_read_otherwise(
     assert study.loader_at("s2").settings.skip == 3
 
 
-def test_points_may_count_as_their_standard_deviation_says(read: Edit) -> None:
+def test_points_may_be_weighted_by_their_standard_deviation(read: Edit) -> None:
     assert read().scoring.point_weighting is PointWeighting.EQUAL
     study = read(more='[scoring]\npoint_weighting = "std"\n')
     assert study.scoring.point_weighting is PointWeighting.STD
@@ -219,7 +217,7 @@ def whole_schema() -> dict[str, Any]:
     return json_schema({kind: {n: c.Settings for n, c in each.items()} for kind, each in kinds.items()})
 
 
-def test_the_schema_knows_the_settings_of_the_component_that_is_named() -> None:
+def test_the_schema_has_the_settings_of_the_named_component() -> None:
     study = parsed(Path(Plugins.load().studies["robot-log"].directory) / "study.toml")
     validator = jsonschema.Draft202012Validator(whole_schema())
     validator.check_schema(validator.schema)

@@ -81,7 +81,9 @@ BOMBS = {
 
 
 @pytest.mark.parametrize(("old", "new", "message"), BOMBS.values(), ids=BOMBS)
-def test_a_limit_is_said_at_once(tmp_path: Path, plugins: Plugins, old: str, new: str, message: str) -> None:
+def test_a_limit_is_reported_at_once(
+    tmp_path: Path, plugins: Plugins, old: str, new: str, message: str
+) -> None:
     assert old in TEXT
     text = TEXT.replace(old, new, 1)
     if message.startswith("1840000"):

@@ -13,7 +13,7 @@ def runner(tmp_path):
     return StudyRunner(tmp_path)
 
 
-def test_a_study_of_the_bench_alone_finds_a_set_near_the_truth(runner):
+def test_a_study_of_only_the_bench_finds_a_set_near_the_truth(runner):
     small = runner(limb={"source": "small_block"})
     assert small.study.solver.name == "half_space_on_mesh"
     assert small.simulated["set_id"].n_unique() == 3

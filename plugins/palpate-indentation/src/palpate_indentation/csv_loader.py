@@ -107,8 +107,8 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
     By default a file has the columns ``depth_mm``, ``force_N``,
     ``angle_deg`` and ``torque_Nmm``. A file that the study gives for one channel
     has that channel's columns: ``stretch`` and ``stress_MPa`` (``shear`` in
-    simple shear) for homogeneous tests. For any other channel without settings, it has two columns in the channel's
-    units, first the abscissa, then the ordinate.
+    simple shear) for homogeneous tests. For any other channel without settings, it has
+    two columns in the channel's units, first the abscissa, then the ordinate.
     """
 
     name = "csv"
