@@ -64,11 +64,11 @@ def _hook(name: str, spec: Any, kind: str | None) -> Iterator[str]:  # noqa: ANN
     yield ""
     if kind is None:
         return
-    base = KINDS[kind].base
     yield " ".join(_around(kind))
     yield ""
-    yield from _component(base) if issubclass(base, Component) else _fields(base)
-    yield ""
+    for base in KINDS[kind].bases:
+        yield from _component(base) if issubclass(base, Component) else _fields(base)
+        yield ""
 
 
 def _around(kind: str) -> Iterator[str]:
@@ -91,12 +91,13 @@ def _component(base: type[Component]) -> Iterator[str]:
     yield ""
     yield f"| `{base.__name__}` | | |"
     yield "|---|---|---|"
-    for name, kind in inspect.get_annotations(base).items():
+    classes = [cls for cls in reversed(base.__mro__) if issubclass(cls, Component) and cls is not Component]
+    for name, kind in (each for cls in classes for each in inspect.get_annotations(cls).items()):
         shown = kind if isinstance(kind, str) else inspect.formatannotation(kind)
         shown = re.sub(r"(typing\.)?ClassVar\[(.*)\]", r"\2", shown)
         yield f"| {'may set' if hasattr(base, name) else 'set'} | `{name}` | `{_short(shown)}` |"
-    for cls in (base, *OPTIONAL.get(base, ())):
-        yield from _methods(cls, "may override" if cls is base else f"may add, as a `{cls.__name__}`")
+    for cls in (*classes, *OPTIONAL.get(base, ())):
+        yield from _methods(cls, "may override" if cls in classes else f"may add, as a `{cls.__name__}`")
 
 
 def _methods(base: type[Any], else_called: str) -> Iterator[str]:

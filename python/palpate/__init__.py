@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from palpate.plugins.interfaces import (
         AnisotropicMaterial as AnisotropicMaterial,
         ExperimentLoader as ExperimentLoader,
+        IsotropicMaterial as IsotropicMaterial,
         LimbSource as LimbSource,
         Material as Material,
         Sampler as Sampler,

@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         Component as Component,
         ExperimentLoader as ExperimentLoader,
         LimbSource as LimbSource,
+        IsotropicMaterial as IsotropicMaterial,
         Material as Material,
         Sampler as Sampler,
         SetFilter as SetFilter,

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from palpate import AnisotropicMaterial, Material, Parameter
+from palpate import AnisotropicMaterial, IsotropicMaterial, Parameter
 from palpate.testing import MaterialContract
 
 
@@ -12,7 +12,7 @@ def parameter(name, lower, upper, unit="MPa", kind="modulus"):
     return Parameter(name=name, unit=unit, lower=lower, upper=upper, kind=kind, description=f"the {name}")
 
 
-class Sound(Material):
+class Sound(IsotropicMaterial):
     """Ψ = μ/2 (Ĩ1 − 3) + κ/2 (ln J)²."""
 
     name, summary = "sound", "neo-Hookean, without fault"

@@ -1,7 +1,5 @@
 """Stress, tangent and moduli of an energy, against derivatives that were computed otherwise."""
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +9,7 @@ from palpate import mechanics
 from palpate.domain import Parameter
 from palpate.errors import MaterialError, PluginError
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import Material
+from palpate.plugins.interfaces import AnisotropicMaterial, IsotropicMaterial
 
 THETA = np.array([0.061, 3.1, 1.3])
 stress = jax.jit(mechanics.stress, static_argnums=0)
@@ -22,7 +20,7 @@ def parameter(name):
     return Parameter(name=name, unit="MPa", lower=0.0, upper=9.0, kind="modulus", description=name)
 
 
-class PowerLaw(Material):
+class PowerLaw(IsotropicMaterial):
     """One Ogden term, from principal stretches."""
 
     name = "power_law"
@@ -37,16 +35,12 @@ class PowerLaw(Material):
         return c / m**2 * (powers - 3) + kappa / 2 * xp.log(J) ** 2
 
 
-class InF(Material):
+class InF(AnisotropicMaterial):
     """The power law with m = 2 again, and fibres along e1, written in F."""
 
     name = "in_f"
     summary = "test material"
-    isotropic: ClassVar[bool] = False
     parameters = (parameter("c"), parameter("fibre"), parameter("kappa"))
-
-    def energy(self, stretches, theta):
-        raise AssertionError
 
     def energy_from_F(self, F, theta):  # noqa: N802 - the interface's name
         c, fibre, kappa = theta
@@ -113,7 +107,7 @@ def test_tangent_of_a_general_exponent_is_the_slope_of_the_stress(F):
         np.testing.assert_allclose(A[:, :, k, m], rise / (2 * step), atol=3e-9 * np.abs(A).max())
 
 
-class WithNumpy(Material):
+class WithNumpy(IsotropicMaterial):
     name = "with_numpy"
     summary = "calls numpy"
     parameters = POWER_LAW.parameters

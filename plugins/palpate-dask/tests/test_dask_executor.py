@@ -43,8 +43,8 @@ import os, time
 from pathlib import Path
 import numpy as np
 from pydantic import Field
-from palpate import Curve, Material, Parameter, Response, Settings, Simulation, Solver, Status
-class Foam(Material):
+from palpate import Curve, IsotropicMaterial, Parameter, Response, Settings, Simulation, Solver, Status
+class Foam(IsotropicMaterial):
     name, summary = "foam", "one number"
     parameters = (Parameter(name="k", unit="MPa", lower=0.1, upper=1.0, kind="modulus",
                             description="stiffness", physical_lower=0.0),)

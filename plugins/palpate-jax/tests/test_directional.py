@@ -7,8 +7,7 @@ from scipy.optimize import brentq
 
 from palpate import AnisotropicMaterial, Parameter
 from palpate.domain import HomogeneousTests, Job, Status
-from palpate.errors import MaterialError
-from palpate.plugins.interfaces import Material
+from palpate.plugins.interfaces import IsotropicMaterial
 from palpate_jax.homogeneous import HomogeneousSettings, HomogeneousSolver
 
 MU, K, KAPPA = 0.02, 0.05, 1.0
@@ -36,7 +35,7 @@ class Fibred(AnisotropicMaterial):
         return ground + k / 2 * (jnp.sum((F @ theta[3:]) ** 2) - 1) ** 2
 
 
-class Ground(Material):
+class Ground(IsotropicMaterial):
     """The same without fibres, in principal stretches."""
 
     name, summary, parameters = "ground", "test material", Fibred.parameters[:3:2]
@@ -119,8 +118,3 @@ def test_an_incompressible_specimen_does_not_use_the_bulk_modulus():
     solver = HomogeneousSolver(HomogeneousSettings(incompressible=True))
     assert solver.ignored(Fibred()) == ("kappa",)
     assert HomogeneousSolver().ignored(Fibred()) == ()
-
-
-def test_principal_stretches_do_not_describe_it():
-    with pytest.raises(MaterialError, match="use energy_from_F"):
-        Fibred().energy(np.ones(3), np.ones(6))

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Sphere, Status
 from palpate.errors import CurveError, MaterialError, SolverError
-from palpate.plugins.interfaces import Material
+from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.testing import SolverContract
 from palpate_jax.homogeneous import CHANNELS, MODES, HomogeneousSettings, HomogeneousSolver
 from palpate_materials import Demiray, MooneyRivlin, NeoHookean, Ogden, Yeoh
@@ -112,7 +112,7 @@ def test_equilibrium_is_found_far_out_on_an_exponential():
     assert (np.abs(P) < 50).all()
 
 
-class Torn(Material):
+class Torn(IsotropicMaterial):
     """Loses its energy beyond λ = 2."""
 
     name = "torn"

@@ -29,7 +29,7 @@ import numpy as np
 
 from palpate.domain import FloatArray
 from palpate.errors import NUMPY_IN_ENERGY, MaterialError
-from palpate.plugins.interfaces import NO_FIELDS, Array, Material
+from palpate.plugins.interfaces import NO_FIELDS, Array, IsotropicMaterial, Material
 
 jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
 
@@ -104,17 +104,16 @@ def _squared_stretches(g: Columns) -> Array:
 # -------------------------------------------------- derivatives in stretches
 
 
-def _psi_i(material: Material, stretches: Array, theta: Array) -> Array:
+def _psi_i(material: IsotropicMaterial, stretches: Array, theta: Array) -> Array:
     return jax.grad(lambda s: jnp.sum(material.energy(s, theta)))(stretches)
 
 
-def principal_derivatives(material: Material, stretches: Array, theta: Array) -> tuple[Array, Array]:
+def principal_derivatives(material: IsotropicMaterial, stretches: Array, theta: Array) -> tuple[Array, Array]:
     """First and second derivatives of the energy in the principal stretches.
 
     Parameters
     ----------
-    material : Material
-        Isotropic.
+    material : IsotropicMaterial
     stretches : (..., 3) array
     theta : (n_parameters,) array
         Textbook values.
@@ -153,7 +152,7 @@ def _divided_differences(c: Array, S: Array, H: Array) -> tuple[Array, Array, Ar
 # ----------------------------------------------------------- stress, tangent
 
 
-def _isotropic_stress(material: Material, F: Array, theta: Array) -> Array:
+def _isotropic_stress(material: IsotropicMaterial, F: Array, theta: Array) -> Array:
     g, n = _principal_columns(F)
     stretches = jnp.sqrt(_squared_stretches(g))
     S = _psi_i(material, stretches, theta) / stretches
@@ -178,7 +177,7 @@ def _dyads(g: Columns, n: Columns) -> list[Array]:
     return [outer(a, a) for a in range(3)] + [outer(a, b) + outer(b, a) for a, b in ((0, 1), (0, 2), (1, 2))]
 
 
-def _isotropic_stress_and_tangent(material: Material, F: Array, theta: Array) -> tuple[Array, Array]:
+def _isotropic_stress_and_tangent(material: IsotropicMaterial, F: Array, theta: Array) -> tuple[Array, Array]:
     g, n = _principal_columns(F)
     c = _squared_stretches(g)
     stretches = jnp.sqrt(c)
@@ -242,7 +241,7 @@ def stress_and_tangent(
         ``A[..., i, J, k, L]`` = ∂P_iJ / ∂F_kL [MPa].
     """
     F, theta = _as_arrays(F, theta)
-    if material.isotropic:
+    if isinstance(material, IsotropicMaterial):
         return _isotropic_stress_and_tangent(material, F, theta)
     gradient = jax.grad(material.energy_from_F)
     tangent = jax.jacfwd(gradient)
@@ -253,7 +252,7 @@ def stress_and_tangent(
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _stress(material: Material, F: Array, theta: Array, fields: Fields) -> Array:
-    if material.isotropic:
+    if isinstance(material, IsotropicMaterial):
         return _isotropic_stress(material, F, theta)
     return _pointwise(lambda f, *own: jax.grad(material.energy_from_F)(f, theta, *own), F, fields)
 
@@ -264,7 +263,7 @@ def _stress_jvp(
 ) -> tuple[Array, Array]:
     (F, theta, fields), (dF, dtheta, _) = primals, tangents
     P, A = stress_and_tangent(material, F, theta, fields)
-    if material.isotropic:
+    if isinstance(material, IsotropicMaterial):
         g, n = _principal_columns(F)
         stretches = jnp.sqrt(_squared_stretches(g))
         _, dpsi = jax.jvp(lambda t: _psi_i(material, stretches, t), (theta,), (dtheta,))
@@ -316,7 +315,7 @@ def moduli_at_rest(material: Material, theta: Array) -> tuple[Array, Array]:
     The Voigt averages for an anisotropic material. For use under ``jax.vmap``;
     :func:`initial_moduli` is the checked form.
     """
-    if not material.isotropic:
+    if not isinstance(material, IsotropicMaterial):
         _, A = stress_and_tangent(material, jnp.eye(3), theta)
         trace, double = jnp.einsum("iikk->", A), jnp.einsum("ikik->", A)
         swapped = jnp.einsum("ikki->", A)
@@ -328,7 +327,7 @@ def moduli_at_rest(material: Material, theta: Array) -> tuple[Array, Array]:
 @partial(jax.jit, static_argnums=0)
 def _rest(material: Material, theta: Array) -> tuple[Array, Array, Array, Array]:
     """Energy, largest stress, shear and bulk modulus at rest."""
-    if material.isotropic:
+    if isinstance(material, IsotropicMaterial):
         energy, slope = material.energy(jnp.ones(3), theta), _psi_i(material, jnp.ones(3), theta)
     else:
         energy, slope = jax.value_and_grad(material.energy_from_F)(jnp.eye(3), theta)

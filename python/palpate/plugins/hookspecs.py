@@ -72,9 +72,9 @@ def palpate_limb_sources() -> "Iterable[type[LimbSource]]":  # type: ignore[empt
 def palpate_materials() -> "Iterable[type[Material]]":  # type: ignore[empty-body]
     """Hyperelastic materials.
 
-    A study gives each region one, with each parameter fixed or searched. An isotropic material
-    is an energy of the principal stretches; subclass :class:`palpate.AnisotropicMaterial` for an
-    energy of the deformation gradient. Stress, tangent and stability follow.
+    A study gives each region one, with each parameter fixed or searched. An isotropic material is an
+    energy of the principal stretches, an anisotropic one an energy of the deformation gradient.
+    Stress, tangent and stability follow. ``palpate.api.Material`` is the type of both.
     """
 
 

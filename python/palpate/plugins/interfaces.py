@@ -95,12 +95,12 @@ class Component(ABC, Generic[SettingsT]):
         return code_fingerprint(type(self)) or f"{CORE} {metadata.version(CORE)}"
 
 
-class Material(Component[SettingsT]):
-    """A hyperelastic material, given by its energy alone.
+class HyperelasticMaterial(Component[SettingsT]):
+    """What isotropic and anisotropic materials share; subclass one of them.
 
-    Stress, tangent, initial moduli and stability follow from the energy in
-    :mod:`palpate.mechanics`. ``parameters`` may be a class attribute, or be set
-    in ``__init__`` where the settings decide how many there are.
+    A material is given by its energy alone: stress, tangent, initial moduli and stability follow
+    in :mod:`palpate.mechanics`. ``parameters`` may be a class attribute, or be set in ``__init__``
+    where the settings decide how many there are.
     """
 
     parameters: tuple[Parameter, ...]
@@ -108,39 +108,12 @@ class Material(Component[SettingsT]):
     conventions: Mapping[str, tuple[float, ...]] = MappingProxyType({})
     """Other ways to write the coefficients: textbook value = number × factor, by parameter."""
 
-    @abstractmethod
-    def energy(self, stretches: Array, theta: Array) -> Array:
-        """Strain energy per reference volume.
-
-        Parameters
-        ----------
-        stretches : (..., 3) array
-            Principal stretches λ1, λ2, λ3; the energy is symmetric in them and zero at rest.
-        theta : (n_parameters,) array
-            Textbook values in the order of ``parameters``.
-
-        Returns
-        -------
-        (...,) array
-            Energy in MPa. Write it with the array's own namespace
-            (``xp = stretches.__array_namespace__()``), so that numpy can check it and
-            JAX can differentiate it.
-        """
-
-    def energy_from_F(  # noqa: N802
-        self, F: Array, theta: Array, fields: Mapping[str, Array] = NO_FIELDS
-    ) -> Array:
-        """Energy [MPa] from the deformation gradient (3, 3): see :class:`AnisotropicMaterial`."""
-        raise MaterialError(f"material '{self.name}' is isotropic: use energy(stretches, theta)")
-
-    isotropic: ClassVar[bool] = True
-
     fields: tuple[str, ...] = ()
     """Cell fields of the mesh that the energy takes: see :class:`AnisotropicMaterial`."""
 
     def __eq__(self, other: object) -> bool:
         """Whether both have one class and equal settings, and so one energy: what is compiled is shared."""
-        if self is other or not isinstance(other, Material):
+        if self is other or not isinstance(other, HyperelasticMaterial):
             return self is other
         return type(self) is type(other) and bool(self.settings == other.settings)
 
@@ -188,7 +161,30 @@ class Material(Component[SettingsT]):
             parameter.check(float(value))
 
 
-class AnisotropicMaterial(Material[SettingsT]):
+class IsotropicMaterial(HyperelasticMaterial[SettingsT]):
+    """A hyperelastic material without directions: its energy is a function of the principal stretches."""
+
+    @abstractmethod
+    def energy(self, stretches: Array, theta: Array) -> Array:
+        """Strain energy per reference volume.
+
+        Parameters
+        ----------
+        stretches : (..., 3) array
+            Principal stretches λ1, λ2, λ3; the energy is symmetric in them and zero at rest.
+        theta : (n_parameters,) array
+            Textbook values in the order of ``parameters``.
+
+        Returns
+        -------
+        (...,) array
+            Energy in MPa. Write it with the array's own namespace
+            (``xp = stretches.__array_namespace__()``), so that numpy can check it and
+            JAX can differentiate it.
+        """
+
+
+class AnisotropicMaterial(HyperelasticMaterial[SettingsT]):
     """A hyperelastic material with directions of its own, such as fibres.
 
     Its energy depends on more than the principal stretches, so it is given by the deformation
@@ -201,8 +197,6 @@ class AnisotropicMaterial(Material[SettingsT]):
     since each spot's mesh may be in a frame of its own; one direction in the settings is refused
     there, unless the study says that all meshes share a frame.
     """
-
-    isotropic: ClassVar[bool] = False
 
     @abstractmethod
     def energy_from_F(  # noqa: N802
@@ -228,14 +222,9 @@ class AnisotropicMaterial(Material[SettingsT]):
             Energy in MPa, written in ``jax.numpy``.
         """
 
-    def energy(self, stretches: Array, theta: Array) -> Array:
-        """Refuse: three stretches do not say where the directions are.
 
-        Raises
-        ------
-        MaterialError
-        """
-        raise MaterialError(f"material '{self.name}' has directions: use energy_from_F(F, theta)")
+Material = IsotropicMaterial | AnisotropicMaterial
+"""A material of either kind."""
 
 
 class ExperimentLoader(Component[SettingsT]):

@@ -63,18 +63,24 @@ FIRST_PARTY = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One catalogue: the hook that fills it, and what the hook must return."""
+    """One catalogue: the hook that fills it, and what the hook must return: one class, or A or B."""
 
     hook: str
     noun: str
     home: str
-    base_name: str
+    base: str
 
     @property
-    def base(self) -> type[Any]:
-        """Class of what the hook returns, or of its instances; imported when it is asked for."""
-        base: type[Any] = getattr(importlib.import_module(self.home), self.base_name)
-        return base
+    def bases(self) -> tuple[type[Any], ...]:
+        """Classes of what the hook returns, or of its instances; imported when they are asked for."""
+        return tuple(getattr(importlib.import_module(self.home), name) for name in self.base.split(" or "))
+
+    @property
+    def holds_components(self) -> bool:
+        """Whether the hook returns classes, and not values."""
+        from palpate.plugins.interfaces import Component
+
+        return issubclass(self.bases[0], Component)
 
 
 KINDS: Mapping[str, Kind] = MappingProxyType(
@@ -83,7 +89,9 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "channels": Kind("palpate_channels", "channel", DOMAIN, "Channel"),
         "loaders": Kind("palpate_experiment_loaders", "experiment loader", INTERFACES, "ExperimentLoader"),
         "limb_sources": Kind("palpate_limb_sources", "limb source", INTERFACES, "LimbSource"),
-        "materials": Kind("palpate_materials", "material", INTERFACES, "Material"),
+        "materials": Kind(
+            "palpate_materials", "material", INTERFACES, "IsotropicMaterial or AnisotropicMaterial"
+        ),
         "samplers": Kind("palpate_samplers", "sampler", INTERFACES, "Sampler"),
         "set_filters": Kind("palpate_set_filters", "set filter", INTERFACES, "SetFilter"),
         "solvers": Kind("palpate_solvers", "solver", INTERFACES, "Solver"),
@@ -389,14 +397,12 @@ def _as_items(result: object, hook: str) -> list[Any]:
 
 
 def _check_item(item: object, kind: Kind, hook: str) -> None:
-    from palpate.plugins.interfaces import Component
-
-    if issubclass(kind.base, Component):
-        if not (isinstance(item, type) and issubclass(item, kind.base)):
-            raise PluginError(f"{hook} returned {item!r}; return subclasses of {kind.base.__name__}")
+    if kind.holds_components:
+        if not (isinstance(item, type) and issubclass(item, kind.bases)):
+            raise PluginError(f"{hook} returned {item!r}; return subclasses of {kind.base}")
         _check_component(item, hook)
-    elif not isinstance(item, kind.base):
-        raise PluginError(f"{hook} returned {item!r}; return {kind.base.__name__} values")
+    elif not isinstance(item, kind.bases):
+        raise PluginError(f"{hook} returned {item!r}; return {kind.base} values")
     else:
         _check_text(item, "name", hook)
 

@@ -12,7 +12,6 @@ from types import MappingProxyType
 import palpate
 from palpate.errors import PluginError
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.interfaces import Component
 from palpate.plugins.registry import GROUP, KINDS, owner_of, suggestion
 
 _NAME = re.compile(r"[a-z]([a-z0-9_]*[a-z0-9])?")
@@ -201,5 +200,5 @@ def _entry_point(kit: Kit, package: str, name: str, shown: str) -> tuple[str, st
     """Group, name and object: the one component, so that a list of commands does not import it."""
     if not kit.catalogue:
         return GROUP, name, package
-    made = _class(name) if issubclass(KINDS[kit.catalogue].base, Component) else name.upper()
+    made = _class(name) if KINDS[kit.catalogue].holds_components else name.upper()
     return f'"{GROUP}.{kit.catalogue}"', shown, f"{package}:{made}"

@@ -129,7 +129,7 @@ VIEWS: Mapping[tuple[str, str], Callable[[Any], str]] = MappingProxyType(
         ("palpate.curves", "Response"): pictures,
         ("palpate.domain", "Design"): design,
         ("palpate.plugins.catalogue", "Catalogue"): catalogue,
-        ("palpate.plugins.interfaces", "Material"): material,
+        ("palpate.plugins.interfaces", "HyperelasticMaterial"): material,
         ("palpate.report.result", "RunResult"): run_result,
         ("palpate.study.reading", "Study"): study,
     }

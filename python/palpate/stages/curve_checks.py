@@ -20,6 +20,7 @@ from palpate.domain import (
 )
 from palpate.errors import CurveError
 from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import IsotropicMaterial
 
 LARGEST = 1e150
 """Ordinate beyond which a square, and with it every score, is no number."""
@@ -302,15 +303,16 @@ def young_range(space: ParameterSpace) -> tuple[float, float] | None:
 
 
 def _young_ends(region: RegionMaterial) -> tuple[float, float] | None:
-    if not region.material.isotropic or 2 ** len(region.searched) > _MOST_CORNERS:
+    material = region.material
+    if not isinstance(material, IsotropicMaterial) or 2 ** len(region.searched) > _MOST_CORNERS:
         return None
     # An isochoric pull by the logarithmic strain e stores E e²/2.
     stretches = np.exp(np.stack([_STRAINS, -_STRAINS / 2.0, -_STRAINS / 2.0], axis=-1))
     names = [p.name for p in region.searched]
     corners = product(*((p.lower, p.upper) for p in region.searched))
-    with answering_for(region.material, "energy at the ends of the ranges"), np.errstate(all="ignore"):
+    with answering_for(material, "energy at the ends of the ranges"), np.errstate(all="ignore"):
         energies = [
-            np.asarray(region.material.energy(stretches, region.theta(dict(zip(names, each, strict=True)))))
+            np.asarray(material.energy(stretches, region.theta(dict(zip(names, each, strict=True)))))
             for each in corners
         ]
     moduli = 2.0 * np.stack(energies) / _STRAINS**2

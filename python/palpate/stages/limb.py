@@ -10,6 +10,7 @@ from palpate.errors import MeshError, StudyError
 from palpate.mesh.shape_functions import HEX_CORNERS, linear_simplex, multilinear, quadratic_simplex
 from palpate.mesh.topology import CELLS, Cell
 from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import AnisotropicMaterial
 from palpate.stages.cell_fields import check_frames, with_fields
 from palpate.stages.mesh_joints import check_joints, holes
 from palpate.study.mesh_note import mesh_note
@@ -33,7 +34,7 @@ def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
     limbs = {}
     meshes = {spot.spot.name: spot.mesh for spot in study.spots if spot.mesh is not None}
     for region in study.space.regions:
-        if not region.material.isotropic and not region.material.fields:
+        if isinstance(region.material, AnisotropicMaterial) and not region.material.fields:
             check_frames(region, meshes, map(mesh_note, meshes.values()), one_frame=study.one_frame)
     for spot in study.spots:
         name = spot.spot.name

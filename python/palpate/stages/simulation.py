@@ -14,7 +14,7 @@ from palpate.domain import (
 )
 from palpate.errors import StudyError
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import Solver
+from palpate.plugins.interfaces import IsotropicMaterial, Solver
 from palpate.progress import SILENT, Progress
 from palpate.run.keys import JobKeys
 from palpate.run.ledger import Ledger
@@ -94,7 +94,8 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
 def _check_fields(solver: Solver, job: Job, limb: Limb | None) -> None:
     """Refuse a material whose cell fields the solver does not provide."""
     for region, material in job.materials.items():
-        if material.fields and (material.isotropic or limb is None or not solver.takes_fields):
+        has_none = isinstance(material, IsotropicMaterial) or limb is None or not solver.takes_fields
+        if material.fields and has_none:
             raise StudyError(
                 f"region '{region}': material '{material.name}' takes cell data {', '.join(material.fields)} "
                 f"and solver '{solver.name}' does not provide it; use 'jax' with a mesh, or another material"

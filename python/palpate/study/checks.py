@@ -6,6 +6,7 @@ import numpy as np
 
 from palpate.domain import Indentation, Parameter, RegionMaterial
 from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.study.reading import Study
 
 LARGEST_RATIO = 100.0
@@ -62,7 +63,7 @@ def _range(name: str, region: RegionMaterial, parameter: Parameter) -> Iterator[
 def _only_volume(region: RegionMaterial, parameter: Parameter) -> bool:
     """Whether a parameter changes the energy of a change of volume, and of no change of shape."""
     material = region.material
-    if not material.isotropic:
+    if not isinstance(material, IsotropicMaterial):
         return False
     shapes = np.exp([[0.3, -0.15, -0.15], [-0.2, 0.3, -0.1]])
     thetas = []

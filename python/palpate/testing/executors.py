@@ -10,14 +10,14 @@ import pytest
 
 from palpate.domain import Curve, HomogeneousTests, Job, Limb, Parameter, Response, Simulation, Status
 from palpate.plugins.execution import Batch, Executor, JobResult, Limits
-from palpate.plugins.interfaces import Array, Component, Material, Solver
+from palpate.plugins.interfaces import Array, Component, IsotropicMaterial, Solver
 from palpate.testing.components import ComponentContract, missing
 
 FAILING = 2
 """Number of the set whose simulation raises."""
 
 
-class LinearMaterial(Material):
+class LinearMaterial(IsotropicMaterial):
     """Ψ = E/2 Σ (λ − 1)²: no tissue, but quick."""
 
     name = "linear"

@@ -17,9 +17,9 @@ from palpate import (
     Curve,
     ExperimentLoader,
     HomogeneousTests,
+    IsotropicMaterial,
     Job,
     Limb,
-    Material,
     Parameter,
     Response,
     Settings,
@@ -47,7 +47,7 @@ def answer(stiffness: float, grip: float) -> Response:
     )
 
 
-class Spongy(Material):
+class Spongy(IsotropicMaterial):
     name = "spongy"
     summary = "a material of two numbers"
     parameters = (

@@ -26,8 +26,8 @@ from palpate.domain import (
 from palpate.errors import CurveError
 from palpate.plugins.interfaces import (
     ExperimentLoader,
+    IsotropicMaterial,
     LimbSource,
-    Material,
     Sampler,
     SetFilter,
     Settings,
@@ -35,7 +35,7 @@ from palpate.plugins.interfaces import (
 )
 
 
-class Spring(Material):
+class Spring(IsotropicMaterial):
     name = "spring"
     summary = "A spring that stiffens"
     parameters = (

@@ -19,10 +19,10 @@ from palpate.run.keys import identity, job_key
 
 MATERIAL = """
 from palpate.domain import Parameter
-from palpate.plugins.interfaces import Material
+from palpate.plugins.interfaces import IsotropicMaterial
 {imports}
 
-class Fat(Material):
+class Fat(IsotropicMaterial):
     name, summary = "fat", "a material"
     parameters = (Parameter(name="mu", unit="MPa", lower=1.0, upper=2.0, kind="modulus", description="m"),)
 
@@ -80,7 +80,7 @@ def test_the_energy_and_every_module_of_its_package_are_in_the_key(packaged, key
 
 def test_a_base_from_another_package_counts_with_its_sources(packaged, key):
     derived = MATERIAL.format(imports="import lab_base.material", factor=1.0).replace(
-        "(Material)", "(lab_base.material.Fat)"
+        "(IsotropicMaterial)", "(lab_base.material.Fat)"
     )
     found = set()
     for factor in (1.0, 2.0):

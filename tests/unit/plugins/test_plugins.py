@@ -144,12 +144,18 @@ BROKEN = {
     "no return": (grid("return [Grid]", "[Grid]"), "palpate_samplers returned None", "return a list"),
     "no end": (grid("return [Grid]", "while True:\n        yield Grid"), "more than 1000 items", "that ends"),
     "no parameters": (
-        "from palpate import Material, hookimpl\n"
-        "class M(Material):\n    name, summary = 'm', 'm'\n"
+        "from palpate import IsotropicMaterial, hookimpl\n"
+        "class M(IsotropicMaterial):\n    name, summary = 'm', 'm'\n"
         "    def energy(self, stretches, theta): return 0\n"
         "@hookimpl\ndef palpate_materials(): return [M]\n",
         "material 'm' has no parameters",
         "give it a tuple of palpate.Parameter",
+    ),
+    "material of no kind": (
+        "from palpate import hookimpl\nfrom palpate.plugins.interfaces import HyperelasticMaterial\n"
+        "class M(HyperelasticMaterial): ...\n@hookimpl\ndef palpate_materials(): return [M]\n",
+        "return subclasses of IsotropicMaterial or AnisotropicMaterial",
+        "",
     ),
     "channel of a wrong type": (
         HOOKIMPL + "def palpate_channels(): return ['force']\n",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.api import Material
+from palpate.api import IsotropicMaterial, Material
 from palpate_febio.probe import Fit, probe_theta
 
 FORMAT = 1
@@ -55,7 +55,10 @@ def _key(material: Material) -> str:
     """A material with its code, settings, energy and spelling, and how its coefficients may be written."""
     kind = type(material)
     theta = probe_theta(material)
-    energy = material.energy(STRETCHES, theta) if kind.isotropic else material.energy_from_F(GRADIENT, theta)
+    if isinstance(material, IsotropicMaterial):
+        energy = material.energy(STRETCHES, theta)
+    else:
+        energy = material.energy_from_F(GRADIENT, theta)
     conventions = {name: list(factors) for name, factors in material.conventions.items()}
     spelled = getattr(material, "febio", None)
     return json.dumps(

@@ -15,6 +15,7 @@ from urllib.parse import quote
 import numpy as np
 
 from palpate.api import (
+    AnisotropicMaterial,
     Job,
     Limb,
     Material,
@@ -164,7 +165,7 @@ class FebioSolver(Solver[FebioSettings]):
         check_limb(limb, list(job.materials))
         for region in limb.mesh.regions:
             check_reference_state(job.materials[region], job.thetas[region])
-            if not job.materials[region].isotropic and limb.spot.normal[2] != 1.0:
+            if isinstance(job.materials[region], AnisotropicMaterial) and limb.spot.normal[2] != 1.0:
                 raise SolverError(
                     f"spot '{job.spot}': region '{region}' has directions, and FEBio's deck is in the frame "
                     "of the spot, not of the mesh; give a mesh whose normal there is +z, or use solver 'jax'"

@@ -3,7 +3,7 @@
 A material of your own joins in by an attribute ``febio``: the name of FEBio's
 material and, for each parameter, what FEBio calls it::
 
-    class Gent(Material):
+    class Gent(IsotropicMaterial):
         febio = ("Gent", {"mu": "G", "Jm": "Jm", "kappa": "k"})
 
 Whether FEBio then computes the same stress is measured, not believed

@@ -8,35 +8,36 @@ the rest.
 
 from collections.abc import Callable
 from functools import partial
+from typing import TypeGuard
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from palpate.api import Array, Deformation, ElementBlock, FloatArray, IntArray, Material
+from palpate.api import Array, Deformation, ElementBlock, FloatArray, IntArray, IsotropicMaterial, Material
 from palpate.mechanics import principal_derivatives
 
 POINTS = 4096
 """Quadrature points differentiated at a time: one size, so that every mesh shares the compilation."""
 
 
-def serves(material: Material) -> bool:
+def serves(material: Material) -> TypeGuard[IsotropicMaterial]:
     """Whether the compiled kernels support a material on JAX's device."""
-    return material.isotropic and jax.default_backend() == "cpu"
+    return isinstance(material, IsotropicMaterial) and jax.default_backend() == "cpu"
 
 
 @partial(jax.jit, static_argnums=0)
-def _first(material: Material, stretches: Array, theta: Array) -> tuple[Array]:
+def _first(material: IsotropicMaterial, stretches: Array, theta: Array) -> tuple[Array]:
     return (jax.grad(lambda s: jnp.sum(material.energy(s, theta)))(stretches),)
 
 
 @partial(jax.jit, static_argnums=0)
-def _both(material: Material, stretches: Array, theta: Array) -> tuple[Array, Array]:
+def _both(material: IsotropicMaterial, stretches: Array, theta: Array) -> tuple[Array, Array]:
     return principal_derivatives(material, stretches, theta)
 
 
 @partial(jax.jit, static_argnums=0)
-def _by_parameter(material: Material, stretches: Array, theta: Array) -> tuple[Array]:
+def _by_parameter(material: IsotropicMaterial, stretches: Array, theta: Array) -> tuple[Array]:
     return (jax.jacfwd(lambda t: _first(material, stretches, t)[0])(theta),)
 
 
@@ -58,8 +59,7 @@ class CompiledKernel:
 
     Parameters
     ----------
-    material : Material
-        Isotropic.
+    material : IsotropicMaterial
     nodes : (e, n) array
     gradients : (e, q, n, 3) array
         [1/mm]
@@ -70,7 +70,7 @@ class CompiledKernel:
 
     def __init__(
         self,
-        material: Material,
+        material: IsotropicMaterial,
         nodes: IntArray,
         gradients: FloatArray,
         volumes: FloatArray,

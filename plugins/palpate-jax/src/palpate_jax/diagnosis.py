@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from palpate.api import FloatArray, Material
+from palpate.api import FloatArray, IsotropicMaterial, Material
 from palpate.mechanics import principal_derivatives
 from palpate_jax.body import Block
 from palpate_jax.load_stepping import Stop
@@ -29,7 +29,7 @@ def explained(
         F, J = _deformation(block, stop.displacements)
         least = min(least, float(J[block.volumes > 0.0].min()))
         material = materials[block.region]
-        if not material.isotropic:
+        if not isinstance(material, IsotropicMaterial):
             continue
         stretches: FloatArray = np.linalg.svd(F[block.volumes > 0.0], compute_uv=False).astype(np.float64)
         stiffness = _least_stiffness(material, stretches, thetas[block.region])
@@ -58,7 +58,7 @@ def _deformation(block: Block, displacements: FloatArray) -> tuple[FloatArray, F
     return F, J
 
 
-def _least_stiffness(material: Material, stretches: FloatArray, theta: FloatArray) -> FloatArray:
+def _least_stiffness(material: IsotropicMaterial, stretches: FloatArray, theta: FloatArray) -> FloatArray:
     """Least eigenvalue (n,) of λ_i λ_j ψ_ij + δ_ij λ_i ψ_i [MPa] at stretches (n, 3)."""
     psi_i, psi_ij = (np.asarray(d) for d in principal_derivatives(material, stretches, theta))
     hessians = stretches[:, :, None] * stretches[:, None, :] * psi_ij

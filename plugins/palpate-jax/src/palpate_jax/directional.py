@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from palpate import mechanics
-from palpate.api import Array, FloatArray, Material
+from palpate.api import AnisotropicMaterial, Array, FloatArray
 
 STEP_LENGTHS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.1, 0.02, 0.0)
 """Tried shares of a Newton step; the one with the least energy is used."""
@@ -51,7 +51,7 @@ class _Search(NamedTuple):
 class _Test:
     """One mode of one material; x (1 + n_free,) is the prescribed stretch, shears, then logarithms."""
 
-    material: Material
+    material: AnisotropicMaterial
     mode: str
     incompressible: bool
 
@@ -123,13 +123,15 @@ def _least(test: _Test, t: Array, theta: Array) -> tuple[Array, Array]:
     return found.free, (jnp.abs(found.step).max() <= STEP_TOLERANCE) & (found.least_bend > 0.0)
 
 
-def nominal_stress(material: Material, mode: str, incompressible: bool, theta: Array, path: Array) -> Array:
+def nominal_stress(
+    material: AnisotropicMaterial, mode: str, incompressible: bool, theta: Array, path: Array
+) -> Array:
     """Nominal stress of ``uniaxial``, ``equibiaxial`` or ``pure_shear`` along a path.
 
     Parameters
     ----------
-    material : Material
-        With ``energy_from_F``; its directions are in the frame e1, e2, e3 of the specimen.
+    material : AnisotropicMaterial
+        Its directions are in the frame e1, e2, e3 of the specimen.
     mode : str
     incompressible : bool
     theta : (n_parameters,) array
@@ -152,7 +154,7 @@ def nominal_stress(material: Material, mode: str, incompressible: bool, theta: A
     return jax.vmap(at)(path) * (0.5 if mode == "equibiaxial" else 1.0)
 
 
-def isochoric_slopes(material: Material, theta: FloatArray) -> FloatArray:
+def isochoric_slopes(material: AnisotropicMaterial, theta: FloatArray) -> FloatArray:
     """Derivatives (n_parameters, n) of the energy in the parameters, at deformations of constant volume."""
     raw = np.eye(3) + np.random.default_rng(0).uniform(-0.4, 0.4, (12, 3, 3))
     raw = raw[np.linalg.det(raw) > 0.1]

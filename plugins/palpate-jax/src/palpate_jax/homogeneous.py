@@ -40,6 +40,7 @@ from palpate.api import (
     CurveError,
     FloatArray,
     HomogeneousTests,
+    IsotropicMaterial,
     Job,
     Limb,
     Material,
@@ -148,7 +149,9 @@ def _transverse(gradient: Lateral, log_t: Array, guess: Array) -> tuple[Array, A
     return u, (jnp.abs(step) <= STEP_TOLERANCE) & (curvature > 0.0)
 
 
-def _free_stress(material: Material, mode: str, incompressible: bool, theta: Array, t: Array) -> Array:
+def _free_stress(
+    material: IsotropicMaterial, mode: str, incompressible: bool, theta: Array, t: Array
+) -> Array:
     """Nominal stress (n,) of a mode with a transverse stretch; NaN where no equilibrium was found."""
 
     def energy(log_t: Array, u: Array) -> Array:
@@ -196,12 +199,12 @@ def nominal_stress(material: Material, mode: str, incompressible: bool, theta: A
         return _simple_shear(material, theta, path)
     if mode == "confined_compression":
         return _confined(material, theta, path)
-    if not material.isotropic:
+    if not isinstance(material, IsotropicMaterial):
         return directional.nominal_stress(material, mode, incompressible, theta, path)
     return _free_stress(material, mode, incompressible, theta, path)
 
 
-def _isochoric_slopes(material: Material, theta: FloatArray) -> FloatArray:
+def _isochoric_slopes(material: IsotropicMaterial, theta: FloatArray) -> FloatArray:
     """Derivatives (n_parameters, n) of the energy in the parameters, at constant volume."""
     t = jnp.asarray(ISOCHORIC)
     modes = ((t, t**-0.5, t**-0.5), (t, 1 / t, t**0))
@@ -247,9 +250,11 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
         if not self.settings.incompressible:
             return ()
         ranges = np.array([(p.lower, p.upper) for p in material.parameters])
-        slopes = (_isochoric_slopes if material.isotropic else directional.isochoric_slopes)(
-            material, ranges.mean(axis=1)
-        )
+        middle = ranges.mean(axis=1)
+        if isinstance(material, IsotropicMaterial):
+            slopes = _isochoric_slopes(material, middle)
+        else:
+            slopes = directional.isochoric_slopes(material, middle)
         effects = np.abs(slopes).max(axis=1) * np.ptp(ranges, axis=1)
         return tuple(
             p.name

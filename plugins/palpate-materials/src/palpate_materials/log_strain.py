@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from palpate import mechanics
-from palpate.api import Array, Material
+from palpate.api import AnisotropicMaterial, Array, IsotropicMaterial, Material
 
 SETS_AT_ONCE = 256
 """Sets whose Hessians are in memory together."""
@@ -31,22 +31,25 @@ def least_stiffness(material: Material, stretches: Array, thetas: Array) -> Arra
     (n_sets,) array
         [MPa]; NaN where the energy is undefined in some state.
     """
-    hessians = _principal_hessians if material.isotropic else _tensor_hessians
 
     def least(theta: Array) -> Array:
-        return jnp.min(jnp.linalg.eigvalsh(hessians(material, stretches, theta)))
+        if isinstance(material, IsotropicMaterial):
+            hessians = _principal_hessians(material, stretches, theta)
+        else:
+            hessians = _tensor_hessians(material, stretches, theta)
+        return jnp.min(jnp.linalg.eigvalsh(hessians))
 
     return jax.lax.map(least, thetas, batch_size=SETS_AT_ONCE)
 
 
-def _principal_hessians(material: Material, stretches: Array, theta: Array) -> Array:
+def _principal_hessians(material: IsotropicMaterial, stretches: Array, theta: Array) -> Array:
     """∂²Ψ/∂ε_i∂ε_j = λ_i λ_j ψ_ij + δ_ij λ_i ψ_i, (n_states, 3, 3)."""
     psi_i, psi_ij = mechanics.principal_derivatives(material, stretches, theta)
     diagonal = jnp.eye(3) * (stretches * psi_i)[..., None]
     return stretches[..., :, None] * stretches[..., None, :] * psi_ij + diagonal
 
 
-def _tensor_hessians(material: Material, stretches: Array, theta: Array) -> Array:
+def _tensor_hessians(material: AnisotropicMaterial, stretches: Array, theta: Array) -> Array:
     """Hessian in all six components of the logarithmic strain, (6 n_states, 6, 6)."""
     basis = np.zeros((6, 3, 3))
     basis[range(3), range(3), range(3)] = 1.0

@@ -2,11 +2,11 @@
 
 import math
 
-from palpate.api import Array, Material, Parameter
+from palpate.api import Array, IsotropicMaterial, Parameter
 from palpate_materials.uncoupled import first_invariant, modulus
 
 
-class NeoHookean(Material):
+class NeoHookean(IsotropicMaterial):
     """Neo-Hookean, coupled.
 
     Ψ = μ/2 (I1 − 3) − μ ln J + λ/2 (ln J)², with μ = E / (2(1 + ν)) and

@@ -3,13 +3,13 @@
 import sys
 from abc import abstractmethod
 
-from palpate.api import Array, Material, Parameter, SettingsT
+from palpate.api import Array, IsotropicMaterial, Parameter, SettingsT
 
 POSITIVE = sys.float_info.min
 """Lower physical limit of a positive parameter."""
 
 
-class Uncoupled(Material[SettingsT]):
+class Uncoupled(IsotropicMaterial[SettingsT]):
     """A material whose energy is the sum of an isochoric and a volumetric part.
 
     Ψ = Ψ̃(λ̃1, λ̃2, λ̃3) + κ/2 (ln J)², with λ̃ = J^(−1/3) λ. (The paper prints
