@@ -141,7 +141,7 @@ def test_damage_to_a_mesh_file_never_escapes_as_anything_but_an_error(
 def test_a_file_too_large_to_be_a_segment_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "m.inp").write_text(INP)
     monkeypatch.setattr(mesh_files, "MOST_BYTES", 10)
-    with pytest.raises(MeshError, match="keep the segment around the spot"):
+    with pytest.raises(MeshError, match="keep only the segment around the spot"):
         read_mesh_file(tmp_path / "m.inp")
 
 
