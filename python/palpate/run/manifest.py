@@ -10,7 +10,8 @@ from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
+from typing_extensions import TypedDict
 
 from palpate.domain import Channel, HomogeneousTests, Indentation, Protocol, ScoringRules
 from palpate.executors.answers import plain
@@ -143,7 +144,7 @@ def infinite(parameter: dict[str, Any]) -> dict[str, Any]:
     return parameter | {k: v for k, v in missing.items() if parameter[k] is None}
 
 
-class _ReadAgain(BaseModel, strict=True):
+class _ReadAgain(TypedDict):
     """What is read of the manifest again."""
 
     study: str
@@ -166,7 +167,7 @@ def checked_manifest(text: str) -> dict[str, Any]:
     ValueError
     """
     try:
-        _ReadAgain.model_validate_json(text)
+        TypeAdapter(_ReadAgain).validate_json(text, strict=True)
     except ValidationError as error:
         first = error.errors()[0]
         raise ValueError(f"'{'.'.join(map(str, first['loc']))}': {first['msg']}") from None
