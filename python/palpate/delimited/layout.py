@@ -44,43 +44,26 @@ class TextFormat(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """Layout of one file.
-
-    Parameters
-    ----------
-    delimiter : str
-        One character, or ``BLANKS``.
-    decimal : str
-    first_line : int
-        Line of the first row of data, counted from 1.
-    names : tuple of str
-    units : tuple of str
-        From a line of units under the names; empty texts without one.
-    kinds : tuple of str
-        ``number``, ``date`` or ``text`` by column, from the first rows.
-    comment : str
-    """
+    """Layout of one file."""
 
     delimiter: str
+    """One character, or ``BLANKS``."""
     decimal: Literal[".", ","]
     first_line: int
+    """Line of the first row of data, counted from 1."""
     names: tuple[str, ...]
     units: tuple[str, ...]
+    """From a line of units under the names; empty texts without one."""
     kinds: tuple[str, ...]
+    """``number``, ``date`` or ``text`` by column, from the first rows."""
     comment: str
 
 
 def split(line: str, delimiter: str) -> list[str]:
-    """Cells of a line, without surrounding blanks; a carriage return is a blank.
-
-    Raises
-    ------
-    csv.Error
-        Quotation marks do not match.
-    """
+    """Cells of a line, without surrounding blanks; a csv.Error where quotation marks do not match."""
     if delimiter == BLANKS:
         return line.split()
-    plain = line.replace("\r", " ").strip(" \n")
+    plain = line.replace("\r", " ").strip(" \n")  # a carriage return is a blank
     (cells,) = csv.reader([plain], delimiter=delimiter, strict=True) if plain else ([],)
     return [cell.strip() for cell in cells]
 
@@ -96,20 +79,9 @@ def is_date(cell: str) -> bool:
 
 
 def find_layout(source: str, lines: Iterator[str], wanted: TextFormat) -> Layout:
-    """Layout of a text file from its first lines and what the study gives.
+    """Layout of a text file, called ``source`` in messages, from its first lines and what the study gives.
 
-    Parameters
-    ----------
-    source : str
-        The file, for messages.
-    lines : iterator of str
-        Lines of the file from its first.
-    wanted : TextFormat
-
-    Raises
-    ------
-    CurveError
-        No line of names, no rows of numbers, or a name twice.
+    A CurveError where there is no line of names, are no rows of numbers, or a name occurs twice.
     """
     numbered = [
         (number, line)
@@ -155,19 +127,13 @@ def _marks(source: str, lines: Sequence[str], wanted: TextFormat) -> tuple[str, 
             f"{source}: no names and no rows after line {wanted.skip_lines or 0}; "
             "lower skip_lines, or export the file again"
         )
-    delimiters = (
-        [DELIMITERS[wanted.delimiter]] if wanted.delimiter else list(dict.fromkeys(DELIMITERS.values()))
-    )
+    delimiters = [DELIMITERS[wanted.delimiter]] if wanted.delimiter else dict.fromkeys(DELIMITERS.values())
     decimals: list[Literal[".", ","]] = [wanted.decimal] if wanted.decimal else [".", ","]
     sample = lines[-60:] if len(lines) < _SNIFFED_LINES else lines[-60:-1]
-    best = max(
-        ((d, m) for d in delimiters for m in decimals if d != m),
-        key=lambda marks: _likelihood(sample, *marks),
-        default=None,
-    )
-    if best is None:
+    marks = [(d, m) for d in delimiters for m in decimals if d != m]
+    if not marks:
         raise CurveError(f"{source}: delimiter and decimal are both ','; give another delimiter")
-    return best
+    return max(marks, key=lambda marks: _likelihood(sample, *marks))
 
 
 def _likelihood(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[float, float]:

@@ -11,6 +11,7 @@ import io
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -131,11 +132,9 @@ class TextTable:
 
     def notes(self) -> tuple[str, ...]:
         """What a person should know about the file."""
+        columns = zip(self.layout.names, self.layout.kinds, strict=True)
         notes = []
-        text = [
-            name for name, kind in zip(self.layout.names, self.layout.kinds, strict=True) if kind == "text"
-        ]
-        if text:
+        if text := [name for name, kind in columns if kind == "text"]:
             notes.append(f"columns of text passed over: {listed(text)}")
         if not self._data.endswith(b"\n"):
             notes.append("the last line does not end: it may have been cut short")
@@ -143,14 +142,12 @@ class TextTable:
 
     def settings(self) -> dict[str, object]:
         """Settings of :class:`TextFormat` that read this file without guessing."""
-        layout = self.layout
-        found: dict[str, object] = {
-            "delimiter": "tab" if layout.delimiter == "\t" else layout.delimiter,
-            "decimal": layout.decimal,
+        delimiter, encoding = self.layout.delimiter, self.text_format.encoding
+        return {
+            "delimiter": "tab" if delimiter == "\t" else delimiter,
+            "decimal": self.layout.decimal,
+            **({} if encoding == "utf-8" else {"encoding": encoding}),
         }
-        if self.text_format.encoding != "utf-8":
-            found["encoding"] = self.text_format.encoding
-        return found
 
 
 def close_to(name: str, known: Iterable[str]) -> str:
@@ -195,10 +192,7 @@ def _bytes(path: Path, text_format: TextFormat) -> bytes:
 
 def _offset(data: bytes, line: int) -> int:
     """Index of the first byte of a line, counted from 1."""
-    position = 0
-    for _ in range(line - 1):
-        position = data.index(b"\n", position) + 1
-    return position
+    return sum(map(len, islice(io.BytesIO(data), line - 1)))
 
 
 Numbers = tuple[IntArray, list[FloatArray], list[str]]
@@ -319,13 +313,7 @@ def _value(cell: str, layout: Layout, index: int) -> float:
 
 
 def _number(cell: str, layout: Layout) -> float:
-    """Value of a cell; NaN when it is empty or NaN.
-
-    Raises
-    ------
-    ValueError
-        Saying what to do.
-    """
+    """Value of a cell; NaN when it is empty or NaN. A ValueError has what to do."""
     if not cell or cell.lower() in {"nan", "+nan", "-nan", "na", "null", "none"}:
         return math.nan
     if is_number(cell, layout.decimal):

@@ -72,21 +72,12 @@ def _grid(
     width_mm: float, height_mm: float, n_across: int, n_down: int, grading: float
 ) -> tuple[FloatArray, IntArray]:
     """Points and hexahedra of a block."""
-    x = 0.5 * width_mm * _crowded(np.linspace(-1.0, 1.0, n_across + 1), grading)
-    z = -height_mm * _crowded(np.linspace(1.0, 0.0, n_down + 1), grading)
+    across, down = np.linspace(-1.0, 1.0, n_across + 1), np.linspace(1.0, 0.0, n_down + 1)
+    x = 0.5 * width_mm * (np.sign(across) * np.abs(across) ** grading)
+    z = -height_mm * down**grading
     points = np.stack(np.meshgrid(x, x, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    return points, _hexes(n_across, n_across, n_down)
-
-
-def _crowded(t: FloatArray, grading: float) -> FloatArray:
-    crowded: FloatArray = np.sign(t) * np.abs(t) ** grading
-    return crowded
-
-
-def _hexes(nx: int, ny: int, nz: int) -> IntArray:
-    cell = np.stack(np.meshgrid(*(np.arange(n) for n in (nx, ny, nz)), indexing="ij"), axis=-1).reshape(-1, 3)
-    corner = cell[:, None] + _HEX
-    return np.asarray((corner[..., 0] * (ny + 1) + corner[..., 1]) * (nz + 1) + corner[..., 2])
+    corner = np.indices((n_across, n_across, n_down)).reshape(3, -1).T[:, None] + _HEX
+    return points, np.ravel_multi_index(tuple(corner.transpose(2, 0, 1)), (len(x), len(x), len(z)))
 
 
 def with_midpoints(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
