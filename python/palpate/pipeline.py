@@ -16,13 +16,7 @@ from palpate.errors import StudyError
 from palpate.executors.attempts import simulate_alone
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
-from palpate.report import (
-    ReportData,
-    by_spot,
-    contact_along,
-    draw_presses,
-    write_report,
-)
+from palpate.report import ReportData, by_spot, contact_along, draw_presses, write_report
 from palpate.report.result import Report, RunResult
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import answers_key
@@ -176,7 +170,7 @@ def measure(
         folders: dict[str, Path] = {}
         if plots:
             drawn.enter_context(run.locked(study, plugins.channels))
-            for name in (spot.spot.name for spot in study.spots):
+            for name in study.spot_names:
                 folders[name] = drawn.enter_context(drawing_in(run.plots(name)))
         for spot in study.spots if plots else ():
             draw_files(study, spot, folders[spot.spot.name])
@@ -236,7 +230,7 @@ def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simu
     """
     run = RunDirectory(run_folder)
     inputs = _from_files(run.trusting(study), run)
-    spots, n_sets = [each.spot.name for each in study.spots], inputs.design.n_sets
+    spots, n_sets = study.spot_names, inputs.design.n_sets
     if spot not in spots or not 0 <= set_id < n_sets:
         raise StudyError(
             f"{run_folder}: no job '{spot}/{set_id}'; name one of the spots {', '.join(spots)} and a set "
@@ -317,7 +311,7 @@ def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progres
 def _from_files(study: Study, run: RunDirectory) -> StudyInputs:
     """Read the results of the earlier stages; refuse those of another study."""
     design = run.design()
-    measured = run.measured(tuple(spot.spot.name for spot in study.spots))
+    measured = run.measured(study.spot_names)
     run.records.check("design", design_from(study))
     run.records.check("measured", measured_from(study))
     return StudyInputs(measured=measured, limbs=load_limbs(study), design=design)

@@ -166,14 +166,10 @@ def _free_stress(
     return along / t * (0.5 if mode == "equibiaxial" else 1.0)
 
 
-def _simple_shear(material: Material, theta: Array, shear: Array) -> Array:
-    F = jnp.eye(3) + shear[:, None, None] * jnp.zeros((3, 3)).at[0, 1].set(1.0)
-    return mechanics.stress(material, F, theta)[:, 0, 1]
-
-
-def _confined(material: Material, theta: Array, t: Array) -> Array:
-    F = jnp.eye(3) + (t - 1.0)[:, None, None] * jnp.zeros((3, 3)).at[0, 0].set(1.0)
-    return mechanics.stress(material, F, theta)[:, 0, 0]
+def _prescribed(material: Material, theta: Array, amount: Array, place: tuple[int, int]) -> Array:
+    """Component of the nominal stress where this component of F alone differs from rest, by ``amount``."""
+    F = jnp.eye(3) + amount[:, None, None] * jnp.zeros((3, 3)).at[place].set(1.0)
+    return mechanics.stress(material, F, theta)[:, *place]
 
 
 def nominal_stress(material: Material, mode: str, incompressible: bool, theta: Array, path: Array) -> Array:
@@ -196,9 +192,9 @@ def nominal_stress(material: Material, mode: str, incompressible: bool, theta: A
         [MPa]; NaN where no equilibrium was found.
     """
     if mode == "simple_shear":
-        return _simple_shear(material, theta, path)
+        return _prescribed(material, theta, path, (0, 1))
     if mode == "confined_compression":
-        return _confined(material, theta, path)
+        return _prescribed(material, theta, path - 1.0, (0, 0))
     if not isinstance(material, IsotropicMaterial):
         return directional.nominal_stress(material, mode, incompressible, theta, path)
     return _free_stress(material, mode, incompressible, theta, path)
