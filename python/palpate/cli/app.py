@@ -92,7 +92,7 @@ def _options(
 ) -> None:
     """Identify material parameters of soft tissue from indentation force and torque."""
     if context.obj is None:
-        context.obj = Session(plugin or (), no_plugin or ())
+        context.obj = Session(plugin or (), no_plugin or (), build_app)
 
 
 def build_app() -> typer.Typer:
@@ -122,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given, files = split_option("--plugin", sys.argv[1:] if arguments is None else arguments)
     given, without = split_option("--no-plugin", given)
     app = build_app()
-    session = Session([Path(file) for file in files], without)
+    session = Session([Path(file) for file in files], without, build_app)
     with noting_interrupts(session.interrupts):
         return _run(app, session, given)
 

@@ -46,8 +46,6 @@ def new_plugin(
 def _commands(session: Session) -> Collection[str]:
     from typer.main import get_group
 
-    from palpate.cli.app import build_app
-
-    app = build_app()
+    app = session.make_app()
     session.plugins.commands(app)
     return get_group(app).commands

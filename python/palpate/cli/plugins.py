@@ -41,26 +41,25 @@ def plugins(
     from palpate.plugins.registry import KINDS
 
     session = Session.of(context)
-    loaded = session.plugins
     kinds = [kind.replace("-", "_")] if kind else [*KINDS, COMMANDS]
-    found = {key: _entries(loaded, key, name) for key in kinds}
+    found = {key: _entries(session, key, name) for key in kinds}
     if as_json:
-        session.json({**found, "broken": [asdict(broken) for broken in loaded.broken]})
+        session.json({**found, "broken": [asdict(broken) for broken in session.plugins.broken]})
     elif name is not None:
         _show_one(session, found[kinds[0]][0])
     else:
         _show_all(session, found)
 
 
-def _entries(loaded: "Plugins", kind: str, name: str | None) -> list[dict[str, Any]]:
+def _entries(session: Session, kind: str, name: str | None) -> list[dict[str, Any]]:
     """Describe all entries of a kind, or the one of this name."""
     if kind != COMMANDS:
+        loaded = session.plugins
         return [describe(loaded, kind, each) for each in ([name] if name else loaded.catalogue(kind))]
-    from palpate.cli.app import build_app
     from palpate.plugins.catalogue import UnknownNameError
     from palpate.plugins.registry import suggestion
 
-    commands = loaded.commands(build_app())
+    commands = session.plugins.commands(session.make_app())
     if name is not None and name not in commands:
         raise UnknownNameError(f"no plugin adds a command '{name}'{suggestion(name, commands)}")
     return [

@@ -81,7 +81,7 @@ def session_of_run(
             )
     if others and not trust:
         _ask(session, run, others, command)
-    return Session((*session.files, *others), session.without)
+    return Session((*session.files, *others), session.without, session.make_app)
 
 
 def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, "Study"]:

@@ -4,7 +4,7 @@ import json
 import math
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -41,11 +41,19 @@ class Session:
         One-file plugins.
     without : sequence of str
         Installed plugins to leave out.
+    make_app : callable
+        Builds the application with the core's commands, to which plugins add theirs.
     """
 
-    def __init__(self, files: Sequence[Path] = (), without: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        files: Sequence[Path] = (),
+        without: Sequence[str] = (),
+        make_app: Callable[[], typer.Typer] = typer.Typer,
+    ) -> None:
         self.files = tuple(files)
         self.without = tuple(without)
+        self.make_app = make_app
         self.interrupts: list[int] = []
         """Signals that asked to stop: an exception in a callback of a library may be swallowed."""
 
