@@ -1,6 +1,6 @@
 """Where jobs run: in this process, or in worker processes of this machine."""
 
-import contextlib
+import weakref
 from collections.abc import Iterator
 
 from palpate.executors.attempts import attempt
@@ -44,10 +44,16 @@ class InProcess(Executor):
 
 
 class Processes(Executor):
-    """Runs the jobs in worker processes of this machine, replaced when they die or hang."""
+    """Runs the jobs in worker processes of this machine, replaced when they die or hang.
+
+    They wait for the next batch, with what the solver has compiled, until :meth:`close` or until
+    nothing refers to this executor any more. It runs one batch at a time.
+    """
 
     name = "processes"
     summary = "worker processes of this machine, each held to its share of the cores"
+
+    _pool: Pool | None = None
 
     def results(self, batch: Batch) -> Iterator[JobResult]:
         """Yield the result of each job as it comes.
@@ -60,5 +66,19 @@ class Processes(Executor):
         if not batch.jobs:
             return
         n_processes = min(batch.n_workers or n_fitting(batch.limits.memory_MB), len(batch.jobs))
-        with contextlib.closing(Pool(batch, n_processes)) as pool:
-            yield from pool.results(batch.jobs)
+        pool = self._pool
+        if pool is None or not pool.serves(batch, n_processes):
+            self.close()
+            pool = self._pool = Pool(batch, n_processes)
+            self._close_pool = weakref.finalize(self, pool.close)
+        try:
+            yield from pool.results(batch)
+        finally:
+            if pool.is_running:  # the caller left early, or it failed
+                self.close()
+
+    def close(self) -> None:
+        """Stop every worker."""
+        if self._pool is not None:
+            self._close_pool()
+            self._pool = None

@@ -1,7 +1,7 @@
 """Worker processes that may crash or hang without taking the sweep along.
 
-Each worker loads the plugin files first and stays warm: it is handed many jobs of one
-limb, so that what a solver compiles or factorises serves all of them.
+Each worker loads the plugin files first and stays warm from batch to batch: it is handed many jobs
+of few limbs, so that what a solver compiles or factorises serves all of them.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from palpate.domain import Job, Status
+from palpate.domain import Job, Limb, Status
 from palpate.errors import ExecutorError, PluginError
 from palpate.executors.machine import n_cores, thread_limits
 from palpate.executors.worker import packed, receive, send
@@ -25,6 +25,9 @@ from palpate.plugins.execution import Batch, JobResult
 
 LARGEST_CHUNK = 16
 """Most jobs that a worker is handed at once."""
+
+MOST_LIMBS = 8
+"""Most limbs that a worker keeps."""
 
 MOST_STARTS = 3
 """Workers that may end in a row before they are ready, for each of the processes wanted."""
@@ -59,7 +62,7 @@ class Pool:
     Parameters
     ----------
     batch : Batch
-        Its jobs start with :meth:`results`.
+        The first of those to be run; its jobs start with :meth:`results`.
     n_processes : int
         Most workers at a time.
     n_threads : int, optional
@@ -72,15 +75,10 @@ class Pool:
     """
 
     def __init__(self, batch: Batch, n_processes: int, n_threads: int | None = None) -> None:
-        self._jobs: Sequence[Job] = ()
-        self._limbs = batch.limbs
-        self._limits = batch.limits
-        self._should_continue = batch.should_continue
-        self._tell_running = batch.running
-        self._n_processes = n_processes
+        self._batch = batch
+        self._n_wanted = self._n_processes = n_processes
         self._n_threads = n_threads or max(1, n_cores() // n_processes)
-        solver = packed_or_refused(batch.solver, f"solver '{batch.solver.name}'")
-        self._setup = (tuple(batch.plugin_files), solver, batch.limits.memory_MB)
+        self._setup = _setup(batch)
         self._pending: dict[str, deque[int]] = {}
         self._alone: deque[int] = deque()
         self._n_failed_starts = 0
@@ -88,9 +86,27 @@ class Pool:
         self._unbegun: Counter[int] = Counter()
         self._events: queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]] = queue.SimpleQueue()
         self._workers: list[_Worker] = []
+        self.is_running = False
 
-    def results(self, jobs: Sequence[Job]) -> Iterator[JobResult]:
+    def serves(self, batch: Batch, n_processes: int) -> bool:
+        """Whether the workers can run another batch, which has jobs for so many of them."""
+        if self.is_running or n_processes > self._n_wanted:
+            return False
+        return batch.n_workers == self._batch.n_workers and _setup(batch) == self._setup
+
+    def holds(self, limb_name: str) -> bool:
+        """Whether a worker has this limb already."""
+        return any(limb_name in worker.limbs for worker in self._workers)
+
+    def results(self, batch: Batch) -> Iterator[JobResult]:
         """Results as they come, one for each job; fewer if the batch is stopped.
+
+        Whoever leaves before the last one has to :meth:`close` the pool.
+
+        Parameters
+        ----------
+        batch : Batch
+            With the solver, the plugin files and the memory limit of the first.
 
         Raises
         ------
@@ -99,21 +115,25 @@ class Pool:
         ExecutorError
             The system starts no worker.
         """
-        packed_or_refused(jobs[0], "a material of the study")
-        self._jobs, self._pending, n_left = jobs, by_limb(jobs), len(jobs)
-        self._crashes.clear()
-        self._unbegun.clear()
+        packed_or_refused(batch.jobs[0], "a material of the study")
+        self._batch, self._pending, n_left = batch, by_limb(batch.jobs), len(batch.jobs)
+        for left in (self._alone, self._crashes, self._unbegun):
+            left.clear()
         for worker in list(self._workers):
             if worker.has_ended:  # while it had nothing to do: no job of these is to blame
                 self._dismiss(worker)
+        self.is_running = True
         while n_left:
-            if self._should_continue():
+            if not self.is_running:
+                raise ExecutorError("the executor was closed, or given other jobs, before these had ended")
+            if batch.should_continue():
                 self._staff()
             elif not self._let_go():
-                return
+                break
             for result in self._next_results():
                 n_left -= 1
                 yield result
+        self.is_running = False
 
     def _let_go(self) -> bool:
         """Dismiss the workers that are between two jobs; returns whether any is left."""
@@ -127,6 +147,7 @@ class Pool:
         for worker in self._workers:
             worker.stop()
         self._workers = []
+        self.is_running = False
 
     def kill(self) -> None:
         """End every worker process, from any thread; whoever waits for results sees them gone."""
@@ -160,23 +181,34 @@ class Pool:
         indices = self._take(worker)
         if not indices:
             return
-        name = self._jobs[indices[0]].limb_name
-        if worker.limb_name != name and name in self._limbs:
-            worker.tell("limb", name, packed(self._limbs[name]))
-        worker.limb_name = name
+        jobs = self._batch.jobs
+        worker.limb_name = jobs[indices[0]].limb_name
+        limb = self._batch.limbs.get(worker.limb_name)
+        if limb is not None:
+            worker.keep(worker.limb_name, limb)
         worker.assigned = indices
-        worker.tell("jobs", packed([(i, self._jobs[i]) for i in indices]))
+        worker.tell("jobs", limb is not None, packed([(i, jobs[i]) for i in indices]))
         worker.heard()
 
     def _take(self, worker: "_Worker") -> list[int]:
-        """Take the next jobs for a worker, all of one limb: best of the one that it already holds."""
+        """Take the next jobs for a worker, all of one limb: best of one that it has already.
+
+        While any job waits no worker is idle: it then gets a limb that others have too.
+        """
         if self._alone:
             return [self._alone.popleft()]
         waiting = {name: indices for name, indices in self._pending.items() if indices}
         if not waiting:
             return []
-        served = {w.limb_name for w in self._workers if w is not worker and w.assigned}
-        name = max(waiting, key=lambda n: (n == worker.limb_name, n not in served, len(waiting[n])))
+        others = [other for other in self._workers if other is not worker]
+        served = {other.limb_name for other in others if other.assigned}
+        kept = {name for other in others for name in other.limbs}
+
+        def suitability(name: str) -> tuple[bool, bool, bool, bool, int]:
+            is_last, is_there = name == worker.limb_name, name in worker.limbs
+            return is_last, is_there, name not in served, name not in kept, len(waiting[name])
+
+        name = max(waiting, key=suitability)
         n_waiting = sum(map(len, waiting.values()))
         n_taken = min(LARGEST_CHUNK, -(-n_waiting // (2 * self._n_processes)), len(waiting[name]))
         return [waiting[name].popleft() for _ in range(n_taken)]
@@ -208,7 +240,7 @@ class Pool:
             self._n_failed_starts = 0
         elif kind == "started":
             worker.started.add(content[0])
-            self._tell_running(sum(len(each.started) for each in self._workers))
+            self._batch.running(sum(len(each.started) for each in self._workers))
         elif kind == "done":
             (result,) = content
             worker.started.discard(result.index)
@@ -225,7 +257,7 @@ class Pool:
             return worker.last_heard + START_LIMIT_S
         if not worker.assigned:
             return float(threading.TIMEOUT_MAX) / 2
-        return worker.last_heard + self._limits.time_s * max(1, len(worker.started))
+        return worker.last_heard + self._batch.limits.time_s * max(1, len(worker.started))
 
     # -------------------------------------------------------------------- failing
 
@@ -240,7 +272,7 @@ class Pool:
             self._alone.extend(suspects)
             return []
         seconds = monotonic() - worker.last_heard
-        message = f"stopped after {seconds:.1f} s (limit {self._limits.time_s:g} s)"
+        message = f"stopped after {seconds:.1f} s (limit {self._batch.limits.time_s:g} s)"
         return [
             JobResult(index=index, status=Status.TIMED_OUT, message=message, seconds=seconds)
             for index in suspects
@@ -266,7 +298,7 @@ class Pool:
             self._alone.extend(index for index in suspects if self._unbegun[index] == 1)
             suspects = [index for index in suspects if self._unbegun[index] > 1]
         self._crashes.update(suspects)
-        n_attempts = self._limits.n_attempts
+        n_attempts = self._batch.limits.n_attempts
         final = [index for index in suspects if self._crashes[index] >= n_attempts]
         self._alone.extend(index for index in suspects if self._crashes[index] < n_attempts)
         return [
@@ -287,12 +319,18 @@ class Pool:
         suspects = [i for i in worker.assigned if i in worker.started] or worker.assigned[:1]
         for index in reversed(worker.assigned):
             if index not in suspects:
-                self._pending[self._jobs[index].limb_name].appendleft(index)
+                self._pending[self._batch.jobs[index].limb_name].appendleft(index)
         return suspects
 
 
 def _times(n: int) -> str:
     return {1: "once", 2: "twice"}.get(n, f"{n} times")
+
+
+def _setup(batch: Batch) -> tuple[tuple[Path, ...], bytes, float]:
+    """What a worker is sent before its first job, and keeps."""
+    solver = packed_or_refused(batch.solver, f"solver '{batch.solver.name}'")
+    return tuple(batch.plugin_files), solver, batch.limits.memory_MB
 
 
 def packed_or_refused(value: object, what: str) -> bytes:
@@ -323,6 +361,7 @@ class _Worker:
     ) -> None:
         self.ready = False
         self.limb_name: str | None = None
+        self.limbs: dict[str, Limb] = {}
         self.assigned: list[int] = []
         self.started: set[int] = set()
         self.begun = self.last_heard = monotonic()
@@ -366,6 +405,14 @@ class _Worker:
         # A worker that has died is reported by its listener.
         with contextlib.suppress(BrokenPipeError):
             send(self._process.stdin, message)
+
+    def keep(self, name: str, limb: Limb) -> None:
+        """Send a limb that is not there; the one that was used longest ago makes room for it."""
+        if self.limbs.pop(name, None) is not limb:
+            if len(self.limbs) == MOST_LIMBS:
+                del self.limbs[next(iter(self.limbs))]
+            self.tell("limb", name, packed(limb), tuple(self.limbs))
+        self.limbs[name] = limb
 
     @property
     def has_ended(self) -> bool:

@@ -117,11 +117,12 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
     while True:
         kind, *content = receive(inbox)
         if kind == "limb":
-            name, limb_pickle = content
-            limbs = {name: pickle.loads(limb_pickle)}
+            name, limb_pickle, others = content
+            limbs = {other: limbs[other] for other in others} | {name: pickle.loads(limb_pickle)}
         else:
-            tasks = pickle.loads(content[0])
-            limb, started = limbs.get(tasks[0][1].limb_name), partial(tell, "started")
+            needs_limb, tasks = content[0], pickle.loads(content[1])
+            limb = limbs[tasks[0][1].limb_name] if needs_limb else None
+            started = partial(tell, "started")
             for result in attempt(solver, limb, tasks, started):
                 tell("done", result)
             tell("idle")

@@ -4,6 +4,7 @@
 
 import contextlib
 import os
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -69,6 +70,11 @@ class ExecutorContract(ComponentContract):
     def executor(self) -> Executor:
         """Provide the executor under test."""
         missing("executor", type(self).__name__)
+
+    @pytest.fixture(autouse=True)
+    def _closed(self, executor: Executor) -> Iterator[None]:
+        yield
+        executor.close()
 
     @pytest.fixture
     def component(self, executor: Executor) -> Component:
@@ -149,7 +155,14 @@ class ExecutorContract(ComponentContract):
     def test_no_jobs_are_done_at_once(self, executor: Executor) -> None:
         assert list(executor.results(self.batch([]))) == []
 
-    def test_a_caller_may_leave_early(self, executor: Executor, jobs: list[Job]) -> None:
+    def test_one_batch_may_follow_another(self, executor: Executor, jobs: list[Job]) -> None:
+        for some in (jobs, jobs[:1], jobs[-2:]):
+            self.test_results_are_those_of_their_jobs(executor, some)
+
+    def test_a_caller_may_leave_early_and_close_it_twice(self, executor: Executor, jobs: list[Job]) -> None:
         results = executor.results(self.batch(jobs))
         with contextlib.closing(results) as open_ones:  # type: ignore[type-var]
             next(open_ones)
+        executor.close()
+        executor.close()
+        self.test_every_job_has_one_result(executor, jobs[:1])

@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from palpate import pipeline
 from palpate.domain import Limb, Mesh, Spot, Status
 from palpate.errors import StoppedError
-from palpate.executors import Batch, Limits, Processes
+from palpate.executors import Batch, InProcess, Limits, Processes
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger
 from palpate.stages import simulation
@@ -131,6 +132,36 @@ def test_a_repeated_stage_reads_the_ledger_bit_for_bit(sweep, make_study, tmp_pa
         assert (a.status, a.seconds, a.diagnostics) == (b.status, b.seconds, b.diagnostics)
         assert np.array_equal(a.response["torque"].ordinate, b.response["torque"].ordinate)
     assert rows(folder, "jobs").equals(planned)
+
+
+class Counting(InProcess):
+    def __init__(self):
+        super().__init__()
+        self.n_batches = self.n_closed = 0
+
+    def results(self, batch):
+        self.n_batches += 1
+        return super().results(batch)
+
+    def close(self):
+        self.n_closed += 1
+
+
+def test_all_stages_share_one_executor_which_is_closed_at_the_end(make_study, plugins, tmp_path, one_figure):
+    executor = Counting()
+    pipeline.run_study(make_study(executor=executor, stiffness_scaling=True), tmp_path / "run", plugins)
+    assert (executor.n_batches, executor.n_closed) == (2, 1)
+
+
+def test_the_executor_is_closed_when_a_stage_is_interrupted(sweep, tissue):
+    class Interrupting(Following):
+        def step(self, note=""):
+            raise KeyboardInterrupt
+
+    executor = Counting()
+    with pytest.raises(KeyboardInterrupt):
+        sweep(tissue.Analytic(), progress=Interrupting(), executor=executor)
+    assert (executor.n_batches, executor.n_closed) == (1, 1)
 
 
 def test_each_job_is_done_on_the_limb_of_its_name(make_study, tissue, tmp_path):

@@ -13,24 +13,53 @@ from distributed.scheduler import KilledWorker
 from palpate.api import Batch, ExecutorError, JobResult, PalpateError, Status, packed
 from palpate_dask.cluster import connected
 from palpate_dask.settings import DaskSettings
-from palpate_dask.worker_runtime import WorkerRuntime, run_tasks, shared_by
+from palpate_dask.worker_runtime import Shared, WorkerRuntime, run_tasks, shared_by
 
 WAITING_PER_THREAD = 1
 """Jobs that wait on the cluster for each that runs there, so that no worker is ever idle."""
 
 
-def results_on_cluster(settings: DaskSettings, batch: Batch, n_workers: int) -> Iterator[JobResult]:
-    """Yield the result of each job as it comes from the cluster that the settings name."""
-    with connected(settings, n_workers) as client, _runtime_on_workers(client, batch) as runtime:
-        yield from _Flow(client, runtime, batch).results()
+class Connection:
+    """A cluster with the runtime on its workers, which both stay from one batch to the next.
+
+    Parameters
+    ----------
+    settings : DaskSettings
+    n_workers : int
+        Workers of a cluster on this machine.
+
+    Raises
+    ------
+    ExecutorError
+        No scheduler answers, no worker comes, or dask-jobqueue is missing.
+    """
+
+    def __init__(self, settings: DaskSettings, n_workers: int) -> None:
+        self.n_workers = n_workers
+        self._cluster, self._runtime = contextlib.ExitStack(), contextlib.ExitStack()
+        self._client = self._cluster.enter_context(connected(settings, n_workers))
+        self._shared: Shared | None = None
+
+    def results(self, batch: Batch) -> Iterator[JobResult]:
+        """Yield the result of each job as it comes."""
+        if (shared := shared_by(batch)) != self._shared:
+            self._runtime.close()
+            self._name = self._runtime.enter_context(_runtime_on_workers(self._client, shared))
+            self._shared = shared
+        yield from _Flow(self._client, self._name, batch).results()
+
+    def close(self) -> None:
+        """End the runtime with all of its processes, and the cluster where it was made for this."""
+        with self._cluster, self._runtime:
+            pass
 
 
 @contextlib.contextmanager
-def _runtime_on_workers(client: Client, batch: Batch) -> Iterator[str]:
+def _runtime_on_workers(client: Client, shared: Shared) -> Iterator[str]:
     """Install the runtime on every worker, those that come later included, and take all down at the end."""
     name = f"palpate-{secrets.token_hex(6)}"
     try:
-        client.register_plugin(WorkerRuntime(shared_by(batch), name), name=name)
+        client.register_plugin(WorkerRuntime(shared, name), name=name)
     except PalpateError:
         raise
     except Exception as error:

@@ -8,7 +8,6 @@ import hashlib
 import pickle
 import sys
 import threading
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -36,7 +35,7 @@ IDLE_S = 300.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shared:
-    """What all jobs of a sweep have in common; the packed parts are opened once by each worker.
+    """What all jobs of a batch have in common; the packed parts are opened once by each worker.
 
     Parameters
     ----------
@@ -94,7 +93,8 @@ class WorkerRuntime(WorkerPlugin):  # type: ignore[misc]
         )
         self._n_threads = max(1, n_cores() // worker.state.nthreads)
         self._lock = threading.Lock()
-        self._idle: deque[Pool] = deque()
+        self._idle: list[Pool] = []
+        self._timer = threading.Timer(IDLE_S, self._close_idle)
         self._busy: set[Pool] = set()
 
     def teardown(self, worker: Worker) -> None:
@@ -107,17 +107,23 @@ class WorkerRuntime(WorkerPlugin):  # type: ignore[misc]
         self._close_idle()
 
     def run(self, tasks: Sequence[tuple[int, Any]]) -> list[JobResult]:
-        """Results of jobs of one limb, each with its index in the sweep."""
-        pool = self._take()
+        """Results of jobs of one limb, each with its index in the batch."""
+        jobs = [job for _, job in tasks]
+        pool = self._take(jobs[0].limb_name)
         try:
-            jobs = [job for _, job in tasks]
-            return [replace(each, index=tasks[each.index][0]) for each in pool.results(jobs)]
+            batch = replace(self._batch, jobs=jobs)
+            return [replace(each, index=tasks[each.index][0]) for each in pool.results(batch)]
         finally:
             self._give_back(pool)
 
-    def _take(self) -> Pool:
+    def _take(self, limb_name: str) -> Pool:
         with self._lock:
-            pool = self._idle.pop() if self._idle else Pool(self._batch, 1, self._n_threads)
+            self._timer.cancel()
+            pool = max(self._idle, key=lambda each: each.holds(limb_name), default=None)
+            if pool is None:
+                pool = Pool(self._batch, 1, self._n_threads)
+            else:
+                self._idle.remove(pool)
             self._busy.add(pool)
         return pool
 
@@ -125,22 +131,17 @@ class WorkerRuntime(WorkerPlugin):  # type: ignore[misc]
         with self._lock:
             self._busy.discard(pool)
             self._idle.append(pool)
+            if not self._busy:
+                self._timer = threading.Timer(IDLE_S, self._close_idle)
+                self._timer.daemon = True
+                self._timer.start()
         if self._ended.is_set():
-            self._close_idle()
-            return
-        timer = threading.Timer(IDLE_S, self._close_unused)
-        timer.daemon = True
-        timer.start()
-
-    def _close_unused(self) -> None:
-        with self._lock:
-            is_unused = not self._busy
-        if is_unused:
             self._close_idle()
 
     def _close_idle(self) -> None:
         with self._lock:
-            idle, self._idle = list(self._idle), deque()
+            self._timer.cancel()
+            idle, self._idle = self._idle, []
         for pool in idle:
             pool.close()
 
@@ -151,7 +152,7 @@ def run_tasks(runtime: str, tasks: bytes) -> bytes:
     Parameters
     ----------
     runtime : str
-        Name of the :class:`WorkerRuntime` of the sweep.
+        Name of the :class:`WorkerRuntime` of the batch.
     tasks : bytes
         Packed pairs of index and Job.
     """
