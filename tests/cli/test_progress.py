@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import polars as pl
 import pytest
@@ -157,14 +158,19 @@ def test_a_disk_that_is_too_small_is_reported_before_the_first_simulation(call, 
 
 def test_watching_ends_with_the_run_and_a_log_hears_of_changes_only(call, study, tmp_path, monkeypatch):
     call("run", study)
-    monkeypatch.setattr(status_command, "INTERVAL_S", 0.05)
-    held, seen = threading.Event(), {}
+    held, ended, pauses = threading.Event(), threading.Event(), iter(range(1, 100))
 
     def hold():
         with locked(tmp_path / "runs" / "toy"):
             held.set()
-            time.sleep(1.0)
+            ended.wait(60.0)
 
+    def pause(_):
+        if next(pauses) == 3:  # the run ends after three looks
+            ended.set()
+            runner.join()
+
+    monkeypatch.setattr(status_command, "time", SimpleNamespace(sleep=pause))
     runner = threading.Thread(target=hold)
     runner.start()
     held.wait()

@@ -235,7 +235,7 @@ def cluster(tmp_path):
     deadline = time.monotonic() + 60.0
     while not file.exists() and time.monotonic() < deadline:
         time.sleep(0.05)
-    run("dask_worker", "--nthreads", "1", "--no-nanny", "--host", "127.0.0.1", "--death-timeout", "5")
+    run("dask_worker", "--nthreads", "1", "--no-nanny", "--host", "127.0.0.1", "--death-timeout", "60")
     yield processes[0], file
     for process in processes:
         process.kill()
@@ -316,7 +316,7 @@ def test_jobs_of_a_batch_system_work_over_tls_and_end_with_the_run(study, tmp_pa
 
 
 def until_ended(pid):
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 60.0
     while Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not Path(f"/proc/{pid}").exists()

@@ -250,7 +250,7 @@ def has_ended(pid):
 
 
 def test_every_job_has_one_result_whatever_its_worker_does(hard, tmp_path):
-    found = {o.index: o for o in Processes().results(batch_for(hard, 6, time_s=2.0))}
+    found = {o.index: o for o in Processes().results(batch_for(hard, 6, time_s=5.0))}
     assert sorted(found) == list(range(6))
     assert [found[i].status.value for i in range(6)] == ["ok", "timed_out", "ok", "crashed", "crashed", "ok"]
     how = "signal SIGKILL (killed from outside, or for its memory); last output: "

@@ -15,7 +15,7 @@ from palpate.units import convert
 TOY = Path(__file__).parents[2] / "data" / "toy"
 TEXT = (TOY / "study.toml").read_text()
 SECONDS = 5.0
-"""Longest time for one refusal on a busy machine; most take milliseconds."""
+"""Most processor time for one refusal; most take milliseconds."""
 
 
 @pytest.fixture(scope="module")
@@ -27,10 +27,10 @@ def refused(folder: Path, plugins: Plugins, text: str) -> str:
     for name in ("s1.txt", "s2.txt"):
         (folder / name).write_bytes((TOY / name).read_bytes())
     (folder / "study.toml").write_text(text)
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(StudyError) as caught:
         read_study(folder, plugins)
-    assert time.perf_counter() - begin < SECONDS
+    assert time.process_time() - begin < SECONDS
     assert len(str(caught.value)) < 20_000
     return str(caught.value)
 
@@ -104,10 +104,10 @@ def test_a_limit_is_reported_at_once(
     ],
 )
 def test_a_unit_is_names_and_small_powers(given: str, message: str) -> None:
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(ValueError, match=message):
         convert(given, "MPa")
-    assert time.perf_counter() - begin < SECONDS
+    assert time.process_time() - begin < SECONDS
 
 
 @pytest.mark.parametrize("given", ["1000 kg/(m*s^2)", "1000 kg*m**-1*s**-2", "1000 N m^-2", "1 kN·m/m^3"])
