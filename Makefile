@@ -24,7 +24,8 @@ $(VENV)/installed: $(RUST) $(PYPROJECTS)
 demo: $(VENV)/installed ## identify the material of a simulated forearm, end to end
 	$(BIN)/palpate demo
 
-test: lint dist $(VENV)/installed ## every check: lint, types, Rust and Python tests
+# Packages before lint: clippy has the build script of PyO3 run again, and what depends on it built again.
+test: dist lint $(VENV)/installed ## every check: lint, types, Rust and Python tests
 	cargo nextest run --workspace --release || { command -v cargo-nextest >/dev/null && exit 1 || cargo test --workspace --release; }
 	cargo test --workspace --release --doc
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile
