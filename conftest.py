@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,6 +35,9 @@ hypothesis.settings.register_profile(
     "palpate", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
 hypothesis.settings.load_profile("palpate")
+
+# A shell starts a command in the background with Ctrl-C ignored, and some tests send one.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Kernels are compiled once for all test processes and worker processes, and for the next run of the
 # tests; set before anything imports JAX. Its keys hold the code, its own version and its flags.
