@@ -20,6 +20,7 @@ Nodal tractions are means over the quadrature points around a node.
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
+import jax
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, Material, Mesh
@@ -29,6 +30,8 @@ from palpate.mesh.topology import CELLS
 from palpate_jax.body import Block, blocks, points_of_cells
 from palpate_jax.contact import Contact, Points
 from palpate_jax.load_stepping import LoadStep
+
+_stress = jax.jit(stress, static_argnums=0)
 
 
 class FieldWriter:
@@ -184,7 +187,7 @@ def _cauchy(
     mean_F = np.cbrt(theta_mean / J)[..., None, None] * F
     mean_F = mean_F if axes is None else mean_F @ axes.T
     own = {name: block.fields[name] for name in material.fields}
-    kirchhoff = np.asarray(stress(material, mean_F, theta, own)) @ mean_F.swapaxes(-1, -2)
+    kirchhoff = np.asarray(_stress(material, mean_F, theta, own)) @ mean_F.swapaxes(-1, -2)
     third = np.trace(kirchhoff, axis1=-2, axis2=-1) / 3.0
     pressure = third / theta_mean
     if block.mean_dilatation:
