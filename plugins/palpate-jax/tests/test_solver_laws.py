@@ -194,7 +194,8 @@ def test_penetration_is_a_small_share_of_the_depth(reference):
     assert 0.0 < max(reference.diagnostics["penetration_mm"]) < 0.01 * 2.0
 
 
-def test_an_unstable_material_diverges_with_its_partial_curve(solver, limb):
+def test_an_unstable_material_diverges_with_its_partial_curve(solver):
+    limb = block("hex8", n_across=4, n_down=2, width_mm=24.0, height_mm=10.0)
     collapsing = [0.0141, -0.006, 1e-6, 0.4]
     simulation = solver.simulate(make_job(collapsing, path=[(0.0, 0.0), (6.0, 0.0)]), limb)
     assert simulation.status is Status.DIVERGED

@@ -58,6 +58,11 @@ def layered() -> Limb:
     return sound_mesh(segment(), MeshPlan(size=replace(SIZE, fine_mm=3.2), layers_mm={"skin": 2.5}))
 
 
+@cache
+def below() -> Surface:
+    return below_skin(segment(), 2.5)
+
+
 def test_the_size_field_is_fine_within_its_radius_and_grows() -> None:
     sizes = SIZE.at(np.array([[0.0, 0, 0], [6, 0, 0], [11, 0, 0], [99, 0, 0]]))
     np.testing.assert_allclose(sizes, [4.0, 4.0, 8.0, 14.0])
@@ -93,7 +98,7 @@ def test_a_bent_edge_lowers_the_quality_before_it_folds_the_element() -> None:
 
 
 def test_the_level_below_the_skin_is_at_its_depth() -> None:
-    surface = below_skin(segment(), 2.5)
+    surface = below()
     middle = surface.points_mm[np.abs(surface.points_mm @ segment().axis) < 15.0]
     _, depth = segment().skin.nearest(middle)
     np.testing.assert_allclose(depth, 2.5, atol=0.05)
@@ -119,11 +124,10 @@ def test_a_layered_mesh_is_on_its_surfaces_and_can_be_simulated() -> None:
     check_quality(quality, "p1", 3.2)
     assert quality.contact_edge_mm == pytest.approx(3.2, rel=0.25), "the size asked for"
     assert abs(quality.volume_error) < 0.01
-    below = below_skin(segment(), 2.5)
     middles = mesh.points_mm[mesh.cells["tet10"][:, :4]].mean(axis=1)
-    astray = middles[below.contains(middles) != mesh.cell_regions["tet10"]]
+    astray = middles[below().contains(middles) != mesh.cell_regions["tet10"]]
     assert len(astray) < 0.03 * len(middles), "flat elements next to the border, whose edges are bent"
-    assert below.nearest(astray)[1].max() < 0.5
+    assert below().nearest(astray)[1].max() < 0.5
     # Skin of 2.5 mm around 40 mm of limb, from the half-axes at its middle; 5 % are 0.12 mm of thickness.
     outer, inner = 17.0 * 14.0, 14.5 * 11.5
     assert quality.regions["skin"] == pytest.approx((outer - inner) / (outer - 4.25**2), rel=0.05)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pint
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from scipy.spatial.transform import Rotation
@@ -117,17 +118,18 @@ def test_a_unit_is_found_however_it_is_written_behind_a_name(unit: str, label: s
         assert unit_in(f"{label}_{unit}")[1].endswith(unit)
 
 
+REGISTRY = pint.UnitRegistry()
+
+
 @pytest.mark.parametrize("unit", sorted(UNITS))
 def test_factors_are_those_of_pint(unit: str) -> None:
-    import pint
-
     spelt = {"Nm": "N*m", "Nmm": "N*mm", "mNm": "mN*m", "Ncm": "N*cm", "kp": "kgf", "gf": "gram_force"}
     kind, factor = UNITS[unit]
     text = spelt.get(unit, unit.replace("·", "*").replace("_", "*").replace("-", "*"))
     if "." in text or " " in text:
         text = text.replace(".", "*").replace(" ", "*")
     text = {"sec": "s", "secs": "s", "msec": "ms", "usec": "us", "nsec": "ns"}.get(text, text)
-    expected = pint.UnitRegistry().Quantity(1.0, text).to(BASE_UNITS[kind].replace("·", "*")).magnitude
+    expected = REGISTRY.Quantity(1.0, text).to(BASE_UNITS[kind].replace("·", "*")).magnitude
     assert factor == pytest.approx(expected, rel=1e-12)
     assert factor_to_base(unit, kind, "here") == factor
 
