@@ -63,28 +63,28 @@ format: $(VENV)/installed ## rewrite the sources in the project's format
 hooks: $(VENV)/installed ## write the reference of hooks into plugins/README.md
 	$(BIN)/python docs/site/hook_reference.py plugins/README.md
 
-bench: $(VENV)/installed ## timings, each beside a peer of the same run
+bench: $(VENV)/installed ## timings, each with a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py
 	$(BIN)/python tests/benchmarks/bench_elements.py
 	@echo "more: make bench-core, bench-logs, bench-ledger, bench-solver, bench-sparse"
 
-bench-core: $(VENV)/installed ## the core's kernels beside their peers, and their instruction counts
+bench-core: $(VENV)/installed ## the core's kernels with their peers, and their instruction counts
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core_sampling.py
 	cargo bench -p palpate-core --bench instructions
 
-bench-ledger: $(VENV)/installed ## the ledger beside Optuna's storages: cost of a result, opening and resuming 100,000 rows
+bench-ledger: $(VENV)/installed ## the ledger and Optuna's storages: cost of a result, opening and resuming 100,000 rows
 	$(BIN)/python -m pip install --quiet --group bench
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_ledger.py
 
-bench-logs: $(VENV)/installed ## a robot's log of a million rows, read and processed, beside polars and NumPy
+bench-logs: $(VENV)/installed ## a robot's log of a million rows, read and processed, with polars and NumPy as peers
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_reading.py
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_robot_log.py
 
 bench-solver: $(VENV)/installed ## whole simulations: by size, many sets together, with derivatives
 	$(BIN)/python tests/benchmarks/bench_solver.py
 
-bench-sparse: $(VENV)/installed ## factors of real tangents beside CHOLMOD's and SuperLU's
+bench-sparse: $(VENV)/installed ## factors of real tangents, with CHOLMOD's and SuperLU's
 	$(BIN)/python tests/benchmarks/bench_sparse.py
 
 clean: ## remove what the build made

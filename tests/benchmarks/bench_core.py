@@ -1,4 +1,4 @@
-"""Times of the scoring kernels, each beside a peer of the same run: ``make bench-core``.
+"""Times of the scoring kernels, each with a peer of the same run: ``make bench-core``.
 
 A batch has curves of 100 simulated points on a force ramp of 1,000 measured ones. The peers do
 what a script would: ``np.interp`` (or a compiled numba loop where numba is installed) for each
@@ -90,8 +90,8 @@ class Peer:
         run(1)
         return cls(name, seconds(lambda: run(n_sets)) / n_sets, run(n_sets))
 
-    def beside(self, name: str, ours: Callable[[], np.ndarray]) -> None:
-        """Print our time per curve beside this peer's, after a look that the scores agree."""
+    def compare(self, name: str, ours: Callable[[], np.ndarray]) -> None:
+        """Print our time per curve next to this peer's, after a look that the scores agree."""
         np.testing.assert_allclose(ours()[: self.scores.size], self.scores, rtol=1e-12)
         own = seconds(ours) / N_SETS
         label = f"{name} / {self.name}"
@@ -106,11 +106,11 @@ def main() -> None:
 
     sys.stdout.write(f"{'name':<34}{'ours':>13}{'peer':>13}{'ratio':>8}\n")
     interp = Peer.timed("np.interp", ramp.by_numpy, 500)
-    interp.beside("score", lambda: shared.score(ramp.sim)[0])
+    interp.compare("score", lambda: shared.score(ramp.sim)[0])
     if (loop := numba_peer(ramp)) is None:
         sys.stdout.write("numba is not installed: no such peer\n")
     else:
-        Peer.timed("numba", loop, N_SETS).beside("score", lambda: shared.score(ramp.sim)[0])
+        Peer.timed("numba", loop, N_SETS).compare("score", lambda: shared.score(ramp.sim)[0])
 
 
 if __name__ == "__main__":

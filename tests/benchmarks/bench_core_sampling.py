@@ -1,4 +1,4 @@
-"""Times of the designs on one thread, each beside a peer in the same run: ``make bench-core``.
+"""Times of the designs on one thread, each with a peer in the same run: ``make bench-core``.
 
 SciPy draws the plain and the discrepancy-optimised Latin hypercube, SMT the maximin one
 (``pip install smt``; left out where it is missing). A row of an optimised design is followed by

@@ -1,4 +1,4 @@
-"""Times of the element kernels, each beside the same work in JAX in the same run: ``make bench``.
+"""Times of the element kernels, each next to the same work in JAX in the same run: ``make bench``.
 
 A block of tet10 and one of hex8, Ogden's material, mean dilatation, one core. «tangent» is
 the forces and the stiffness with its way into the sparse values; «first tangent» is that

@@ -1,4 +1,4 @@
-"""The ledger beside Optuna's storages: seconds for each finished simulation, and for a large ledger.
+"""The ledger next to Optuna's storages: seconds for each finished simulation, and for a large ledger.
 
     python tests/benchmarks/bench_ledger.py [--rows 100000]
 
@@ -75,9 +75,9 @@ def apart(folder: Path, n: int) -> None:
     with Writer(folder) as writer:
         for each in every:
             time.sleep(0.05)
-            begun = time.perf_counter()
+            started_at = time.perf_counter()
             writer.store(each)
-            waited += time.perf_counter() - begun
+            waited += time.perf_counter() - started_at
     tell(
         f"palpate, {n} results 50 ms apart, each holds the sweep up",
         waited / n,

@@ -1,4 +1,4 @@
-"""Reading a log of a million rows, beside what a script would do: ``make bench-logs``.
+"""Reading a log of a million rows, next to what a script would do: ``make bench-logs``.
 
 Ours includes the process of its own, the channel map, every check and the conversion of
 units. The peers only parse: polars the same file, ``numpy.loadtxt`` a twentieth of it.
@@ -43,9 +43,9 @@ def seconds(run: Callable[[], object]) -> float:
     """Least time on the clock of several rounds."""
     times = []
     for _ in range(N_ROUNDS):
-        begun = time.perf_counter()
+        started_at = time.perf_counter()
         run()
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - started_at)
     return min(times)
 
 

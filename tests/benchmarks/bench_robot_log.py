@@ -1,4 +1,4 @@
-"""A robot's log of a million rows, from file to curves, beside one that only parses: ``make bench-logs``.
+"""A robot's log of a million rows, from file to curves, next to one that only parses: ``make bench-logs``.
 
 Ours includes the process of its own, every check, all steps and their record. The peer is
 ``polars.read_csv`` of the same file, in the same run.

@@ -1,4 +1,4 @@
-"""Times of the kernels, each beside a peer in the same run: ``make bench``.
+"""Times of the kernels, each with a peer in the same run: ``make bench``.
 
 The peer of a score is what a script would do: ``np.interp`` on each monotone piece of the
 twist, then the mean squared error. Each line is the least of several rounds.

@@ -6,14 +6,14 @@ process of its own on one thread, one after the other. Times are processor secon
 say otherwise.
 
 ``--sizes``
-    One path on blocks of tet10 and on meshes of a forearm, beside the same solver with new factors
+    One path on blocks of tet10 and on meshes of a forearm, next to the same solver with new factors
     for every linear system; peak memory; the exponent of cost ∝ n^p.
 ``--many N``
     N sets of parameters in one process, where the next starts from finished sets, next to cold runs:
     each in a process that imports, prepares the limb and solves. Five cold runs stand for all N.
     Then the same with two worker processes, by wall clock. Where a set with a warm start spends its time.
 ``--slopes``
-    One path with the derivatives in the three parameters and the friction, beside without.
+    One path with the derivatives in the three parameters and the friction, next to without.
 
 Without any of them, all three. ``--mesh FILE`` takes a mesh of yours (point data ``fixed`` and
 ``contact``, cell data ``region`` of 0) instead of those that palpate carries.
@@ -168,7 +168,7 @@ def watched() -> Clock:
 
 
 def peak() -> float:
-    """Largest memory of this process so far [MB]; Linux tells it in kB."""
+    """Largest memory of this process so far [MB]; Linux gives kB."""
     import resource
 
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
@@ -318,7 +318,7 @@ def sizes(meshes: dict[str, str]) -> None:
 
 
 def many(name: str, mesh: str, n_sets: int) -> None:
-    """Print what N sets cost together, beside what they cost alone, and why."""
+    """Print what N sets cost together, next to what they cost alone, and why."""
     sample = np.unique(np.linspace(0, n_sets - 1, N_COLD).astype(int)).tolist()
     alone = [in_own_process(cold, mesh, n_sets, k) for k in sample]
     cold_s, cold_wall_s = (n_sets * float(np.mean([a[k] for a in alone])) for k in ("seconds", "wall_s"))

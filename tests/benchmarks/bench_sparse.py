@@ -1,4 +1,4 @@
-"""Factors of real tangents, faer's beside CHOLMOD's and SuperLU's: ``make bench-sparse``.
+"""Factors of real tangents, faer's next to CHOLMOD's and SuperLU's: ``make bench-sparse``.
 
 Blocks of tet10 and hex8 dented by a sphere, Ogden's material, and the forearm of the demo's
 study. Every solver has a process of its own, on one thread, and gets the same matrix, which is the
@@ -125,7 +125,7 @@ def least(run: Callable[[], object], at_most_s: float) -> float:
 
 
 def resident(which: str) -> float:
-    """Memory of this process in MB, as Linux tells it."""
+    """Memory of this process in MB, from Linux."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(float(line.split()[1]) / 1024.0 for line in lines if line.startswith(which))
 

@@ -3,8 +3,8 @@
     python tests/chaos/kills.py --random 200 --workers 20
 
 Each victim is a fork of this process, so that a trial costs milliseconds. After each kill the
-simulations that were on the disk must still be there; after the last one a run that nobody
-kills must leave the same bytes in every table as one that nobody ever killed. The last line
+simulations that were on the disk must still be there; after the last one an undisturbed
+run must leave the same bytes in every table as a run that was never killed. The last line
 counts what was tried and what was lost; the exit code is 1 if anything was.
 """
 
@@ -42,7 +42,7 @@ tissue = load_file(TISSUE_FILE)
 
 
 class Slow(tissue.Analytic):
-    """Takes two milliseconds and tells each simulation that it ends, in a file."""
+    """Takes two milliseconds and writes each finished simulation to a file."""
 
     name = "slow"
 
@@ -118,9 +118,9 @@ class Trials:
         self.study = make_study(home, n_sets, n_workers)
         self.plugins = Plugins.load([TISSUE_FILE], entry_points=False)
         self.counts: Counter[str] = Counter()
-        begun = time.monotonic()
+        started_at = time.monotonic()
         self.run_to_the_end("whole")
-        self.seconds = time.monotonic() - begun
+        self.seconds = time.monotonic() - started_at
         self.expected = tables(home / "whole")
 
     def run(self, name: str) -> None:
@@ -134,10 +134,10 @@ class Trials:
         pipeline.run_study(self.study, self.home / name, self.plugins)
 
     def run_to_the_end(self, name: str) -> None:
-        """Run the study in a fork that nobody kills."""
+        """Run the study in an undisturbed fork."""
         _, status = os.waitpid(forked(lambda: self.run(name)), 0)
         if status:
-            raise SystemExit(f"a run that nobody killed ended with status {status}")
+            raise SystemExit(f"an undisturbed run ended with status {status}")
 
     def kill_at_random(self, name: str, moment: random.Random) -> None:
         """Kill a run some time after it began."""

@@ -86,12 +86,12 @@ def test_tables_of_curves_have_units_and_peaks(call: Call, study: Path) -> None:
 @pytest.mark.usefixtures("one_figure")
 def test_suspicious_curves_give_a_warning_in_check_and_run(call: Call, study: Path) -> None:
     edit(study, '"1000 kPa"', '"1 kPa"')
-    said = "rubber.k: the range spans a factor of 3000, and a linear scale leaves its lower decades"
+    expected = "rubber.k: the range spans a factor of 3000, and a linear scale leaves its lower decades"
     outcome = call("check", study, "--json")
     assert outcome.code == 0
-    assert outcome.json["warnings"][0].startswith(said)
-    assert f"warning: {said}" in outcome.err
-    assert f"warning: {said}" in call("run", study, "--json").err
+    assert outcome.json["warnings"][0].startswith(expected)
+    assert f"warning: {expected}" in outcome.err
+    assert f"warning: {expected}" in call("run", study, "--json").err
     assert call("check", TOY, "--json").json["warnings"] == []
 
 
@@ -281,11 +281,11 @@ def test_a_scenario_without_a_set_ends_with_1_after_the_results(
     missing = {("s1", "pull only"): "unreadable: a turn too many"}
     for module in (pipeline, report_data):
         monkeypatch.setattr(module, "without_result", lambda *_: missing)
-    said = "no set could be selected at s1, scenario pull only; reason: unreadable: a turn too many"
+    expected = "no set could be selected at s1, scenario pull only; reason: unreadable: a turn too many"
     for command in ("run", "select", "report"):
         outcome = call(command, study)
         assert outcome.code == 1
-        assert said in outcome.err
+        assert expected in outcome.err
         assert outcome.out
     outcome = call("run", study, "--json")
     assert outcome.code == 1

@@ -28,7 +28,7 @@ def test_every_core_command_has_an_example():
 
 
 def leaves(command, *names):
-    """Every command by its words, those of plugins too; a stage's own command stands for the stage."""
+    """Every command by its words, those of plugins too; a stage is listed as its default command."""
     for name, inner in getattr(command, "commands", {}).items():
         if name != STAGE:
             yield (*names, name), inner

@@ -1,4 +1,4 @@
-"""``palpate experiment inspect``: asks the loaders that can, beside ``palpate experiment STUDY``."""
+"""``palpate experiment inspect`` calls the loaders that can inspect, unlike ``palpate experiment``."""
 
 from pathlib import Path
 

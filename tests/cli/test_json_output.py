@@ -1,4 +1,4 @@
-"""What ``--json`` prints is what ``palpate schema`` says, and a change of it is a new version."""
+"""``--json`` prints by the schema of ``palpate schema``, and a change of it is a new version."""
 
 import hashlib
 import json

@@ -121,7 +121,7 @@ def test_the_command_reports_what_it_wrote_and_what_to_do_next(call: Call, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "said"),
+    ("kind", "name", "message"),
     [
         ("materail", "x", "no plugin of kind 'materail' can be made; did you mean 'material'"),
         ("material", "My Tissue", "in lower case that is no keyword, such as my_tissue"),
@@ -139,10 +139,10 @@ def test_the_command_reports_what_it_wrote_and_what_to_do_next(call: Call, tmp_p
         ("limb", "palpate", "choose another name"),
     ],
 )
-def test_a_name_that_cannot_be_is_refused(call: Call, kind: str, name: str, said: str) -> None:
+def test_a_name_that_cannot_be_is_refused(call: Call, kind: str, name: str, message: str) -> None:
     outcome = call("new-plugin", kind, name, plugin=None)
     assert outcome.code == 2
-    assert said in outcome.err
+    assert message in outcome.err
     assert not list(Path.cwd().iterdir())
 
 

@@ -1,4 +1,4 @@
-"""How a run is watched: bars for people, lines for logs, and what lies beside the counts."""
+"""Progress of a run: bars on a terminal, lines in logs, and what is next to the counts."""
 
 import io
 import re
@@ -106,8 +106,8 @@ def test_the_side_shows_processor_memory_and_the_best_sets(call, study, tmp_path
         deadline = time.monotonic() + 20.0
         while "best" not in following._side.text and time.monotonic() < deadline:
             time.sleep(0.02)
-        said = following._side.text
-    assert re.search(r"cpu \d+ % of \d+ cores, memory \d+\.\d GB; best pull only [\d.e-]+ \(s\d/\d+\)", said)
+        side = following._side.text
+    assert re.search(r"cpu \d+ % of \d+ cores, memory \d+\.\d GB; best pull only [\d.e-]+ \(s\d/\d+\)", side)
     assert not following._side._thread.is_alive()
 
 
@@ -150,8 +150,10 @@ def test_a_disk_that_is_too_small_is_reported_before_the_first_simulation(call, 
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usual(path)._replace(free=100_000))
     ran = call("run", study)
     assert ran.code == 0
-    said = r"runs/toy: 0\.1 MB are free, but the 20 remaining simulations need about 0\.3 MB; free disk space"
-    assert re.search(said, ran.err), ran.err
+    reason = (
+        r"runs/toy: 0\.1 MB are free, but the 20 remaining simulations need about 0\.3 MB; free disk space"
+    )
+    assert re.search(reason, ran.err), ran.err
     assert ran.err.index("free disk space") < ran.err.index("4 of 40")
     monkeypatch.undo()
 

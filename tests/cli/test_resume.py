@@ -48,11 +48,11 @@ def press(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("presses", "said"),
+    ("presses", "expected"),
     [(1, r"stopped with \d+ of 20 simulations"), (2, "simulations are kept, and the same command continues")],
 )
 def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
-    call, study, tmp_path, press, presses, said
+    call, study, tmp_path, press, presses, expected
 ):
     assert call("run", study, "--out", "whole").code == 0
     handler = signal.getsignal(signal.SIGINT)
@@ -60,7 +60,7 @@ def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
     stopped = call("run", study, "--out", "stopped")
     release()
     assert stopped.code == 130
-    assert re.search(said, stopped.err), stopped.err
+    assert re.search(expected, stopped.err), stopped.err
     assert signal.getsignal(signal.SIGINT) is handler
     status = call("status", "stopped", "--json").json
     assert status["running"] is None

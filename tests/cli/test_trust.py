@@ -1,4 +1,4 @@
-"""Code that changes: what it costs is said by name, and only a user's word keeps earlier results."""
+"""Changed code: its cost is reported by name, and only ``--trust`` keeps earlier results."""
 
 import json
 
@@ -125,17 +125,17 @@ def test_results_under_a_trusted_key_are_not_shared(call, study, tmp_path, plugi
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("material:sprong", "did you mean 'material:spring'?"),
         ("sampler:lhs", "no such component"),
         ("material:spring", "holds no results of it"),
     ],
 )
-def test_what_cannot_be_trusted_is_refused(call, study, name, said):
+def test_what_cannot_be_trusted_is_refused(call, study, name, message):
     refused = call("run", study, "--trust", name)
     assert refused.code == 2
-    assert said in refused.err
+    assert message in refused.err
 
 
 @quick

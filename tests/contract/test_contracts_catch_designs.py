@@ -1,4 +1,4 @@
-"""Each law of samplers and set filters fails on what breaks it, and says why."""
+"""Each law of samplers and set filters fails on what breaks it, with the reason."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ class Restless(Sound):
 
 
 @pytest.mark.parametrize(
-    ("test", "sampler", "said"),
+    ("test", "sampler", "message"),
     [
         ("draws_in_the_open_unit_cube", OutOfTheCube(), "draw in the open unit cube"),
         ("a_seed_decides_the_draw", Unseeded(), "one seed gives two draws"),
@@ -43,9 +43,9 @@ class Restless(Sound):
         ("an_extension_begins_with_the_points_there_were", Restless(), "changes the sets there were"),
     ],
 )
-def test_a_samplers_fault_is_reported(test, sampler, said):
+def test_a_samplers_fault_is_reported(test, sampler, message):
     getattr(SamplerContract(), f"test_{test}")(Sound())
-    with pytest.raises(AssertionError, match=said):
+    with pytest.raises(AssertionError, match=message):
         getattr(SamplerContract(), f"test_{test}")(sampler)
 
 
@@ -77,14 +77,14 @@ SPACE, VALUES = ParameterSpace(regions=()), np.linspace(0.0, 2.0, 9)[:, None]
 
 
 @pytest.mark.parametrize(
-    ("test", "keep", "said"),
+    ("test", "keep", "message"),
     [
         ("keeps_some_and_drops_some", Lenient(), "keeps 9 of 9"),
         ("keeps_some_and_drops_some", InShares(), "a verdict of float64"),
         ("judges_each_set_for_itself", BelowTheMean(), "depends on the other sets"),
     ],
 )
-def test_a_filters_fault_is_reported(test, keep, said):
+def test_a_filters_fault_is_reported(test, keep, message):
     contract = SetFilterContract()
 
     def hold(each):
@@ -96,5 +96,5 @@ def test_a_filters_fault_is_reported(test, keep, said):
 
     hold(Low())
     contract.test_takes_no_sets_at_all(Low(), SPACE, VALUES)
-    with pytest.raises(AssertionError, match=said):
+    with pytest.raises(AssertionError, match=message):
         hold(keep)

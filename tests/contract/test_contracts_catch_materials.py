@@ -1,4 +1,4 @@
-"""Each law of a material fails, and says why, on a material that breaks it and nothing else."""
+"""Each law of a material fails, with the reason, on a material that breaks only this law."""
 
 import jax
 import jax.numpy as jnp
@@ -139,9 +139,9 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("test", "material", "said"), CASES, ids=[type(m).__name__ for _, m, _ in CASES])
-def test_a_fault_is_reported(test, material, said):
-    with pytest.raises((AssertionError, ValueError), match=f"(?s){said}"):
+@pytest.mark.parametrize(("test", "material", "message"), CASES, ids=[type(m).__name__ for _, m, _ in CASES])
+def test_a_fault_is_reported(test, material, message):
+    with pytest.raises((AssertionError, ValueError), match=f"(?s){message}"):
         hold(test, material)
 
 

@@ -1,4 +1,4 @@
-"""Each law of loaders, limbs, scenarios and executors fails on what breaks it, and says why."""
+"""Each law of loaders, limbs, scenarios and executors fails on what breaks it, with the reason."""
 
 import contextlib
 from dataclasses import replace
@@ -69,7 +69,7 @@ EXPECTED = {"torque": Expected(abscissa=(-20.0, 20.0), ordinate=(-7.0, 7.0), n_b
 
 
 @pytest.mark.parametrize(
-    ("loader", "said"),
+    ("loader", "message"),
     [
         (Table(), None),
         (
@@ -79,16 +79,16 @@ EXPECTED = {"torque": Expected(abscissa=(-20.0, 20.0), ordinate=(-7.0, 7.0), n_b
         (Sorted(), "1 branches, not 3: rows must stay in the order travelled"),
     ],
 )
-def test_a_loaders_units_and_branches(tmp_path, loader, said):
+def test_a_loaders_units_and_branches(tmp_path, loader, message):
     path = tmp_path / "twist.txt"
     np.savetxt(path, [(0, 0), (-20, -7), (0, 1), (20, 7), (0, -1)])
     offered = {"loader": loader, "good_file": path, "expected": EXPECTED}
-    with pytest.raises(AssertionError, match=said) if said else contextlib.nullcontext():
+    with pytest.raises(AssertionError, match=message) if message else contextlib.nullcontext():
         _hold(LoaderContract(), "keeps_units_and_branches", offered)
 
 
 class Block(LimbSource):
-    """A block, whatever the file says."""
+    """A block, for any file."""
 
     name, summary, change = "block", "without fault", staticmethod(lambda points: points)
 
@@ -108,7 +108,7 @@ class Mirrored(Block):
 
 
 @pytest.mark.parametrize(
-    ("test", "source", "said"),
+    ("test", "source", "message"),
     [
         ("makes_a_limb", Block(), None),
         ("is_in_millimetres", Block(), None),
@@ -116,9 +116,9 @@ class Mirrored(Block):
         ("makes_a_limb", Mirrored(), "inverted"),
     ],
 )
-def test_a_limb_sources_units_and_elements(test, source, said):
+def test_a_limb_sources_units_and_elements(test, source, message):
     offered = {"limb_source": source, "good_file": Path("any"), "spot": Spot(name="p1")}
-    with pytest.raises((AssertionError, MeshError), match=said) if said else contextlib.nullcontext():
+    with pytest.raises((AssertionError, MeshError), match=message) if message else contextlib.nullcontext():
         _hold(LimbSourceContract(), test, offered)
 
 
@@ -161,7 +161,7 @@ class TestProcesses(ExecutorContract):
 
 
 class Forgetful(Executor):
-    """Says nothing about a job that failed."""
+    """Gives no message for a failed job."""
 
     name, summary, holds_limits = "forgetful", "loses failures", False
 
@@ -196,7 +196,7 @@ class Unstoppable(Forgetful):
 
 
 class Claiming(Forgetful):
-    """Runs jobs here and says that a memory limit holds."""
+    """Runs jobs here and declares that a memory limit holds."""
 
     holds_limits = True
 
@@ -205,7 +205,7 @@ class Claiming(Forgetful):
 
 
 @pytest.mark.parametrize(
-    ("test", "executor", "said"),
+    ("test", "executor", "message"),
     [
         ("every_job_has_one_result", Forgetful(), r"no result for the jobs at \[2, 8\]"),
         ("every_job_has_one_result", Doubling(), "24 results for 12 jobs"),
@@ -215,8 +215,8 @@ class Claiming(Forgetful):
         ("results_are_those_of_their_jobs", Claiming(), "set holds_limits = False"),
     ],
 )
-def test_an_executors_fault_is_reported(test, executor, said):
+def test_an_executors_fault_is_reported(test, executor, message):
     contract = ExecutorContract()
     jobs = ExecutorContract.jobs.__wrapped__(contract)
-    with pytest.raises(AssertionError, match=said):
+    with pytest.raises(AssertionError, match=message):
         _hold(contract, test, {"executor": executor, "jobs": jobs})

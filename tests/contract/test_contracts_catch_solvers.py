@@ -1,4 +1,4 @@
-"""Each law of solvers fails on what breaks it, and says why; what is sound passes all of them."""
+"""Each law of solvers fails on what breaks it, with the reason; a correct solver passes all."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -80,7 +80,7 @@ class Fine(Sound):
 
 
 class CutShort(Sound):
-    """Gives up half way and says ok."""
+    """Stops half way and returns ok."""
 
     def curves(self, *given):
         return {name: curve.cut(slice(0, 15)) for name, curve in super().curves(*given).items()}
@@ -152,7 +152,7 @@ class FirstRegion(Sound):
 
 
 class Ignorant(Sound):
-    """Says that it does not use what it uses."""
+    """Declares parameters as ignored that it uses."""
 
     def ignored(self, material):
         return ("e",)
@@ -196,7 +196,7 @@ class FewSlopes(Sound):
 
 
 class WithSinkage(Sound):
-    """Also measures how far the skin sinks beside the sphere: no modulus changes it."""
+    """Also measures how far the skin sinks next to the sphere: no modulus changes it."""
 
     def curves(self, young, press, thickness):
         curves = super().curves(young, press, thickness)
@@ -258,9 +258,9 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("test", "solver", "said"), FAULTS, ids=[type(s).__name__ for _, s, _ in FAULTS])
-def test_a_solvers_fault_is_reported(test, solver, said):
-    with pytest.raises(AssertionError, match=f"(?s){said}"):
+@pytest.mark.parametrize(("test", "solver", "expected"), FAULTS, ids=[type(s).__name__ for _, s, _ in FAULTS])
+def test_a_solvers_fault_is_reported(test, solver, expected):
+    with pytest.raises(AssertionError, match=f"(?s){expected}"):
         hold(test, solver)
 
 

@@ -1,4 +1,4 @@
-"""What the guides say is so: every command is called, every table read, every link followed."""
+"""The guides are true: every command is called, every table read, every link followed."""
 
 import re
 import shlex
@@ -152,7 +152,7 @@ def test_the_guide_on_curves_is_so(tmp_path, monkeypatch, capsys):
 
 def test_the_limits_in_the_guide_on_curves_are_those_of_the_checks():
     text = text_of(ROOT / "docs" / "curves.md")
-    for said in (
+    for message in (
         f"below −{BIAS:.1%} of the peak".replace("%", " %"),
         f"above {BIAS:.1%} of the peak | above {LARGEST_BIAS:.0%}".replace("%", " %"),
         f"{LARGEST_ONSET:.0%} of the depth".replace("%", " %"),
@@ -162,7 +162,7 @@ def test_the_limits_in_the_guide_on_curves_are_those_of_the_checks():
         f"below 1/{1 / LEVERS[0]:.0f} or above {LEVERS[1]:.0f} times |",
         f"fewer than {LEAST_POINTS}, or a gap above {LARGEST_GAP:.0%} of the branch".replace("%", " %"),
     ):
-        assert said in text, said
+        assert message in text, message
 
 
 def test_the_words_of_the_guide_are_those_of_the_report():

@@ -1,4 +1,4 @@
-"""What plugins/README.md says of hooks, contracts and plugins is so."""
+"""plugins/README.md is true of hooks, contracts and plugins."""
 
 import re
 from pathlib import Path

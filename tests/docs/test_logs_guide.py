@@ -1,4 +1,4 @@
-"""What the guide on logs says is so."""
+"""The guide on logs is true."""
 
 import re
 import subprocess

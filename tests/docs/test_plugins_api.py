@@ -1,4 +1,4 @@
-"""What the page for authors of plugins says is so: its code runs, and its tables are those of the values."""
+"""The page for authors of plugins is true: its code runs, and its tables are those of the values."""
 
 import dataclasses
 import json

@@ -43,7 +43,7 @@ def xoshiro(seed: int) -> Iterator[int]:
 
 
 def by_python(n: int, d: int, seed: int) -> list[list[float]]:
-    """The design as its documentation tells it; rejection is too rare to meet here."""
+    """The design by its documentation; rejection is too rare to occur here."""
     words = xoshiro(seed)
     columns = []
     for _ in range(d):

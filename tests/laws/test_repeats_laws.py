@@ -111,7 +111,7 @@ def test_what_is_reported_of_an_average():
 
 
 @pytest.mark.parametrize(
-    ("other", "says"),
+    ("other", "message"),
     [
         (
             press([1.0], 5),
@@ -127,6 +127,6 @@ def test_what_is_reported_of_an_average():
         ),
     ],
 )
-def test_presses_along_different_paths_have_no_mean(other, says):
-    with pytest.raises(CurveError, match=says):
+def test_presses_along_different_paths_have_no_mean(other, message):
+    with pytest.raises(CurveError, match=message):
         average({"a.csv": press([1.0, 2.0], 5), "b.csv": other})

@@ -66,7 +66,7 @@ def test_a_set_scores_the_same_alone_and_in_a_batch(values, others):
 
 @given(loops, st.integers(2, 5))
 def test_points_between_the_simulated_ones_add_nothing(values, n_between):
-    """A finer simulated path that says the same scores the same."""
+    """A finer simulated path through the same curve scores the same."""
     x, y = twist(values)
     at = np.arange(x.size)
     fine = np.linspace(0, x.size - 1, (x.size - 1) * n_between + 1)

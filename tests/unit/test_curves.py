@@ -1,4 +1,4 @@
-"""A curve may say how sure each of its ordinates is, and keeps saying so on disk."""
+"""A curve may have standard deviations, also on disk."""
 
 import numpy as np
 import pytest
@@ -24,15 +24,15 @@ def test_a_standard_deviation_is_kept_read_only():
 
 
 @pytest.mark.parametrize(
-    ("std", "says"),
+    ("std", "message"),
     [
         ([0.1, 0.2], r"curve 'force': \(2,\) standard deviations for \(3,\) points; give one for each"),
         ([0.1, -0.2, 0.1], r"curve 'force': std\[1\] is -0.2; a standard deviation is finite and not neg"),
         ([0.1, 0.2, np.nan], r"std\[2\] is nan"),
     ],
 )
-def test_a_standard_deviation_that_is_none_is_refused(std, says):
-    with pytest.raises(CurveError, match=says):
+def test_a_standard_deviation_that_is_none_is_refused(std, message):
+    with pytest.raises(CurveError, match=message):
         curve(std=std)
 
 

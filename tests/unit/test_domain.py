@@ -9,17 +9,17 @@ from palpate.errors import MaterialError
 
 
 @pytest.mark.parametrize(
-    ("lower", "upper", "says"),
+    ("lower", "upper", "message"),
     [
         (sys.float_info.min, float("inf"), r"physical range \(> 0 MPa\); give a value inside it"),
         (0.5, 3.0, r"physical range \[0.5, 3.0\] MPa; give"),
     ],
 )
-def test_a_physical_range_is_reported_in_plain_numbers(lower, upper, says):
+def test_a_physical_range_is_reported_in_plain_numbers(lower, upper, message):
     parameter = Parameter(
         name="c1", unit="MPa", lower=1.0, upper=2.0, kind="modulus", description="",
         physical_lower=lower, physical_upper=upper,
     )  # fmt: skip
     parameter.check(1.5)
-    with pytest.raises(MaterialError, match=says):
+    with pytest.raises(MaterialError, match=message):
         parameter.check(0.0)

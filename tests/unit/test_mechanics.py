@@ -119,8 +119,8 @@ class WithNumpy(IsotropicMaterial):
 def test_an_energy_that_calls_numpy_gets_the_function_to_call():
     with pytest.raises(MaterialError, match=r"'with_numpy': .* calls numpy: take xp = stretches\.__array_na"):
         mechanics.initial_moduli(WithNumpy(), THETA)
-    said = r"raised TracerArrayConversionError; JAX cannot .* xp = stretches"
-    with pytest.raises(PluginError, match=said), answering_for(WithNumpy(), "filtering the design"):
+    message = r"raised TracerArrayConversionError; JAX cannot .* xp = stretches"
+    with pytest.raises(PluginError, match=message), answering_for(WithNumpy(), "filtering the design"):
         mechanics.stress(WithNumpy(), np.eye(3), THETA)
 
 

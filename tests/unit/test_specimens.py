@@ -48,7 +48,7 @@ def test_every_cell_is_upright(meshed):
 
 
 def test_cells_match_their_neighbours(meshed):
-    """A face of one cell only lies on the upper face or between held nodes."""
+    """A face of one cell only is on the upper face or between fixed nodes."""
     kind, mesh = meshed
     faces, most = surface(mesh, kind)
     assert most == 2

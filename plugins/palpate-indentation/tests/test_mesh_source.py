@@ -1,4 +1,4 @@
-"""Mesh files become meshes with named regions and node sets, or a message that says what is missing."""
+"""Mesh files become meshes with named regions and node sets, or a message with what is missing."""
 
 from pathlib import Path
 from typing import Any

@@ -172,7 +172,7 @@ def test_an_array_that_does_not_fit_is_refused():
 
 
 def test_axes_in_another_order_are_refused():
-    """Their number of values is right, so only the shape tells."""
+    """Their number of values is right; only the shape is wrong."""
     nodes, corner = np.tile([0, 1, 2, 3], (3, 1)), np.vstack([-np.ones(3), np.eye(3)])
     gradients, volumes = np.tile(corner, (3, 2, 1, 1)), np.full((3, 2), 1.0 / 12.0)
     swapped = np.ascontiguousarray(gradients.swapaxes(1, 2))

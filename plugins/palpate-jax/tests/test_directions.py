@@ -20,7 +20,7 @@ SMALL = {"n_across": 2, "n_down": 1, "width_mm": 4.0, "height_mm": 3.0}
 
 
 class Fibred(AnisotropicMaterial):
-    """A soft matrix and stiff fibres, along e1 or along what the mesh says."""
+    """A soft matrix and stiff fibres, along e1 or the directions of the mesh."""
 
     name, summary = "fibred", "one family of fibres"
     parameters = tuple(

@@ -1,4 +1,4 @@
-"""What any indentation must obey, whatever the numbers: on a block small enough to solve in a second."""
+"""Laws of every indentation, on a block small enough to solve in a second."""
 
 import re
 from dataclasses import replace

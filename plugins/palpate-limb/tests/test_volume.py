@@ -113,7 +113,7 @@ def test_a_layered_mesh_is_on_its_surfaces_and_can_be_simulated() -> None:
     check_limb(limb, ["skin", "soft_tissue"])
     on_skin = mesh.points_mm[mesh.node_sets["contact"]]
     _, off = segment().skin.nearest(on_skin)
-    assert np.quantile(off, 0.9) < 0.02, "nodes of edges lie on the skin too"
+    assert np.quantile(off, 0.9) < 0.02, "midside nodes are on the skin too"
     bone = mesh.points_mm[mesh.node_sets["bone"]]
     assert np.quantile(segment().bones[0].nearest(bone)[1], 0.9) < 0.05
     cuts = mesh.points_mm[mesh.node_sets["cut"]] @ segment().axis

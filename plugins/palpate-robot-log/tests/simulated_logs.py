@@ -17,7 +17,7 @@ from palpate_robot_log.recording import Recording
 FOLDER = Path(__file__).parent / "data" / "robot_logs"
 SPOTS = ("p1", "p2", "p3", "p4")
 WEIGHT = {"method": "known", "weight": "0.88 N", "centre": ["0 mm", "0 mm", "-30 mm"]}
-"""What the logs' origin says of the tool: 0.88 N, its centre 30 mm behind the tip."""
+"""The tool of the logs: 0.88 N, its centre 30 mm behind the tip."""
 
 STARTS_S = {
     "approach": 0.0,

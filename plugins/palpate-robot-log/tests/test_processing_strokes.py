@@ -1,4 +1,4 @@
-"""Strokes of made-up motions: found without hints, with their dwells, whatever their speed profiles."""
+"""Strokes of synthetic motions: found with their dwells, for any speed profile."""
 
 import numpy as np
 import pytest

@@ -56,7 +56,7 @@ FORMATS: dict[str, tuple[str, Writer, ChannelMap]] = {
     "npz": ("log.npz", write.write_npz, write.channel_map()),
     "npy": ("log.npy", write.write_npy, _prefixed("array.")),
     "matlab 5": ("log.mat", write.write_matlab5, _prefixed("log.")),
-    "matlab 5 as it stands": (
+    "matlab 5 uncompressed": (
         "log.mat",
         lambda path, table: write.write_matlab5(path, table, compressed=False),
         _prefixed("log."),
@@ -223,7 +223,7 @@ def test_transforms_are_distinguished_by_their_frames(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", ["parquet", "npz", "npy", "matlab 5", "matlab 5 as it stands", "matlab 7.3", "ros 1", "ros 1 lz4"]
+    "kind", ["parquet", "npz", "npy", "matlab 5", "matlab 5 uncompressed", "matlab 7.3", "ros 1", "ros 1 lz4"]
 )
 @pytest.mark.parametrize("share", [0.98, 0.6, 0.1])
 def test_a_file_that_is_cut_off_is_an_error(tmp_path: Path, kind: str, share: float) -> None:

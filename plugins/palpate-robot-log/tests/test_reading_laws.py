@@ -196,7 +196,7 @@ def _mutate(content: bytes, rng: np.random.Generator) -> bytes:
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("kind", SEEDS)
 def test_damaged_bytes_give_a_log_or_a_curve_error(tmp_path: Path, kind: str) -> None:
-    """Whatever the bytes are, no other error leaves a reader, and what it returns is well formed."""
+    """For any bytes a reader raises no other error, and its results are well formed."""
     name, writer = SEEDS[kind]
     whole = tmp_path / "whole"
     whole.mkdir()

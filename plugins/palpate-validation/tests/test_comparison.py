@@ -1,4 +1,4 @@
-"""The comparison: agrees where solvers agree, and says so where they do not."""
+"""Comparison of solvers: agreement, and differences that are reported."""
 
 import json
 
@@ -51,7 +51,7 @@ def test_one_element_has_the_recorded_stress_in_one_convention(name):
 
 
 class Echo(Solver):
-    """Answers with given curves, whatever is asked."""
+    """Returns given curves for every job."""
 
     name = "echo"
     summary = "answers with given curves"

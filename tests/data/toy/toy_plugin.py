@@ -92,7 +92,7 @@ class Stiff(SetFilter):
 
 class Clumsy(LineLoader, Stiff, Sampler):
     name = "clumsy"
-    summary = "Raises whatever it is asked to do"
+    summary = "Raises for every job"
 
     def load(self, path: Path, channel: str | None = None) -> Response:
         raise KeyError("column")

@@ -1,4 +1,4 @@
-"""Workers: every job has one result, whatever becomes of the process that it ran in."""
+"""Workers: every job has one result, also when its process ends."""
 
 import os
 import time

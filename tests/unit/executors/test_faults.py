@@ -113,7 +113,7 @@ NONSENSE = {
 
 @pytest.mark.parametrize("name", NONSENSE)
 def test_nonsense_is_a_row_with_its_reason_and_the_others_go_on(make_study, tissue, tmp_path, name):
-    damage, state, said = NONSENSE[name]
+    damage, state, expected = NONSENSE[name]
 
     class Corrupt(tissue.Analytic):
         def behave(self, job):
@@ -129,7 +129,7 @@ def test_nonsense_is_a_row_with_its_reason_and_the_others_go_on(make_study, tiss
     with Ledger(tmp_path / "run") as ledger:
         rows = ledger.frame("simulations").filter(set_id=2)
     assert rows["state"].to_list() == [state]  # both spots ask for the same
-    assert rows["message"].str.contains(said).all()
+    assert rows["message"].str.contains(expected).all()
     assert rows["message"].str.len_chars().max() < 5000
     assert (rows["seconds"] >= 0.0).all()
 
@@ -314,7 +314,7 @@ def test_a_worker_that_dies_while_it_starts_is_replaced_a_few_times(make_study, 
 
 
 def test_a_stop_of_the_whole_machine_ends_no_job(hard, tmp_path, monkeypatch):
-    """The clock goes on while every process stands still, as when a container is frozen."""
+    """The clock runs while every process is stopped, as in a frozen container."""
 
     class Frozen(queue.SimpleQueue):
         def get(self, timeout):
@@ -373,7 +373,7 @@ class Twice(Executor):
 
 
 class Careless(Executor):
-    name, summary = "careless", "hands on whatever a solver answers"
+    name, summary = "careless", "passes any result of a solver on"
 
     def results(self, batch):
         for index, _ in enumerate(batch.jobs):
@@ -381,15 +381,15 @@ class Careless(Executor):
 
 
 @pytest.mark.parametrize(
-    ("executor", "said"),
+    ("executor", "expected"),
     [
         (Idle, "executor 'idle' ended without a result for 3 of 3 jobs"),
         (Junk, "'junk' .* yielded 3, not the JobResult of a job that was waiting"),
         (Twice, "'twice' .* not the JobResult of a job that was waiting"),
     ],
 )
-def test_an_executor_that_breaks_its_contract_is_named(make_study, tmp_path, executor, said):
-    with pytest.raises(PluginError, match=said):
+def test_an_executor_that_breaks_its_contract_is_named(make_study, tmp_path, executor, expected):
+    with pytest.raises(PluginError, match=expected):
         sweep(make_study(executor=executor(), n_sets=3), tmp_path / "run")
 
 

@@ -75,7 +75,7 @@ class Chromium:
     # ------------------------------------------------------------------- looking
 
     def open(self, page: Path, width: int = 1100, *, dark: bool = False, height: int = 900) -> None:
-        """Load a file and wait until it says that it is ready."""
+        """Load a file and wait until it is ready."""
         self.events = []
         self.resize(width, dark=dark, height=height)
         self._call("Page.navigate", url=page.as_uri())
@@ -152,7 +152,7 @@ class Chromium:
         return {"clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}}
 
     def complaints(self) -> list[str]:
-        """Errors that the page has said to its console, or thrown, or what it was refused."""
+        """Errors that the page has printed or thrown, and refused requests."""
         self.value("0")
         found = []
         for event in self.events:
@@ -197,7 +197,7 @@ class Chromium:
         while b"\0" not in self._buffer:
             ready, _, _ = select.select([self._hear], [], [], DEADLINE_S)
             if not ready:
-                raise TimeoutError("the browser says nothing")
+                raise TimeoutError("no message from the browser")
             read = os.read(self._hear, 1 << 20)
             if not read:
                 raise RuntimeError("the browser has ended")

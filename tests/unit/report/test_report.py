@@ -1,4 +1,4 @@
-"""Reports: what the stages found, laid out, whatever the channels are called."""
+"""Reports of the stages' results, for any names of channels."""
 
 import csv
 import subprocess
@@ -80,9 +80,9 @@ def test_a_partial_fit_is_held_against_the_channels_that_it_has_not_seen(content
     assert (first["nmse"], first["nmse_fitted"]) == (of_torque["nmse_force"], best)
     assert first["times"] == first["nmse"] / best
     worst = table[4:].sort("times", descending=True, maintain_order=True).row(0, named=True)
-    said = finding(tables)
-    assert f"at spot {worst['spot']}, scenario '{worst['scenario']}'" in said
-    assert f"NMSE {worst['nmse']:.3g} (R² {worst['r2']:.3f}), which a fit to it does not miss." in said
+    message = finding(tables)
+    assert f"at spot {worst['spot']}, scenario '{worst['scenario']}'" in message
+    assert f"NMSE {worst['nmse']:.3g} (R² {worst['r2']:.3f}), which a fit to it does not miss." in message
     of_sweep = {"unfitted_channels": table.filter(search="sweep")}
     assert "times that of a fit to it (" in finding(of_sweep)
     both_exact = table.with_columns(nmse=pl.lit(0.0), nmse_fitted=pl.lit(0.0), times=pl.lit(float("inf")))

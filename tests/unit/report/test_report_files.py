@@ -1,4 +1,4 @@
-"""Figures and tables for print: sizes of columns, fonts within, and whatever a name holds is text."""
+"""Figures and tables for print: sizes of columns, embedded fonts, and any name is text."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""The page: everything in one file, whatever the study's names are, and readable by everybody."""
+"""The page: everything in one file, for any names of the study, and accessible."""
 
 import base64
 import hashlib

@@ -1,4 +1,4 @@
-"""The verdict says what was found and what to distrust, and says nothing where there is nothing."""
+"""The verdict has the result and its warnings, and no warning without a cause."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -288,12 +288,12 @@ def test_a_proof_that_failed_is_named(content, passed):
 
 def test_the_guide_has_the_limits_that_are_applied():
     guide = (Path(__file__).parents[3] / "docs" / "report.md").read_text(encoding="utf-8")
-    for said in (
+    for wording in (
         f"R² below {report_warnings.GOOD_R2:g}", f"R² below {report_warnings.NO_FIT_R2:g}",
         f"fewer than {report_warnings.FEW_SETS} sets per parameter",
         f"more than 1 in {1 / report_warnings.FAILED_SHARE:g}",
         f"{SINGLE_MM:g} mm wide for one column or {DOUBLE_MM:g} mm for two", f"({STYLE['figure.dpi']} dpi)",
     ):  # fmt: skip
-        assert said in guide
+        assert wording in guide
     assert report_warnings.COSTLY == 3.0
     assert "Fopt there is three times the minimum, or more" in guide

@@ -166,7 +166,7 @@ def test_a_reader_sees_whole_groups_while_a_writer_writes(tmp_path):
 
 
 def test_a_folder_of_which_nothing_may_be_written_is_read(tmp_path, monkeypatch):
-    """SQLite reads a journalled file only where it can write beside it; root can everywhere."""
+    """SQLite reads a journalled file only where it can write next to it; root can everywhere."""
 
     class Refusing(sqlite3.Connection):
         def execute(self, *_):

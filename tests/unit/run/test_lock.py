@@ -1,4 +1,4 @@
-"""One runner in a folder, whatever the file system makes of locks."""
+"""One runner in a folder, on any file system."""
 
 import json
 import os
@@ -37,8 +37,10 @@ def other_process(tmp_path):
 
 
 def test_a_second_runner_is_refused_by_host_pid_and_start(tmp_path, other_process):
-    said = rf"in use by process {other_process.pid} on \S+, since \d{{4}}-.* UTC; .*palpate status .*--watch"
-    with pytest.raises(LedgerError, match=said), locked(tmp_path):
+    reason = (
+        rf"in use by process {other_process.pid} on \S+, since \d{{4}}-.* UTC; .*palpate status .*--watch"
+    )
+    with pytest.raises(LedgerError, match=reason), locked(tmp_path):
         pass
     assert living_runner_of(tmp_path).pid == other_process.pid
 
@@ -48,11 +50,11 @@ def test_a_killed_runner_holds_nothing(tmp_path, other_process):
     other_process.wait()
     assert runner_of(tmp_path).pid == other_process.pid
     assert living_runner_of(tmp_path) is None
-    begun = time.monotonic()
+    started_at = time.monotonic()
     with locked(tmp_path) as check:
         check()
         assert runner_of(tmp_path).pid == os.getpid()
-    assert time.monotonic() - begun < 5.0
+    assert time.monotonic() - started_at < 5.0
     assert runner_of(tmp_path) is None
 
 
@@ -96,9 +98,9 @@ def test_a_runner_of_another_machine_that_beats_is_refused(tmp_path, monkeypatch
 def test_a_silent_runner_of_another_machine_is_dead_for_any_clock(tmp_path):
     elsewhere(tmp_path)
     os.utime(tmp_path / "runner.json", (4e9, 4e9))  # a clock far ahead
-    begun = time.monotonic()
+    started_at = time.monotonic()
     with locked(tmp_path):
-        assert time.monotonic() - begun >= 0.6
+        assert time.monotonic() - started_at >= 0.6
         assert runner_of(tmp_path).pid == os.getpid()
 
 

@@ -38,7 +38,7 @@ def pressed_thrice(study):
 
 @pytest.fixture
 def telling(tissue):
-    """Make a loader that says what it did, and draws one picture of it."""
+    """Make a loader that records its processing, and draws one picture of it."""
 
     class Telling(tissue.Table):
         def load(self, path, channel=None):

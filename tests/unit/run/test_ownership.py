@@ -1,4 +1,4 @@
-"""What palpate writes over and removes: its own files in its own folders, and nobody else's."""
+"""palpate overwrites and removes only its files, in its folders."""
 
 import errno
 import json
@@ -29,14 +29,14 @@ def done(make_study, plugins, tmp_path):
 def test_a_folder_that_holds_something_else_is_refused_untouched(make_study, plugins, tmp_path):
     other = tmp_path / "other"
     other.mkdir()
-    (other / "study.toml").write_text("# of somebody else\n")
+    (other / "study.toml").write_text("# of another program\n")
     for verb in VERBS:
         with pytest.raises(
             StudyError, match=r"other: is not empty and not a run .*study\.toml.*--out|not there"
         ):
             getattr(pipeline, verb)(make_study(), other, plugins)
     assert [path.name for path in other.iterdir()] == ["study.toml"]
-    assert (other / "study.toml").read_text() == "# of somebody else\n"
+    assert (other / "study.toml").read_text() == "# of another program\n"
 
 
 def test_an_empty_folder_and_a_copy_without_hidden_files_are_taken(done, plugins, tmp_path):

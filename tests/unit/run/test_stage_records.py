@@ -1,4 +1,4 @@
-"""Each stage's file is read as it was written, and only where it was made from what the study says."""
+"""Each stage's file is read as it was written, and only if it was made from the present study."""
 
 import shutil
 from dataclasses import replace
@@ -54,8 +54,8 @@ def test_a_damaged_file_names_the_stage_that_makes_it_again(done, plugins, damag
         path.write_bytes(damage(whole))
         for verb, n_read in READ_BY.items():
             if i < n_read:
-                said = rf"{path.name}: damaged or replaced.*run `palpate {command}` again"
-                with pytest.raises(StudyError, match=said):
+                message = rf"{path.name}: damaged or replaced.*run `palpate {command}` again"
+                with pytest.raises(StudyError, match=message):
                     getattr(pipeline, verb)(study, run, plugins)
         path.write_bytes(whole)
     (run / "measured" / "p1.parquet").write_bytes(b"")
@@ -124,8 +124,8 @@ def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugi
     manifest = (run / "manifest.json").read_bytes()
     for name, (change, remedy, first) in CHANGES.items():
         for verb in dict.fromkeys((first, "report")):
-            said = rf"made from other .*{name}.* than the study has now; run `palpate {remedy}`"
-            with pytest.raises(StudyError, match=said):
+            message = rf"made from other .*{name}.* than the study has now; run `palpate {remedy}`"
+            with pytest.raises(StudyError, match=message):
                 getattr(pipeline, verb)(change(study), run, plugins)
     assert (run / "manifest.json").read_bytes() == manifest
     changed = replace(study, scoring=ScoringRules(normaliser=Normaliser.RMS))

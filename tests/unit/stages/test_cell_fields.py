@@ -21,7 +21,7 @@ SMALL = {"n_across": 2, "n_down": 1, "width_mm": 4.0, "height_mm": 3.0}
 
 
 class Fibred(AnisotropicMaterial):
-    """Directions along e1 or along what the mesh says; nothing computes its energy here."""
+    """Directions along e1 or those of the mesh; nothing computes its energy here."""
 
     name, summary = "fibred", "one family of fibres"
     parameters = tuple(

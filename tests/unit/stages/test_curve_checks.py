@@ -115,7 +115,7 @@ def test_clean_curves_give_no_warning(read):
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         (times(TORQUE, 1e-3), r"p1\.csv: spot 'p1': 'torque' over 'force' is a lever|torque_Nmm reaches"),
         (times(TORQUE, -1.0), "'torque': up to row .* returns more work than was put in .* turn the sign"),
@@ -140,13 +140,13 @@ def test_clean_curves_give_no_warning(read):
         (hole, "'force' has no point between .* more than half"),
     ],
 )
-def test_what_cannot_be_is_refused(read, change, says):
-    with pytest.raises(CurveError, match=says):
+def test_what_cannot_be_is_refused(read, change, message):
+    with pytest.raises(CurveError, match=message):
         read(change)
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         (times(TORQUE, 0.1), "'torque' over 'force' is a lever of 0.198 mm, where a sphere .* about 2.9 mm"),
         (times(FORCE, 1 / 9.80665), "'torque' over 'force' is a lever of 19.4 mm"),
@@ -156,10 +156,10 @@ def test_what_cannot_be_is_refused(read, change, says):
         (shifted(0.5), "'force' rises as if first contact were at depth_mm 0.5"),
     ],
 )
-def test_suspicious_curves_give_a_warning(read, change, says):
+def test_suspicious_curves_give_a_warning(read, change, message):
     (warning,) = read(change)
     assert warning.startswith("p1.csv: spot 'p1': ")
-    assert re.search(says, warning), warning
+    assert re.search(message, warning), warning
 
 
 def test_what_a_channel_does_not_declare_is_not_checked():

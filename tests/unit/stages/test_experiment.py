@@ -134,7 +134,7 @@ def test_the_whole_path_is_covered(plugins):
 
 
 @pytest.mark.parametrize(
-    ("curve", "says"),
+    ("curve", "message"),
     [
         (force([0.0, 9.0]), r"covers 0 to 9 mm where the protocol runs from 0 to 10 mm; measure"),
         (force([1.0, 10.0]), r"covers 1 to 10 mm"),
@@ -146,8 +146,8 @@ def test_the_whole_path_is_covered(plugins):
         ),
     ],
 )
-def test_a_departure_from_the_protocol_reports_what_is_covered(plugins, curve, says):
-    with pytest.raises(CurveError, match=says):
+def test_a_departure_from_the_protocol_reports_what_is_covered(plugins, curve, message):
+    with pytest.raises(CurveError, match=message):
         check_covers(curve, plugins.channels[curve.channel], PROTOCOL, 0.95)
 
 

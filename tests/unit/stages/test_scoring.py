@@ -57,7 +57,7 @@ def test_no_point_counts_beyond_measure():
 
 
 @pytest.mark.parametrize(
-    ("std", "says"),
+    ("std", "expected"),
     [
         (None, "spot 'p1', channel 'force': no point has a standard deviation; give repeated presses"),
         (
@@ -66,9 +66,9 @@ def test_no_point_counts_beyond_measure():
         ),
     ],
 )
-def test_weights_need_a_standard_deviation(std, says):
+def test_weights_need_a_standard_deviation(std, expected):
     check_scorable(unsure(std), ScoringRules(normaliser=Normaliser.RMS))
-    with pytest.raises(ScoringError, match=says):
+    with pytest.raises(ScoringError, match=expected):
         check_scorable(unsure(std), ScoringRules(point_weighting=PointWeighting.STD))
 
 

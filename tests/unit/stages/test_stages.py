@@ -82,7 +82,7 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         (lambda d: d.drop("set_id"), "design: the frame lacks column 'set_id' .* palpate.sample"),
         (lambda d: d.rename({"soft_tissue.grip": "grip"}), "lacks column 'soft_tissue.grip'"),
@@ -91,10 +91,10 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
         (lambda d: d.head(0), "design: the frame has no row"),
     ],
 )
-def test_a_frame_that_is_no_design_is_refused(make_study, plugins, change, said):
+def test_a_frame_that_is_no_design_is_refused(make_study, plugins, change, expected):
     study = make_study()
     measured, design = palpate.measure(study, plugins), palpate.sample(study)
-    with pytest.raises(StudyError, match=f"(?s){said}"):
+    with pytest.raises(StudyError, match=f"(?s){expected}"):
         palpate.simulate(study, change(design), measured)
 
 

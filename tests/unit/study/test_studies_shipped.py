@@ -196,7 +196,7 @@ def test_the_layered_mesh_has_skin_over_soft_tissue() -> None:
 
 
 def test_the_layered_curves_are_of_the_truth_and_the_mesh_of_the_study() -> None:
-    """The note beside the curves against the study as it is now."""
+    """The note next to the curves against the study as it is now."""
     layered = study(LAYERED)
     note = json.loads((folder(LAYERED) / "measured" / "origin.json").read_text())
     for region in layered.space.regions:

@@ -1,4 +1,4 @@
-"""A right study file becomes the study that it says."""
+"""A valid study file becomes its study."""
 
 import json
 from collections.abc import Callable

@@ -1,9 +1,9 @@
 """A sphere pressed deep into an incompressible half-space (Lin et al. 2009): finite strain.
 
 F = π a² B (λ^−2 − λ) with λ = 1 − 0.2 a/R, of contact radius a: the sphere's mean pressure is the
-nominal stress of a bar at an estimated stretch. Its modulus is fitted to Hertz, E = 1.06 B. A formula
-of engineering, not an exact solution: to first order it is (1 + 0.2 a/R) times the linear answer, which
-itself has no such term, so no exact solver follows it closer than a few per cent once a > 0.1 R.
+nominal stress of a bar at an estimated stretch. Its modulus is fitted to Hertz, E = 1.06 B. It is an
+approximation: to first order it is (1 + 0.2 a/R) times the linear solution, which
+itself has no such term, so an exact solver differs from it by a few per cent for a > 0.1 R.
 """
 
 import numpy as np
@@ -75,7 +75,7 @@ def test_force_is_near_lins(over_hertz, radius_mm, size, within):
     """Measured −1.9 and −4.0 %, at depths of 0.01 and 0.16 radii.
 
     The solver's force is 0.4 and 3.8 % below Hertz's and the formula's 1.5 and 0.2 % above. With Hertz's
-    contact radius √(R d) in the place of Sneddon's the formula would stand 2.1 and 9 % above Hertz.
+    contact radius √(R d) instead of Sneddon's the formula would be 2.1 and 9 % above Hertz.
     """
     depth = size**2 * radius_mm
     hertz = 16.0 / 3.0 * np.sqrt(radius_mm) * depth**1.5

@@ -20,7 +20,7 @@ HEX8 = {
 """Meshes by the cells across half of the contact. Cells grow outside as they shrink inside.
 
 Linear cells whose sizes grow by g answer too stiffly by (g − 1)²/3g to a field that falls with distance,
-and half of the energy lies outside: with g = 1.5 that alone is 2 to 3 %.
+and half of the energy is outside: with g = 1.5 that alone is 2 to 3 %.
 """
 
 

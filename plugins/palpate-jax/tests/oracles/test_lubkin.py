@@ -97,7 +97,7 @@ def test_partial_slip_is_lubkins(loop):
 
     No order: with 4 and 5 rings the greatest error is 5.1 and 2.7 %, yet relative to the torque of
     full slip all three meshes err by 0.8 to 1.0 % (root of mean square). Where in its cell the edge
-    of the contact lies counts for as much as the cells' size.
+    of the contact is matters as much as the cells' size.
     """
     x, y, _ = (column[: len(STICK)] for column in loop)
     np.testing.assert_allclose(y, [virgin(value) for value in x], rtol=0.03)

@@ -68,7 +68,7 @@ def errors_of_grip(simulated, radius_mm, n):
 def test_torque_of_a_sphere_that_grips(simulated, radius_mm, observed_order):
     """Friction that never slips: measured 16 and 9.4 % (root of mean square), order 1.3.
 
-    Whole cells hold on at the rim, so the error depends on where in its cell the edge lies: −2 to
+    Whole cells stick at the rim, so the error depends on the place of the edge in its cell: −2 to
     +22 % on the coarse mesh, −2 to +12 % on the fine one. Eight rings, beyond these tests, give 5.1 %,
     and six that shrink towards the edge (by 1.3) 3.4 %: none reaches 2 %.
     """

@@ -14,7 +14,7 @@ SMALL = 0.05
 """√(R d) over R: strains so small that the material is linear."""
 
 EDGE = {0.4172: 1.1, 0.7479: 1.25}
-"""Contact radius over √(R d), roughly: a ring of nodes lies there."""
+"""Contact radius over √(R d), roughly: a ring of nodes is there."""
 
 MESHES = ({"n_radius": 4, "n_core": 4, "growth": 1.5}, {"n_radius": 6, "n_core": 6, "growth": 1.31})
 
