@@ -18,7 +18,7 @@ from palpate.plugins.versions import API_VERSION as API_VERSION
 
 # ruff: isort: off
 if TYPE_CHECKING:
-    # ---- What a study is made of
+    # ---- Values of a study
     from palpate.domain import (
         BoolArray as BoolArray,
         Channel as Channel,
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
         moving_span as moving_span,
     )
 
-    # ---- What a plugin subclasses, and what its methods return
+    # ---- Base classes, and what their methods return
     from palpate.plugins.execution import Executor as Executor
     from palpate.plugins.interfaces import (
         NO_FIELDS as NO_FIELDS,
@@ -89,7 +89,7 @@ if TYPE_CHECKING:
         Inspection as Inspection,
     )
 
-    # ---- What settings are made of
+    # ---- Settings
     from palpate.units import (
         Quantity as Quantity,
         convert as convert,

@@ -25,7 +25,7 @@ def frozen_floats(values: ArrayLike) -> FloatArray:
     """
     try:
         given = np.asarray(values)
-        if given.dtype.kind not in "biufO":  # text and complex numbers would be converted without a word
+        if given.dtype.kind not in "biufO":  # text and complex numbers would be converted silently
             raise TypeError(f"values of type {given.dtype}")
         array = np.array(given, dtype=np.float64, copy=True)
     except (TypeError, ValueError) as error:

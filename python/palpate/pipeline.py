@@ -148,7 +148,7 @@ def _changed(study: Study, inputs: StudyInputs, run: RunDirectory, plugins: Plug
         return changed(ledger, run.manifest(), manifest(study, plugins.channels), keys)
 
 
-# --------------------------------------------------------------- one by one
+# --------------------------------------------------------------- single stages
 
 
 def measure(
@@ -305,7 +305,7 @@ def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progres
         progress.note(f"warning: incomplete sweep, {found}; `palpate simulate` runs the rest")
 
 
-# ------------------------------------------------------------------- what they do
+# -------------------------------------------------------------------- internals
 
 
 def _from_files(study: Study, run: RunDirectory) -> StudyInputs:

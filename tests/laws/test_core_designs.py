@@ -53,7 +53,7 @@ def test_an_extension_is_a_latin_hypercube_around_the_old_points(n, d, seed, fac
     points = _core.latin_hypercube(n, d, seed, centred=centred)
     extended = _core.extend_latin_hypercube(points, factor * n, seed, centred=centred)
     np.testing.assert_array_equal(extended[:n], points)
-    if not centred:  # centres of the old strata may lie on borders of the new ones
+    if not centred:  # centres of the old strata may be on borders of the new ones
         np.testing.assert_array_equal(strata(extended), np.repeat(np.arange(factor * n)[:, None], d, axis=1))
     arranged = _core.optimise_design(extended, "cd", seed, n_fixed=n, n_swaps=100)
     np.testing.assert_array_equal(arranged[:n], points)

@@ -85,7 +85,7 @@ def test_the_band_is_no_narrower_than_the_std_of_the_presses():
     unsure = replace(one, std=np.full(50, 0.3))
     sure = replace(one, std=np.full(50, 0.4))
     np.testing.assert_allclose(average({"a": unsure, "b": sure}).std, np.sqrt((0.09 + 0.16) / 2))
-    # One that says nothing leaves it to the difference between them.
+    # Without a std of a press, that between the presses counts.
     np.testing.assert_allclose(average({"a": unsure, "b": one}).std, 0.0, atol=1e-15)
 
 

@@ -165,7 +165,7 @@ def _bias(curve: Curve, channel: Channel, peak: float) -> Iterator[str]:
     """Ordinate at the start of the path, which must be zero, and the onset of contact."""
     travel = float(np.ptp(curve.abscissa))
     start = float(curve.ordinate[0])
-    # A first point that is not quite at zero may carry what a straight line has there.
+    # A first point close to zero may have the ordinate of a straight line there.
     excess = (abs(start) - (0.0 if curve.std is None else 3.0 * float(curve.std[0]))) / peak
     excess -= abs(float(curve.abscissa[0])) / travel
     onset = _onset(curve) if channel.non_negative else None

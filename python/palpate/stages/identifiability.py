@@ -220,7 +220,7 @@ class _Curves:
     def _residuals(self, spot: str, channel: str, weight: float, sets: IntArray) -> FloatArray:
         """Residuals (n_sets, n_points) of one channel at one spot."""
         curve, values = self.measured[spot][channel], self.swept[spot, channel][sets]
-        # A point that hardly any set reaches says nothing of the others.
+        # A point that hardly any set reaches is left out.
         reached = np.isfinite(values).mean(axis=0) > 0.5
         scale = residual_scale(curve, self.study.scoring, weight, reached)
         residuals: FloatArray = (values - curve.ordinate)[:, reached] * scale[reached]

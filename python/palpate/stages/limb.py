@@ -199,7 +199,7 @@ def _check_elements(mesh: Mesh) -> None:
         if not len(cells):
             continue
         least, size = _least_jacobian(kind, mesh.points_mm[cells])
-        # A sliver below this share of its own size is flat up to round-off.
+        # A sliver below this share of its size is flat up to round-off.
         bad = np.flatnonzero(least <= 1e-9 * size)
         if bad.size:
             centre = mesh.points_mm[cells[bad[0]]].mean(axis=0)

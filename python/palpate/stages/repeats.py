@@ -104,7 +104,7 @@ def _way(curve: Curve) -> str:
 def _common(curves: Sequence[Curve]) -> FloatArray:
     """Abscissae of the first curve, between turning points that every curve has reached."""
     first, rises = curves[0], _directions(curves[0])
-    # From branch to branch the turning points are the least of the highest and the highest of the least.
+    # The turning points are the least of the maxima and the largest of the minima.
     starts = [max if rise else min for rise in rises]
     ends = [min if rise else max for rise in rises]
     turns = [starts[0](float(c.abscissa[c.branches[0][0]]) for c in curves)]
@@ -133,7 +133,7 @@ def _between(ordinates: FloatArray, abscissa: FloatArray) -> FloatArray:
     pooled = np.empty_like(variance)
     for start, stop in _core.branches(abscissa):
         reach = int(POOLED_SHARE * (stop - start) / 2.0)
-        # Sums of what is not negative never fall, so no difference is below zero.
+        # Sums of non-negative terms never decrease, so no difference is below zero.
         total = np.concatenate([[0.0], np.cumsum(variance[start:stop])])
         place = np.arange(stop - start)
         low, high = np.maximum(place - reach, 0), np.minimum(place + reach + 1, stop - start)

@@ -208,7 +208,7 @@ def _in_range(parameter: Parameter, shares: FloatArray) -> FloatArray:
     lower, upper = parameter.lower, parameter.upper
     if parameter.scale == "log":
         return _core.geometric(shares, lower, upper)
-    # Rounding may carry lower + (upper - lower) past upper.
+    # By rounding, lower + (upper - lower) may exceed upper.
     values: FloatArray = np.clip(lower + shares * (upper - lower), lower, upper)
     return values
 

@@ -175,7 +175,7 @@ def scale_bounds(design: Design) -> tuple[FloatArray, FloatArray]:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = np.stack([parameter.lower / values, parameter.upper / values])
-        # A modulus of 0 stays what it is.
+        # A modulus of 0 does not change.
         ends[:, values == 0.0] = [[-np.inf], [np.inf]]
         lower, upper = np.maximum(lower, ends.min(axis=0)), np.minimum(upper, ends.max(axis=0))
     # Rounding, or a multiple that the limit above forbids: the set itself always fits.

@@ -36,7 +36,7 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
 def _kept(study: Study, earlier: RunDirectory) -> FloatArray | None:
     try:
         design = earlier.design()
-    except PalpateError:  # none yet, or damaged: all sets are drawn as in a new folder
+    except PalpateError:  # none yet, or corrupt: all sets are drawn as in a new folder
         return None
     with Ledger(earlier.folder) as ledger:
         return kept_sets(study.space, study.seed, design, ledger.finished_sets())

@@ -60,7 +60,7 @@ class QuadraticForm:
     def correlation(self) -> FloatArray:
         """Correlation (p, p) of the parameters among sets that fit about as well, the box aside."""
         sizes, axes = np.linalg.eigh(self.matrix.T @ self.matrix)
-        # A direction without any effect has a width far beyond every range, and not an infinite one.
+        # A direction without effect has a very large width, not an infinite one.
         covariance = (axes / np.maximum(sizes, 1e-12 * max(sizes[-1], 1e-300))) @ axes.T
         widths = np.sqrt(np.diag(covariance))
         correlation: FloatArray = covariance / np.outer(widths, widths)
@@ -152,7 +152,7 @@ def fit_slopes(steps: FloatArray, residuals: FloatArray, fopt: FloatArray) -> Sl
         return None
     target = weights * residuals
     coefficients = np.linalg.solve(r, q.T @ target)
-    # What each set would miss by, had it been left out of the fit.
+    # Leave-one-out error of each set.
     left_out = (target - q @ (q.T @ target)) / np.maximum(1.0 - (q**2).sum(axis=1), 1e-9)[:, None]
     missed = float((left_out**2).sum())
     mean = (weights * target).sum(axis=0) / (weights**2).sum()

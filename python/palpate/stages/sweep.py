@@ -36,16 +36,16 @@ def _no_check() -> None:
 
 
 class Simulations:
-    """What any stage of a command simulates, as a context: each key once, and every result is kept.
+    """Simulations of all stages of a command, as a context: each key once, every result stored.
 
-    The stages ask one after the other; the executor stays warm and the ledger open until the end.
-    A stage that is stopped and asks for the same again gets the same answers.
+    The stages use it in turn; the executor and the ledger stay open until the end.
+    A stage that is stopped and runs again gets the same results.
 
     Parameters
     ----------
     study : Study
     folder : Path
-        The run directory; nothing is written there before something is asked for.
+        The run directory; nothing is written there before the first simulation.
     limbs : mapping of limb name to Limb
     progress : Progress
     check : callable
@@ -115,7 +115,7 @@ class Simulations:
         if by_key:
             raise StoppedError(
                 f"stopped with {len(n_jobs) - len(by_key)} of {len(n_jobs)} simulations finished and kept; "
-                f"`palpate resume {self.folder}` goes on from there"
+                f"`palpate resume {self.folder}` continues the run"
             )
         return [of_job(self._known[key], job) for key, job in zip(keys, jobs, strict=True)]
 
@@ -147,7 +147,7 @@ class Simulations:
     def _simulated(self, by_key: Mapping[str, Job]) -> _Found:
         if not by_key or not self.progress.should_continue():
             return
-        # Results of code that is only trusted to equal its key's are for this run alone.
+        # Results of trusted code are not shared: they are for this run only.
         shared = self.study.cache if not self.study.trusted else None
         cache = ResultCache(shared) if shared else None
         keys, jobs = list(by_key), list(by_key.values())
@@ -183,9 +183,9 @@ class Simulations:
         free_MB = shutil.disk_usage(self.folder).free * 1e-6
         if wanted_MB > free_MB:
             self.progress.note(
-                f"{self.folder}: {free_MB:.1f} MB are free, and the {n_left} simulations to come take about "
-                f"{wanted_MB:.1f} MB; make room or name another folder; a full disk stops a run but loses "
-                "nothing"
+                f"{self.folder}: {free_MB:.1f} MB are free, but the {n_left} remaining simulations need "
+                f"about {wanted_MB:.1f} MB; free disk space or name another folder; a full disk stops a run "
+                "but loses nothing"
             )
 
 

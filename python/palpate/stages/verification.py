@@ -49,7 +49,7 @@ def verify(
         return pl.DataFrame()
     found = stored(study, design, limbs, measured, run.folder, set(_selected(run)))
     known: dict[str, dict[str, Any]] = {}
-    with contextlib.suppress(StudyError):  # damaged: all are verified again
+    with contextlib.suppress(StudyError):  # corrupt: all are verified again
         known = {row["key"]: row for row in run.verification().iter_rows(named=True) if row["key"]}
     rows: list[dict[str, Any]] = []
     progress.begin("verify", len(found))

@@ -166,7 +166,7 @@ def test_closing_the_sweep_stops_the_workers(make_study, tmp_path, tissue):
     sweep = Processes().results(batch_of(study, hangs_then_works, limit_s=600.0))
     next(sweep)
     for _ in range(1500):
-        if " 2 " in log.read_text():  # a job that hangs has begun
+        if " 2 " in log.read_text():  # a job that hangs has started
             break
         time.sleep(0.02)
     else:

@@ -135,7 +135,7 @@ def test_a_best_value_at_the_end_of_its_range_is_named(content):
         assert "stiffness at p1, scenario I" in with_best(end)
         assert "stiffness at p1, scenario I" in with_best(end, lower=0.1)
         assert with_best(end, lower=0.3) is None  # the interval ends inside: it is a coincidence
-        assert with_best(end, "not") is None  # nor does the range matter to what nobody can see
+        assert with_best(end, "not") is None  # nor does the range of an unidentifiable parameter matter
     assert with_best(0.5) is None
 
 

@@ -391,7 +391,7 @@ def test_what_is_no_ledger_or_another_version_is_refused(tmp_path):
             use(tmp_path)
 
 
-# -------------------------------------------------------------- the disk says no
+# -------------------------------------------------------------- a full disk
 
 
 @pytest.mark.parametrize(

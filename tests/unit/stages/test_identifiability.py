@@ -133,7 +133,7 @@ def test_what_a_channel_cannot_see_is_not_identifiable_even_by_exact_curves(iden
 
 def test_all_spots_together_have_separate_rows(identified):
     row = _row(identified(), "I", "stiffness", spot="all spots")
-    # p1 says 0.4 and p2 0.5, each with the same weight.
+    # p1 gives 0.4 and p2 0.5, each with the same weight.
     assert row["lower"] < row["optimum"] < row["upper"]
     assert 0.4 < row["optimum"] < 0.5
 

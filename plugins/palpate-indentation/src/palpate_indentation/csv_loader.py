@@ -195,7 +195,7 @@ def _rows(
             f"{path}: the curves are {', '.join(response)}, and the loader's settings name columns for "
             f"{', '.join(columns)}; name the same channels under channels, or use a separate file for each"
         )
-    # Abscissae first, then ordinates, then standard deviations: as one reads such a file.
+    # Abscissae first, then ordinates, then standard deviations.
     places = [(k, c) for k in range(3) for c in response if k < len(columns[c].all)]
     names = [columns[c].all[k].name for k, c in places]
     if len(set(names)) < len(names):
@@ -259,7 +259,7 @@ def _values(path: Path, rows: IntArray, read: delimited.Column, column: Column) 
         )
     with np.errstate(over="ignore"):
         values: FloatArray = column.scale * read.values + column.offset
-    # The square of a larger number is infinite, and every score is one of squares.
+    # The square of a larger number is infinite, and scores are sums of squares.
     bad = np.flatnonzero(~(np.abs(values) <= _LARGEST))
     if bad.size:
         where = f"{path}: line {rows[bad[0]]}, column '{column.name}'"

@@ -87,7 +87,7 @@ def read_here(path: Path) -> MeshFile:
             mesh = meshio.read(path)
     except MemoryError:
         raise
-    except (Exception, SystemExit) as error:  # its readers raise whatever a broken file trips over
+    except (Exception, SystemExit) as error:  # its readers raise anything on a corrupt file
         reason = " ".join((complaints.getvalue() or str(error)).split()) or type(error).__name__
         reason = reason[:200]
         raise MeshError(

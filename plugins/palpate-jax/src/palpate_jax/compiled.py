@@ -48,7 +48,7 @@ def _at_points(
     n_points = stretches.shape[0] * stretches.shape[1]
     padded = np.ones((-(-n_points // POINTS), POINTS, 3))
     padded.reshape(-1, 3)[:n_points] = stretches.reshape(-1, 3)
-    # All are dispatched before the first is waited for.
+    # All are dispatched before the first result is needed.
     chunks = [derivatives(chunk) for chunk in padded]
     arrays = (np.concatenate([np.asarray(a) for a in parts]) for parts in zip(*chunks, strict=True))
     return tuple(a[:n_points].reshape(*stretches.shape[:2], *a.shape[1:]) for a in arrays)

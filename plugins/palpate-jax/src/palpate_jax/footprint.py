@@ -22,7 +22,7 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
     reach = min(np.sqrt(radius * max(depth, 0.0)), radius)
     rim = _rim(mesh)
-    rim = rim[mesh.points_mm[rim, 2] > -(depth + radius)]  # the limb's other side may end where it likes
+    rim = rim[mesh.points_mm[rim, 2] > -(depth + radius)]  # the edge on the limb's other side does not matter
     if not rim.size:
         return
     distances = np.hypot(mesh.points_mm[rim, 0], mesh.points_mm[rim, 1])

@@ -322,8 +322,8 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
         """Stresses by mode, (n_jobs, n)."""
         material, _ = _specimen(jobs[0])
         thetas = np.array([_specimen(job)[1] for job in jobs])
-        # One size for all: what is compiled for another may round otherwise, and a set's answer
-        # must not depend on which others come with it.
+        # One size for all: code compiled for another size may round differently, and a set's
+        # result must not depend on the other sets.
         padded = np.concatenate([thetas, np.repeat(thetas[-1:], SETS_AT_ONCE - len(jobs), axis=0)])
         paths = dict(_tests(jobs[0]).paths)
         results = self._evaluate(material, tuple(paths))(padded, paths)

@@ -90,7 +90,7 @@ def _dual(points_mm: FloatArray, tets: IntArray) -> _Dual:
 def _paired(dual: _Dual, allowed: BoolArray) -> IntArray:
     """Labels after joining pairs, the closest first, each patch at most once."""
     pairs = dual.pairs[allowed]
-    # Rounded, so that ties are settled by number and not by the last bit of an area.
+    # Rounded, so that ties are decided by number and not by the last bit of an area.
     order = np.lexsort((pairs[:, 1], pairs[:, 0], -np.round(dual.closeness()[allowed], 9)))
     rank = np.empty(len(pairs), dtype=np.int64)
     rank[order] = np.arange(len(pairs))

@@ -177,7 +177,7 @@ class JaxSolver(Solver[JaxSettings]):
             return Simulation(job=job, status=Status.DIVERGED, response=None, message=str(error))
         initial_guess = finished.initial_guess(job.thetas, modulus) if warm_start else None
         stepping, reached, stop = self._walk(prepared, protocol, job, modulus, initial_guess)
-        # A negative number is that of a set outside the design, which has no folder.
+        # A negative set_id is that of a set outside the design, which has no folder.
         if self.settings.fields != "none" and reached and job.set_id >= 0:
             self._write_fields(prepared, job, reached)
         slopes = [s.slopes for s in reached if s.slopes is not None]
@@ -290,7 +290,7 @@ def _check_touch(limb: Limb, radius_mm: float) -> None:
     gaps = np.linalg.norm(surface - [0.0, 0.0, radius_mm], axis=1) - radius_mm
     from_axis = np.linalg.norm(surface[:, :2], axis=1)
     deepest, nearest = int(np.argmin(gaps)), int(np.argmin(from_axis + np.abs(surface[:, 2])))
-    # A limb may fall away from the spot, but less than the sphere does on its other side.
+    # A limb may curve away from the spot, but less than the sphere does.
     fall = surface[nearest, 2] + from_axis[nearest] ** 2 / (2.0 * radius_mm)
     for where, node, distance in (("inside", deepest, -gaps[deepest]), ("off", nearest, -fall)):
         if distance > TOUCH_TOLERANCE_MM:

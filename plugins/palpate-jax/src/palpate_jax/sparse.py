@@ -43,7 +43,7 @@ class Pattern:
         columns = np.concatenate([np.tile(g, (1, g.shape[1])).ravel() for g in groups])
         free = (rows >= 0) & (columns >= 0)
         entries, found = np.unique(rows[free] * n_unknowns + columns[free], return_inverse=True)
-        places = np.full(len(rows), len(entries))  # held entries fall into one spare place
+        places = np.full(len(rows), len(entries))  # fixed entries go to one spare place
         places[free] = found
         self._places = np.split(places, np.cumsum([g.size * g.shape[1] for g in groups])[:-1])
         self._sizes = [g.shape[1] for g in groups]
@@ -165,7 +165,7 @@ class LinearSolver:
         except np.linalg.LinAlgError:
             if self._factor.precision == "double":
                 raise
-            # Thin and nearly incompressible: from here on, worth twice the memory.
+            # Thin and nearly incompressible: from here on, a larger space is faster.
             self._factor = _factor(self._pattern, "double")
             self._factor.factorise(values)
         self._ready = True

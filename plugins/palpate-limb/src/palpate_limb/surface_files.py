@@ -71,7 +71,7 @@ def _loaded(path: Path) -> Any:  # noqa: ANN401 - a Trimesh
         return loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
     except MeshError:
         raise
-    except Exception as error:  # its readers raise whatever a broken file trips over
+    except Exception as error:  # its readers raise anything on a corrupt file
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise MeshError(
             f"{path}: cannot be read ({reason}); export it again, as binary PLY for example"

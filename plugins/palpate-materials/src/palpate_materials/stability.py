@@ -100,13 +100,13 @@ class Drucker(SetFilter[DruckerSettings]):
                 where = (
                     f"{region.region} has a stiffness of {margin:.3g} MPa at {mode} stretch {state[0]:.3g}"
                 )
-                # NaN, where the energy is undefined, is the worst there is.
+                # NaN, where the energy is undefined, is the least stable.
                 found[where] = -np.inf if np.isnan(margin) else margin
         return min(found, key=lambda where: found[where])
 
     def stable(self, material: Material, thetas: FloatArray) -> BoolArray:
         """Which textbook parameter sets (n_sets, n_parameters) of one material are stable: (n_sets,)."""
-        # Imported here so that listing the plugins does not wait for JAX.
+        # Imported here, so that JAX is not imported to list the plugins.
         from palpate_materials.log_strain import least_stiffness
 
         margin = np.asarray(least_stiffness(material, self._stretches(), thetas))
