@@ -38,12 +38,9 @@ from palpate.cli.plugins import plugins
 from palpate.cli.report import report
 from palpate.cli.resume import resume
 from palpate.cli.run import run
-from palpate.cli.sample import sample
 from palpate.cli.schema import schema
-from palpate.cli.score import score
-from palpate.cli.select import select
 from palpate.cli.session import Session, visible
-from palpate.cli.simulate import simulate
+from palpate.cli.stages import sample, score, select, simulate
 from palpate.cli.status import status
 from palpate.cli.synthesise import synthesise
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError

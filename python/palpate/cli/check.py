@@ -80,7 +80,7 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
     session.table(
         "Searched parameters",
         ["name", "lower", "upper", "unit", "description"],
-        [[p.name, f"{p.lower:.6g}", f"{p.upper:.6g}", p.unit, p.description] for p in study.space.parameters],
+        [[p.name, p.lower, p.upper, p.unit, p.description] for p in study.space.parameters],
     )
     session.table(
         "Spots",
@@ -89,7 +89,7 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
             [
                 spot,
                 ", ".join(_peak(session, curve) for curve in response.curves.values()),
-                str(checked.limbs[spot].mesh.n_nodes) if spot in checked.limbs else "–",
+                checked.limbs[spot].mesh.n_nodes if spot in checked.limbs else None,
             ]
             for spot, response in checked.measured.items()
         ],

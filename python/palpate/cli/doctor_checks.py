@@ -47,7 +47,7 @@ LABELS: Mapping[Level, str] = MappingProxyType({"fine": "", "note": "note", "wro
 """How a level is shown."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Finding:
     """One thing that was looked at.
 
@@ -92,21 +92,16 @@ def examine(plugins: Plugins, folder: Path, plugins_s: float) -> list[Finding]:
 def _versions() -> Iterator[Finding]:
     system = f"{platform.system()} {platform.machine()}"
     python = f"{platform.python_implementation()} {platform.python_version()}"
-    yield Finding(topic="versions", what="palpate", found=__version__)
-    yield Finding(topic="versions", what="python", found=f"{python} on {system}")
+    yield Finding("versions", "palpate", __version__)
+    yield Finding("versions", "python", f"{python} on {system}")
     for name in LIBRARIES:
         try:
             found = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            yield Finding(
-                topic="versions",
-                what=name,
-                found="missing",
-                level="wrong",
-                advice=f"install it into this Python: {sys.executable} -m pip install {name}",
-            )
+            advice = f"install it into this Python: {sys.executable} -m pip install {name}"
+            yield Finding("versions", name, "missing", "wrong", advice)
         else:
-            yield Finding(topic="versions", what=name, found=found)
+            yield Finding("versions", name, found)
 
 
 def _plugins(plugins: Plugins) -> Iterator[Finding]:
@@ -115,42 +110,31 @@ def _plugins(plugins: Plugins) -> Iterator[Finding]:
     for name in sorted(set(points) - broken):
         package = points[name].dist
         found = f"{package.name} {package.version}" if package else points[name].value
-        yield Finding(topic="plugins", what=name, found=found)
+        yield Finding("plugins", name, found)
     for each in plugins.broken:
-        yield Finding(
-            topic="plugins",
-            what=each.name,
-            found=f"left out: {each.reason}",
-            level="wrong",
-            advice=f"correct it, or do without {each.source}",
-        )
+        advice = f"correct it, or do without {each.source}"
+        yield Finding("plugins", each.name, f"left out: {each.reason}", "wrong", advice)
 
 
 def _solvers(plugins: Plugins) -> Iterator[Finding]:
     for name, solver in plugins.solvers.items():
         needed = [key for key, info in solver.Settings.model_fields.items() if info.is_required()]
         if needed:
-            yield Finding(topic="solvers", what=name, found=f"needs its settings {', '.join(needed)}")
+            yield Finding("solvers", name, f"needs its settings {', '.join(needed)}")
             continue
         try:
             with answering_for(solver, "asking for its version"):
                 version = solver().version()
-            yield Finding(topic="solvers", what=name, found=f"version {version}")
+            yield Finding("solvers", name, f"version {version}")
         except PalpateError as error:
-            yield Finding(
-                topic="solvers",
-                what=name,
-                found="not usable",
-                level="note",
-                advice=f"{error}",
-            )
+            yield Finding("solvers", name, "not usable", "note", str(error))
 
 
 def _machine(folder: Path) -> Iterator[Finding]:
-    yield Finding(topic="machine", what="cores", found=str(n_cores()))
+    yield Finding("machine", "cores", str(n_cores()))
     held = {name: os.environ[name] for name in THREAD_VARIABLES if name in os.environ}
     found = ", ".join(f"{name}={value}" for name, value in held.items()) or "not set: workers share the cores"
-    yield Finding(topic="machine", what="thread settings", found=found)
+    yield Finding("machine", "thread settings", found)
     memory_MB = free_memory()
     if memory_MB is not None:
         yield _room("free memory", memory_MB, "ask for fewer workers (solver.n_workers) or a smaller mesh")
@@ -158,24 +142,17 @@ def _machine(folder: Path) -> Iterator[Finding]:
     yield _room(f"free disk of {folder}", disk_MB, "make room, or keep runs elsewhere (--out FOLDER)")
     kind = file_system(_existing(folder))
     if kind in NETWORK_FILE_SYSTEMS:
-        yield Finding(
-            topic="machine",
-            what=f"file system of {folder}",
-            found=kind,
-            level="note",
-            advice="a network file system: runs are safe on it and slower; a local disk is better",
-        )
+        advice = "a network file system: runs are safe on it and slower; a local disk is better"
+        yield Finding("machine", f"file system of {folder}", kind, "note", advice)
 
 
 def _room(what: str, free_MB: float, advice: str) -> Finding:
-    little = free_MB < FEW_FREE_MB
-    return Finding(
-        topic="machine",
-        what=what,
-        found=f"{free_MB * 1e-3:.1f} GB",
-        level="note" if little else "fine",
-        advice=advice if little else "",
-    )
+    return _judged("machine", what, f"{free_MB * 1e-3:.1f} GB", advice, fine=free_MB >= FEW_FREE_MB)
+
+
+def _judged(topic: str, what: str, found: str, advice: str, *, fine: bool) -> Finding:
+    """A note with what to do, unless it is fine."""
+    return Finding(topic, what, found) if fine else Finding(topic, what, found, "note", advice)
 
 
 def file_system(folder: Path, mounts: Path = Path("/proc/self/mounts")) -> str:
@@ -199,24 +176,16 @@ def _speed(folder: Path, plugins_s: float) -> Iterator[Finding]:
     try:
         write_s = _write_s(_existing(folder))
     except OSError as error:
-        yield Finding(
-            topic="speed",
-            what=f"a write to {folder}",
-            found=f"failed: {error.strerror}",
-            level="wrong",
-            advice="make the folder writable, or keep runs elsewhere (--out FOLDER)",
-        )
+        advice = "make the folder writable, or keep runs elsewhere (--out FOLDER)"
+        yield Finding("speed", f"a write to {folder}", f"failed: {error.strerror}", "wrong", advice)
     else:
         advice = "the disk is slow or busy: it adds this to each simulation; keep runs on a local disk"
         yield _timed(f"a write to {folder}", write_s, SLOW_WRITE_S, advice)
 
 
 def _timed(what: str, seconds: float, limit_s: float, advice: str) -> Finding:
-    slow = seconds > limit_s
     found = f"{seconds:.2g} s" if seconds >= 1.0 else f"{seconds * 1e3:.2g} ms"
-    return Finding(
-        topic="speed", what=what, found=found, level="note" if slow else "fine", advice=advice if slow else ""
-    )
+    return _judged("speed", what, found, advice, fine=seconds <= limit_s)
 
 
 def _score_s() -> float:

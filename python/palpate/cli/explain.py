@@ -1,5 +1,6 @@
 """``palpate explain``: the method's terms in a few sentences."""
 
+from dataclasses import asdict
 from typing import Annotated
 
 import typer
@@ -23,8 +24,6 @@ def explain(
     as_json: AsJson = False,
 ) -> None:
     """Explain a term of the method; without TERM, list them all."""
-    from dataclasses import asdict
-
     from palpate.cli.glossary import Glossary
 
     session, glossary = Session.of(context), Glossary.load()
@@ -33,8 +32,7 @@ def explain(
         session.json([asdict(term) for term in terms])
         return
     if not words:
-        rows = [[term.name, ", ".join(term.aliases)] for term in terms]
-        session.table("Terms", ["term", "also"], rows)
+        session.table("Terms", ["term", "also"], [[term.name, ", ".join(term.aliases)] for term in terms])
         session.next("explain TERM")
         return
     for term in terms:

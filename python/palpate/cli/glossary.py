@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 
@@ -23,16 +23,16 @@ class Term:
     Parameters
     ----------
     name, text : str
-    aliases : tuple of str
+    aliases : sequence of str
         Other words that find it.
-    see : tuple of str
+    see : sequence of str
         Files of the source, and commands.
     """
 
     name: str
     text: str
-    aliases: tuple[str, ...] = ()
-    see: tuple[str, ...] = ()
+    aliases: Sequence[str] = ()
+    see: Sequence[str] = ()
 
 
 class Glossary(Mapping[str, Term]):
@@ -46,17 +46,7 @@ class Glossary(Mapping[str, Term]):
     def load(cls) -> "Glossary":
         """Read the terms that palpate carries."""
         raw = tomllib.loads((files("palpate.cli") / "glossary.toml").read_text(encoding="utf-8"))
-        return cls(
-            {
-                name: Term(
-                    name=name,
-                    text=entry["text"],
-                    aliases=tuple(entry.get("aliases", ())),
-                    see=tuple(entry.get("see", ())),
-                )
-                for name, entry in raw.items()
-            }
-        )
+        return cls({name: Term(name=name, **entry) for name, entry in raw.items()})
 
     def __getitem__(self, word: str) -> Term:
         try:

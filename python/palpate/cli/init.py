@@ -9,7 +9,7 @@ import typer
 
 from palpate.cli.demo import DEMO
 from palpate.cli.options import AsJson
-from palpate.cli.session import Session, cell
+from palpate.cli.session import Session
 from palpate.errors import StudyError
 
 
@@ -38,7 +38,7 @@ def init(
             session.json(rows)
             return
         shown = ("name", "simulations", "summary")
-        session.table("Ready studies", shown, [[cell(row[key]) for key in shown] for row in rows])
+        session.table("Ready studies", shown, [[row[key] for key in shown] for row in rows])
         session.next("init --study NAME FOLDER")
         return
     copy_study(Path(studies[study].directory), folder)

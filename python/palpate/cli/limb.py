@@ -1,6 +1,5 @@
 """``palpate limb``: the meshes of a study, read and checked, or made from a scan."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import typer
@@ -39,16 +38,16 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
         session.json(rows)
     elif rows:
         cells = [
-            [row["spot"], str(row["n_nodes"]), str(row["n_cells"]), ", ".join(row["regions"]), _sizes(row)]
+            [
+                *(row[key] for key in ("spot", "n_nodes", "n_cells")),
+                ", ".join(row["regions"]),
+                ", ".join(f"{name} {size}" for name, size in row["node_sets"].items()),
+            ]
             for row in rows
         ]
         session.table("Limbs", ["spot", "nodes", "cells", "regions", "node sets"], cells)
     else:
         session.say("No limb: the study's solver takes no mesh.")
-
-
-def _sizes(row: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {size}" for name, size in row["node_sets"].items())
 
 
 def limb_commands() -> typer.Typer:

@@ -14,16 +14,17 @@ from typing_extensions import TypedDict
 VERSION = 2
 """Version of all that is described here."""
 
-closed = with_config(ConfigDict(extra="forbid"))
-"""Marks an object that has just the keys that are named."""
-
 Number = float | None
 Row = dict[str, float | int | str | bool | None]
 """A row of a table whose columns depend on the study: channels, parameters, scenarios."""
 
 
-@closed
-class Searched(TypedDict):
+@with_config(ConfigDict(extra="forbid"))
+class Closed(TypedDict):
+    """An object that has just the keys that are named."""
+
+
+class Searched(Closed):
     """A searched parameter, ``region.parameter``, in its region's convention."""
 
     name: str
@@ -32,8 +33,7 @@ class Searched(TypedDict):
     unit: str
 
 
-@closed
-class CheckOutput(TypedDict):
+class CheckOutput(Closed):
     """A study without mistakes; ``spots`` has the channels of each, ``warnings`` what is odd."""
 
     study: str
@@ -47,8 +47,7 @@ class CheckOutput(TypedDict):
     warnings: list[str]
 
 
-@closed
-class RunOutput(TypedDict):
+class RunOutput(Closed):
     """What a run found; ``tables`` are those of its report, ``warnings`` the most severe first."""
 
     study: str
@@ -67,8 +66,7 @@ class RunOutput(TypedDict):
     files: list[str]
 
 
-@closed
-class RunnerOutput(TypedDict):
+class RunnerOutput(Closed):
     """Who works in a run directory."""
 
     host: str
@@ -76,8 +74,7 @@ class RunnerOutput(TypedDict):
     since: str
 
 
-@closed
-class StatusOutput(TypedDict):
+class StatusOutput(Closed):
     """How far a run is; ``states`` counts simulations by how they ended."""
 
     folder: str
@@ -90,8 +87,7 @@ class StatusOutput(TypedDict):
     best: list[Row]
 
 
-@closed
-class SampleOutput(TypedDict):
+class SampleOutput(Closed):
     """A design: one object of full parameter names in each row of ``sets``; its place is the set_id."""
 
     n_drawn: int
@@ -100,8 +96,7 @@ class SampleOutput(TypedDict):
     sets: list[dict[str, float]]
 
 
-@closed
-class SelectOutput(TypedDict):
+class SelectOutput(Closed):
     """The chosen sets; a table that was not asked for is empty."""
 
     selection: list[Row]
@@ -112,8 +107,7 @@ class SelectOutput(TypedDict):
     warnings: list[str]
 
 
-@closed
-class ReportOutput(TypedDict):
+class ReportOutput(Closed):
     """Files that were written, what they amount to, and warnings, the most severe first."""
 
     verdict: list[str]
@@ -121,16 +115,14 @@ class ReportOutput(TypedDict):
     files: list[str]
 
 
-@closed
-class SynthesiseOutput(TypedDict):
+class SynthesiseOutput(Closed):
     """Files that were written for a study."""
 
     study: str
     files: list[str]
 
 
-@closed
-class ExperimentRow(TypedDict):
+class ExperimentRow(Closed):
     """A measured curve: ``over`` is the range of its abscissa, the numbers are in ``unit``."""
 
     spot: str
@@ -144,8 +136,7 @@ class ExperimentRow(TypedDict):
     largest_std: Number
 
 
-@closed
-class LimbRow(TypedDict):
+class LimbRow(Closed):
     """The mesh of a spot."""
 
     spot: str
@@ -155,8 +146,7 @@ class LimbRow(TypedDict):
     node_sets: dict[str, int]
 
 
-@closed
-class ScoreRow(TypedDict):
+class ScoreRow(Closed):
     """Score of one channel of one simulation; null where it could not be scored."""
 
     spot: str
@@ -169,16 +159,14 @@ class ScoreRow(TypedDict):
     coverage: Number
 
 
-@closed
-class ScoreOutput(TypedDict):
+class ScoreOutput(Closed):
     """Scores of every simulation that there is, and what is missing."""
 
     scores: list[ScoreRow]
     warnings: list[str]
 
 
-@closed
-class TermOutput(TypedDict):
+class TermOutput(Closed):
     """A term of the method."""
 
     name: str
@@ -187,8 +175,7 @@ class TermOutput(TypedDict):
     see: list[str]
 
 
-@closed
-class FindingOutput(TypedDict):
+class FindingOutput(Closed):
     """One thing that was looked at; ``level`` is fine, note or wrong."""
 
     topic: str
@@ -198,8 +185,7 @@ class FindingOutput(TypedDict):
     advice: str
 
 
-@closed
-class TemplateRow(TypedDict):
+class TemplateRow(Closed):
     """A ready study."""
 
     name: str
@@ -208,16 +194,14 @@ class TemplateRow(TypedDict):
     summary: str
 
 
-@closed
-class InitOutput(TypedDict):
+class InitOutput(Closed):
     """A ready study that was copied."""
 
     study: str
     folder: str
 
 
-@closed
-class NewPluginOutput(TypedDict):
+class NewPluginOutput(Closed):
     """A plugin that was begun: its folder, and the files in it."""
 
     kind: str

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.cli.options import AsJson
-from palpate.cli.session import Session, cell
+from palpate.cli.session import Session
 
 if TYPE_CHECKING:
     from palpate.plugins.catalogue import Plugins
@@ -99,22 +99,9 @@ def _material(material: Any) -> dict[str, Any]:  # noqa: ANN401 -- a material cl
     if any(field.is_required() for field in material.Settings.model_fields.values()):
         return {"parameters": [], "conventions": []}  # they follow from settings without default
     built = material()
-    return {
-        "parameters": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "lower": p.lower,
-                "upper": p.upper,
-                "physical_lower": p.physical_lower,
-                "physical_upper": p.physical_upper,
-                "kind": p.kind,
-                "description": p.description,
-            }
-            for p in built.parameters
-        ],
-        "conventions": ["textbook", *built.conventions],
-    }
+    keys = ("name", "unit", "lower", "upper", "physical_lower", "physical_upper", "kind", "description")
+    parameters = [{key: getattr(p, key) for key in keys} for p in built.parameters]
+    return {"parameters": parameters, "conventions": ["textbook", *built.conventions]}
 
 
 def _show_all(session: Session, found: dict[str, list[dict[str, Any]]]) -> None:
@@ -137,4 +124,4 @@ def _show_one(session: Session, entry: dict[str, Any]) -> None:
         session.say(f"conventions: {', '.join(entry['conventions'])}")
     for key in ("parameters", "settings"):
         if rows := entry.get(key):
-            session.table(key.capitalize(), list(rows[0]), [[cell(v) for v in row.values()] for row in rows])
+            session.table(key.capitalize(), list(rows[0]), [list(row.values()) for row in rows])

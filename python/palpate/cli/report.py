@@ -7,7 +7,7 @@ import typer
 
 from palpate.cli.options import AsJson, OutFolder, TrustPlugins
 from palpate.cli.progress import StageProgress
-from palpate.cli.results import check_results, show_verdict
+from palpate.cli.results import check_results, show_verdict, verdict_json
 from palpate.cli.runs import study_of_run
 from palpate.cli.session import Session, run_folder
 
@@ -39,12 +39,9 @@ def report(
     with StageProgress(session) as progress:
         made = pipeline.report(checked, folder, session.plugins, progress, as_run=as_run)
     if as_json:
-        verdict = made.verdict
-        session.json(
-            {"verdict": verdict.sentences, "warnings": list(map(str, verdict.warnings)), "files": made.files}
-        )
+        session.json(verdict_json(made))
     else:
         for file in made.files:
             session.say(str(file))
-        show_verdict(session, made.verdict, made.files)
+        show_verdict(session, made)
     check_results(made.verdict.without_result)

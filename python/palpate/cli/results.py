@@ -1,8 +1,7 @@
 """How a whole run is shown: tables, then the verdict, its warnings and where the page is."""
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
 from palpate.errors import NothingSelectableError
@@ -10,9 +9,8 @@ from palpate.errors import NothingSelectableError
 if TYPE_CHECKING:
     import polars as pl
 
-    from palpate.cli.output import RunOutput
-    from palpate.report.result import RunResult
-    from palpate.report.verdict import Verdict
+    from palpate.report.result import Report, RunResult
+    from palpate.run.result import SelectionResult
     from palpate.study.reading import Study
 
 MOST_LINES = 5
@@ -47,18 +45,18 @@ def _show(session: Session, study: "Study", result: "RunResult") -> None:
     for name, frame in result.report.tables.items():
         if frame.height:
             session.frame(name.replace("_", " "), _side_by_side(name, frame))
-    show_verdict(session, result.report.verdict, result.report.files)
+    show_verdict(session, result.report)
 
 
-def show_verdict(session: Session, verdict: "Verdict", files: Sequence[Path]) -> None:
+def show_verdict(session: Session, report: "Report") -> None:
     """Print the verdict, its warnings, the most severe first, and how to open the page."""
-    lines = verdict.sentences
+    lines = report.verdict.sentences
     more = len(lines) - MOST_LINES
     for line in lines if more <= 0 else [*lines[: MOST_LINES - 1], f"… {more + 1} more on the page"]:
         session.paragraph(line)
-    for warning in verdict.warnings:
+    for warning in report.verdict.warnings:
         session.paragraph(f"Warning: {warning}")
-    for page in files:
+    for page in report.files:
         if page.suffix == ".html":
             session.say(f"Tables and figures: open {page.resolve().as_uri()}")
 
@@ -80,7 +78,7 @@ def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
     return frame
 
 
-def _as_json(study: "Study", result: "RunResult") -> "RunOutput":
+def _as_json(study: "Study", result: "RunResult") -> dict[str, Any]:
     """Collect what a run found, for a script."""
     return {
         "study": study.name,
@@ -88,20 +86,26 @@ def _as_json(study: "Study", result: "RunResult") -> "RunOutput":
         "folder": str(result.folder),
         "n_sets": result.design.n_sets,
         "n_simulations": len(result.simulations),
-        "selection": result.selected.selection.to_dicts(),
-        "generalisation": result.selected.generalisation.to_dicts(),
-        "refinement": result.selected.refinement.to_dicts(),
-        "stiffness_scaling": result.selected.stiffness_scaling.to_dicts(),
-        "verification": result.selected.verification.to_dicts(),
-        "verdict": list(result.report.verdict.sentences),
-        "warnings": list(map(str, result.report.verdict.warnings)),
+        **{name: frame.to_dicts() for name, frame in tables_of(result.selected).items()},
+        **verdict_json(result.report),
         "tables": {name: frame.to_dicts() for name, frame in result.report.tables.items()},
-        "files": [str(file) for file in result.report.files],
     }
 
 
+def verdict_json(report: "Report") -> dict[str, Any]:
+    """What a report amounts to, its warnings and files, for a script."""
+    verdict = report.verdict
+    return {"verdict": verdict.sentences, "warnings": list(map(str, verdict.warnings)), "files": report.files}
+
+
+def tables_of(selected: "SelectionResult") -> dict[str, "pl.DataFrame"]:
+    """Tables of what identification chose, by name."""
+    names = ("selection", "generalisation", "refinement", "stiffness_scaling", "verification")
+    return {name: getattr(selected, name) for name in names}
+
+
 def data_notice(study: "Study") -> str:
-    """Sentence that says whether the experiment is real."""
+    """Whether the experiment is real, as a phrase."""
     if study.data == "simulated":
         return "the 'measured' curves of this study are SIMULATED, not a real experiment"
     return "measured data"

@@ -1,6 +1,5 @@
 """``palpate run``: from measured curves to identified parameters."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,6 @@ from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, OutFolder, S
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import show_run
 from palpate.cli.session import Session, run_folder
-from palpate.errors import StudyError
 
 if TYPE_CHECKING:
     from palpate.run.study_diff import Changed
@@ -81,22 +79,13 @@ def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) 
     lines += [f"  … and {more} more"] if more else []
     lines.append(f"  {changed.n_valid} of {changed.n_finished} finished simulations are still valid")
     if changed.loses and not sure:
-        said = "\n".join(lines)
-        if not (sys.stdin.isatty() and session.stderr.is_terminal):
-            raise StudyError(
-                f"{said}\nuse --fork FOLDER to leave the run as it is and go on in a copy, "
-                f"or --go-on to go on in it{_or_trust(changed)}"
-            )
-        typer.confirm(
-            f"{said}\ngo on in this folder? (no finished simulation is removed{_or_trust(changed)})",
-            abort=True,
-            err=True,
+        trust = " ".join(f"--trust {name}" for name in changed.trustable)
+        or_trust = f"; if the new code gives the same results, {trust} keeps them" if trust else ""
+        session.confirm(
+            "\n".join(lines),
+            f"go on in this folder? (no finished simulation is removed{or_trust})",
+            "use --fork FOLDER to leave the run as it is and go on in a copy, "
+            f"or --go-on to go on in it{or_trust}",
         )
         return
     session.stderr.print("\n".join(lines), markup=False)
-
-
-def _or_trust(changed: "Changed") -> str:
-    """Offer to accept results of earlier code."""
-    options = " ".join(f"--trust {name}" for name in changed.trustable)
-    return f"; if the new code gives the same results, {options} keeps them" if options else ""

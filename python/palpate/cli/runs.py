@@ -1,11 +1,8 @@
 """Run directories as arguments: which one is meant, and whether its plugin files may be executed."""
 
-import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import typer
 
 from palpate.cli.session import Session
 from palpate.errors import StudyError
@@ -108,9 +105,9 @@ def plugins_of(run: Path, manifest: Mapping[str, Any]) -> list[Path]:
 
 def _ask(session: Session, run: Path, files: list[Path], command: str) -> None:
     text = "\n".join([f"{run} names plugin files, which are programs:", *(f"  {file}" for file in files)])
-    if not (sys.stdin.isatty() and session.stderr.is_terminal):
-        options = " ".join(f"--plugin {file}" for file in files)
-        raise StudyError(
-            f"{text}\nlook at them; then use --trust-plugins, or name them: palpate {options} {command} {run}"
-        )
-    typer.confirm(f"{text}\nexecute them?", abort=True, err=True)
+    options = " ".join(f"--plugin {file}" for file in files)
+    session.confirm(
+        text,
+        "execute them?",
+        f"look at them; then use --trust-plugins, or name them: palpate {options} {command} {run}",
+    )

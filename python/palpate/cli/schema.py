@@ -26,8 +26,7 @@ def schema(
 
     session = Session.of(context)
     if command is None:
-        rows = [[name, str(VERSION)] for name in OUTPUTS]
-        session.table("Commands with a schema", ["command", "version"], rows)
+        session.table("Commands with a schema", ["command", "version"], [[name, VERSION] for name in OUTPUTS])
         session.next("schema COMMAND")
         return
     if command not in OUTPUTS:

@@ -1,7 +1,5 @@
 """What one call of the command line carries: its plugins, and where it writes."""
 
-import json
-import math
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -10,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import typer
+
+from palpate.errors import StudyError
 
 if TYPE_CHECKING:
     import polars as pl
@@ -102,6 +102,18 @@ class Session:
         """Print a message to stderr (rich markup)."""
         self.stderr.print(text)
 
+    def confirm(self, text: str, question: str, otherwise: str) -> None:
+        """Ask whether to go on, and stop if not.
+
+        Raises
+        ------
+        StudyError
+            Nobody can be asked; with the text, and what to do otherwise.
+        """
+        if not (sys.stdin.isatty() and self.stderr.is_terminal):
+            raise StudyError(f"{text}\n{otherwise}")
+        typer.confirm(f"{text}\n{question}", abort=True, err=True)
+
     def next(self, command: str, before: str = "") -> None:
         """Print the command to run next, with the plugin files of this one."""
         files = "".join(f"--plugin {file} " for file in self.files)
@@ -119,11 +131,14 @@ class Session:
 
     def json(self, value: object) -> None:
         """Print a value as JSON; numbers that are not finite become null."""
-        typer.echo(visible(json.dumps(_plain(value), indent=2, ensure_ascii=False)))
+        from pydantic_core import to_json
+
+        text = to_json(value, indent=2, inf_nan_mode="null", fallback=_plain)
+        typer.echo(visible(text.decode()))
 
     def frame(self, title: str, frame: "pl.DataFrame") -> None:
         """Print a data frame as a table; a wide one of few rows is transposed."""
-        rows = [[cell(value) for value in row] for row in frame.head(MAX_ROWS).rows()]
+        rows = [tuple(map(cell, row)) for row in frame.head(MAX_ROWS).rows()]
         widths = [max(map(len, column)) + 3 for column in zip(frame.columns, *rows, strict=True)]
         if sum(widths) > self.stdout.width and len(rows) <= MAX_COLUMNS:
             first, *others = zip(frame.columns, *rows, strict=True)
@@ -133,8 +148,8 @@ class Session:
         if frame.height > MAX_ROWS:
             self.say(f"… {frame.height - MAX_ROWS} more rows")
 
-    def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Print a table of text cells."""
+    def table(self, title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+        """Print a table; each value as :func:`cell` shows it."""
         from rich import box
         from rich.table import Table
 
@@ -142,7 +157,7 @@ class Session:
         for column in columns:
             table.add_column(_escaped(column), overflow="fold")
         for row in rows:
-            table.add_row(*map(_escaped, row))
+            table.add_row(*(_escaped(cell(value)) for value in row))
         self.stdout.print(table)
 
 
@@ -168,8 +183,15 @@ def _console(*, stderr: bool = False) -> "Console":
 
 
 def run_folder(study: "Study", out: Path | None) -> Path:
-    """Folder of the run: what ``--out`` says, or ``runs/<study>``."""
+    """Folder of the run: what ``--out`` names, or ``runs/<study>``."""
     return out if out is not None else Path("runs") / study.name
+
+
+def opened(context: typer.Context, study: Path, out: Path | None) -> tuple[Session, "Study", Path]:
+    """Session of the running command, its study, checked, and the folder of the run."""
+    session = Session.of(context)
+    checked = session.study(study)
+    return session, checked, run_folder(checked, out)
 
 
 def _escaped(text: str) -> str:
@@ -191,14 +213,5 @@ def cell(value: object) -> str:
 
 
 def _plain(value: object) -> object:
-    match value:
-        case float():
-            return value if math.isfinite(value) else None
-        case str() | int() | None:
-            return value
-        case Mapping():
-            return {str(key): _plain(item) for key, item in value.items()}
-        case Sequence():
-            return [_plain(item) for item in value]
-        case _:
-            return str(value)
+    """A value that JSON does not know: a mapping as a table, anything else as its text."""
+    return dict(value) if isinstance(value, Mapping) else str(value)
