@@ -27,6 +27,8 @@ from palpate.domain import (
 )
 from palpate.errors import ExecutorError, PluginError
 from palpate.executors import Batch, InProcess, Limits, Processes
+from palpate.fit.parametrisation import StandardParametrisation
+from palpate.fit.searches import BestSet
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger
@@ -87,6 +89,7 @@ def study(file, tmp_path):
         solver=module.Press(module.PressSettings(log=str(tmp_path / "log.txt"))),
         scenarios=(Scenario(name="force", weights={"force": 1.0}),), generalise_by="force", refine=False,
         truth={}, n_workers=2, time_limit_s=60.0, plugin_files=(file,), executor=DaskExecutor(),
+        search=BestSet(), parametrisation=StandardParametrisation(),
     )  # fmt: skip
 
 
@@ -164,6 +167,28 @@ def test_workers_stay_warm_and_what_is_not_to_go_on_is_drained(study, tmp_path):
     assert 3 <= len(results) < 8
     assert len(started(tmp_path)) == len(results)
     assert len({pid for _, pid in started(tmp_path)}) <= 2
+
+
+def test_cluster_and_processes_stay_for_the_next_batch_until_they_are_closed(study, tmp_path, monkeypatch):
+    opened, connected = [], dask_cluster.connected
+
+    def counting(*given):
+        opened.append(given)
+        return connected(*given)
+
+    monkeypatch.setattr("palpate_dask.flow.connected", counting)
+    executor, batch = DaskExecutor(), replace(batch_of(study), n_workers=1)
+    for jobs in (batch.jobs[:2], batch.jobs[2:3]):
+        assert {o.status for o in executor.results(replace(batch, jobs=jobs))} == {Status.OK}
+    (process,) = {pid for _, pid in started(tmp_path)}
+    other = replace(batch, jobs=batch.jobs[:1], limits=Limits(time_s=50.0))
+    assert {o.status for o in executor.results(other)} == {Status.OK}
+    assert len(opened) == 1
+    assert len({pid for _, pid in started(tmp_path)}) == 2  # other limits: another runtime there
+    until_ended(int(process))
+    executor.close()
+    for _, pid in started(tmp_path):
+        until_ended(int(pid))
 
 
 # ------------------------------------------------------------------ bad clusters
