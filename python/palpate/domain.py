@@ -458,6 +458,18 @@ class Simulation:
         return self.job.id
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RecordedSimulation:
+    """A simulation without its job, as a ledger or a table holds it."""
+
+    id: SimulationId
+    status: Status
+    response: Response | None
+    message: str = ""
+    seconds: float = 0.0
+    diagnostics: Mapping[str, Any] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoringRules:
     """Rules that compare simulated with measured curves, and select which are ranked.

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, HomogeneousTests, Job, Response, Simulation, Status
+from palpate.domain import Design, RecordedSimulation, Response, Simulation, SimulationId, Status
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
@@ -251,13 +251,12 @@ _NO_CURVE = pl.DataFrame(
 )
 
 
-def _simulations(simulated: pl.DataFrame) -> Iterator[Simulation]:
+def _simulations(simulated: pl.DataFrame) -> Iterator[RecordedSimulation]:
     for (spot, set_id), rows in simulated.group_by("spot", "set_id", maintain_order=True):
         curves = rows.drop_nulls("channel")
         first: Mapping[str, object] = rows.row(0, named=True)
-        nothing = HomogeneousTests(paths={})  # what was simulated is no matter to a score
-        yield Simulation(
-            job=Job(spot=str(spot), set_id=int(str(set_id)), materials={}, thetas={}, protocol=nothing),
+        yield RecordedSimulation(
+            id=SimulationId(str(spot), int(str(set_id))),
             status=Status(str(first["status"])),
             response=None if curves.is_empty() else response_of(curves),
             message=str(first["message"]),

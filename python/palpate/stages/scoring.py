@@ -18,12 +18,16 @@ from palpate.domain import (
     FloatArray,
     Normaliser,
     PointWeighting,
+    RecordedSimulation,
     Response,
     ScoringRules,
     Simulation,
     Status,
 )
 from palpate.errors import CurveError, ScoringError
+
+Scorable = Simulation | RecordedSimulation
+"""What has a response to score."""
 
 SCHEMA = {
     "spot": pl.String,
@@ -93,13 +97,13 @@ def check_scorable(measured: Mapping[str, Response], rules: ScoringRules) -> Non
 
 
 def score(
-    simulations: Iterable[Simulation], measured: Mapping[str, Response], rules: ScoringRules
+    simulations: Iterable[Scorable], measured: Mapping[str, Response], rules: ScoringRules
 ) -> pl.DataFrame:
     """Score every simulation in every measured channel.
 
     Parameters
     ----------
-    simulations : iterable of Simulation
+    simulations : iterable of Simulation or RecordedSimulation
     measured : mapping of spot name to Response
     rules : ScoringRules
 
@@ -117,7 +121,7 @@ def score(
         A degenerate normaliser, or no standard deviation to weigh by.
     """
     check_scorable(measured, rules)
-    by_spot: dict[str, list[Simulation]] = {spot: [] for spot in measured}
+    by_spot: dict[str, list[Scorable]] = {spot: [] for spot in measured}
     for simulation in simulations:
         by_spot[simulation.id.spot].append(simulation)
     rows: list[dict[str, object]] = []
@@ -129,7 +133,7 @@ def score(
 
 
 def _score_channel(
-    simulations: Sequence[Simulation], measured: Curve, rules: ScoringRules
+    simulations: Sequence[Scorable], measured: Curve, rules: ScoringRules
 ) -> list[dict[str, object]]:
     weights = point_weights(measured, rules.point_weighting)
     variance = _variance(measured.ordinate, rules.normaliser, weights)
@@ -151,7 +155,7 @@ class _Scored:
 
 
 def _scored(
-    simulations: Sequence[Simulation], measured: Curve, normaliser: Normaliser, weights: FloatArray | None
+    simulations: Sequence[Scorable], measured: Curve, normaliser: Normaliser, weights: FloatArray | None
 ) -> list[_Scored]:
     """Score all sets together that were simulated at the same abscissae, as those of a sweep are."""
     curves = [_curve(s, measured.channel) for s in simulations]
@@ -182,7 +186,7 @@ class Compared:
     message: str
 
 
-def compare(simulation: Simulation, measured: Curve) -> Compared:
+def compare(simulation: Scorable, measured: Curve) -> Compared:
     """Interpolate a simulated curve at the measured abscissae, branch by branch."""
     nothing = np.full(measured.abscissa.shape, np.nan)
     curve, status, message = _curve(simulation, measured.channel)
@@ -195,7 +199,7 @@ def compare(simulation: Simulation, measured: Curve) -> Compared:
     return Compared(values, status, message)
 
 
-def _curve(simulation: Simulation, channel: str) -> tuple[Curve | None, Status, str]:
+def _curve(simulation: Scorable, channel: str) -> tuple[Curve | None, Status, str]:
     """Find the curve of a channel, or why there is none."""
     if simulation.response is None:
         return None, simulation.status, simulation.message
@@ -205,7 +209,7 @@ def _curve(simulation: Simulation, channel: str) -> tuple[Curve | None, Status, 
     return curve, simulation.status, simulation.message
 
 
-def _unreadable(simulation: Simulation, message: str) -> tuple[Status, str]:
+def _unreadable(simulation: Scorable, message: str) -> tuple[Status, str]:
     """Reason why a curve cannot be used, unless the simulation failed with its message."""
     status = Status.UNREADABLE if simulation.status is Status.OK else simulation.status
     return status, simulation.message or message
@@ -223,7 +227,7 @@ def _variance(ordinate: FloatArray, normaliser: Normaliser, weights: FloatArray 
 
 
 def _row(
-    simulation: Simulation, channel: str, scored: _Scored, r2: float, rules: ScoringRules
+    simulation: Scorable, channel: str, scored: _Scored, r2: float, rules: ScoringRules
 ) -> dict[str, object]:
     nmse, coverage, message = scored.nmse, scored.coverage, scored.message
     is_enough = rules.is_enough(coverage)

@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Job, Scenario, Status
+from palpate.domain import Scenario, SimulationId, Status
 from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
 from palpate.run.lock import Runner, living_runner_of
@@ -99,8 +99,10 @@ class Watcher:
             return
         measured = run.measured(tuple(manifest["spots"]))
         for spot, of_spot in new.group_by("spot", maintain_order=True):
-            jobs = {row["key"]: _job(row) for row in of_spot.iter_rows(named=True)}
-            found = ledger.simulations(jobs)
+            ids = {
+                row["key"]: SimulationId(row["spot"], row["set_id"]) for row in of_spot.iter_rows(named=True)
+            }
+            found = ledger.recorded(ids)
             of_spot_measured = {str(spot[0]): measured[str(spot[0])]}
             self._scores.append(scoring.score(found.values(), of_spot_measured, rules))
         self._scored.update(new["key"])
@@ -111,11 +113,6 @@ class Watcher:
             return pl.DataFrame()
         candidates = selection.objectives(pl.concat(self._scores), scenarios)
         return selection.least_fopt(candidates).select("spot", "scenario", "set_id", "fopt")
-
-
-def _job(row: Mapping[str, Any]) -> Job:
-    """Make a job with only spot and set_id; its key has the rest."""
-    return Job(spot=row["spot"], set_id=row["set_id"], materials={}, thetas={}, protocol=None)  # type: ignore[arg-type]
 
 
 def failures(rows: pl.DataFrame) -> pl.DataFrame:

@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 import polars as pl
 
-from palpate.domain import Job, Response, Simulation, Status
+from palpate.domain import Job, RecordedSimulation, Response, Simulation, SimulationId, Status
 from palpate.errors import CurveError, LedgerError
 from palpate.executors.answers import believable
 from palpate.run.ledger.curve_files import unpack
@@ -171,11 +171,16 @@ class Ledger:
         LedgerError
             A row or a file of curves holds something else than what was written.
         """
-        rows = {row["key"]: row for row in self._rows(list(jobs))}
+        recorded = self.recorded({key: job.id for key, job in jobs.items()})
+        return {key: _of_job(jobs[key], each) for key, each in recorded.items()}
+
+    def recorded(self, ids: Mapping[str, SimulationId]) -> dict[str, RecordedSimulation]:
+        """Finished simulations as :meth:`simulations` has them, for a reader without the jobs."""
+        rows = {row["key"]: row for row in self._rows(list(ids))}
         try:
             responses = self._responses(rows.values())
             return {
-                key: _simulation(jobs[key], row, responses.get(key))
+                key: _recorded(ids[key], row, responses.get(key))
                 for key, row in rows.items()
                 if row["curves"] is None or key in responses
             }
@@ -239,20 +244,33 @@ class Ledger:
             return cursor.execute(query, values).fetchall()
 
 
-def _simulation(job: Job, row: sqlite3.Row, response: Response | CurveError | None) -> Simulation:
-    """Make the simulation of a row; an answer that cannot be used is unreadable, whoever kept it."""
-    status, message = Status(row["state"]), row["message"]
-    if isinstance(response, CurveError):
-        status, message, response = Status.UNREADABLE, str(response), None
+def _of_job(job: Job, recorded: RecordedSimulation) -> Simulation:
+    """Make the simulation of a job; an answer that cannot be used is unreadable, whoever kept it."""
     return believable(
         Simulation(
             job=job,
-            status=status,
-            response=response,
-            message=message,
-            seconds=row["seconds"],
-            diagnostics=json.loads(row["diagnostics"]),
+            status=recorded.status,
+            response=recorded.response,
+            message=recorded.message,
+            seconds=recorded.seconds,
+            diagnostics=recorded.diagnostics,
         )
+    )
+
+
+def _recorded(
+    number: SimulationId, row: sqlite3.Row, response: Response | CurveError | None
+) -> RecordedSimulation:
+    status, message = Status(row["state"]), row["message"]
+    if isinstance(response, CurveError):
+        status, message, response = Status.UNREADABLE, str(response), None
+    return RecordedSimulation(
+        id=number,
+        status=status,
+        response=response,
+        message=message,
+        seconds=row["seconds"],
+        diagnostics=json.loads(row["diagnostics"]),
     )
 
 
