@@ -264,10 +264,16 @@ class LimbSource(Component[SettingsT]):
         Returns
         -------
         Limb
-            The spot, and a mesh in mm in the same frame: cells of kinds that the solver takes, none
-            inverted; a region for each cell, with the names that the study uses; node sets ``fixed``
-            (held still), ``contact`` (the outer surface, with the spot on it) and, where something
-            is glued to the indenter, ``bonded``; cell fields that the materials name.
+            The spot, with a position [mm] on the surface and the outward normal, and a mesh in mm in
+            the same frame, which palpate checks before the first simulation:
+
+            * cells of the kinds in :data:`palpate.mesh.topology.CELLS`, numbered as there, none inverted
+              or flat; no node without a cell, and no two nodes where elements should be joined;
+            * a region for each cell, with the names of the study's ``[region]`` tables;
+            * node sets ``fixed`` (held still; at least three nodes that are not on one line) and
+              ``contact`` (the outer surface around the spot; the nearest of its nodes no further from
+              the spot than an element), and ``bonded`` for nodes that move with the indenter;
+            * for each region in use, the cell fields that its material names.
 
         Raises
         ------
