@@ -8,12 +8,14 @@ The stages of a study as functions, for scripts and notebooks, with polars frame
     scores = palpate.score(study, simulated, measured)
     palpate.select(study, scores, design)
 
+Plugins mark their hooks with :data:`hookimpl`. Names are imported when they are
+first used, so that ``import palpate`` is fast.
+
+Examples
+--------
 >>> import palpate
 >>> list(palpate.Plugins.load(entry_points=False).samplers)
 ['lhs', 'optimised_lhs', 'sobol']
-
-Plugins mark their hooks with :data:`hookimpl`. Names are imported when they are
-first used, so that ``import palpate`` costs next to nothing.
 """
 
 import sys
