@@ -26,9 +26,8 @@ PLACES = (
 
 HOW_TO_GET_IT = (
     "install FEBio 4 (free, from https://febio.org/downloads, or built from "
-    "https://github.com/febiosoftware/FEBio) "
-    "and put febio4 on PATH, or name it in the solver's setting executable; solver 'jax' needs no other "
-    "program"
+    "https://github.com/febiosoftware/FEBio) and put febio4 on PATH, or name it in the solver's setting "
+    "executable; solver 'jax' needs no other program"
 )
 MEASURED = ((4, 4), (4, 11))
 """Versions, first and last, whose conventions were measured."""

@@ -221,8 +221,7 @@ class _Reader:
         if not np.isfinite(values).all():
             raise self.refused(
                 f"<{element.tag} id={element.get('id')!r}> holds '{(text or '').strip()[:40]}'; finite "
-                f"numbers "
-                "are needed"
+                "numbers are needed"
             )
         return values
 

@@ -87,8 +87,7 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
             if region is None:
                 raise MeshError(
                     f"{path}: part '{part.name}' with material '{material}' is named by no region of the "
-                    f"settings "
-                    f"({', '.join(f'{r} = {s}' for r, s in wanted.items())}); add it"
+                    f"settings ({', '.join(f'{r} = {s}' for r, s in wanted.items())}); add it"
                 )
             found[part.name] = region
         return found
@@ -99,9 +98,8 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
         held = [name for name in deck.held if name in deck.node_sets]
         if not held:
             raise MeshError(
-                f"{path}: no boundary condition 'zero displacement' in x, y and z on a node set; name "
-                f"what is held "
-                f"in the setting fixed (there: {_there(deck)})"
+                f"{path}: no boundary condition 'zero displacement' in x, y and z on a node set; name what "
+                f"is held in the setting fixed (there: {_there(deck)})"
             )
         return np.unique(np.concatenate([deck.node_sets[name] for name in held]))
 
@@ -119,8 +117,7 @@ def _nodes(path: Path, deck: Deck, name: str) -> IntArray:
     if found is None:
         raise MeshError(
             f"{path}: no node set or surface '{name}' (there: {_there(deck)}); name one of them in the "
-            f"settings "
-            "fixed and contact"
+            "settings fixed and contact"
         )
     return found
 

@@ -76,8 +76,7 @@ class FebioSettings(Settings):
         1.0,
         gt=0.0,
         description="longest edge of the facets of the sphere [mm]; 1.0 on a radius of 7.5 changes the "
-        "force by "
-        "0.1 % or less from 1 mm depth on, and a finer sphere takes FEBio longer to search",
+        "force by 0.1 % or less from 1 mm depth on, and a finer sphere takes FEBio longer to search",
     )
     fallbacks: tuple[Method, ...] = Field(
         ("broyden", "newton", "broyden_soft", "broyden_half_steps", "newton_half_steps"),

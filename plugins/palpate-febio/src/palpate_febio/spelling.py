@@ -88,7 +88,6 @@ def spelling(material: Material) -> tuple[str, Mapping[str, str]]:
     if unknown:
         raise MaterialError(
             f"material '{material.name}': its attribute febio names {', '.join(unknown)}, which is no "
-            f"parameter "
-            f"of it ({', '.join(p.name for p in material.parameters)}); correct the name"
+            f"parameter of it ({', '.join(p.name for p in material.parameters)}); correct the name"
         )
     return str(febio_type), names

@@ -57,8 +57,7 @@ def rough_contact(recording: Recording) -> Contact:
     if peak < NOISE_MULTIPLE * noise or peak == 0.0:
         raise recording.fault(
             f"a press without contact: the force changes by {peak:.3g} N at most, with a noise of "
-            f"{noise:.2g} N; check that the tool reached the limb, and that these are "
-            "the wrench's columns"
+            f"{noise:.2g} N; check that the tool reached the limb, and that these are the wrench's columns"
         )
     pressing = change > max(SHARE * peak, 3.0 * noise)
     first, last = _only_press(recording, track, change, pressing)

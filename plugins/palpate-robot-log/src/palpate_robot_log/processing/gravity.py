@@ -71,9 +71,8 @@ def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> Too
     std = noise / np.sqrt(power) if power > 0.0 else float("inf")
     if not std < max(_LARGEST_STD * abs(weight), 1e-3):
         raise recording.fault(
-            f"{free.size} rows in free air give no weight of the tool, "
-            "since its orientation hardly changes there; give gravity.weight and gravity.centre, or log "
-            "a few orientations in free air",
+            f"{free.size} rows in free air give no weight of the tool, since its orientation hardly changes "
+            "there; give gravity.weight and gravity.centre, or log a few orientations in free air",
             int(free[0]),
         )
     centre, centre_std = _fit_centre(part, lever, weight)
@@ -105,9 +104,8 @@ def check_shown(recording: Recording, free: IntArray, tool: ToolLoad) -> None:
     span = float(np.ptp(recording.force_N, axis=0).max())
     if tool.weight_N > 2.0 * (shown + span):
         raise recording.fault(
-            f"in free air the sensor shows {shown:.3g} N, but gravity gives the tool "
-            f"{tool.weight_N:.4g} N: heavier than plausible; check gravity.weight "
-            "(in N, 9.81 times the mass in kg)",
+            f"in free air the sensor shows {shown:.3g} N, but gravity gives the tool {tool.weight_N:.4g} N: "
+            "heavier than plausible; check gravity.weight (in N, 9.81 times the mass in kg)",
             int(free[0]),
         )
 

@@ -130,9 +130,8 @@ def _check_stuck(wrench: Series, same: np.ndarray, channels: ChannelMap) -> None
     if seconds > channels.stuck and last - first + 1 > 5 * np.median(_runs(all_same)[1]):
         raise wrench.fault(
             f"the same to the last digit in all axes for {seconds:.3f} s, until {wrench.at(last)}: the "
-            "sensor is "
-            "stuck or its driver stopped; record again, or raise stuck in the channel map for a log without "
-            "noise",
+            "sensor is stuck or its driver stopped; record again, or raise stuck in the channel map for a "
+            "log without noise",
             first,
         )
 

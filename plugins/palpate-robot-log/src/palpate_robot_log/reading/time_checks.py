@@ -70,8 +70,7 @@ def _check_gaps(series: Series, channels: ChannelMap, steps: np.ndarray, usual: 
         first = int(gaps[0])
         raise series.fault(
             f"no rows for {steps[first]:.4f} s from here to {series.at(first + 1)}, with {usual:.4g} s as "
-            "the usual "
-            f"step ({gaps.size} gaps longer than {longest:.3g} s in all); record again, or raise max_gap in "
-            "the channel map if nothing happened meanwhile",
+            f"the usual step ({gaps.size} gaps longer than {longest:.3g} s in all); record again, or raise "
+            "max_gap in the channel map if nothing happened meanwhile",
             first,
         )
