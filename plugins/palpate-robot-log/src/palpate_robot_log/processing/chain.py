@@ -1,13 +1,14 @@
 """The steps in their order: from a recording to curves, with a record of each."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from palpate.api import Curve, FloatArray, IntArray
 from palpate.mesh.spot_frame import SpotWrench
 from palpate_robot_log.processing import checks, record
-from palpate_robot_log.processing.curves import branch, joined, with_shift_std
+from palpate_robot_log.processing.curves import Branch, branch, joined, with_shift_std
 from palpate_robot_log.processing.drift import Drift, find_drift, without_drift
 from palpate_robot_log.processing.gravity import (
     ToolLoad,
@@ -186,9 +187,23 @@ def _zero_std(located: Located, clean: _Clean) -> tuple[FloatArray, FloatArray]:
     return spreads[0], spreads[1]
 
 
-def _smooth(settings: ProcessingSettings, time: FloatArray, values: FloatArray, peak: float) -> Smoothed:
+def _branch(
+    settings: ProcessingSettings,
+    time: FloatArray,
+    abscissa: FloatArray,
+    ordinate: FloatArray,
+    zero_std: FloatArray,
+    *,
+    span: float,
+    peak: float,
+    start: float = -np.inf,
+) -> tuple[Branch, Smoothed]:
+    """Smoothed rows (n,) of one branch; ``span`` and ``peak`` are those of the whole curve."""
     choice = settings.smoothing
-    return smoothed(time, values, method=choice.method, peak=peak, window_s=choice.window, order=choice.order)
+    smooth = partial(smoothed, time, method=choice.method, window_s=choice.window, order=choice.order)
+    level, values = smooth(abscissa, peak=_ABSCISSA * span).values, smooth(ordinate, peak=peak)
+    points = settings.resampling.points if settings.resampling.enabled else None
+    return branch(level, values, zero_std, points, start), values
 
 
 def _force(
@@ -203,11 +218,10 @@ def _force(
     """Force over depth of the press."""
     time = located.recording.time_s
     rows = next(phase for phase in phases if phase.name == "press").rows(time)
-    abscissa = _smooth(settings, time[rows], depth[rows], _ABSCISSA * float(np.ptp(depth[rows])))
-    ordinate = _smooth(settings, time[rows], pressing[rows], float(np.abs(pressing[rows]).max()))
-    points = settings.resampling.points if settings.resampling.enabled else None
-    part = branch(abscissa.values, ordinate, zero_std[rows], points, start=0.0)
-    return joined("force", [with_shift_std(part, onset.std_mm)]), ordinate
+    x, y = depth[rows], pressing[rows]
+    span, peak = float(np.ptp(x)), float(np.abs(y).max())
+    part, smooth = _branch(settings, time[rows], x, y, zero_std[rows], span=span, peak=peak, start=0.0)
+    return joined("force", [with_shift_std(part, onset.std_mm)]), smooth
 
 
 def _torque(
@@ -218,19 +232,17 @@ def _torque(
     zero_std: FloatArray,
 ) -> tuple[Curve | None, list[Smoothed]]:
     """Torque over rotation of the twist's branches."""
-    twists = [phase for phase in phases if phase.name.startswith("twist")]
+    time, turn = located.recording.time_s, located.motion.turn_deg
+    twists = [phase.rows(time) for phase in phases if phase.name.startswith("twist")]
     if not twists:
         return None, []
-    time, turn = located.recording.time_s, located.motion.turn_deg
-    points = settings.resampling.points if settings.resampling.enabled else None
-    whole = slice(twists[0].rows(time).start, twists[-1].rows(time).stop)
+    whole = slice(twists[0].start, twists[-1].stop)
     peak, span = float(np.abs(twisting[whole]).max()), float(np.ptp(turn[whole]))
-    branches, smooths = [], []
-    for rows in (phase.rows(time) for phase in twists):
-        abscissa = _smooth(settings, time[rows], turn[rows], _ABSCISSA * span)
-        smooths.append(_smooth(settings, time[rows], twisting[rows], peak))
-        branches.append(branch(abscissa.values, smooths[-1], zero_std[rows], points))
-    return joined("torque", branches), smooths
+    found = [
+        _branch(settings, time[rows], turn[rows], twisting[rows], zero_std[rows], span=span, peak=peak)
+        for rows in twists
+    ]
+    return joined("torque", [part for part, _ in found]), [smooth for _, smooth in found]
 
 
 def _relaxations(

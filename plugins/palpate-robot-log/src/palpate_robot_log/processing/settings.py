@@ -13,6 +13,12 @@ Direction = tuple[float, float, float]
 Offset = tuple[Length, Length, Length]
 
 
+class Switch(Settings):
+    """A step that is done or left out."""
+
+    enabled: bool = Field(default=True, description="Whether the step is done.")
+
+
 class Window(Settings):
     """Part of the log that is used."""
 
@@ -31,14 +37,6 @@ class Thinning(Settings):
 
     enabled: bool = Field(default=True, description="Average neighbouring rows of a log with too many.")
     max_rows: int = Field(default=50_000, ge=1000, description="Rows that are kept at most.")
-
-
-class Spikes(Settings):
-    """Single rows far off their neighbours."""
-
-    enabled: bool = Field(
-        default=True, description="Replace spikes of the wrench by their neighbours' median."
-    )
 
 
 class Alignment(Settings):
@@ -73,20 +71,6 @@ class Gravity(Settings):
         if not any(self.direction):
             raise ValueError("direction must not be zero")
         return self
-
-
-class Drift(Settings):
-    """Drift of the sensor."""
-
-    enabled: bool = Field(
-        default=True, description="Take out a line through the rows in free air before and after the press."
-    )
-
-
-class Tare(Settings):
-    """Bias of the sensor."""
-
-    enabled: bool = Field(default=True, description="Take out the mean wrench in free air.")
 
 
 class NormalChoice(Settings):
@@ -164,27 +148,29 @@ class Resampling(Settings):
     points: int = Field(default=61, ge=5, le=2001, description="Points of each branch.")
 
 
-class RelaxationChoice(Settings):
-    """Relaxation during dwells."""
-
-    enabled: bool = Field(default=True, description="Measure how far force and torque fall in each dwell.")
-
-
 class ProcessingSettings(Settings):
     """Every step, in the order in which they are done."""
 
     window: Window = Field(default_factory=Window, description="Part of the log that is used.")
     thinning: Thinning = Field(default_factory=Thinning, description="Averaging of very long logs.")
-    spikes: Spikes = Field(default_factory=Spikes, description="Single rows far off their neighbours.")
+    spikes: Switch = Field(
+        default_factory=Switch, description="Replace spikes of the wrench by their neighbours' median."
+    )
     alignment: Alignment = Field(default_factory=Alignment, description="Lag of the wrench behind the pose.")
     normal: NormalChoice = Field(default_factory=NormalChoice, description="Normal of the spot.")
     gravity: Gravity = Field(default_factory=Gravity, description="Weight of the tool.")
-    drift: Drift = Field(default_factory=Drift, description="Drift of the sensor.")
-    tare: Tare = Field(default_factory=Tare, description="Bias of the sensor.")
+    drift: Switch = Field(
+        default_factory=Switch,
+        description="Drift of the sensor: take out a line through the rows in free air before and after the "
+        "press.",
+    )
+    tare: Switch = Field(
+        default_factory=Switch, description="Bias of the sensor: take out the mean wrench in free air."
+    )
     frame: SpotFrame = Field(default_factory=SpotFrame, description="Frame and axis of the wrench.")
     onset: OnsetChoice = Field(default_factory=OnsetChoice, description="First contact.")
     smoothing: Smoothing = Field(default_factory=Smoothing, description="Smoothing of each branch.")
     resampling: Resampling = Field(default_factory=Resampling, description="Points of the curves.")
-    relaxation: RelaxationChoice = Field(
-        default_factory=RelaxationChoice, description="Relaxation in dwells."
+    relaxation: Switch = Field(
+        default_factory=Switch, description="Measure how far force and torque fall in each dwell."
     )

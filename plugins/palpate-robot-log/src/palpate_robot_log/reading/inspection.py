@@ -16,9 +16,8 @@ from palpate_robot_log.reading.formats import Request, read_log
 from palpate_robot_log.reading.proposal import QUANTITIES, Proposal, propose
 from palpate_robot_log.reading.proposal_toml import channel_map, study_text
 from palpate_robot_log.reading.raw import RawLog, Stream
+from palpate_robot_log.reading.time_checks import longest_step_s
 
-_GAP_STEPS = 10.0
-_SHORTEST_GAP_S = 0.02
 _MOST_GAPS = 20
 _TO_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -102,7 +101,7 @@ def _clock(stream: Stream, proposal: Proposal) -> _Clock | None:
     rows = stream.rows[is_there]
     steps = np.diff(time)
     usual = float(np.median(steps))
-    wide = np.flatnonzero(steps > max(_GAP_STEPS * usual, _SHORTEST_GAP_S))
+    wide = np.flatnonzero(steps > longest_step_s(usual))
     return _Clock(
         column=column.name,
         begin_s=float(time[0]),

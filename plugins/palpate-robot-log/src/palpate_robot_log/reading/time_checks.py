@@ -10,6 +10,11 @@ _SHORTEST_GAP_S = 0.02
 _FEWEST_ROWS = 20
 
 
+def longest_step_s(usual_s: float) -> float:
+    """Step [s] beyond which rows are missing, by the usual step [s]."""
+    return max(_USUAL_STEPS * usual_s, _SHORTEST_GAP_S)
+
+
 def checked_time(series: Series, channels: ChannelMap) -> Series:
     """Series whose time increases, or an error that names the row where it does not.
 
@@ -64,7 +69,7 @@ def _check_rate(series: Series, channels: ChannelMap, usual: float) -> None:
 
 
 def _check_gaps(series: Series, channels: ChannelMap, steps: np.ndarray, usual: float) -> None:
-    longest = channels.max_gap or max(_USUAL_STEPS * usual, _SHORTEST_GAP_S)
+    longest = channels.max_gap or longest_step_s(usual)
     gaps = np.flatnonzero(steps > longest)
     if gaps.size:
         first = int(gaps[0])
