@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from palpate.api import FloatArray, MeshError
-from palpate_limb.surface_checks import BONE_MM, check_size, outwards, repaired
+from palpate_limb.surface_checks import BONE_MM, check_size, repaired
 from palpate_limb.surface_files import read_surface
-from palpate_limb.surfaces import Surface
+from palpate_limb.surfaces import Surface, outwards
 
 IN_PLACE: FloatArray = np.eye(4)
 IN_PLACE.setflags(write=False)
@@ -52,10 +52,7 @@ def read_motion(path: Path) -> Placement:
     MeshError
         Not such a matrix, or not rigid.
     """
-    try:
-        matrix = np.loadtxt(path, delimiter="," if "," in path.read_text() else None)
-    except (OSError, ValueError) as error:
-        raise MeshError(f"{path}: not four rows of four numbers ({error}); write the motion so") from error
+    matrix = _numbers(path, "four rows of four numbers", "write the motion so")
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise MeshError(f"{path}: a matrix of shape {matrix.shape}; write four rows of four finite numbers")
     turn = matrix[:3, :3]
@@ -107,15 +104,20 @@ def read_landmarks(path: Path) -> Placement:
     MeshError
         Not such a table.
     """
-    try:
-        table = np.loadtxt(path, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
-        raise MeshError(f"{path}: not six numbers a line ({error}); write x,y,z,x,y,z") from error
+    table = _numbers(path, "six numbers a line", "write x,y,z,x,y,z")
     if table.shape[1] != 6 or not np.isfinite(table).all():
         raise MeshError(
             f"{path}: {table.shape[1]} numbers a line; write x,y,z in the bones' frame and the scan's"
         )
     return by_landmarks(table[:, :3], table[:, 3:])
+
+
+def _numbers(path: Path, what: str, advice: str) -> FloatArray:
+    """Rows of numbers apart by commas or blanks."""
+    try:
+        return np.loadtxt(path, delimiter="," if "," in path.read_text() else None, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise MeshError(f"{path}: not {what} ({error}); {advice}") from error
 
 
 def by_icp(
@@ -154,7 +156,7 @@ def by_icp(
     motion, residual = _slid(np.asarray(motion, dtype=np.float64), points, reference)
     if not residual < 2.0:
         raise MeshError(
-            f"{reference.name}: lies {residual:.2g} mm from {scan.name} after matching; give landmarks to "
+            f"{reference.name}: {residual:.2g} mm from {scan.name} after matching; give landmarks to "
             "start from, or check that both show the same limb"
         )
     return Placement(motion=np.asarray(np.linalg.inv(motion), dtype=np.float64), residual_mm=residual)

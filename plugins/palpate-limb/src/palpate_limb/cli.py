@@ -1,5 +1,6 @@
 """``palpate limb SCAN``: from a coloured scan and bone models to one mesh per marked spot."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,13 +103,13 @@ def _mesh_plan(
 
 
 def _written(read: Any, made: Any, plan: "ScanPlan", out: Path) -> dict[str, Any]:  # noqa: ANN401 - types are imported late
-    from palpate_limb.limb_files import note, write_limb, write_note
+    from palpate_limb.limb_files import note, write_limb
     from palpate_limb.preview import draw
 
     name = made.found.spot.name
     write_limb(out / f"{name}.vtu", made.limb)
     content = note(read, made, plan.indenter_radius_mm)
-    write_note(out / f"{name}.json", content)
+    (out / f"{name}.json").write_text(json.dumps(content, indent=1) + "\n")
     draw(made, out / f"{name}.png", plan.indenter_radius_mm)
     return content
 

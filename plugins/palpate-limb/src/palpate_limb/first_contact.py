@@ -16,7 +16,7 @@ def moved_to_contact(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
     limb : Limb
         In the frame of its spot.
     radius_mm : float
-        Of the sphere, whose lowest point lies at the spot.
+        Of the sphere, whose lowest point is at the spot.
     """
     points = _surface_points(limb, radius_mm)
     # The sphere about (0, 0, R + h) touches the point (x, y, z) from above at h = z + √(R² − x² − y²) − R.

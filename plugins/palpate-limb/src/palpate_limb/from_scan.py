@@ -14,9 +14,9 @@ from palpate_limb.marks import find_marks, name_marks
 from palpate_limb.quality import Quality, assess, check_quality
 from palpate_limb.segment import Segment, cut, limb_axis
 from palpate_limb.spots import FoundSpot, locate
-from palpate_limb.surface_checks import LIMB_MM, check_size, defects, outwards, repaired
+from palpate_limb.surface_checks import LIMB_MM, check_size, defects, repaired
 from palpate_limb.surface_files import read_surface
-from palpate_limb.surfaces import Surface, smoothed
+from palpate_limb.surfaces import Surface, outwards, smoothed
 from palpate_limb.volume import MeshPlan, mesh_segment
 
 MOST_MESHES = 4

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.api import FloatArray, MeshError
 from palpate_limb.segment import Segment
-from palpate_limb.surfaces import Surface, solid, surface_of
+from palpate_limb.surfaces import Surface, outwards, solid, surface_of
 
 
 def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Surface:
@@ -53,11 +53,7 @@ def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Su
     surface = Surface(
         name="below skin", points_mm=points.astype(np.float64) + origin, faces=faces.astype(np.int64)
     )
-    return surface if surface.volume_mm3 > 0.0 else _turned(surface)
-
-
-def _turned(surface: Surface) -> Surface:
-    return Surface(name=surface.name, points_mm=surface.points_mm, faces=surface.faces[:, ::-1])
+    return outwards(surface)
 
 
 def _grid(piece: Surface, spacing: float) -> tuple[FloatArray, tuple[int, ...], FloatArray]:

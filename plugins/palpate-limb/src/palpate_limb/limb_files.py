@@ -1,6 +1,6 @@
 """A limb's mesh as VTU, with regions and node sets, and a JSON note of what it was made from."""
 
-import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -46,14 +46,9 @@ def note(scan: ReadScan, made: ScannedLimb, radius_mm: float) -> dict[str, Any]:
         "repairs": {s.name: s.repairs for s in (scan.surface, *scan.bones) if s.repairs},
         "bones_to_scan": scan.placement.motion.tolist(),
         "bones_residual_mm": scan.placement.residual_mm,
-        "quality": made.quality.record(),
+        "quality": asdict(made.quality),
         "mesh_error": mesh_error(made.quality.contact_edge_mm, radius_mm, kind),
     }
-
-
-def write_note(path: Path, content: dict[str, Any]) -> None:
-    """Write the note of a mesh."""
-    path.write_text(json.dumps(content, indent=1) + "\n")
 
 
 def study_tables(names: list[str], regions: tuple[str, ...], folder: Path) -> str:

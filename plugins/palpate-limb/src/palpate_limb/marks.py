@@ -5,16 +5,17 @@ nearly, the ratio of chroma to lightness. So a point is described by
 
     q = (a*, b*) / max(L*, L₀),
 
-skin is the median of q, and ink is what lies further from it than the noise can explain.
+skin is the median of q, and ink is what is further from it than the noise can explain.
 Points of ink that touch and have one hue are one mark.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from palpate.api import BoolArray, FloatArray, IntArray, MeshError
-from palpate_limb.surfaces import Surface, adjacency, edge_uses
+from palpate_limb.surfaces import Surface, adjacency, edge_uses, parts_of
 
 DARKEST = 15.0
 """L₀: below this lightness a scanner's colours are noise."""
@@ -80,7 +81,8 @@ def find_marks(
     """
     chroma = _chroma(surface)
     off = np.linalg.norm(chroma - np.median(chroma, axis=0), axis=1)
-    ink = _ink(off)
+    # Further from the skin's than noise and uneven skin explain.
+    ink = off > max(5.0 * 1.4826 * float(np.median(off)), 0.25)
     areas = _point_areas(surface)
     marks = []
     for points in _patches(surface, chroma, ink):
@@ -169,9 +171,9 @@ def _by_colour(marks: tuple[Mark, ...], wanted: dict[str, str | None], where: st
     return [int(column) for column in columns]
 
 
-def _apart(a: float, b: float) -> float:
+def _apart(a: FloatArray | float, b: FloatArray | float) -> Any:  # noqa: ANN401 - as the hues are
     """Angle [degrees] between two hues."""
-    return float(abs((a - b + 180.0) % 360.0 - 180.0))
+    return np.abs((a - b + 180.0) % 360.0 - 180.0)
 
 
 def _chroma(surface: Surface) -> FloatArray:
@@ -194,25 +196,13 @@ def _chroma(surface: Surface) -> FloatArray:
     return chroma
 
 
-def _ink(off: FloatArray) -> BoolArray:
-    """Points whose q lies further from the skin's than noise and uneven skin explain."""
-    ink: BoolArray = off > max(5.0 * 1.4826 * float(np.median(off)), 0.25)
-    return ink
-
-
 def _patches(surface: Surface, chroma: FloatArray, ink: BoolArray) -> list[IntArray]:
     """Points of ink that touch and look alike."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     edges, _ = edge_uses(surface.faces)
     edges = edges[ink[edges].all(axis=1)]
     hue = np.rad2deg(np.arctan2(chroma[:, 1], chroma[:, 0]))
-    turn = np.abs((hue[edges[:, 0]] - hue[edges[:, 1]] + 180.0) % 360.0 - 180.0)
-    edges = edges[turn < 40.0]
-    n = len(chroma)
-    links = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    labels = connected_components(links, directed=False)[1]
+    turn = _apart(hue[edges[:, 0]], hue[edges[:, 1]])
+    labels = parts_of(len(chroma), edges[turn < 40.0])
     points = np.flatnonzero(ink)
     order = np.argsort(labels[points], kind="stable")
     cuts = np.flatnonzero(np.diff(labels[points][order])) + 1
@@ -221,9 +211,6 @@ def _patches(surface: Surface, chroma: FloatArray, ink: BoolArray) -> list[IntAr
 
 def _point_areas(surface: Surface) -> FloatArray:
     """Area [mm²] that belongs to each point: a third of its faces'."""
-    corners = surface.points_mm[surface.faces]
-    areas = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    areas = np.linalg.norm(surface.face_areas_mm2, axis=1)
     total = np.bincount(surface.faces.ravel(), np.repeat(areas / 3.0, 3), minlength=len(surface.points_mm))
     return np.asarray(total, dtype=np.float64)

@@ -1,6 +1,6 @@
 """A picture of a spot's limb: skin with its mark, normal, sphere, and two cuts with bones and regions.
 
-Drawn by casting rays, so that what lies in front hides what lies behind; no display is needed.
+Drawn by casting rays, so that what is in front hides what is behind; no display is needed.
 """
 
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.api import FloatArray, IntArray
 from palpate_limb.from_scan import ScannedLimb
-from palpate_limb.surfaces import Surface
+from palpate_limb.surfaces import Surface, joined
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,10 +47,15 @@ def _whole(ax: "Axes", made: ScannedLimb, radius: float) -> None:
     """The scan from the side and above, the sphere on it and an arrow along the normal."""
     turn = _view(35.0, 30.0)
     sphere = _sphere(radius)
-    low, high = _extent([made.segment.skin, sphere], turn)
+    extent = joined([made.segment.skin, sphere])[0] @ turn.T
+    low, high = extent.min(axis=0) - 2.0, extent.max(axis=0) + 2.0
     body = made.limb.mesh
-    inked = _mark_colours(made)
-    shown = [(made.segment.skin, inked), (sphere, SPHERE), *((bone, BONE) for bone in made.segment.bones)]
+    skin = made.segment.skin
+    shown = [
+        (skin, SKIN if skin.colours is None else skin.colours),
+        (sphere, SPHERE),
+        *((bone, BONE) for bone in made.segment.bones),
+    ]
     picture = _cast(shown, turn, low, high, 4.0)
     ax.imshow(picture, extent=(low[0], high[0], low[1], high[1]), origin="lower")
     start, end = (np.array([[0, 0, 0], [0, 0, 4.0 * radius]]) @ turn.T)[:, :2]
@@ -70,11 +75,6 @@ def _outline(ax: "Axes", cut: FloatArray, made: ScannedLimb, turn: FloatArray, s
     flat = (cut[sign * (cut @ made.segment.axis) > 0.0] @ turn.T)[:, :2]
     rim = flat[ConvexHull(flat).vertices]
     ax.plot(*np.vstack([rim, rim[:1]]).T, color="#803030", lw=1.2, ls="--")
-
-
-def _mark_colours(made: ScannedLimb) -> FloatArray:
-    colours = made.segment.skin.colours
-    return np.tile(SKIN, (len(made.segment.skin.points_mm), 1)) if colours is None else colours
 
 
 def _section(ax: "Axes", made: ScannedLimb, radius: float, normal: int) -> None:
@@ -154,11 +154,6 @@ def _sphere(radius: float) -> Surface:
     )
 
 
-def _extent(surfaces: list[Surface], turn: FloatArray) -> tuple[FloatArray, FloatArray]:
-    points = np.vstack([surface.points_mm for surface in surfaces]) @ turn.T
-    return points.min(axis=0) - 2.0, points.max(axis=0) + 2.0
-
-
 def _cast(
     shown: list[tuple[Surface, Any]],
     turn: FloatArray,
@@ -169,14 +164,9 @@ def _cast(
     """Picture (rows, columns, 3) seen along −z after the turn."""
     import trimesh
 
-    counts = np.array([len(surface.points_mm) for surface, _ in shown])
-    starts = np.cumsum(np.concatenate([[0], counts[:-1]]))
-    points = np.vstack([surface.points_mm @ turn.T for surface, _ in shown])
-    faces = np.vstack([surface.faces + at for (surface, _), at in zip(shown, starts, strict=True)])
-    colours = np.vstack(
-        [np.broadcast_to(colour, (n, 3)) for (_, colour), n in zip(shown, counts, strict=True)]
-    )
-    body = trimesh.Trimesh(points, faces, process=False)
+    points, faces = joined([surface for surface, _ in shown])
+    colours = np.vstack([np.broadcast_to(colour, surface.points_mm.shape) for surface, colour in shown])
+    body = trimesh.Trimesh(points @ turn.T, faces, process=False)
     n = np.ceil((high - low)[:2] * pixels_per_mm).astype(int)
     x, y = np.meshgrid(np.linspace(low[0], high[0], n[0]), np.linspace(low[1], high[1], n[1]))
     origins = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, high[2] + 10.0)])

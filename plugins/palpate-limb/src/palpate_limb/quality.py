@@ -5,8 +5,7 @@ a regular tetrahedron; an element has the least of its corners'. A curved elemen
 counts with its corners' own edges and with its Jacobian at the corners and in the middle.
 """
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -55,10 +54,6 @@ class Quality:
     volume_error: float
     spot_gap_mm: float
     regions: dict[str, float]
-
-    def record(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return asdict(self)
 
 
 def assess(limb: Limb, segment: Segment, near_mm: float) -> Quality:
@@ -172,6 +167,6 @@ def _contact_edge(points: FloatArray, cells: IntArray, contact: IntArray, near_m
     ends = np.unique(ends[on[ends].all(axis=1)], axis=0)
     middles = points[ends].mean(axis=1)
     lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-    order = np.argsort(np.linalg.norm(middles, axis=1))
-    near = np.linalg.norm(middles, axis=1) <= near_mm
-    return float(lengths[near].mean() if near.any() else lengths[order[:6]].mean())
+    away = np.linalg.norm(middles, axis=1)
+    near = away <= near_mm
+    return float(lengths[near].mean() if near.any() else lengths[np.argsort(away)[:6]].mean())

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.api import FloatArray, MeshError, Spot
 from palpate.mesh.spot_frame import spot_axes
-from palpate_limb.surfaces import Surface, solid, surface_of
+from palpate_limb.surfaces import Surface, joined, solid, surface_of
 
 LEAST_GAP_MM = 0.3
 
@@ -49,9 +49,8 @@ class Segment:
 
 def limb_axis(scan: Surface) -> FloatArray:
     """Unit vector along the limb: the long principal axis of its surface, its largest component positive."""
-    corners = scan.points_mm[scan.faces]
-    weights = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    middles = corners.mean(axis=1)
+    weights = np.linalg.norm(scan.face_areas_mm2, axis=1)
+    middles = scan.points_mm[scan.faces].mean(axis=1)
     middles = middles - np.average(middles, axis=0, weights=weights)
     values, vectors = np.linalg.eigh((middles * weights[:, None]).T @ middles)
     if values[2] < 1.2 * values[1]:
@@ -81,7 +80,7 @@ def cut(
     Raises
     ------
     MeshError
-        The limb ends within the segment, a bone touches the skin, leaves it or lies at the spot.
+        The limb ends within the segment, a bone touches the skin, leaves it or is at the spot.
     """
     motion = to_spot_frame(spot, axis)
     skin, placed = scan.moved(motion), tuple(bone.moved(motion) for bone in bones)
@@ -92,7 +91,7 @@ def cut(
         raise MeshError(
             f"spot '{spot.name}': the scan reaches {-reach.min():.4g} mm and {reach.max():.4g} mm along the "
             f"limb from it, and a segment of {length_mm:g} mm needs {half:g} mm on either side; the mark "
-            "lies too near an end: shorten the segment, or scan more of the limb"
+            "is too near an end: shorten the segment, or scan more of the limb"
         )
     tissue, inside = _tissue(spot.name, skin, placed, along, half)
     return Segment(
@@ -139,13 +138,8 @@ def _in_one(spot: str, body: Any) -> Surface:  # noqa: ANN401 - manifold3d has n
         raise MeshError(
             f"spot '{spot}': the segment falls into {n_parts} parts; check the axis and where the bones lie"
         )
-    surfaces = [surface_of(shell, "tissue") for shell in shells]
-    starts = np.cumsum([0, *(len(surface.points_mm) for surface in surfaces)])
-    return Surface(
-        name="tissue",
-        points_mm=np.concatenate([surface.points_mm for surface in surfaces]),
-        faces=np.concatenate([s.faces + at for s, at in zip(surfaces, starts[:-1], strict=True)]),
-    )
+    points, faces = joined([surface_of(shell, "tissue") for shell in shells])
+    return Surface(name="tissue", points_mm=points, faces=faces)
 
 
 def to_spot_frame(spot: Spot, axis: FloatArray) -> FloatArray:

@@ -58,7 +58,7 @@ def locate(name: str, mark: Mark, surface: Surface, patch_radius_mm: float = 8.0
     local = (surface.points_mm[near] - centre) @ frame.T
     if (np.abs(local[:, :2].mean(axis=0)) > 0.25 * patch_radius_mm).any():
         raise MeshError(
-            f"{surface.name}: mark '{name}' at {np.round(centre, 1).tolist()} mm lies at an edge of the "
+            f"{surface.name}: mark '{name}' at {np.round(centre, 1).tolist()} mm is at an edge of the "
             "scan; scan further around it"
         )
     return _fitted(name, mark, centre, frame, local)
@@ -99,8 +99,7 @@ def _across(mark: Mark) -> float:
 def _mean_normal(surface: Surface, points: np.ndarray) -> FloatArray:
     near = np.zeros(len(surface.points_mm), dtype=np.bool_)
     near[points] = True
-    corners = surface.points_mm[surface.faces[near[surface.faces].any(axis=1)]]
-    total = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
+    total = surface.face_areas_mm2[near[surface.faces].any(axis=1)].sum(axis=0)
     length = float(np.linalg.norm(total))
     if not length > 0.0:
         raise MeshError(f"{surface.name}: no surface at a mark; export the scan with its triangles")

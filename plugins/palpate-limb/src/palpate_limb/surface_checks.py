@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, MeshError
-from palpate_limb.surfaces import Surface, adjacency, edge_uses
+from palpate_limb.surfaces import Surface, edge_uses, parts_of
 
 LIMB_MM = (60.0, 1500.0)
 """The longest side of the box around a limb, between a child's wrist and an adult's leg."""
@@ -59,12 +59,13 @@ def _defects(surface: Surface) -> Iterator[Defect]:
     points = surface.points_mm
     edges, counts = edge_uses(surface.faces)
     if (counts == 1).any():
-        loops = _components(len(points), edges[counts == 1])
-        yield _defect("holes", loops, points[edges[counts == 1][0]].mean(axis=0))
+        rim = edges[counts == 1]
+        loops = np.unique(parts_of(len(points), rim)[rim[:, 0]]).size
+        yield _defect("holes", loops, points[rim[0]].mean(axis=0))
     if (counts > 2).any():
         worst = edges[counts > 2]
         yield _defect("edges of more than two faces", len(worst), points[worst[0]].mean(axis=0))
-    labels = _labels(len(points), surface.faces)
+    labels = parts_of(len(points), edges)
     if labels.max() > 0:
         sizes = np.bincount(labels)
         other = int(np.flatnonzero(labels != sizes.argmax())[0])
@@ -79,21 +80,6 @@ def _defects(surface: Surface) -> Iterator[Defect]:
 
 def _defect(what: str, count: int, place: FloatArray) -> Defect:
     return Defect(what=what, count=count, place_mm=(float(place[0]), float(place[1]), float(place[2])))
-
-
-def _labels(n_points: int, faces: IntArray) -> IntArray:
-    from scipy.sparse.csgraph import connected_components
-
-    return np.asarray(connected_components(adjacency(n_points, faces), directed=False)[1], dtype=np.int64)
-
-
-def _components(n_points: int, edges: IntArray) -> int:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    links = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_points, n_points))
-    labels = connected_components(links, directed=False)[1]
-    return int(np.unique(labels[edges[:, 0]]).size)
 
 
 def _intersecting(surface: Surface) -> IntArray:
@@ -158,13 +144,6 @@ def _repairs(surface: Surface, found: list[Defect], fixed: Surface) -> str:
         f"{'; '.join(map(str, found))}; repaired, and changed by {gaps.max():.2g} mm at most, near "
         f"({x:.4g}, {y:.4g}, {z:.4g}) mm"
     )
-
-
-def outwards(surface: Surface) -> Surface:
-    """The closed surface with its faces outward."""
-    if surface.volume_mm3 >= 0.0:
-        return surface
-    return replace(surface, faces=surface.faces[:, ::-1])
 
 
 @contextlib.contextmanager

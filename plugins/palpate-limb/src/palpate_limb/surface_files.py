@@ -99,7 +99,7 @@ def _check(path: Path, points: FloatArray, faces: Any) -> None:  # noqa: ANN401 
         raise MeshError(f"{path}: {len(faces)} triangles, and palpate takes {MOST_FACES}; reduce the scan")
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
-        raise MeshError(f"{path}: point {bad[0]} lies at {points[bad[0]].tolist()}; export it again")
+        raise MeshError(f"{path}: point {bad[0]} is at {points[bad[0]].tolist()}; export it again")
     if faces.min() < 0 or faces.max() >= len(points):
         row = int(np.flatnonzero((faces < 0).any(axis=1) | (faces >= len(points)).any(axis=1))[0])
         raise MeshError(

@@ -1,5 +1,6 @@
 """Triangulated surfaces, and the only door to the libraries that compute with them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +52,13 @@ class Surface:
         a, b, c = np.moveaxis(self.points_mm[self.faces], 1, 0)
         return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
+    @property
+    def face_areas_mm2(self) -> FloatArray:
+        """Area of each face times its unit normal: (m, 3)."""
+        a, b, c = np.moveaxis(self.points_mm[self.faces], 1, 0)
+        areas: FloatArray = 0.5 * np.cross(b - a, c - a)
+        return areas
+
     def contains(self, points_mm: FloatArray) -> BoolArray:
         """Which of the points (n, 3) lie inside of the closed surface: (n,)."""
         return np.asarray(self.trimesh.contains(points_mm), dtype=np.bool_)
@@ -67,6 +75,13 @@ class Surface:
         else:
             closest, distances = _among_likely(corners, points_mm)
         return np.asarray(closest, dtype=np.float64), np.asarray(distances, dtype=np.float64)
+
+
+def outwards(surface: Surface) -> Surface:
+    """The closed surface with its faces outward."""
+    if surface.volume_mm3 >= 0.0:
+        return surface
+    return replace(surface, faces=surface.faces[:, ::-1])
 
 
 def smoothed(surface: Surface, n_rounds: int) -> Surface:
@@ -167,6 +182,22 @@ def edge_uses(faces: IntArray) -> tuple[IntArray, IntArray]:
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges, counts = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
     return edges, counts
+
+
+def joined(surfaces: Sequence[Surface]) -> tuple[FloatArray, IntArray]:
+    """Points and faces of several surfaces, one after the other."""
+    starts = np.cumsum([0, *(len(surface.points_mm) for surface in surfaces)])
+    faces = [surface.faces + at for surface, at in zip(surfaces, starts[:-1], strict=True)]
+    return np.concatenate([surface.points_mm for surface in surfaces]), np.concatenate(faces)
+
+
+def parts_of(n: int, pairs: IntArray) -> IntArray:
+    """Number (n,) of the connected part that each of ``n`` items belongs to, linked by pairs (k, 2)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def adjacency(n_points: int, faces: IntArray) -> Any:  # noqa: ANN401 - a sparse array

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from palpate_limb.layers import below_skin
 from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, run_mesher, run_mmg
 from palpate_limb.midside_nodes import curved
 from palpate_limb.segment import Segment
-from palpate_limb.surfaces import Surface, solid, surface_of
+from palpate_limb.surfaces import Surface, joined, parts_of, solid, surface_of
 
 TISSUE = "soft_tissue"
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
@@ -49,21 +49,12 @@ class MeshPlan:
     def __post_init__(self) -> None:
         if any(not thickness > 0.0 for thickness in self.layers_mm.values()) or TISSUE in self.layers_mm:
             raise MeshError(
-                f"layers {dict(self.layers_mm)}: give thicknesses > 0 mm; what lies below them is '{TISSUE}'"
+                f"layers {dict(self.layers_mm)}: give thicknesses > 0 mm; what is below them is '{TISSUE}'"
             )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Boundary:
-    """Boundary triangles (n, 3) of tetrahedra by what they lie on.
-
-    Parameters
-    ----------
-    faces : mapping of name to (n, 3) integer array
-        ``skin``, ``cut`` and each bone.
-    """
-
-    faces: Mapping[str, IntArray]
+Boundary: TypeAlias = Mapping[str, IntArray]
+"""Boundary triangles (n, 3) of tetrahedra by what they are on: ``skin``, ``cut`` and each bone."""
 
 
 def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
@@ -77,9 +68,9 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
     interfaces = _interfaces(segment, plan.layers_mm)
     points, tets = _filled(segment, interfaces, plan)
     points, tets, regions, boundary = _adapted(points, tets, segment, interfaces, plan)
-    points, tets, on = (
-        _quadratic(points, tets, boundary) if plan.kind == "tet10" else (points, tets, _nodes(boundary))
-    )
+    on = {name: np.unique(faces) for name, faces in boundary.items()}
+    if plan.kind == "tet10":
+        points, tets, on = _quadratic(points, tets, boundary)
     outer = np.unique(np.concatenate([nodes for name, nodes in on.items() if name != "cut"]))
     inner = {
         name: (np.setdiff1d(_shared(tets, regions, i), outer), interface)
@@ -118,12 +109,11 @@ def _filled(
         for sign in (1.0, -1.0):
             body = body.trim_by_plane((sign * segment.axis).tolist(), -half)
         surfaces.append(_without_ends(surface_of(body, name), segment, half))
-    offsets = np.cumsum([0, *(len(s.points_mm) for s in surfaces)])
-    points = np.concatenate([s.points_mm for s in surfaces])
+    points, faces = joined(surfaces)
     background = plan.size.background(points.min(axis=0), points.max(axis=0))
     task = MeshingTask(
         points_mm=points,
-        faces=np.concatenate([s.faces + at for s, at in zip(surfaces, offsets[:-1], strict=True)]),
+        faces=faces,
         nested=len(surfaces) > 1,
         size_points_mm=background[0],
         size_cells=background[1],
@@ -141,16 +131,15 @@ def _adapted(
 ) -> tuple[FloatArray, IntArray, IntArray, Boundary]:
     """Points, tetrahedra, their regions and their boundary, with elements of the sizes asked for."""
     boundary = classify(points, tets, segment)
-    names = list(boundary.faces)
-    size = plan.size
+    names = list(boundary)
     made = run_mmg(
         AdaptTask(
             points_mm=points,
             tets=tets,
             regions=_regions(points, tets, interfaces),
-            faces=np.concatenate(list(boundary.faces.values())),
-            surfaces=np.repeat(np.arange(len(names)) + 1, [len(faces) for faces in boundary.faces.values()]),
-            size_field=np.array([size.fine_mm, size.coarse_mm, size.radius_mm, size.growth]),
+            faces=np.concatenate(list(boundary.values())),
+            surfaces=np.repeat(np.arange(len(names)) + 1, [len(faces) for faces in boundary.values()]),
+            size=plan.size,
             largest_mm=np.array([*(FLATTEST * t for t in plan.layers_mm.values()), np.inf]),
             deviation_mm=plan.tolerance_mm * (2.0 if plan.kind == "tet10" else 1.0),
         ),
@@ -158,7 +147,7 @@ def _adapted(
     )
     points = made["points_mm"]
     faces = {name: made["faces"][made["surfaces"] == i + 1] for i, name in enumerate(names)}
-    return points, _positive(points, made["tets"]), made["regions"], Boundary(faces=faces)
+    return points, _positive(points, made["tets"]), made["regions"], faces
 
 
 def _without_ends(surface: Surface, segment: Segment, half: float) -> Surface:
@@ -177,30 +166,20 @@ def _positive(points: FloatArray, tets: IntArray) -> IntArray:
 
 def _largest(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray]:
     """The largest part that hangs together by faces, and its nodes alone."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     if not len(tets):
         raise MeshError("the mesher filled nothing inside of the tissue; use smaller elements")
-    faces, owners = _all_faces(tets)
+    faces = np.sort(tets[:, np.array(CELLS["tet4"].corner_faces)], axis=2).reshape(-1, 3)
     _, inverse = np.unique(faces, axis=0, return_inverse=True)
-    links = coo_array(
-        (np.ones(len(owners)), (owners, len(tets) + inverse.ravel())), shape=(len(tets) + len(faces),) * 2
-    )
-    labels = connected_components(links, directed=False)[1][: len(tets)]
+    owners = np.repeat(np.arange(len(tets)), 4)
+    labels = parts_of(len(tets) + len(faces), np.column_stack([owners, len(tets) + inverse.ravel()]))
+    labels = labels[: len(tets)]
     kept = tets[labels == np.bincount(labels).argmax()]
     used, cells = np.unique(kept, return_inverse=True)
     return points[used], cells.reshape(-1, 4)
 
 
-def _all_faces(tets: IntArray) -> tuple[IntArray, IntArray]:
-    """Faces (4 n, 3) by ascending nodes, and the tetrahedron of each."""
-    faces = np.sort(tets[:, np.array(CELLS["tet4"].corner_faces)], axis=2).reshape(-1, 3)
-    return faces, np.repeat(np.arange(len(tets)), 4)
-
-
 def _regions(points: FloatArray, tets: IntArray, interfaces: Mapping[str, Surface]) -> IntArray:
-    """Number of the layer of each tetrahedron: how many interfaces it lies below."""
+    """Number of the layer of each tetrahedron: how many interfaces it is below."""
     middles = points[tets].mean(axis=1)
     below = np.zeros(len(tets), dtype=np.int64)
     for interface in interfaces.values():
@@ -209,7 +188,7 @@ def _regions(points: FloatArray, tets: IntArray, interfaces: Mapping[str, Surfac
 
 
 def classify(points: FloatArray, tets: IntArray, segment: Segment) -> Boundary:
-    """What each boundary face lies on.
+    """What each boundary face is on.
 
     Raises
     ------
@@ -234,11 +213,7 @@ def classify(points: FloatArray, tets: IntArray, segment: Segment) -> Boundary:
                 f"spot '{segment.name}': the mesh has no face on '{name}'; use smaller elements or a smaller "
                 "tolerance"
             )
-    return Boundary(faces=found)
-
-
-def _nodes(boundary: Boundary) -> dict[str, IntArray]:
-    return {name: np.unique(faces) for name, faces in boundary.faces.items()}
+    return found
 
 
 def _quadratic(
@@ -249,7 +224,7 @@ def _quadratic(
     points, cells, ends = with_midpoints(points, tets)
     key = ends[:, 0] * n + ends[:, 1]  # ascending, for ends are unique rows in order
     on = {}
-    for name, faces in boundary.faces.items():
+    for name, faces in boundary.items():
         edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
         middle = n + np.searchsorted(key, edges[:, 0] * n + edges[:, 1])
         on[name] = np.unique(np.concatenate([faces.ravel(), middle]))
@@ -257,5 +232,5 @@ def _quadratic(
 
 
 def _shared(cells: IntArray, regions: IntArray, layer: int) -> IntArray:
-    """Nodes between a layer and what lies below it."""
+    """Nodes between a layer and what is below it."""
     return np.intersect1d(cells[regions <= layer], cells[regions > layer])

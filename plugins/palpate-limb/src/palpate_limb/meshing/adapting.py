@@ -37,8 +37,7 @@ class AdaptTask:
         On the boundary.
     surfaces : (k,) integer array
         Which surface each is on, from 1; faces of two surfaces meet in an edge that stays.
-    size_field : (4,) array
-        fine, coarse, radius and growth of a :class:`SizeField`.
+    size : SizeField
     largest_mm : (n_regions,) array
         Edge length that a region takes at most, ∞ where it may be coarse.
     deviation_mm : float
@@ -50,7 +49,7 @@ class AdaptTask:
     regions: IntArray
     faces: IntArray
     surfaces: IntArray
-    size_field: FloatArray
+    size: SizeField
     largest_mm: FloatArray
     deviation_mm: float
 
@@ -74,13 +73,11 @@ def run_mmg(task: AdaptTask, time_limit_s: float) -> Arrays:
 
 
 def _adapted(task: AdaptTask) -> Arrays:
-    fine, coarse, radius, growth = map(float, task.size_field)
-    field = SizeField(fine_mm=fine, coarse_mm=coarse, radius_mm=radius, growth=growth)
     now: Arrays = {
         name: getattr(task, name) for name in ("points_mm", "tets", "regions", "faces", "surfaces")
     }
     for _ in range(N_PASSES):
-        now = _remeshed(now, _sizes(now, field, task.largest_mm), task.deviation_mm, growth)
+        now = _remeshed(now, _sizes(now, task.size, task.largest_mm), task.deviation_mm, task.size.growth)
     return now
 
 
