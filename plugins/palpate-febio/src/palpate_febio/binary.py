@@ -81,12 +81,9 @@ def find_binary(executable: str = "") -> Path:
                 f"{HOW_TO_GET_IT}"
             )
         return Path(found).resolve()
-    for name in NAMES:
-        if found := shutil.which(name):
-            return Path(found).resolve()
-    for place in _usual_places():
+    for place in (None, *map(str, _usual_places())):  # PATH comes first
         for name in NAMES:
-            if found := shutil.which(name, path=str(place)):
+            if found := shutil.which(name, path=place):
                 return Path(found).resolve()
     raise PluginError(f"no febio4 on PATH nor where FEBio is usually installed: {HOW_TO_GET_IT}")
 

@@ -2,7 +2,7 @@
 
 The frame is the spot's: the spot is the origin, its outward normal +z. FEBio's
 time counts steps (:mod:`palpate_febio.steps`), so a step that was asked for
-stands in the output at a whole number.
+is in the output at a whole number.
 """
 
 import re
@@ -91,11 +91,10 @@ def write_deck(problem: Problem) -> bytes:
     """
     root = ET.Element("febio_spec", version="4.0")
     module = ET.SubElement(root, "Module", type="solid")
-    _leaf(module, "units", "mm-N-s")
+    leaf(module, "units", "mm-N-s")
     _control(root, problem)
     constants = ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
-    for name in ("T", "R", "Fc"):
-        _leaf(constants, name, 0)
+    leaves(constants, dict.fromkeys(("T", "R", "Fc"), 0))
     _materials(root, problem)
     _mesh(root, problem)
     _boundary(root, problem)
@@ -105,7 +104,7 @@ def write_deck(problem: Problem) -> bytes:
     _load_data(root, problem.steps)
     log = ET.SubElement(ET.SubElement(root, "Output"), "logfile")
     data = {"data": ";".join(RECORD_DATA), "delim": ",", "file": RECORD_NAME}
-    _leaf(log, "rigid_body_data", rigid_id(problem), **data)
+    leaf(log, "rigid_body_data", rigid_id(problem), **data)
     return to_bytes(root)
 
 
@@ -121,8 +120,15 @@ def to_bytes(root: ET.Element) -> bytes:
     return b'<?xml version="1.0" encoding="ISO-8859-1"?>\n' + body + b"\n"
 
 
-def _leaf(parent: ET.Element, tag: str, value: object, **attributes: str) -> None:
+def leaf(parent: ET.Element, tag: str, value: object, **attributes: str) -> None:
+    """Add an element that holds a value alone."""
     ET.SubElement(parent, tag, attributes).text = str(value)
+
+
+def leaves(parent: ET.Element, values: Mapping[str, object]) -> None:
+    """Add an element for each name and value."""
+    for name, value in values.items():
+        leaf(parent, name, value)
 
 
 def _number(value: float) -> str:
@@ -145,43 +151,49 @@ def _material_name(problem: Problem, region: str) -> str:
 # -------------------------------------------------------------------- control
 
 
+def control_of(n_steps: int) -> dict[str, object]:
+    """What FEBio does in so many steps of length 1: statics, and no plot file."""
+    return {"analysis": "STATIC", "time_steps": n_steps, "step_size": 1, "plot_level": "PLOT_NEVER"}
+
+
 def _control(root: ET.Element, problem: Problem) -> None:
     control = ET.SubElement(root, "Control")
-    _leaf(control, "analysis", "STATIC")
-    _leaf(control, "time_steps", problem.steps.n)
-    _leaf(control, "step_size", 1)
-    _leaf(control, "plot_level", "PLOT_NEVER")
+    leaves(control, control_of(problem.steps.n))
     solver = ET.SubElement(control, "solver", type="solid")
-    for name, value in (
-        ("symmetric_stiffness", "non-symmetric"),
-        ("equation_scheme", "staggered"),
-        ("max_refs", 40),
-        ("diverge_reform", 1),
-        ("reform_each_time_step", 1),
-        ("dtol", 0.001),
-        ("etol", 0.01),
-        ("rtol", 0),
-        ("lstol", 0.9),
-        ("min_residual", 1e-14),
-        ("rhoi", 0),
-    ):
-        _leaf(solver, name, value)
+    leaves(
+        solver,
+        {
+            "symmetric_stiffness": "non-symmetric",
+            "equation_scheme": "staggered",
+            "max_refs": 40,
+            "diverge_reform": 1,
+            "reform_each_time_step": 1,
+            "dtol": 0.001,
+            "etol": 0.01,
+            "rtol": 0,
+            "lstol": 0.9,
+            "min_residual": 1e-14,
+            "rhoi": 0,
+        },
+    )
     if problem.method.startswith("broyden"):
-        _leaf(ET.SubElement(solver, "qn_method", type="Broyden"), "max_ups", BROYDEN_UPDATES)
+        leaf(ET.SubElement(solver, "qn_method", type="Broyden"), "max_ups", BROYDEN_UPDATES)
     else:
         ET.SubElement(solver, "qn_method", type="full Newton")
     if problem.settings.linear_solver:
         ET.SubElement(solver, "linear_solver", type=problem.settings.linear_solver)
     stepper = ET.SubElement(control, "time_stepper", type="default")
-    for name, value in (
-        ("max_retries", 12),
-        ("opt_iter", UNHURRIED),
-        ("dtmin", SMALLEST_STEP),
-        ("aggressiveness", 1),
-        ("cutback", 0.5),
-    ):
-        _leaf(stepper, name, value)
-    _leaf(stepper, "dtmax", 1, lc="3")
+    leaves(
+        stepper,
+        {
+            "max_retries": 12,
+            "opt_iter": UNHURRIED,
+            "dtmin": SMALLEST_STEP,
+            "aggressiveness": 1,
+            "cutback": 0.5,
+        },
+    )
+    leaf(stepper, "dtmax", 1, lc="3")
 
 
 def _materials(root: ET.Element, problem: Problem) -> None:
@@ -191,13 +203,13 @@ def _materials(root: ET.Element, problem: Problem) -> None:
         element = ET.SubElement(
             section, "material", id=str(k), name=_material_name(problem, region), type=material.febio_type
         )
-        _leaf(element, "density", _number(DENSITY_T_PER_MM3))
+        leaf(element, "density", _number(DENSITY_T_PER_MM3))
         for name, value in material.values:
-            _leaf(element, name, _number(value))
+            leaf(element, name, _number(value))
     rigid = ET.SubElement(section, "material", id=str(rigid_id(problem)), name=INDENTER, type="rigid body")
-    _leaf(rigid, "density", _number(DENSITY_T_PER_MM3))
-    _leaf(rigid, "override_com", 1)
-    _leaf(rigid, "center_of_mass", _numbers((0.0, 0.0, problem.radius_mm)))
+    leaf(rigid, "density", _number(DENSITY_T_PER_MM3))
+    leaf(rigid, "override_com", 1)
+    leaf(rigid, "center_of_mass", _numbers((0.0, 0.0, problem.radius_mm)))
 
 
 # ----------------------------------------------------------------------- mesh
@@ -209,7 +221,7 @@ def _mesh(root: ET.Element, problem: Problem) -> None:
     nodes = ET.SubElement(section, "Nodes", name="all")
     points = np.vstack([mesh.points_mm, ball.points_mm + np.array([0.0, 0.0, problem.radius_mm])])
     for k, point in enumerate(points.tolist(), start=1):
-        _leaf(nodes, "node", _numbers(point), id=str(k))
+        leaf(nodes, "node", _numbers(point), id=str(k))
     domains = [*_parts(mesh), ("tet4", INDENTER, ball.tets + mesh.n_nodes)]
     first = 1
     for kind, name, cells in domains:
@@ -218,7 +230,7 @@ def _mesh(root: ET.Element, problem: Problem) -> None:
         first += len(cells)
     for name in ("fixed", "bonded"):
         if np.size(chosen := mesh.node_sets.get(name, ())):
-            _leaf(section, "NodeSet", ",".join(map(str, np.asarray(chosen) + 1)), name=name)
+            leaf(section, "NodeSet", ",".join(map(str, np.asarray(chosen) + 1)), name=name)
     if not problem.bonded:
         _surfaces(section, contact_faces(mesh), ball.faces + mesh.n_nodes)
     _domains(root, problem, domains)
@@ -236,7 +248,7 @@ def _parts(mesh: Mesh) -> list[tuple[str, str, IntArray]]:
 
 def _cells(parent: ET.Element, tag: str, cells: IntArray, first: int) -> None:
     for k, cell in enumerate((cells + 1).tolist(), start=first):
-        _leaf(parent, tag, ",".join(map(str, cell)), id=str(k))
+        leaf(parent, tag, ",".join(map(str, cell)), id=str(k))
 
 
 def _surfaces(section: ET.Element, faces_by_kind: Mapping[str, IntArray], ball: IntArray) -> None:
@@ -247,8 +259,8 @@ def _surfaces(section: ET.Element, faces_by_kind: Mapping[str, IntArray], ball: 
         first += len(faces)
     _cells(ET.SubElement(section, "Surface", name="indenter_surface"), "tri3", ball, 1)
     pair = ET.SubElement(section, "SurfacePair", name="contact")
-    _leaf(pair, "primary", "skin_surface")
-    _leaf(pair, "secondary", "indenter_surface")
+    leaf(pair, "primary", "skin_surface")
+    leaf(pair, "secondary", "indenter_surface")
 
 
 def _domains(root: ET.Element, problem: Problem, domains: list[tuple[str, str, IntArray]]) -> None:
@@ -265,28 +277,26 @@ def _domains(root: ET.Element, problem: Problem, domains: list[tuple[str, str, I
 def _boundary(root: ET.Element, problem: Problem) -> None:
     section = ET.SubElement(root, "Boundary")
     held = ET.SubElement(section, "bc", name="fixed", node_set="fixed", type="zero displacement")
-    for dof in ("x_dof", "y_dof", "z_dof"):
-        _leaf(held, dof, 1)
+    leaves(held, dict.fromkeys(("x_dof", "y_dof", "z_dof"), 1))
     if problem.bonded:
         glue = ET.SubElement(section, "bc", name="glue", node_set="bonded", type="rigid")
-        _leaf(glue, "rb", rigid_id(problem))
+        leaf(glue, "rb", rigid_id(problem))
 
 
 def _rigid(root: ET.Element, problem: Problem) -> None:
     section = ET.SubElement(root, "Rigid")
     lock = ET.SubElement(section, "rigid_bc", name="lock", type="rigid_fixed")
-    _leaf(lock, "rb", rigid_id(problem))
-    for dof, fixed in (("Rx", 1), ("Ry", 1), ("Rz", 0), ("Ru", 1), ("Rv", 1), ("Rw", 0)):
-        _leaf(lock, f"{dof}_dof", fixed)
+    leaf(lock, "rb", rigid_id(problem))
+    leaves(lock, {"Rx_dof": 1, "Ry_dof": 1, "Rz_dof": 0, "Ru_dof": 1, "Rv_dof": 1, "Rw_dof": 0})
     for name, kind, dof, curve, scale in (
         ("press", "rigid_displacement", "z", "1", -1),
         ("twist", "rigid_rotation", "Rw", "2", 1),
     ):
         motion = ET.SubElement(section, "rigid_bc", name=name, type=kind)
-        _leaf(motion, "rb", rigid_id(problem))
-        _leaf(motion, "dof", dof)
-        _leaf(motion, "value", scale, lc=curve)
-        _leaf(motion, "relative", 0)
+        leaf(motion, "rb", rigid_id(problem))
+        leaf(motion, "dof", dof)
+        leaf(motion, "value", scale, lc=curve)
+        leaf(motion, "relative", 0)
 
 
 def _contact(root: ET.Element, problem: Problem) -> None:
@@ -295,25 +305,27 @@ def _contact(root: ET.Element, problem: Problem) -> None:
         section, "contact", name="contact", surface_pair="contact", type="sliding-elastic"
     )
     settings = problem.settings
-    for name, value in (
-        ("laugon", "AUGLAG" if problem.augmented else "PENALTY"),
-        ("tolerance", _number(settings.augmentation_tolerance)),
-        ("gaptol", _number(settings.gap_tolerance_mm if problem.augmented else 0.0)),
-        ("penalty", _number(problem.penalty)),
-        ("auto_penalty", 1),
-        ("update_penalty", 0),
-        ("two_pass", 0),
-        ("minaug", 0),
-        ("maxaug", settings.max_augmentations),
-        ("knmult", 0),
-        ("search_tol", 0.01),
-        ("symmetric_stiffness", 0),
-        ("search_radius", _number(0.4 * problem.radius_mm)),
-        ("tension", 0),
-        ("fric_coeff", _number(problem.friction)),
-        ("node_reloc", 0),
-    ):
-        _leaf(contact, name, value)
+    leaves(
+        contact,
+        {
+            "laugon": "AUGLAG" if problem.augmented else "PENALTY",
+            "tolerance": _number(settings.augmentation_tolerance),
+            "gaptol": _number(settings.gap_tolerance_mm if problem.augmented else 0.0),
+            "penalty": _number(problem.penalty),
+            "auto_penalty": 1,
+            "update_penalty": 0,
+            "two_pass": 0,
+            "minaug": 0,
+            "maxaug": settings.max_augmentations,
+            "knmult": 0,
+            "search_tol": 0.01,
+            "symmetric_stiffness": 0,
+            "search_radius": _number(0.4 * problem.radius_mm),
+            "tension": 0,
+            "fric_coeff": _number(problem.friction),
+            "node_reloc": 0,
+        },
+    )
 
 
 def _load_data(root: ET.Element, steps: Steps) -> None:
@@ -324,11 +336,11 @@ def _load_data(root: ET.Element, steps: Steps) -> None:
         (3, np.ones(steps.n + 1), "STEP"),
     ):
         curve = ET.SubElement(section, "load_controller", id=str(k), type="loadcurve")
-        _leaf(curve, "interpolate", form)
-        _leaf(curve, "extend", "CONSTANT")
+        leaf(curve, "interpolate", form)
+        leaf(curve, "extend", "CONSTANT")
         points = ET.SubElement(curve, "points")
         for line in points_of(values):
-            _leaf(points, "pt", line)
+            leaf(points, "pt", line)
 
 
 def points_of(values: FloatArray) -> list[str]:

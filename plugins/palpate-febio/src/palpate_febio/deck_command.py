@@ -1,4 +1,4 @@
-"""``palpate febio-deck``: what stands in a deck, as lines of a study."""
+"""``palpate febio-deck``: what is in a deck, as lines of a study."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def febio_deck(
 
 
 def describe(deck: Deck, materials: Mapping[str, type[Material]]) -> dict[str, Any]:
-    """What stands in a deck, in plain values.
+    """What is in a deck, in plain values.
 
     Parameters
     ----------

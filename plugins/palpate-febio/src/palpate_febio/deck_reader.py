@@ -1,4 +1,4 @@
-"""Reads decks: what stands in one, with its mesh, sets, surfaces, domains and materials."""
+"""Reads decks: mesh, sets, surfaces, domains and materials."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
@@ -22,7 +22,7 @@ FACE_NODES: Mapping[str, int] = MappingProxyType({"tri3": 3, "tri6": 6, "tri7": 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeckMaterial:
-    """A material as it stands in a deck: FEBio's type, and its numbers by FEBio's names."""
+    """A material of a deck: FEBio's type, and its numbers by FEBio's names."""
 
     name: str
     febio_type: str
@@ -241,7 +241,7 @@ def refuse_reaching(path: Path, root: ET.Element) -> None:
             if named is not None and not _inside(named):
                 raise MeshError(
                     f"{path}: <{element.tag} {attribute}={named!r}> reaches outside the deck's folder; "
-                    "put the file beside the deck and name it alone"
+                    "put the file next to the deck and name it alone"
                 )
 
 

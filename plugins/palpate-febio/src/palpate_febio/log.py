@@ -127,7 +127,7 @@ def read_log(text: str) -> LogSummary:
 
 
 def last_reason(text: str) -> Reason | None:
-    """The cause of failure that stands last, where a consequence counts less than its cause."""
+    """The cause of failure that comes last, where a consequence counts less than its cause."""
     text = _cut(text)
     found = []
     for rank, (pattern, name, remedy) in enumerate(_REASONS):

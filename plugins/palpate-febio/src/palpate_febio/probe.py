@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.api import FloatArray, Material, MaterialError
 from palpate.sandbox import Limits, run_program
-from palpate_febio.deck import DECK_NAME, LOG_NAME, to_bytes
+from palpate_febio.deck import DECK_NAME, LOG_NAME, control_of, leaf, leaves, to_bytes
 from palpate_febio.log import read_log
 from palpate_febio.record import RecordError, read_record
 from palpate_febio.spelling import DENSITY_T_PER_MM3, Written, written
@@ -62,29 +62,29 @@ def probe_theta(material: Material) -> FloatArray:
 def probe_deck(material: Written) -> bytes:
     """Cubes, each deformed as a whole; one more, left alone, gives FEBio an equation to solve."""
     root = ET.Element("febio_spec", version="4.0")
-    ET.SubElement(ET.SubElement(root, "Module", type="solid"), "units").text = "mm-N-s"
+    leaf(ET.SubElement(root, "Module", type="solid"), "units", "mm-N-s")
     _control(root)
     section = ET.SubElement(root, "Material")
     element = ET.SubElement(section, "material", id="1", name="probed", type=material.febio_type)
     for name, value in (("density", DENSITY_T_PER_MM3), *material.values):
-        ET.SubElement(element, name).text = format(value, ".17g")
+        leaf(element, name, format(value, ".17g"))
     n = len(GRADIENTS)
     mesh = ET.SubElement(root, "Mesh")
     nodes = ET.SubElement(mesh, "Nodes", name="all")
     for k, point in enumerate(np.concatenate([_CUBE] * (n + 1)).tolist(), start=1):
-        ET.SubElement(nodes, "node", id=str(k)).text = ",".join(map(str, point))
+        leaf(nodes, "node", ",".join(map(str, point)), id=str(k))
     cells = ET.SubElement(mesh, "Elements", type="hex8", name="cubes")
     for k in range(n + 1):
-        ET.SubElement(cells, "elem", id=str(k + 1)).text = _list(range(8 * k + 1, 8 * k + 9))
+        leaf(cells, "elem", _list(range(8 * k + 1, 8 * k + 9)), id=str(k + 1))
     for k in range(n):
-        ET.SubElement(mesh, "NodeSet", name=f"cube{k}").text = _list(range(8 * k + 1, 8 * k + 9))
-    ET.SubElement(mesh, "NodeSet", name="base").text = _list(range(8 * n + 1, 8 * n + 5))
+        leaf(mesh, "NodeSet", _list(range(8 * k + 1, 8 * k + 9)), name=f"cube{k}")
+    leaf(mesh, "NodeSet", _list(range(8 * n + 1, 8 * n + 5)), name="base")
     ET.SubElement(ET.SubElement(root, "MeshDomains"), "SolidDomain", name="cubes", mat="probed")
     _motion(root)
     log = ET.SubElement(ET.SubElement(root, "Output"), "logfile")
     for k in range(n):
         wanted = {"data": ";".join(STRESS_DATA), "delim": ",", "file": f"{k}{STRESS_NAME}"}
-        ET.SubElement(log, "element_data", wanted).text = str(k + 1)
+        leaf(log, "element_data", k + 1, **wanted)
     return to_bytes(root)
 
 
@@ -94,18 +94,10 @@ def _list(numbers: range) -> str:
 
 def _control(root: ET.Element) -> None:
     control = ET.SubElement(root, "Control")
-    for name, value in (
-        ("analysis", "STATIC"),
-        ("time_steps", N_STEPS),
-        ("step_size", 1),
-        ("plot_level", "PLOT_NEVER"),
-    ):
-        ET.SubElement(control, name).text = str(value)
-    solver = ET.SubElement(control, "solver", type="solid")
-    ET.SubElement(solver, "symmetric_stiffness").text = "symmetric"
+    leaves(control, control_of(N_STEPS))
+    leaf(ET.SubElement(control, "solver", type="solid"), "symmetric_stiffness", "symmetric")
     constants = ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
-    for name in ("T", "R", "Fc"):  # FEBio loses its way after an empty section
-        ET.SubElement(constants, name).text = "0"
+    leaves(constants, dict.fromkeys(("T", "R", "Fc"), 0))  # FEBio loses its way after an empty section
 
 
 def _motion(root: ET.Element) -> None:
@@ -114,16 +106,15 @@ def _motion(root: ET.Element) -> None:
         bc = ET.SubElement(
             section, "bc", name=f"deform{k}", node_set=f"cube{k}", type="prescribed deformation"
         )
-        ET.SubElement(bc, "scale", lc="1").text = "1"
-        ET.SubElement(bc, "F").text = ",".join(format(v, ".17g") for v in (np.eye(3) + H).ravel())
+        leaf(bc, "scale", 1, lc="1")
+        leaf(bc, "F", ",".join(format(v, ".17g") for v in (np.eye(3) + H).ravel()))
     held = ET.SubElement(section, "bc", name="base", node_set="base", type="zero displacement")
-    for dof in ("x_dof", "y_dof", "z_dof"):
-        ET.SubElement(held, dof).text = "1"
+    leaves(held, dict.fromkeys(("x_dof", "y_dof", "z_dof"), 1))
     curve = ET.SubElement(ET.SubElement(root, "LoadData"), "load_controller", id="1", type="loadcurve")
-    ET.SubElement(curve, "interpolate").text = "LINEAR"
+    leaf(curve, "interpolate", "LINEAR")
     points = ET.SubElement(curve, "points")
     for k in (0, N_STEPS):
-        ET.SubElement(points, "pt").text = f"{k},{k / N_STEPS:g}"
+        leaf(points, "pt", f"{k},{k / N_STEPS:g}")
 
 
 def read_stress(texts: list[str]) -> FloatArray:

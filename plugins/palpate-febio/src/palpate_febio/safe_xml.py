@@ -5,7 +5,6 @@ certain size and depth. Every message has the line.
 """
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
 from pathlib import Path
 from xml.parsers import expat
 
@@ -13,32 +12,6 @@ from palpate.api import MeshError
 
 LARGEST_FILE_BYTES = 2_000_000_000
 DEEPEST = 64
-
-
-class _Builder:
-    """Hands expat's events to a tree builder, and refuses what a deck has no use for."""
-
-    def __init__(self, parser: expat.XMLParserType) -> None:
-        self.tree = ET.TreeBuilder()
-        self.depth = 0
-        parser.buffer_text = True
-        parser.StartElementHandler = self.start
-        parser.EndElementHandler = self.end
-        parser.CharacterDataHandler = self.tree.data
-        parser.StartDoctypeDeclHandler = self.refuse
-
-    def start(self, tag: str, attributes: Mapping[str, str]) -> None:
-        self.depth += 1
-        if self.depth > DEEPEST:
-            raise ValueError(f"elements are nested more than {DEEPEST} deep")
-        self.tree.start(tag, dict(attributes))
-
-    def end(self, tag: str) -> None:
-        self.depth -= 1
-        self.tree.end(tag)
-
-    def refuse(self, *_: object) -> None:
-        raise ValueError("a document type declaration, which could define entities; remove it")
 
 
 def parse_xml(path: Path, text: bytes) -> ET.Element:
@@ -55,11 +28,31 @@ def parse_xml(path: Path, text: bytes) -> ET.Element:
     MeshError
         Not well-formed, or with a document type; naming the line.
     """
-    parser = expat.ParserCreate()
-    builder = _Builder(parser)
+    parser, tree = expat.ParserCreate(), ET.TreeBuilder()
+    depth = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > DEEPEST:
+            raise ValueError(f"elements are nested more than {DEEPEST} deep")
+        tree.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        tree.end(tag)
+
+    def refuse(*_: object) -> None:
+        raise ValueError("a document type declaration, which could define entities; remove it")
+
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = tree.data
+    parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(text, True)
-        root: ET.Element = builder.tree.close()
+        root: ET.Element = tree.close()
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise MeshError(
             f"{path}: line {parser.CurrentLineNumber}: not XML that can be read safely ({error}); "

@@ -219,13 +219,13 @@ class FebioSolver(Solver[FebioSettings]):
         return write_deck(problem)
 
     def _beside_template(self) -> list[Path]:
-        """Files that the template names beside itself, and FEBio will look for."""
+        """Files that the template names next to itself, and FEBio will look for."""
         if not self.settings.template:
             return []
         own = Path(self.settings.template)
         text = _template_bytes(own)
-        beside = sorted(file for file in own.parent.iterdir() if file.is_file() and file != own)
-        return [file for file in beside if f'"{file.name}"'.encode() in text]
+        near = sorted(file for file in own.parent.iterdir() if file.is_file() and file != own)
+        return [file for file in near if f'"{file.name}"'.encode() in text]
 
     # ---------------------------------------------------------------- the run
 
@@ -235,7 +235,7 @@ class FebioSolver(Solver[FebioSettings]):
         try:
             protocol, limb = indentation_of(job, limb, self.name)
             conventions = {region: self.convention(m).convention for region, m in job.materials.items()}
-            tries = self._climb(job, limb, conventions)
+            tries = self._tried(job, limb, conventions)
         except PalpateError as error:
             return Simulation(job=job, status=Status.CRASHED, response=None, message=str(error))
         last = tries[-1]
@@ -243,6 +243,7 @@ class FebioSolver(Solver[FebioSettings]):
         if last.method.endswith("half_steps"):
             rows = rows[::2]
         response = indentation_response(*rows.T)
+        remarks = (self.binary().remark, "" if self._right else PAPER_CONTACT)
         simulation = Simulation(
             job=job,
             status=last.verdict.status,
@@ -254,7 +255,7 @@ class FebioSolver(Solver[FebioSettings]):
                 "tries": [t.row() for t in tries],
                 "conventions": conventions,
                 "contact": "augmented" if protocol.friction > 0.0 and self._right else "penalty",
-                "remarks": self._remarks(last),
+                "remarks": [*last.verdict.log.warnings, *filter(None, remarks)],
             },
         )
         return self._verified(simulation, limb) if self.settings.verification == "every" else simulation
@@ -269,15 +270,7 @@ class FebioSolver(Solver[FebioSettings]):
     def _right(self) -> bool:
         return bool(self.settings.contact == "right")
 
-    def _remarks(self, last: Try) -> list[str]:
-        remarks = list(last.verdict.log.warnings)
-        if remark := self.binary().remark:
-            remarks.append(remark)
-        if not self._right:
-            remarks.append(PAPER_CONTACT)
-        return remarks
-
-    def _climb(self, job: Job, limb: Limb, conventions: Mapping[str, str]) -> Sequence[Try]:
+    def _tried(self, job: Job, limb: Limb, conventions: Mapping[str, str]) -> Sequence[Try]:
         tries: list[Try] = []
         for method in self.settings.fallbacks:
             tries.append(self._try(job, self.problem(job, limb, conventions, method)))
@@ -292,11 +285,12 @@ class FebioSolver(Solver[FebioSettings]):
             (folder / DECK_NAME).write_bytes(self._deck(problem))
             for file in self._beside_template():
                 shutil.copy(file, folder)  # never a link: FEBio may write to it
+            n_threads = str(self.settings.threads)
             ended = run_program(
                 self.command(folder),
                 folder,
-                self._limits,
-                self._environment,
+                Limits(time_s=self.settings.time_limit, stall_s=self.settings.stall_limit),
+                {"OMP_NUM_THREADS": n_threads, "MKL_NUM_THREADS": n_threads},
                 is_scratch=not self.settings.keep_folder,
             )
             verdict = self.read_response(ended, folder, problem)
@@ -328,29 +322,16 @@ class FebioSolver(Solver[FebioSettings]):
 
         def run(steps: Steps) -> Verdict:
             """The first answer that is whole, or the longest; the contact stays as stiff as it was."""
-            longest: Verdict | None = None
+            tried: list[Verdict] = []
             for method in (problem.method,) if problem.method == "broyden_soft" else VERIFICATION_METHODS:
-                verdict = self._try(
-                    job, replace(problem, steps=steps, method=method), f"verification-{method}"
-                ).verdict
-                if verdict.status is not Status.DIVERGED:
-                    return verdict
-                if longest is None or verdict.n_steps > longest.n_steps:
-                    longest = verdict
-            assert longest is not None
-            return longest
+                finer = replace(problem, steps=steps, method=method)
+                tried.append(self._try(job, finer, f"verification-{method}").verdict)
+                if tried[-1].status is not Status.DIVERGED:
+                    return tried[-1]
+            return max(tried, key=lambda verdict: verdict.n_steps)
 
         torque_Nmm = float(diagnostics["torque_Nmm"][up_to_first_turn(points).n])
         return check_torque(problem.steps, torque_Nmm, run, self.settings.verification_tolerance).row()
-
-    @property
-    def _limits(self) -> Limits:
-        return Limits(time_s=self.settings.time_limit, stall_s=self.settings.stall_limit)
-
-    @property
-    def _environment(self) -> dict[str, str]:
-        n = str(self.settings.threads)
-        return {"OMP_NUM_THREADS": n, "MKL_NUM_THREADS": n}
 
     @contextmanager
     def _folder(self, job: Job, label: str) -> Iterator[Path]:

@@ -35,7 +35,7 @@ DENSITY_T_PER_MM3 = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A material as it stands in a deck."""
+    """A material as a deck has it."""
 
     febio_type: str
     values: tuple[tuple[str, float], ...]

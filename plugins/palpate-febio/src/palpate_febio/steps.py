@@ -72,8 +72,4 @@ def halved(steps: Steps) -> Steps:
 
 def with_hold(steps: Steps, n_held: int) -> Steps:
     """The last point held for ``n_held`` more steps."""
-
-    def hold(values: FloatArray) -> FloatArray:
-        return np.concatenate([values, np.full(n_held, values[-1])])
-
-    return Steps(hold(steps.depth_mm), hold(steps.rotation_deg))
+    return Steps(*(np.pad(v, (0, n_held), mode="edge") for v in (steps.depth_mm, steps.rotation_deg)))

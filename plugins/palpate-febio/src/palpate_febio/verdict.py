@@ -1,7 +1,7 @@
 """Decides what became of a run: nothing is believed because FEBio says so."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,28 +62,24 @@ def judge(ended: Ended, log: str | None, record: str | None, steps: Steps, radiu
     if log is not None and said.reason is None and said.finished is not True:
         said = _with_tail(said, ended.tail)
     failure = _failure(ended, said)
+    status, message, rows = failure or Status.UNREADABLE, "", np.zeros((0, 4))
     try:
-        rows = _matched(_record(record), steps, radius_mm)
+        if record is None:
+            raise RecordError("there is none")
+        rows = _matched(read_record(record, len(RECORD_DATA)), steps, radius_mm)
     except RecordError as error:
         message = _message(ended, said, f"record: {error}")
-        status = failure or Status.UNREADABLE
-        return Verdict(status=status, message=message, rows=np.zeros((0, 4)), log=said)
-    missing = steps.n + 1 - len(rows)
-    if failure is not None:
-        return Verdict(status=failure, message=_message(ended, said, ""), rows=rows, log=said)
-    if missing:
-        what = f"ended well with {missing} of {steps.n} steps missing from its record"
-        return Verdict(status=Status.UNREADABLE, message=f"FEBio {what}", rows=rows, log=said)
-    if not rows[:, 2:].any():
-        what = "every reaction is zero: the record is of another body, or nothing was touched"
-        return Verdict(status=Status.UNREADABLE, message=what, rows=rows, log=said)
-    return Verdict(status=Status.OK, message="", rows=rows, log=said)
-
-
-def _record(text: str | None) -> Record:
-    if text is None:
-        raise RecordError("there is none")
-    return read_record(text, len(RECORD_DATA))
+    else:
+        missing = steps.n + 1 - len(rows)
+        if failure is not None:
+            message = _message(ended, said, "")
+        elif missing:
+            message = f"FEBio ended well with {missing} of {steps.n} steps missing from its record"
+        elif not rows[:, 2:].any():
+            message = "every reaction is zero: the record is of another body, or nothing was touched"
+        else:
+            status = Status.OK
+    return Verdict(status=status, message=message, rows=rows, log=said)
 
 
 def _failure(ended: Ended, said: LogSummary) -> Status | None:
@@ -93,15 +89,10 @@ def _failure(ended: Ended, said: LogSummary) -> Status | None:
     if ended.exit_code == 0 and said.finished:
         return None
     if said.finished is False:
-        deck = said.reason is not None and said.reason.name in (
-            "deck refused",
-            "deck not read",
-            "model refused",
-        )
-        return Status.CRASHED if deck else Status.DIVERGED
-    if ended.exit_code == 0:
-        return Status.UNREADABLE
-    return Status.CRASHED
+        refusals = ("deck refused", "deck not read", "model refused")
+        is_refused = said.reason is not None and said.reason.name in refusals
+        return Status.CRASHED if is_refused else Status.DIVERGED
+    return Status.UNREADABLE if ended.exit_code == 0 else Status.CRASHED
 
 
 def _message(ended: Ended, said: LogSummary, record: str) -> str:
@@ -120,14 +111,7 @@ def _message(ended: Ended, said: LogSummary, record: str) -> str:
 def _with_tail(said: LogSummary, tail: str) -> LogSummary:
     """Take the reason from what was printed where the log has none: XML errors come before the log."""
     printed = read_log(tail)
-    return LogSummary(
-        version=said.version or printed.version,
-        finished=said.finished,
-        reason=printed.reason,
-        converged=said.converged,
-        failed_at=said.failed_at,
-        warnings=said.warnings,
-    )
+    return replace(said, version=said.version or printed.version, reason=printed.reason)
 
 
 def _matched(record: Record, steps: Steps, radius_mm: float) -> FloatArray:
