@@ -78,10 +78,9 @@ def _here(n_workers: int) -> Iterator[LocalCluster]:
 
 
 def _of_batch_system(settings: DaskSettings, queue: JobQueueSettings) -> Any:  # noqa: ANN401 - by name
+    module = "dask_jobqueue.local" if queue.system == "local" else "dask_jobqueue"
     try:
-        kind = getattr(importlib.import_module("dask_jobqueue"), _CLUSTERS[queue.system])
-        if queue.system == "local":
-            kind = importlib.import_module("dask_jobqueue.local").LocalCluster
+        kind = getattr(importlib.import_module(module), _CLUSTERS[queue.system])
     except ImportError:
         raise ExecutorError(
             "executor.settings.jobqueue needs dask-jobqueue, which is not installed; "
@@ -110,16 +109,13 @@ def _of_batch_system(settings: DaskSettings, queue: JobQueueSettings) -> Any:  #
 def _client(settings: DaskSettings, cluster: Any) -> Client:  # noqa: ANN401 - of any kind
     where = settings.address or settings.scheduler_file or "its own cluster"
     try:
-        if cluster is not None:
-            client = Client(cluster, timeout=settings.timeout, set_as_default=False)
-        else:
-            client = Client(
-                settings.address,
-                scheduler_file=settings.scheduler_file,
-                security=_security(settings),
-                timeout=settings.timeout,
-                set_as_default=False,
-            )
+        known = {"scheduler_file": settings.scheduler_file, "security": _security(settings)}
+        client = Client(
+            settings.address if cluster is None else cluster,
+            timeout=settings.timeout,
+            set_as_default=False,
+            **(known if cluster is None else {}),
+        )
     except Exception as error:
         raise ExecutorError(
             f"no Dask scheduler answers at {where} within {settings.timeout:g} s "
@@ -142,16 +138,9 @@ def _security(settings: DaskSettings) -> Security | None:
     tls = settings.tls
     if tls is None:
         return None
-    return Security(
-        tls_ca_file=tls.ca_file,
-        tls_client_cert=tls.cert,
-        tls_client_key=tls.key,
-        tls_scheduler_cert=tls.cert,
-        tls_scheduler_key=tls.key,
-        tls_worker_cert=tls.cert,
-        tls_worker_key=tls.key,
-        require_encryption=True,
-    )
+    roles = ("client", "scheduler", "worker")
+    pairs = {f"tls_{role}_{part}": getattr(tls, part) for role in roles for part in ("cert", "key")}
+    return Security(tls_ca_file=tls.ca_file, require_encryption=True, **pairs)
 
 
 @contextlib.contextmanager

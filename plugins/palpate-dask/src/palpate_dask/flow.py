@@ -120,8 +120,14 @@ class _Flow:
         if future.status == "error":
             error = future.exception()
             if isinstance(error, KilledWorker):
-                return [_killed(index, error)]
-            raise error if isinstance(error, PalpateError) else _failed(error)
+                lost = f"the machines that Dask put this job on were lost, the last one {error.last_worker}"
+                return [JobResult(index=index, status=Status.CRASHED, message=lost, quarantined=True)]
+            if isinstance(error, PalpateError):
+                raise error
+            raise ExecutorError(
+                f"a Dask worker failed: {type(error).__name__}: {error}; everything finished is kept: "
+                "fix the cluster, then `palpate resume`"
+            )
         raise _gone()
 
 
@@ -129,20 +135,4 @@ def _gone() -> ExecutorError:
     return ExecutorError(
         "the Dask scheduler is gone, or has forgotten a job; everything finished is kept: "
         "start it again, then `palpate resume`"
-    )
-
-
-def _killed(index: int, error: KilledWorker) -> JobResult:
-    return JobResult(
-        index=index,
-        status=Status.CRASHED,
-        message=f"the machines that Dask put this job on were lost, the last one {error.last_worker}",
-        quarantined=True,
-    )
-
-
-def _failed(error: BaseException | None) -> ExecutorError:
-    return ExecutorError(
-        f"a Dask worker failed: {type(error).__name__}: {error}; everything finished is kept: "
-        "fix the cluster, then `palpate resume`"
     )

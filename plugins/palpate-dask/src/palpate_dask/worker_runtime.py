@@ -4,12 +4,12 @@ A job never runs in Dask's process. The same code as on one machine enforces its
 memory and attempts, and its crash or hang does not affect Dask.
 """
 
-import hashlib
 import pickle
 import sys
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -71,12 +71,7 @@ class WorkerRuntime(WorkerPlugin):  # type: ignore[misc]
         self.name = name
 
     def setup(self, worker: Worker) -> None:
-        """Load the plugins, and refuse a worker that would compute with other versions.
-
-        Raises
-        ------
-        ExecutorError
-        """
+        """Load the plugins; a worker that would compute with other versions is an ExecutorError."""
         for path in self.shared.plugin_files:
             if path.is_file():
                 load_file(path)
@@ -168,21 +163,13 @@ def versions(solver: Solver, plugin_files: Sequence[Path]) -> dict[str, str]:
     found = {"python": ".".join(map(str, sys.version_info[:2])), f"solver {solver.name}": solver.version()}
     found |= {name: version(name) for name in ("palpate", "distributed", "numpy")} | installed_code()
     for path in plugin_files:
-        found[path.name] = _digest(path)
+        is_there = path.is_file()
+        found[path.name] = sha256(path.read_bytes()).hexdigest()[:12] if is_there else f"no file {path}"
     return found
 
 
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:12] if path.is_file() else f"no file {path}"
-
-
 def refuse_others(where: str, wanted: Mapping[str, str], found: Mapping[str, str]) -> None:
-    """Refuse versions that differ, each with both.
-
-    Raises
-    ------
-    ExecutorError
-    """
+    """Refuse versions that differ by an ExecutorError that names both."""
     differing = [
         f"{name} {found.get(name, 'absent')} instead of {wanted.get(name, 'none')}"
         for name in {**wanted, **found}
