@@ -12,11 +12,9 @@ import typer
 from palpate.api import FIRST_PARTY, AsJson, PalpateError, PluginError, Session, StudyError, answering_for
 
 if TYPE_CHECKING:
-    from palpate.api import Limb, Material, Plugins, Solver
+    from palpate.api import Limb, Plugins, Solver
     from palpate_febio.solver import FebioSolver
     from palpate_validation.comparison import SolverComparison
-
-FAILED = 1
 
 
 def certify(
@@ -59,7 +57,7 @@ def certify(
     else:
         _show(session, comparison)
     if not comparison.passed:
-        raise typer.Exit(FAILED)
+        raise typer.Exit(1)
 
 
 def _compare(
@@ -145,6 +143,8 @@ def _rows(
     contenders: Mapping[str, Any],
     febio: Any,  # noqa: ANN401
 ) -> Iterator[Any]:
+    from palpate.specimens import block
+    from palpate_febio.probe import probe_theta
     from palpate_validation.comparison_block import NAMES, block_rows
     from palpate_validation.comparison_element import RECORDED_VALUES, one_element
     from palpate_validation.comparison_twist import twist_rows
@@ -160,25 +160,13 @@ def _rows(
         name = wanted or "ogden"
         material = materials[name]()
         own = [name for name in contenders if _is_own(session.plugins.solvers[name])]
-        problems = [("frictional twist", _twist_limb())]
+        problems = [("frictional twist", block(n_across=8, n_down=4, grading=1.3))]
         if mesh is not None and limb is not None:
             problems.append((f"twist of {mesh.name}", limb))
         for problem, body in problems:
-            yield from twist_rows(body, material, _middle(material), contenders, problem, own)
+            yield from twist_rows(body, material, probe_theta(material), contenders, problem, own)
     elif mesh is not None:
         raise StudyError(f"{mesh}: no solver that takes a mesh is installed; install palpate-jax")
-
-
-def _middle(material: Material) -> Any:  # noqa: ANN401 -- an array
-    from palpate_febio.probe import probe_theta
-
-    return probe_theta(material)
-
-
-def _twist_limb() -> Limb:
-    from palpate.specimens import block
-
-    return block(n_across=8, n_down=4, grading=1.3)
 
 
 def _read(plugins: Plugins, mesh: Path) -> Limb:

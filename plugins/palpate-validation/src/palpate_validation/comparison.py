@@ -131,6 +131,10 @@ class Case:
     friction: float
     mean_dilatation: bool | tuple[str, ...]
 
+    def row(self, **figures: Any) -> Row:  # noqa: ANN401 - fields of a row
+        """Row of this problem and material."""
+        return Row(problem=self.problem, material=self.name, **figures)
+
     def run(self, solver: Solver) -> Simulation:
         """The case by one solver; an unsupported one has crashed with the diagnostic ``refused``."""
         protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=self.path, friction=self.friction)
@@ -145,12 +149,9 @@ class Case:
             with answering_for(solver, f"the comparison's {self.problem}"):
                 solver.check(job, self.limb)
         except PalpateError as error:
+            refused = {"refused": True}
             return Simulation(
-                job=job,
-                status=Status.CRASHED,
-                response=None,
-                message=str(error),
-                diagnostics={"refused": True},
+                job=job, status=Status.CRASHED, response=None, message=str(error), diagnostics=refused
             )
         return simulate_alone(solver, job, self.limb)
 
@@ -190,9 +191,7 @@ def compared(
         for channel, (wanted, expected, peak) in references.items():
             values, why = answer(simulation, channel, wanted)
             difference = None if values is None else float(np.abs(values - expected).max() / peak)
-            yield Row(
-                problem=case.problem,
-                material=case.name,
+            yield case.row(
                 quantity=channel,
                 solver=name,
                 against=RECORDED,

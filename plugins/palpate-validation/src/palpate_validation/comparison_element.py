@@ -71,10 +71,5 @@ def one_element(material: Material, febio: FebioSolver | None) -> Iterator[Row]:
             difference, note = found.deviations[found.convention], f"convention {found.convention}"
         except PalpateError as error:
             note, refused = str(error), True
-        yield stress(
-            against=febio.version(),
-            difference=difference,
-            tolerance=TOLERANCE,
-            note=note,
-            refused=refused,
-        )
+        against = febio.version()
+        yield stress(against=against, difference=difference, tolerance=TOLERANCE, note=note, refused=refused)

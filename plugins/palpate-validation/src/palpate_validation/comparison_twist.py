@@ -71,14 +71,19 @@ def twist_rows(
 
 
 def _with_itself(case: Case, name: str, coarse: Simulation, fine: Simulation) -> Iterator[Row]:
+    """Change by halved steps and by a hold, relative to the torque."""
     before, why = answer(coarse, "torque", [TWIST_DEG])
     after, why_fine = answer(fine, "torque", [TWIST_DEG])
     if before is not None and before[0] == 0.0:
         before, why = None, "its torque is 0 at the end of the twist"
-    for what, change in _changes(fine, before, after).items():
-        yield Row(
-            problem=case.problem,
-            material=case.name,
+    changes: dict[str, float | None] = {"steps halved": None, "hold": None}
+    if before is not None and after is not None and fine.response is not None:
+        curve, peak = fine.response["torque"], abs(float(before[0]))
+        at_end = curve.ordinate[np.abs(curve.abscissa - TWIST_DEG) < 1e-6]
+        changes["steps halved"] = abs(float(after[0] - before[0])) / peak
+        changes["hold"] = abs(float(at_end[-1] - at_end[0])) / peak
+    for what, change in changes.items():
+        yield case.row(
             solver=name,
             quantity=f"torque: {what}",
             against="itself",
@@ -95,28 +100,10 @@ def _with_other(case: Case, name: str, answers: Mapping[str, Simulation], other:
         expected, _ = answer(answers[other], channel, [place])
         if values is None or expected is None:
             continue
-        yield Row(
-            problem=case.problem,
-            material=case.name,
+        yield case.row(
             solver=name,
             quantity=channel,
             against=other,
             difference=float(abs(values[0] / expected[0] - 1.0)),
             tolerance=PAIR_TOLERANCE[channel],
         )
-
-
-def _changes(
-    fine: Simulation, before: FloatArray | None, after: FloatArray | None
-) -> dict[str, float | None]:
-    """Change by halved steps and by a hold, relative to the torque."""
-    if before is None or after is None:
-        return {"steps halved": None, "hold": None}
-    assert fine.response is not None
-    curve = fine.response["torque"]
-    at_end = curve.ordinate[np.abs(curve.abscissa - TWIST_DEG) < 1e-6]
-    peak = abs(float(before[0]))
-    return {
-        "steps halved": abs(float(after[0] - before[0])) / peak,
-        "hold": abs(float(at_end[-1] - at_end[0])) / peak,
-    }

@@ -87,25 +87,17 @@ def friction_results(
     """
     truth = right["torque"].first_turn
     for (form, n_steps), (response, why) in runs.items():
-        if response is None or "torque" not in response:
-            yield FrictionResult(
-                problem=problem,
-                form=form,
-                n_steps=n_steps,
-                torque_Nmm=None,
-                relative=None,
-                stiffness=None,
-                note=why,
-            )
-            continue
-        torque = response["torque"].first_turn
+        torque = response["torque"].first_turn if response and "torque" in response else None
         yield FrictionResult(
             problem=problem,
             form=form,
             n_steps=n_steps,
             torque_Nmm=torque,
-            relative=torque / truth,
-            stiffness={name: best_multiple(response, right, w) for name, w in SCENARIOS.items()},
+            relative=None if torque is None else torque / truth,
+            stiffness=None
+            if response is None or torque is None
+            else {name: best_multiple(response, right, w) for name, w in SCENARIOS.items()},
+            note=why if torque is None else "",
         )
 
 
