@@ -33,22 +33,15 @@ def palpate_studies() -> "list[StudyTemplate]":
     """Provide the forearm studies, all on simulated data."""
     from palpate.api import StudyTemplate
 
+    summaries = {
+        "forearm-demo": "four spots on coarse meshes, a small design; 4 minutes on 2 cores (simulated)",
+        "forearm": "four spots in the paper's manner, 250 sets; hours (simulated)",
+        "forearm-layered": "skin over soft tissue, identified together at one spot (simulated)",
+    }
+    folder = files("palpate_forearm") / "studies"
     return [
-        StudyTemplate(
-            name="forearm-demo",
-            summary="four spots on coarse meshes, a small design; 4 minutes on 2 cores (simulated)",
-            directory=_directory("forearm-demo"),
-        ),
-        StudyTemplate(
-            name="forearm",
-            summary="four spots in the paper's manner, 250 sets; hours (simulated)",
-            directory=_directory("forearm"),
-        ),
-        StudyTemplate(
-            name="forearm-layered",
-            summary="skin over soft tissue, identified together at one spot (simulated)",
-            directory=_directory("forearm-layered"),
-        ),
+        StudyTemplate(name=name, summary=summary, directory=str(folder / name))
+        for name, summary in summaries.items()
     ]
 
 
@@ -62,7 +55,3 @@ def palpate_commands(app: "typer.Typer") -> None:
         "palpate reproduce", "palpate reproduce --minutes 60", "palpate reproduce --sets 250 --fine"
     )
     app.command(rich_help_panel=RUN, epilog=calls)(reproduce)
-
-
-def _directory(name: str) -> str:
-    return str(files("palpate_forearm") / "studies" / name)
