@@ -52,97 +52,16 @@ _PARTIAL = ".study"
 PHANTOMS = MappingProxyType({"coarse": "forearm-demo", "fine": "forearm"})
 """Ready study whose curves and meshes are taken: 1,500 or 3,600 nodes a spot."""
 
-REGIONS: Mapping[str, str] = MappingProxyType(
-    {
-        "ogden": """
-[region.soft_tissue]
-material = "ogden"
-
-[region.soft_tissue.parameters]
-c1 = { lower = "0.03 MPa", upper = "0.2 MPa" }
-m1 = { lower = 1.0, upper = 8.0 }
-kappa = { lower = "0.25 MPa", upper = "2.5 MPa" }
-""",
-        "yeoh": """
-[region.soft_tissue]
-material = "yeoh"
-# The paper's coefficients are those of FEBio 4, which takes 2 c2 and 3 c3 of the textbook for c2 and c3.
-convention = "febio4"
-
-[region.soft_tissue.parameters]
-c1 = { lower = "1.4e-3 MPa", upper = "3e-2 MPa" }
-# Printed in the other order in the paper.
-c2 = { lower = "-3e-3 MPa", upper = "-4.14e-5 MPa" }
-c3 = { lower = "3e-6 MPa", upper = "3e-4 MPa" }
-# The paper gives no range for the bulk modulus of this material.
-kappa = "0.8 MPa"
-
-[sampling.filters.drucker]
-
-# What the curves were made with; its c3 is just above the paper's range.
-[truth.soft_tissue]
-c1 = "1.41e-2 MPa"
-c2 = "-2.2e-3 MPa"
-c3 = "3.15e-4 MPa"
-""",
-        "neo_hookean": """
-[region.soft_tissue]
-material = "neo_hookean"
-
-[region.soft_tissue.parameters]
-E = { lower = "1e-3 MPa", upper = "1 MPa" }
-nu = { lower = 0.40, upper = 0.49 }
-""",
-    }
-)
-"""What the paper's three studies differ in, in its order."""
-
-SPOTS = ("p1", "p2", "p3", "p4")
-
-STUDY = """# The paper's study with the $material material, on a forearm phantom.
-#
-# The experiment is SIMULATED, with another solver than palpate's; the limb and the sensor of the
-# paper are not published.
-
-[study]
-name = "reproduce-$material"
-description = "The paper's study of the $material material on a simulated phantom"
-data = "simulated"
-$spots
-[experiment]
-loader = "csv"
-
-[limb]
-source = "meshio"
-
-[protocol]
-indenter = { shape = "sphere", radius = "7.5 mm" }
-depth = "10 mm"
-twist = ["-22.5 deg", "22.5 deg", "0 deg"]
-friction = 1.0
-
-[sampling]
-n_sets = $n_sets
-max_draws = $n_sets
-seed = 1
-
-[solver]
-name = "jax"
-time_limit = "30 min"
-
-[selection]
-scenarios = ["I", "II", "III"]
-generalise_by = "I"
-$region"""
+REGIONS = ("ogden", "yeoh", "neo_hookean")
+"""Materials of the paper's three studies, in its order; ``paper/<material>.toml`` is what differs."""
 
 
 def study_text(material: str, n_sets: int) -> str:
     """Text of the study file of one of the paper's materials."""
-    spots = "".join(
-        f'\n[[spot]]\nname = "{name}"\nmeasured = "measured/{name}.csv"\nmesh = "meshes/{name}.vtu"\n'
-        for name in SPOTS
-    )
-    return Template(STUDY).substitute(material=material, n_sets=n_sets, spots=spots, region=REGIONS[material])
+    paper = files("palpate_forearm") / "paper"
+    template = Template((paper / "study.toml.template").read_text(encoding="utf-8"))
+    region = (paper / f"{material}.toml").read_text(encoding="utf-8")
+    return template.substitute(material=material, n_sets=n_sets, region=region.strip())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
