@@ -258,11 +258,9 @@ class FebioSolver(Solver[FebioSettings]):
                 "remarks": [*last.verdict.log.warnings, *filter(None, remarks)],
             },
         )
-        return self._verified(simulation, limb) if self.settings.verification == "every" else simulation
-
-    def _verified(self, simulation: Simulation, limb: Limb) -> Simulation:
-        """The simulation with its verification, and a message where that fails."""
-        found = self.verify(simulation.job, limb, simulation)
+        if self.settings.verification != "every":
+            return simulation
+        found = self.verify(job, limb, simulation)
         marked = replace(simulation, diagnostics={**simulation.diagnostics, "verification": dict(found)})
         return replace(marked, message=found["message"]) if found and not found["passed"] else marked
 

@@ -60,7 +60,9 @@ def judge(ended: Ended, log: str | None, record: str | None, steps: Steps, radiu
     """
     said = read_log(log if log is not None else ended.tail)
     if log is not None and said.reason is None and said.finished is not True:
-        said = _with_tail(said, ended.tail)
+        # What was printed has the reason that the log lacks: XML errors come before the log.
+        printed = read_log(ended.tail)
+        said = replace(said, version=said.version or printed.version, reason=printed.reason)
     failure = _failure(ended, said)
     status, message, rows = failure or Status.UNREADABLE, "", np.zeros((0, 4))
     try:
@@ -106,12 +108,6 @@ def _message(ended: Ended, said: LogSummary, record: str) -> str:
     if said.failed_at is not None:
         parts.append(f"no balance at step {said.failed_at:g}")
     return " · ".join([*parts, record] if record else parts)
-
-
-def _with_tail(said: LogSummary, tail: str) -> LogSummary:
-    """Take the reason from what was printed where the log has none: XML errors come before the log."""
-    printed = read_log(tail)
-    return replace(said, version=said.version or printed.version, reason=printed.reason)
 
 
 def _matched(record: Record, steps: Steps, radius_mm: float) -> FloatArray:

@@ -50,7 +50,8 @@ def draw_recording(recording: Recording, folder: Path) -> Path:
         time = recording.time_s
         _components(axes[0], time, recording.position_mm - recording.position_mm[0])
         axes[0].set_ylabel("travel from\nthe first row [mm]")
-        _components(axes[1], time, _turned_deg(recording.quaternion))
+        orientation = Rotation.from_quat(np.array(recording.quaternion))
+        _components(axes[1], time, (orientation[0].inv() * orientation).as_rotvec(degrees=True))
         axes[1].set_ylabel("turn from\nthe first row [°]")
         _components(axes[2], time, recording.force_N)
         axes[2].set_ylabel("force [N]\n(sensor)")
@@ -96,7 +97,8 @@ def _draw_tared(processed: Processed, folder: Path) -> Path:
                 _shade_rows(axis, raw.time_s, free)
                 axis.axhline(0.0, color="0.3", linewidth=0.6)
                 if near:
-                    _near_zero(axis, np.concatenate([before[free], after[free]]))
+                    reach = 1.3 * float(max(np.abs(each[free]).max() for each in (before, after))) or 1.0
+                    axis.set_ylim(-reach, reach)
                 axis.set_ylabel(
                     f"{quantity.partition('_')[0]} [{unit}]\n" + ("(near zero)" if near else "(sensor)")
                 )
@@ -115,7 +117,10 @@ def _draw_phases(processed: Processed, folder: Path) -> Path:
     )
     with _figure(processed.raw, "phases, in the frame of the spot", len(signals)) as (figure, axes):
         for axis, (values, label) in zip(axes, signals, strict=True):
-            _shade_phases(axis, processed.phases)
+            for phase in processed.phases:
+                axis.axvspan(
+                    phase.start.time_s, phase.stop.time_s, color=_shade(phase), linewidth=0, zorder=0
+                )
             _line(axis, time, values, color="0.15")
             axis.set_ylabel(label)
         _name_phases(axes[0], processed.phases)
@@ -229,13 +234,6 @@ def _save(figure: Figure, path: Path) -> Path:
     return path
 
 
-def _turned_deg(quaternion: FloatArray) -> FloatArray:
-    """Rotation vectors (n, 3) from the first orientation, in the tool's frame."""
-    orientation = Rotation.from_quat(np.array(quaternion))
-    turned: FloatArray = (orientation[0].inv() * orientation).as_rotvec(degrees=True)
-    return turned
-
-
 def _components(axis: Axes, time: FloatArray, values: FloatArray) -> None:
     for k, (name, colour) in enumerate(_AXES):
         _line(axis, time, values[:, k], color=colour, label=name)
@@ -266,19 +264,9 @@ def _shade_rows(axis: Axes, time: FloatArray, chosen: BoolArray) -> None:
         axis.axvspan(time[start], time[stop - 1], color="0.88", linewidth=0, zorder=0)
 
 
-def _near_zero(axis: Axes, values: FloatArray) -> None:
-    reach = 1.3 * float(np.abs(values).max()) or 1.0
-    axis.set_ylim(-reach, reach)
-
-
 def _shade(phase: Phase) -> str:
     kind, _, number = phase.name.partition("_")
     return _TWISTS[int(number) % 2] if kind == "twist" else _SHADES[kind]
-
-
-def _shade_phases(axis: Axes, phases: Sequence[Phase]) -> None:
-    for phase in phases:
-        axis.axvspan(phase.start.time_s, phase.stop.time_s, color=_shade(phase), linewidth=0, zorder=0)
 
 
 def _name_phases(axis: Axes, phases: Sequence[Phase]) -> None:

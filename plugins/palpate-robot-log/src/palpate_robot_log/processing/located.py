@@ -75,8 +75,12 @@ def onset_of(located: Located, pressing_N: FloatArray, choice: OnsetChoice) -> O
         travel = float(np.interp(choice.time, recording.time_s, motion.travel_mm))
         n_free = int(np.searchsorted(recording.time_s, choice.time))
         return Onset(travel_mm=travel, std_mm=0.0, spread_mm=0.0, baseline_rows=n_free)
+    # From where the tool comes nearer for the last time as it is oriented in contact.
+    before = slice(located.contact.first + 1)
+    turned = np.hypot(motion.turn_deg[before], motion.tilt_deg[before]) >= _ORIENTED_ALIKE_DEG
+    start = int(np.flatnonzero(turned).max(initial=-1)) + 1
     stop = int(np.searchsorted(recording.time_s, located.strokes.press.stop.time_s)) + 1
-    press = slice(_last_approach(motion, located.contact), stop)
+    press = slice(start, stop)
     return find_onset(recording, motion.travel_mm, pressing_N, press, choice.exponent)
 
 
@@ -126,10 +130,3 @@ def _estimated_lag(located: Located) -> Lag:
         recording, located.motion.origin_mm, located.normal.vector, np.zeros(3), transport=False
     )
     return estimate_lag(recording.time_s, wrench.twisting, located.strokes.twists)
-
-
-def _last_approach(motion: Motion, contact: Contact) -> int:
-    """First row of the last stretch before contact in which the tool comes nearer as oriented there."""
-    alike = np.hypot(motion.turn_deg, motion.tilt_deg)[: contact.first + 1] < _ORIENTED_ALIKE_DEG
-    away = np.flatnonzero(~alike)
-    return int(away[-1]) + 1 if away.size else 0

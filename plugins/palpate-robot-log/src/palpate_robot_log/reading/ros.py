@@ -188,8 +188,12 @@ def _gather(
 def _stream(name: str, gathered: _Gathered, start_ns: int) -> Stream:
     table = np.array(gathered.values, dtype=np.float64).reshape(-1, len(gathered.fields))
     columns = [Column(name="received", values=_seconds(gathered.received_ns, start_ns), unit="s")]
-    if gathered.stamp_ns:
-        columns.insert(0, _stamp_column(gathered.stamp_ns, start_ns))
+    if any(gathered.stamp_ns):
+        stamps = _seconds(gathered.stamp_ns, start_ns)
+        columns.insert(0, Column(name="stamp", values=stamps, unit="s"))
+    elif gathered.stamp_ns:
+        nothing, note = np.full(len(gathered.stamp_ns), math.nan), "never set by the sender; use received"
+        columns.insert(0, Column(name="stamp", values=nothing, unit="s", note=note))
     columns += [
         Column(name=field_name, values=np.ascontiguousarray(table[:, index]), unit=unit)
         for index, (field_name, unit) in enumerate(gathered.fields)
@@ -199,13 +203,6 @@ def _stream(name: str, gathered: _Gathered, start_ns: int) -> Stream:
         rows=np.array(gathered.numbers, dtype=np.int64),
         columns={column.name: column for column in columns},
     )
-
-
-def _stamp_column(stamp_ns: Sequence[int], start_ns: int) -> Column:
-    if not any(stamp_ns):
-        nothing = np.full(len(stamp_ns), math.nan)
-        return Column(name="stamp", values=nothing, unit="s", note="never set by the sender; use received")
-    return Column(name="stamp", values=_seconds(stamp_ns, start_ns), unit="s")
 
 
 def _seconds(times_ns: Iterable[int], start_ns: int) -> np.ndarray:
