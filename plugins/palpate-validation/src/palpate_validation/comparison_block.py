@@ -35,10 +35,8 @@ def block_rows(
         case, rows = _case(kind, name, about, materials)
         press = rows[rows[:, 1] == 0.0]
         references = {"force": (press[:, 0].tolist(), press[:, 2], float(about["peak_force"]))}
-        note, tolerance = (
-            "the facets of FEBio's sphere change the force by up to 0.5 %",
-            FRICTIONLESS_TOLERANCE,
-        )
+        note = "the facets of FEBio's sphere change the force by up to 0.5 %"
+        tolerance = FRICTIONLESS_TOLERANCE
         if kind == "bonded":
             twist = rows[rows[:, 1] != 0.0]
             peak = float(np.abs(about["torque"]).max())
