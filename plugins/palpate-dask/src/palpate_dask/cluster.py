@@ -138,8 +138,9 @@ def _security(settings: DaskSettings) -> Security | None:
     tls = settings.tls
     if tls is None:
         return None
-    roles = ("client", "scheduler", "worker")
-    pairs = {f"tls_{role}_{part}": getattr(tls, part) for role in roles for part in ("cert", "key")}
+    pairs: dict[str, str] = {}
+    for role in ("client", "scheduler", "worker"):
+        pairs |= {f"tls_{role}_cert": tls.cert, f"tls_{role}_key": tls.key}
     return Security(tls_ca_file=tls.ca_file, require_encryption=True, **pairs)
 
 
