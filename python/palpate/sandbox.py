@@ -260,7 +260,10 @@ def _watched(process: "subprocess.Popen[bytes]", folder: Path, limits: Limits, p
     """Wait for the end; returns why it has to be stopped, empty when it ended by itself."""
     started = grown = time.monotonic()
     size = -1
-    while not _is_over(process):
+    while True:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(POLL_S)
+            return ""
         now = time.monotonic()
         current = os.fstat(printed.fileno()).st_size + _size(folder)
         if current != size:
@@ -271,13 +274,6 @@ def _watched(process: "subprocess.Popen[bytes]", folder: Path, limits: Limits, p
             return f"stopped: nothing written for {limits.stall_s:g} s"
         if size > limits.output_bytes:
             return f"stopped: more than {limits.output_bytes:,} bytes written"
-    return ""
-
-
-def _is_over(process: "subprocess.Popen[bytes]") -> bool:
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(POLL_S)
-    return process.returncode is not None
 
 
 def _size(folder: Path) -> int:
