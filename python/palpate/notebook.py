@@ -7,7 +7,7 @@ the same tables (:mod:`palpate.pipeline`).
 
 import contextlib
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -219,7 +219,7 @@ def _by_row(scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:
 
 
 def _by_id(chosen: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:
-    if "set_id" not in chosen.columns:
+    if chosen.is_empty():
         return chosen
     return chosen.with_columns(set_id=design["set_id"].gather(chosen["set_id"]))
 
@@ -232,32 +232,25 @@ def _responses(measured: pl.DataFrame) -> dict[str, Response]:
 
 
 def _frame_of(each: Simulation, set_id: int) -> pl.DataFrame:
-    has_curves = each.response is not None and list(each.response)
-    curves = frame_of(each.response) if each.response is not None and has_curves else _NO_CURVE
-    columns = {
-        "spot": each.job.spot,
-        "set_id": set_id,
-        "status": each.status.value,
-        "message": each.message,
-        "seconds": each.seconds,
-    }
-    typed = {name: pl.lit(value) for name, value in columns.items()} | {"set_id": pl.lit(set_id, pl.Int64)}
-    return curves.with_columns(**typed).select(_SIMULATED)
-
-
-_NO_CURVE = pl.DataFrame(
-    {"channel": [None], "point": [None], "abscissa": [None], "ordinate": [None]},
-    schema={"channel": pl.String, "point": pl.Int64, "abscissa": pl.Float64, "ordinate": pl.Float64},
-)
+    no_curve = {"channel": pl.String, "point": pl.Int64, "abscissa": pl.Float64, "ordinate": pl.Float64}
+    curves = pl.DataFrame([[None] * 4], schema=no_curve, orient="row")
+    if each.response is not None and list(each.response):
+        curves = frame_of(each.response)
+    return curves.with_columns(
+        spot=pl.lit(each.job.spot),
+        set_id=pl.lit(set_id, pl.Int64),
+        status=pl.lit(each.status.value),
+        message=pl.lit(each.message),
+        seconds=pl.lit(each.seconds),
+    ).select(_SIMULATED)
 
 
 def _simulations(simulated: pl.DataFrame) -> Iterator[RecordedSimulation]:
     for (spot, set_id), rows in simulated.group_by("spot", "set_id", maintain_order=True):
-        curves = rows.drop_nulls("channel")
-        first: Mapping[str, object] = rows.row(0, named=True)
+        curves, first = rows.drop_nulls("channel"), rows.row(0, named=True)
         yield RecordedSimulation(
             id=SimulationId(str(spot), int(str(set_id))),
-            status=Status(str(first["status"])),
+            status=Status(first["status"]),
             response=None if curves.is_empty() else response_of(curves),
-            message=str(first["message"]),
+            message=first["message"],
         )

@@ -24,15 +24,15 @@ class _InFlight:
     def __init__(
         self, tasks: Sequence[Task], started: Callable[[int], None], should_continue: Callable[[], bool]
     ) -> None:
-        self._waiting = list(tasks)
+        self.waiting = list(tasks)
         self._started = started
         self._should_continue = should_continue
         self.taken: list[tuple[int, Job, float]] = []
         self.n_answered = 0
 
     def feed(self) -> Iterator[Job]:
-        while self._waiting and self._should_continue():
-            index, job = self._waiting.pop(0)
+        while self.waiting and self._should_continue():
+            index, job = self.waiting.pop(0)
             self.taken.append((index, job, perf_counter()))
             self._started(index)
             yield job
@@ -55,10 +55,6 @@ class _InFlight:
                 return place
         same = [place for place, (_, job, _) in enumerate(self.taken) if _name(job) == _name(answered)]
         return same[0] if len(same) == 1 else None
-
-    @property
-    def left(self) -> list[Task]:
-        return list(self._waiting)
 
 
 def _name(job: Job) -> tuple[object, ...]:
@@ -101,14 +97,12 @@ def attempt(
             for index, job, _ in culprits if len(culprits) > 1 else ():
                 yield _attempt_alone(solver, limb, (index, job), started)
             if not culprits and not flight.n_answered:
-                yield from (_failed(index, error, perf_counter()) for index, _ in flight.left)
+                yield from (_failed(index, error, perf_counter()) for index, _ in flight.waiting)
                 return
-            left = flight.left
+            left = flight.waiting
         else:
-            unanswered = [(index, job) for index, job, _ in flight.taken]
-            if should_continue():
-                unanswered += flight.left
-            yield from (_unanswered(index) for index, _ in unanswered)
+            missed = [*flight.taken, *(flight.waiting if should_continue() else ())]
+            yield from (_unanswered(index) for index, *_ in missed)
             return
 
 

@@ -32,7 +32,7 @@ class _Pickler(pickle.Pickler):
 
     def reducer_override(self, obj: object) -> Any:  # noqa: ANN401 - as pickle declares it
         if isinstance(obj, MappingProxyType):
-            return _frozen, (dict(obj),)
+            return _frozen, (dict(obj),)  # the type itself has no name to be found by
         if isinstance(obj, Component):
             return type(obj), (obj.settings,)
         return NotImplemented
@@ -103,7 +103,8 @@ def _end_with(parent: int) -> None:
 def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
     try:
         plugin_files, solver_pickle, memory_MB = receive(inbox)
-        _load_plugins(plugin_files)
+        for path in plugin_files:
+            load_file(path)
         solver = pickle.loads(solver_pickle)
         if memory_MB:
             _limit_memory(memory_MB)
@@ -135,8 +136,3 @@ def _limit_memory(memory_MB: float) -> None:
     mapped_pages = int(Path("/proc/self/statm").read_text().split()[0])
     limit = mapped_pages * resource.getpagesize() + int(memory_MB * 1e6)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-
-
-def _load_plugins(files: tuple[Path, ...]) -> None:
-    for path in files:
-        load_file(path)

@@ -81,7 +81,8 @@ class HalfSpace(Solver):
             raise CurveError(f"spot '{job.spot}': '{self.name}' only indents; give the study a [protocol]")
         moduli = [mechanics.initial_moduli(job.materials[r], job.thetas[r]) for r in job.materials]
         mu, kappa = np.mean(moduli, axis=0)
-        response = Response(curves=_curves(float(mu), float(kappa), job.protocol, _thickness_mm(limb)))
+        thickness_mm = np.inf if limb is None else float(np.ptp(limb.mesh.points_mm[:, 2]))
+        response = Response(curves=_curves(float(mu), float(kappa), job.protocol, thickness_mm))
         return Simulation(job=job, status=Status.OK, response=response)
 
 
@@ -91,10 +92,6 @@ class HalfSpaceOnMesh(HalfSpace):
     name = "half_space_on_mesh"
     summary = "a sphere on a body of the mesh's thickness in closed form, for tests of plugins"
     needs_limb = True
-
-
-def _thickness_mm(limb: Limb | None) -> float:
-    return float("inf") if limb is None else float(np.ptp(limb.mesh.points_mm[:, 2]))
 
 
 def _curves(mu: float, kappa: float, press: Indentation, thickness_mm: float) -> dict[str, Curve]:

@@ -5,16 +5,8 @@
 import numpy as np
 import pytest
 
-from palpate.domain import (
-    BoolArray,
-    FloatArray,
-    ParameterSpace,
-)
-from palpate.plugins.interfaces import (
-    Component,
-    Sampler,
-    SetFilter,
-)
+from palpate.domain import BoolArray, FloatArray, ParameterSpace
+from palpate.plugins.interfaces import Component, Sampler, SetFilter
 from palpate.testing.components import ComponentContract, missing
 
 
@@ -40,8 +32,7 @@ class SamplerContract(ComponentContract):
         )
 
     def test_a_seed_decides_the_draw(self, sampler: Sampler) -> None:
-        points = sampler.draw(16, 3, 1)
-        again = sampler.draw(16, 3, 1)
+        points, again = (sampler.draw(16, 3, 1) for _ in range(2))
         np.testing.assert_array_equal(points, again, "one seed gives two draws: take every number from it")
         assert not np.array_equal(points, sampler.draw(16, 3, 2)), "two seeds give one draw"
 
@@ -84,7 +75,7 @@ class SetFilterContract(ComponentContract):
         assert kept.shape == (len(values),), f"a verdict of shape {kept.shape} on {len(values)} sets"
         assert kept.dtype == np.bool_, f"a verdict of {kept.dtype}, not of true and false"
         assert 0 < kept.sum() < len(values), (
-            f"keeps {kept.sum()} of {len(values)}: it does not tell them apart"
+            f"keeps {kept.sum()} of {len(values)}: it does not distinguish them"
         )
 
     def test_judges_each_set_for_itself(

@@ -105,14 +105,9 @@ class ExecutorContract(ComponentContract):
         def should_continue() -> bool:
             return n_before_stop is None or next(asked) < n_before_stop
 
-        limits = Limits(time_s=self.time_s)
+        solver, limits = LinearSolver(), Limits(time_s=self.time_s)
         return Batch(
-            solver=LinearSolver(),
-            jobs=jobs,
-            limbs={},
-            limits=limits,
-            n_workers=2,
-            should_continue=should_continue,
+            solver=solver, jobs=jobs, limbs={}, limits=limits, n_workers=2, should_continue=should_continue
         )
 
     def test_every_job_has_one_result(self, executor: Executor, jobs: list[Job]) -> None:

@@ -3,6 +3,7 @@
 # ruff: noqa: D102 - the name of a test says what must hold
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.domain import Curve, Spot
+from palpate.domain import Spot
 from palpate.errors import CurveError, MeshError, PalpateError
 from palpate.plugins.interfaces import Component, ExperimentLoader, LimbSource
 from palpate.plugins.optional import CurveWriter, LoadingDrawer
@@ -95,9 +96,8 @@ class LoaderContract(ComponentContract):
     def test_refuses_bad_files_by_name(self, loader: ExperimentLoader, bad_files: Sequence[Path]) -> None:
         assert bad_files
         for path in bad_files:
-            with pytest.raises(CurveError) as caught:
+            with pytest.raises(CurveError, match=re.escape(path.name)):
                 loader.load(path, self.channel)
-            assert path.name in str(caught.value)
 
     def test_reads_back_what_it_writes(self, loader: ExperimentLoader, good_file: Path) -> None:
         if not isinstance(loader, CurveWriter):
@@ -107,9 +107,12 @@ class LoaderContract(ComponentContract):
         found = loader.load(copy, self.channel)
         assert set(found) == set(written)
         for name in written:
-            np.testing.assert_allclose(found[name].abscissa, written[name].abscissa, rtol=1e-12)
-            np.testing.assert_allclose(found[name].ordinate, written[name].ordinate, rtol=1e-12)
-            _assert_same_std(found[name], written[name])
+            one, other = found[name], written[name]
+            np.testing.assert_allclose(one.abscissa, other.abscissa, rtol=1e-12)
+            np.testing.assert_allclose(one.ordinate, other.ordinate, rtol=1e-12)
+            assert (one.std is None) == (other.std is None)
+            if one.std is not None and other.std is not None:
+                np.testing.assert_allclose(one.std, other.std, rtol=1e-12)
 
     def test_reads_the_same_twice_and_leaves_the_file_alone(
         self, loader: ExperimentLoader, good_file: Path
@@ -156,20 +159,12 @@ class LoaderContract(ComponentContract):
     def test_refuses_a_folder_by_name(self, loader: ExperimentLoader, good_file: Path) -> None:
         folder = good_file.with_name("a_folder" + good_file.suffix)
         folder.mkdir()
-        with pytest.raises(CurveError) as caught:
+        with pytest.raises(CurveError, match=re.escape(folder.name)):
             loader.load(folder, self.channel)
-        assert folder.name in str(caught.value)
 
     def test_refuses_a_missing_file_by_name(self, loader: ExperimentLoader, good_file: Path) -> None:
-        with pytest.raises(PalpateError) as caught:
+        with pytest.raises(PalpateError, match="no_such"):
             loader.load(good_file.with_name("no_such" + good_file.suffix), self.channel)
-        assert "no_such" in str(caught.value)
-
-
-def _assert_same_std(found: Curve, written: Curve) -> None:
-    assert (found.std is None) == (written.std is None)
-    if found.std is not None and written.std is not None:
-        np.testing.assert_allclose(found.std, written.std, rtol=1e-12)
 
 
 class LimbSourceContract(ComponentContract):
@@ -220,6 +215,5 @@ class LimbSourceContract(ComponentContract):
     ) -> None:
         assert bad_files
         for path in bad_files:
-            with pytest.raises(MeshError) as caught:
+            with pytest.raises(MeshError, match=re.escape(path.name)):
                 limb_source.load(path, spot)
-            assert path.name in str(caught.value)

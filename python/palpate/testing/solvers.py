@@ -326,13 +326,8 @@ class SolverContract(ComponentContract):
         """Whether two answers differ by more than rounding, in any curve."""
         if one.response is None or other.response is None or set(one.response) != set(other.response):
             return True
-        for channel in one.response:
-            a, b = one.response[channel], other.response[channel]
-            if a.ordinate.shape != b.ordinate.shape:
-                return True
-            if np.abs(a.ordinate - b.ordinate).max() > CHANGE * np.abs(a.ordinate).max():
-                return True
-        return False
+        pairs = [(one.response[name].ordinate, other.response[name].ordinate) for name in one.response]
+        return any(a.shape != b.shape or np.abs(a - b).max() > CHANGE * np.abs(a).max() for a, b in pairs)
 
     def scaled(self, job: Job, factor: float, set_id: int) -> Job:
         """Build the job with every modulus times ``factor``."""
