@@ -81,6 +81,11 @@ class _Test:
     def energy(self, x: Array, theta: Array) -> Array:
         return self.material.energy_from_F(self.gradient(x), theta)
 
+    def slope(self, x: Array, theta: Array) -> Array:
+        """Slope of the energy in x."""
+        P = mechanics.stress(self.material, self.gradient(x), theta)
+        return jnp.einsum("iJ,iJm->m", P, jax.jacfwd(self.gradient)(x))
+
     def derivatives(self, x: Array, theta: Array) -> tuple[Array, Array]:
         """Slope and curvature of the energy in x.
 
@@ -102,7 +107,7 @@ def _newton(test: _Test, t: Array, free: Array, theta: Array) -> tuple[Array, Ar
 
 
 def _least(test: _Test, t: Array, theta: Array) -> tuple[Array, Array]:
-    """Free entries of least energy, and whether they were found."""
+    """Free entries of least energy, and 1 where they were found."""
 
     def unfinished(state: _Search) -> Array:
         return (jnp.abs(state.step).max() > STEP_TOLERANCE) & (state.n_steps < MAXIMUM_STEPS)
@@ -120,7 +125,8 @@ def _least(test: _Test, t: Array, theta: Array) -> tuple[Array, Array]:
     start = test.start(t)
     begin = _Search(start, jnp.full_like(start, jnp.inf), jnp.zeros_like(t), 0)
     found = jax.lax.while_loop(unfinished, advance, begin)
-    return found.free, (jnp.abs(found.step).max() <= STEP_TOLERANCE) & (found.least_bend > 0.0)
+    converged = (jnp.abs(found.step).max() <= STEP_TOLERANCE) & (found.least_bend > 0.0)
+    return found.free, jnp.where(converged, 1.0, 0.0)
 
 
 def nominal_stress(
@@ -147,9 +153,16 @@ def nominal_stress(
     test = _Test(material, mode, incompressible)
 
     def at(t: Array) -> Array:
-        free, found = _least(test, t, theta)
+        # The derivatives of the free entries are those of an implicit function.
+        free, found = jax.lax.custom_root(
+            lambda x: test.slope(jnp.concatenate([t[None], x]), theta)[1:],
+            test.start(t),
+            lambda _, start: _least(test, t, theta),
+            lambda linear, y: jnp.linalg.solve(jax.jacobian(linear)(y), y),
+            has_aux=True,
+        )
         slope, _ = test.derivatives(jnp.concatenate([t[None], free]), theta)
-        return jnp.where(found, slope[0], jnp.nan)
+        return jnp.where(found > 0.0, slope[0], jnp.nan)
 
     return jax.vmap(at)(path) * (0.5 if mode == "equibiaxial" else 1.0)
 

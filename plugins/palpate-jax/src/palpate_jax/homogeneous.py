@@ -126,11 +126,21 @@ def _transverse(gradient: Lateral, log_t: Array, guess: Array) -> tuple[Array, A
 
     Newton with the modulus of the curvature, which always descends in energy,
     and a bounded step. While the steps hardly shrink, as they do far out on an
-    exponential, their factor doubles. A solution must also be a minimum.
+    exponential, their factor doubles. A solution must also be a minimum. Its derivatives
+    are those of an implicit function.
     """
+    root = partial(gradient, log_t)
+    u, found = jax.lax.custom_root(
+        root, guess, _minimum, lambda linear, y: y / linear(jnp.ones_like(y)), has_aux=True
+    )
+    return u, found > 0.0
+
+
+def _minimum(gradient: Callable[[Array], Array], guess: Array) -> tuple[Array, Array]:
+    """The root, and 1 where it was found."""
 
     def newton(u: Array) -> tuple[Array, Array]:
-        g, curvature = jax.jvp(lambda v: gradient(log_t, v), (u,), (jnp.ones_like(u),))
+        g, curvature = jax.jvp(gradient, (u,), (jnp.ones_like(u),))
         return -g / jnp.abs(curvature), curvature
 
     def unfinished(state: _Search) -> Array:
@@ -146,7 +156,7 @@ def _transverse(gradient: Lateral, log_t: Array, guess: Array) -> tuple[Array, A
     start = _Search(guess, jnp.ones_like(guess), jnp.full_like(guess, jnp.inf), 0)
     u = jax.lax.while_loop(unfinished, advance, start).u
     step, curvature = newton(u)
-    return u, (jnp.abs(step) <= STEP_TOLERANCE) & (curvature > 0.0)
+    return u, jnp.where((jnp.abs(step) <= STEP_TOLERANCE) & (curvature > 0.0), 1.0, 0.0)
 
 
 def _free_stress(
@@ -231,6 +241,7 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
     summary = "homogeneous tests (uniaxial, equibiaxial, pure and simple shear, confined) without a mesh"
     needs_limb = False
     homogeneous = True
+    gives_slopes = True
     channels = MODES
 
     def __init__(self, settings: HomogeneousSettings | None = None) -> None:
@@ -295,7 +306,8 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
         refused = {k: message for k, job in enumerate(jobs) if (message := self._refusal(job))}
         accepted = [job for k, job in enumerate(jobs) if k not in refused]
         try:
-            stresses = self._stresses(accepted) if accepted else {}
+            stresses = self._at_sets(accepted) if accepted else {}
+            slopes = self._at_sets(accepted, slopes=True) if accepted and jobs[0].slopes else {}
         except Exception as error:  # a third party's energy may raise anything
             message = f"{type(error).__name__}: {error}"
             yield from (_failed(job, Status.CRASHED, message) for job in jobs)
@@ -307,7 +319,8 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
                 yield _failed(job, Status.DIVERGED, refused[k])
             else:
                 row = next(rows)
-                yield _simulation(job, {mode: values[row] for mode, values in stresses.items()}, seconds)
+                own, d_own = ({mode: values[row] for mode, values in v.items()} for v in (stresses, slopes))
+                yield _simulation(job, own, d_own, seconds)
 
     def _refusal(self, job: Job) -> str:
         """Reason why a job cannot be simulated; empty if it can."""
@@ -318,20 +331,20 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
             return str(error)
         return ""
 
-    def _stresses(self, jobs: list[Job]) -> dict[str, FloatArray]:
-        """Stresses by mode, (n_jobs, n)."""
+    def _at_sets(self, jobs: list[Job], *, slopes: bool = False) -> dict[str, FloatArray]:
+        """Stresses by mode, (n_jobs, n), or their derivatives, (n_jobs, n, n_parameters)."""
         material, _ = _specimen(jobs[0])
         thetas = np.array([_specimen(job)[1] for job in jobs])
         # One size for all: code compiled for another size may round differently, and a set's
         # result must not depend on the other sets.
         padded = np.concatenate([thetas, np.repeat(thetas[-1:], SETS_AT_ONCE - len(jobs), axis=0)])
         paths = dict(_tests(jobs[0]).paths)
-        results = self._evaluate(material, tuple(paths))(padded, paths)
+        results = self._evaluate(material, tuple(paths), slopes)(padded, paths)
         return {mode: np.asarray(values)[: len(jobs)] for mode, values in results.items()}
 
-    def _evaluate(self, material: Material, modes: tuple[str, ...]) -> Evaluate:
+    def _evaluate(self, material: Material, modes: tuple[str, ...], slopes: bool) -> Evaluate:
         """Compiled function for the material's class and settings, shared by its instances."""
-        key = (*_kind(material), modes)
+        key = (*_kind(material), modes, slopes)
         if key not in self._compiled:
             incompressible = self.settings.incompressible
 
@@ -340,7 +353,7 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
                     stress = partial(nominal_stress, material)
                     return {mode: stress(mode, incompressible, theta, paths[mode]) for mode in modes}
 
-                return jax.vmap(one)(thetas)
+                return jax.vmap(jax.jacfwd(one) if slopes else one)(thetas)
 
             self._compiled[key] = jax.jit(evaluate)
         return self._compiled[key]
@@ -373,7 +386,7 @@ def _kind(material: Material) -> tuple[object, ...]:
 
 def _batch_key(job: Job) -> tuple[object, ...]:
     """Key of jobs that can be evaluated together."""
-    kinds = tuple(_kind(material) for material in job.materials.values())
+    kinds = job.slopes, *(_kind(material) for material in job.materials.values())
     if not isinstance(job.protocol, HomogeneousTests):
         return kinds
     return kinds, *((mode, path.tobytes()) for mode, path in job.protocol.paths.items())
@@ -404,9 +417,13 @@ def _failed(job: Job, status: Status, message: str) -> Simulation:
     return Simulation(job=job, status=status, response=None, message=message)
 
 
-def _simulation(job: Job, stresses: dict[str, FloatArray], seconds: float) -> Simulation:
+def _simulation(
+    job: Job, stresses: dict[str, FloatArray], slopes: dict[str, FloatArray], seconds: float
+) -> Simulation:
     """Curves up to the first point without a finite stress."""
-    curves, problems = {}, []
+    ((region, material),) = job.materials.items()
+    names = [f"{region}.{p.name}" for p in material.parameters]
+    curves, problems, without = {}, [], {}
     for mode, stress in stresses.items():
         path = _tests(job).paths[mode]
         bad = np.flatnonzero(~np.isfinite(stress))
@@ -414,11 +431,15 @@ def _simulation(job: Job, stresses: dict[str, FloatArray], seconds: float) -> Si
         if bad.size:
             problems.append(f"{mode}: no equilibrium at {path[n_good]:g} (index {n_good})")
         if n_good >= 2 and np.ptp(path[:n_good]) > 0.0:
-            curves[mode] = Curve(channel=mode, abscissa=path[:n_good], ordinate=stress[:n_good])
+            own = dict(zip(names, slopes[mode][:n_good].T, strict=True)) if mode in slopes else {}
+            if not all(np.isfinite(values).all() for values in own.values()):
+                without[mode], own = "no finite slopes", {}
+            curves[mode] = Curve(channel=mode, abscissa=path[:n_good], ordinate=stress[:n_good], slopes=own)
     return Simulation(
         job=job,
         status=Status.DIVERGED if problems else Status.OK,
         response=Response(curves=curves) if curves else None,
         message="; ".join(problems),
         seconds=seconds,
+        diagnostics={"slopes": without} if without else {},
     )
