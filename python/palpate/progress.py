@@ -1,4 +1,4 @@
-"""How a stage tells its caller how far it is; the library itself prints nothing."""
+"""How a stage reports to its caller how far it is; the library itself prints nothing."""
 
 from typing import Protocol, runtime_checkable
 
@@ -10,7 +10,7 @@ class Progress(Protocol):
         """Begin a stage that has ``total`` steps."""
 
     def step(self, note: str = "") -> None:
-        """Count one step of the running stage; ``note`` says how it ended where that matters."""
+        """Count one step of the running stage; ``note`` is how it ended where that matters."""
 
     def note(self, text: str) -> None:
         """Take notice of something that happened on the way and was dealt with."""
@@ -28,7 +28,7 @@ class CountsRunning(Protocol):
 
 
 class Silent:
-    """A :class:`Progress` that keeps quiet."""
+    """A :class:`Progress` that prints nothing."""
 
     def begin(self, stage: str, total: int) -> None:
         """Say nothing."""

@@ -200,7 +200,7 @@ def split_option(option: str, arguments: Sequence[str]) -> tuple[list[str], list
         elif (following := next(waiting, None)) is not None:
             values.append(following)
         else:
-            rest.append(argument)  # typer says that its value is missing
+            rest.append(argument)  # typer reports that its value is missing
     return rest, values
 
 

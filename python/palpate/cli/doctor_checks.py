@@ -207,5 +207,5 @@ def _write_s(folder: Path, n_writes: int = 5) -> float:
 
 
 def _existing(folder: Path) -> Path:
-    # Unlike Path.is_dir this says no, and raises nothing, where the folder may not be looked into.
+    # Unlike Path.is_dir this is False, and raises nothing, where the folder may not be looked into.
     return next(place for place in (folder, *folder.resolve().parents) if os.path.isdir(place))

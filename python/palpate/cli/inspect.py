@@ -86,7 +86,7 @@ def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
     Raises
     ------
     CurveError
-        None can; with what each of them says.
+        None can; with the reason of each.
     """
     from palpate.errors import CurveError
     from palpate.plugins.guard import answering_for

@@ -50,7 +50,6 @@ class StageProgress:
         self._keeps = keeps
         self._session = session
         self._console = session.stderr
-        self._folder = folder
         self._bars: Progress | None = None
         self._task: TaskID | None = None
         self._stage = ""
@@ -111,10 +110,10 @@ class StageProgress:
         if note:
             self._notes[note] += 1
         if self._bars is not None and self._task is not None:
-            self._bars.update(self._task, advance=1, left=self._left(), notes=self._told())
+            self._bars.update(self._task, advance=1, left=self._left(), notes=self._counts())
         elif self._is_line_due():
             self._last_line = time.monotonic()
-            line = f"{self._stage}: {self._done} of {self._total} {self._told()}"
+            line = f"{self._stage}: {self._done} of {self._total} {self._counts()}"
             parts = [line.rstrip(), self._left(), self._side.text]
             self._console.print("; ".join(part for part in parts if part), markup=False)
 
@@ -124,7 +123,7 @@ class StageProgress:
         if self._first is None:
             self._first = (time.monotonic(), self._done)
         if self._bars is not None and self._task is not None:
-            self._bars.update(self._task, notes=self._told())
+            self._bars.update(self._task, notes=self._counts())
 
     def note(self, text: str) -> None:
         """Print a message during a stage."""
@@ -136,7 +135,7 @@ class StageProgress:
         """Go on until the user asks to stop."""
         return not self._stopping
 
-    def _told(self) -> str:
+    def _counts(self) -> str:
         """Counts by how steps ended: failures first, since a narrow terminal cuts the end."""
         ended = sorted(self._notes.items(), key=lambda each: (each[0] == "ok", -each[1]))
         running = [f"{self._n_running} running"] if self._n_running else []

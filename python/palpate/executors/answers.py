@@ -28,7 +28,7 @@ def checked(answer: object) -> Simulation:
     Raises
     ------
     UnreadableError
-        It is no :class:`Simulation`, or a part of it is not what the class says.
+        It is no :class:`Simulation`, or a part of it is not of its type.
     """
     if not isinstance(answer, Simulation):
         raise UnreadableError(f"the solver answered with a {type(answer).__name__}, not a Simulation")

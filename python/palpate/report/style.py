@@ -84,7 +84,7 @@ def save(figure: Figure, stem: Path) -> list[Path]:
 
 
 def entitle(figure: Figure, title: str, notice: str) -> None:
-    """Put the title above a figure, and below it what must be said of the data."""
+    """Put the title above a figure, and below it the notice on the data."""
     figure.suptitle(f"{title}\n{notice}" if notice else title, fontsize=8)
 
 

@@ -14,7 +14,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
     {
         "table1_coefficients": "Coefficients by spot and scenario",
         "table2_nmse": "NMSE by spot and scenario",
-        "unfitted_channels": "What a fit says about channels that it has not seen",
+        "unfitted_channels": "Misfit of the channels left out of the fit",
         "cross_channel": "Error in every channel, fitted or not",
         "identifiability": "How well each parameter is identified",
         "generalised": "One set for all spots",
@@ -116,7 +116,7 @@ def weighted_channels(scenario: Scenario) -> str:
 
 
 def unfitted_channels(data: ReportData) -> pl.DataFrame:
-    """What each fit to part of the channels says about those that it has not seen.
+    """What each fit to part of the channels misses in those that it leaves out.
 
     One row per search, spot, scenario and channel that the scenario leaves out: its NMSE
     and R² there; ``nmse_fitted``, the least NMSE there of the scenarios that do fit the

@@ -1,7 +1,5 @@
 """What holds for everything that a plugin provides."""
 
-# ruff: noqa: D102 - the name of a test says what must hold
-
 import pickle
 import re
 from typing import Never

@@ -1,7 +1,5 @@
 """Laws of what draws parameter sets and of what drops some of them."""
 
-# ruff: noqa: D102 - the name of a test says what must hold
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Laws of executors, with a solver whose answers are known."""
 
-# ruff: noqa: D102 - the name of a test says what must hold
-
 import contextlib
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Laws of what reads files: curves and limbs."""
 
-# ruff: noqa: D102 - the name of a test says what must hold
-
 import json
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Laws of materials."""
 
-# ruff: noqa: D102 - the name of a test says what must hold
-
 import itertools
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Laws of scenarios."""
 
-# ruff: noqa: D102 - the name of a test says what must hold
-
 from collections.abc import Collection
 
 import pytest

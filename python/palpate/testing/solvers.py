@@ -1,7 +1,5 @@
 """Laws of solvers."""
 
-# ruff: noqa: D102 - the name of a test says what must hold
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -47,7 +45,7 @@ SLOPE_STEP = 1e-3
 class SolverContract(ComponentContract):
     """Laws of a solver; override ``solver``, ``job`` and, where it needs one, ``limb``.
 
-    Override ``hopeless`` and ``finer`` too: a solver that says `ok` without having converged
+    Override ``hopeless`` and ``finer`` too: a solver that reports `ok` without having converged
     shows itself there alone.
     """
 
@@ -69,7 +67,7 @@ class SolverContract(ComponentContract):
     blind_to: frozenset[str] = frozenset()
     """Inputs that cannot change the answer to `job`: ``radius``, ``friction``, ``limb``, ``parameters``.
 
-    Name one only with the reason: a solver that passes over what a study says answers another one.
+    Name one only with the reason: a solver that ignores an input of the study answers another one.
     """
 
     path_channels: Mapping[str, int] = MappingProxyType({"force": DEPTH, "torque": ROTATION})
@@ -416,7 +414,7 @@ def _first_isotropic(job: Job) -> tuple[IsotropicMaterial, FloatArray]:
     for region, material in job.materials.items():
         if isinstance(material, IsotropicMaterial):
             return material, job.thetas[region]
-    pytest.skip("no region has an isotropic material: no closed form says what the answer must be")
+    pytest.skip("no region has an isotropic material: no closed form gives the answer")
 
 
 def turning_points(abscissa: FloatArray) -> FloatArray:
