@@ -30,7 +30,6 @@ class LeastSquares(Search[LeastSquaresSettings]):
 
     name = "least_squares"
     summary = "bounded Gauss-Newton steps with exact slopes where the solver gives them"
-    Settings = LeastSquaresSettings
 
     def search(self, space: SearchSpace) -> Asking:
         """Follow every start side by side."""

@@ -35,7 +35,6 @@ class DifferentialEvolution(Search[DifferentialEvolutionSettings]):
 
     name = "differential_evolution"
     summary = "a population that covers the whole box and needs no slopes; hundreds of simulations"
-    Settings = DifferentialEvolutionSettings
 
     def search(self, space: SearchSpace) -> Asking:
         """Replace each point by one that is made of others, where that fits better."""
