@@ -84,8 +84,8 @@ class Component(ABC, Generic[SettingsT]):
 
         By itself distribution, version and a hash of the code of the class and its bases outside
         palpate: of their whole packages, or of the file of a module outside a package. Override it
-        to state by hand which versions give the same results, or to add what they depend on
-        besides, such as a data file.
+        to state by hand which versions give the same results, or to add what else they
+        depend on, such as a data file.
 
         Raises
         ------
@@ -372,7 +372,7 @@ class Solver(Component[SettingsT]):
     def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
         """Simulate jobs of one limb, yielding each as it ends; override to share work.
 
-        An answer must have the same bits whatever other jobs stand beside its own, so that a sweep
+        An answer must have the same bits whatever other jobs are given with its own, so that a sweep
         which is stopped, resumed or spread over workers gives the same tables; a solver may offer a
         setting that asks for something else.
         """
