@@ -63,7 +63,7 @@ errors = scores.join(chosen.select("scenario", "set_id"), on="set_id").pivot(
 errors
 
 # %% [markdown]
-# ## The best set's curves beside the measured ones
+# ## The best set's curves and the measured ones
 
 # %%
 best = chosen.filter(pl.col("scenario") == "joint")["set_id"][0]

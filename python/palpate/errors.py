@@ -1,6 +1,6 @@
 """Errors a user can fix.
 
-Every message says what was wrong, where (file, row, key) and what to do about
+Every message has what was wrong, where (file, row, key) and what to do about
 it. The command line prints a :class:`PalpateError` without a traceback and ends
 with exit code 2; anything else that escapes is a bug and keeps its traceback.
 A failed simulation is not an error but a row with a status

@@ -1,6 +1,6 @@
 //! The graph of a symmetric pattern, with unknowns that share their neighbours drawn together.
 //!
-//! The three displacements of a node couple to the same unknowns, so the graph of nodes says all
+//! The three displacements of a node couple to the same unknowns, so the graph of nodes has all
 //! that an ordering needs, with a ninth of the edges.
 
 use std::collections::HashMap;

@@ -299,7 +299,7 @@ def _border(half: int) -> IntArray:
 
 def _placed(square: FloatArray, level: IntArray, rings_mm: FloatArray, half: int) -> FloatArray:
     """Points of the unit square's border (n, 2), moved to the ring of their level: ever rounder outwards."""
-    # The core stays even whatever the rings do: crowded squares would turn its corners inside out.
+    # The core stays even for any rings: crowded squares would turn its corners inside out.
     even = np.concatenate([rings_mm[half] * np.arange(half) / half, rings_mm[half:]])
     radius = even[level][:, None]
     along = np.clip(radius / (_ROUND_AFTER * even[half]), 0.0, 1.0)

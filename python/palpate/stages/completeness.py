@@ -11,7 +11,7 @@ from palpate.stages.selection import failures, unranked
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Completeness:
-    """Simulations that were scored, whatever their status, against design × spots.
+    """Scored simulations of any status, against design × spots.
 
     Parameters
     ----------

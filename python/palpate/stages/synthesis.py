@@ -140,7 +140,7 @@ def _targets(study: Study, out: Path | None) -> dict[tuple[str, str | None, int]
         for press, path in enumerate(paths)
     }
     files = list(targets.values())
-    for path in (*files, _beside(files)):
+    for path in (*files, _note_path(files)):
         if path.exists():
             raise StudyError(
                 f"{path}: exists and is not overwritten; move it, or name another folder with --out"
@@ -157,7 +157,7 @@ def _inside(path: Path, folder: Path) -> Path:
     return normal.relative_to(folder) if normal.is_relative_to(folder) else Path(path.name)
 
 
-def _beside(files: Sequence[Path]) -> Path:
+def _note_path(files: Sequence[Path]) -> Path:
     return Path(os.path.commonpath([path.parent for path in files])) / NOTE
 
 
@@ -259,23 +259,23 @@ def _write(
     note: Mapping[str, Any],
 ) -> tuple[Path, ...]:
     """Write all files or, when one cannot be, none."""
-    begun: list[Path] = []
+    written: list[Path] = []
     try:
         for spot, channel, press, content in _contents(study, presses):
             path = targets[spot, channel, press]
             path.parent.mkdir(parents=True, exist_ok=True)
-            begun.append(path)
+            written.append(path)
             _save(study.loader_at(spot), path, content, channel)
-        beside = _beside(begun)
+        note_path = _note_path(written)
         text = json.dumps(note, indent=2, ensure_ascii=False, allow_nan=False)
-        write_atomically(beside, text.encode() + b"\n")
+        write_atomically(note_path, text.encode() + b"\n")
     except BaseException as error:
-        for path in begun:
+        for path in written:
             path.unlink(missing_ok=True)
         if isinstance(error, OSError):
-            raise StudyError(f"{begun[-1]}: cannot be written ({error}); use --out FOLDER") from error
+            raise StudyError(f"{written[-1]}: cannot be written ({error}); use --out FOLDER") from error
         raise
-    return (*begun, beside)
+    return (*written, note_path)
 
 
 def _contents(
