@@ -4,12 +4,11 @@ Units are mm, N, MPa, N·mm and degrees. Arrays are copied, checked once and mad
 value is valid.
 """
 
-import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,10 +23,16 @@ from palpate.curves import (
 )
 from palpate.errors import (
     MeshError,
-    ParameterError,
     SamplingError,
     ScoringError,
     StudyError,
+)
+from palpate.parameters import (
+    Parameter as Parameter,
+    ParameterSpace as ParameterSpace,
+    Prior as Prior,
+    RegionMaterial as RegionMaterial,
+    Tie as Tie,
 )
 
 if TYPE_CHECKING:
@@ -206,137 +211,6 @@ class HomogeneousTests:
 
 Protocol = Indentation | HomogeneousTests
 """Motion or deformation prescribed to the limb or specimen."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Prior:
-    """What is known of a number before anything is fitted: a value and its standard deviation."""
-
-    value: float
-    sd: float
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.value) and np.isfinite(self.sd) and self.sd > 0.0):
-            raise ParameterError(f"a prior of {self.value} with sd {self.sd}; give a finite value and sd > 0")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
-    """One number that is searched, or that a material needs.
-
-    ``lower`` and ``upper`` are the default range of a sweep (region of interest);
-    ``physical_lower`` and ``physical_upper`` are the limits of physical meaning.
-    ``kind`` is ``modulus`` if it scales with stiffness and ``shape`` if it is
-    dimensionless. A sweep spreads the value evenly, or its logarithm (``scale``). ``prior`` is what
-    a fit knows of it before; with ``by_spot`` a fit of several spots finds one value for each.
-    """
-
-    name: str
-    unit: str
-    lower: float
-    upper: float
-    kind: Literal["modulus", "shape"]
-    description: str
-    physical_lower: float = -np.inf
-    physical_upper: float = np.inf
-    scale: Literal["linear", "log"] = "linear"
-    prior: Prior | None = None
-    by_spot: bool = False
-
-    def __post_init__(self) -> None:
-        if not self.lower < self.upper:
-            raise ParameterError(
-                f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} "
-                f"{self.unit}; swap them"
-            )
-        if self.scale == "log" and self.lower <= 0.0 <= self.upper:
-            raise ParameterError(
-                f"'{self.name}': log scale needs bounds > 0, got {self.lower:g} to {self.upper:g}"
-            )
-        for bound in (self.lower, self.upper):
-            self.check(bound)
-
-    def check(self, value: float) -> None:
-        """Refuse a value outside the physical range, or one that is not finite.
-
-        Raises
-        ------
-        ParameterError
-        """
-        if not (np.isfinite(value) and self.physical_lower <= value <= self.physical_upper):
-            raise ParameterError(
-                f"parameter '{self.name}' = {value} {self.unit} is outside its physical range "
-                f"{self._physical_range}; give a value inside it"
-            )
-
-    @property
-    def _physical_range(self) -> str:
-        # The least positive number is how an open lower limit of zero is written.
-        if self.physical_lower == sys.float_info.min and self.physical_upper == np.inf:
-            return f"(> 0 {self.unit})"
-        return f"[{self.physical_lower}, {self.physical_upper}] {self.unit}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RegionMaterial:
-    """The material of one region, with each parameter either searched or fixed.
-
-    Parameters
-    ----------
-    searched : tuple of Parameter
-        With the study's ranges, in ``convention``.
-    fixed : mapping of parameter name to value
-        In ``convention``.
-    convention : str
-        Of the numbers: ``textbook``, or another key of
-        ``material.conventions``.
-    """
-
-    region: str
-    material: "Material"
-    searched: tuple[Parameter, ...]
-    fixed: Mapping[str, float]
-    convention: str = "textbook"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "fixed", MappingProxyType(dict(self.fixed)))
-
-    def theta(self, values: Mapping[str, float]) -> FloatArray:
-        """Textbook parameters in the order of ``material.parameters``, shape (n_parameters,)."""
-        numbers = [
-            self.fixed[p.name] if p.name in self.fixed else values[p.name] for p in self.material.parameters
-        ]
-        return self.material.to_textbook(np.array(numbers), self.convention)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ParameterSpace:
-    """All searched parameters of all regions, under the names ``region.parameter``."""
-
-    regions: tuple[RegionMaterial, ...]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Searched parameters with their full names, in design column order."""
-        return tuple(replace(p, name=f"{r.region}.{p.name}") for r in self.regions for p in r.searched)
-
-    @property
-    def fixed_moduli(self) -> tuple[str, ...]:
-        """Full names of the moduli that are not searched."""
-        return tuple(
-            f"{r.region}.{p.name}"
-            for r in self.regions
-            for p in r.material.parameters
-            if p.kind == "modulus" and p.name in r.fixed
-        )
-
-    def thetas(self, row: FloatArray) -> dict[str, FloatArray]:
-        """Textbook parameters by region for one design row of shape (n_parameters,)."""
-        columns = iter(row.tolist())
-        thetas = {r.region: r.theta({p.name: next(columns) for p in r.searched}) for r in self.regions}
-        if next(columns, None) is not None:
-            raise SamplingError(f"a design row of {len(row)} values has more values than searched parameters")
-        return thetas
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

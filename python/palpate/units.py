@@ -76,6 +76,33 @@ def convert(given: object, unit: str) -> float:
         return _finite(float("inf"), given, unit)
 
 
+def convert_factor(given: str, per: str, unit: str) -> float:
+    """Convert a factor on quantities in ``per`` to what it is worth in ``unit``.
+
+    Parameters
+    ----------
+    given : str
+        A number, with a unit only where ``per`` and ``unit`` are of different kinds.
+    per, unit : str
+
+    Raises
+    ------
+    ValueError
+        Not a finite number, or not a factor between the two.
+
+    Examples
+    --------
+    >>> convert_factor("2", "kPa", "MPa")
+    0.002
+    """
+    match = _QUANTITY.fullmatch(given)
+    if match is None:
+        raise ValueError(f"{given!r} is not a number; write a factor, such as 20")
+    number, written = match.groups()
+    units = "*".join(each for each in (written, per) if each not in DIMENSIONLESS)
+    return convert(f"{number} {units}", unit)
+
+
 def _finite(value: float, given: object, unit: str) -> float:
     if abs(value) < float("inf"):
         return value

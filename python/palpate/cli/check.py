@@ -66,6 +66,7 @@ def _as_json(study: "Study", checked: "StudyInputs") -> "CheckOutput":
             {"name": p.name, "lower": p.lower, "upper": p.upper, "unit": p.unit}
             for p in study.space.parameters
         ],
+        "tied": {name: f"{tie.factor:g} * {tie.source}" for name, tie in study.space.ties.items()},
         "n_drawn": checked.design.n_drawn,
         "n_sets": checked.design.n_sets,
         "solver": study.solver.name,
@@ -82,6 +83,8 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
         ["name", "lower", "upper", "unit", "description"],
         [[p.name, p.lower, p.upper, p.unit, p.description] for p in study.space.parameters],
     )
+    for name, tie in study.space.ties.items():
+        session.say(f"{name} = {tie.factor:g} * {tie.source}")
     session.table(
         "Spots",
         ["spot", "channels and peaks", "nodes"],

@@ -40,6 +40,7 @@ class CheckOutput(Closed):
     data: str
     spots: dict[str, list[str]]
     searched: list[Searched]
+    tied: dict[str, str]
     n_drawn: int
     n_sets: int
     solver: str

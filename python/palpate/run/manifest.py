@@ -51,6 +51,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
                 "convention": region.convention,
                 "searched": [finite(asdict(p)) for p in region.searched],
                 "fixed": plain(region.fixed),
+                "tied": {name: asdict(tie) for name, tie in region.tied.items()},
             }
             for region in study.space.regions
         ],

@@ -12,13 +12,14 @@ what the study has now.
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 import polars as pl
 
+from palpate.domain import RegionMaterial
 from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.plugins.interfaces import Component
@@ -139,14 +140,20 @@ def design_from(study: Study) -> dict[str, str]:
     """What decides the first ``n_sets`` sets of the design."""
     regions = study.space.regions
     return {
-        "ranges": fingerprint([asdict(parameter) for parameter in study.space.parameters]),
+        "ranges": fingerprint(
+            [asdict(replace(p, prior=None, by_spot=False)) for p in study.space.parameters]
+        ),
         "materials": fingerprint(
-            [(r.region, _described(r.material, study), r.convention, dict(r.fixed)) for r in regions]
+            [(r.region, _described(r.material, study), r.convention, _not_searched(r)) for r in regions]
         ),
         "sampler": fingerprint(_described(study.sampler)),
         "filters": fingerprint([_described(keep) for keep in study.filters]),
         "n_sets, max_draws or seed": fingerprint([study.n_sets, study.max_draws, study.seed]),
     }
+
+
+def _not_searched(region: RegionMaterial) -> dict[str, object]:
+    return {**region.fixed, **{name: asdict(tie) for name, tie in region.tied.items()}}
 
 
 def scores_from(study: Study, records: StageRecords, simulations: str) -> dict[str, str]:

@@ -295,26 +295,23 @@ def young_range(space: ParameterSpace) -> tuple[float, float] | None:
 
     None where a region's material has directions, or too many parameters.
     """
-    ends = [_young_ends(region) for region in space.regions]
+    ends = [_young_ends(space, region) for region in space.regions]
     known = [each for each in ends if each is not None]
     if not known or len(known) < len(ends):
         return None
     return min(low for low, _ in known), max(high for _, high in known)
 
 
-def _young_ends(region: RegionMaterial) -> tuple[float, float] | None:
-    material = region.material
-    if not isinstance(material, IsotropicMaterial) or 2 ** len(region.searched) > _MOST_CORNERS:
+def _young_ends(space: ParameterSpace, region: RegionMaterial) -> tuple[float, float] | None:
+    material, columns = region.material, space.columns_of(region.region)
+    if not isinstance(material, IsotropicMaterial) or 2 ** len(columns) > _MOST_CORNERS:
         return None
     # An isochoric pull by the logarithmic strain e stores E e²/2.
     stretches = np.exp(np.stack([_STRAINS, -_STRAINS / 2.0, -_STRAINS / 2.0], axis=-1))
-    names = [p.name for p in region.searched]
-    corners = product(*((p.lower, p.upper) for p in region.searched))
+    ends = [(p.lower, p.upper) if i in columns else (p.lower,) for i, p in enumerate(space.parameters)]
+    thetas = [space.thetas(np.array(corner))[region.region] for corner in product(*ends)]
     with answering_for(material, "energy at the ends of the ranges"), np.errstate(all="ignore"):
-        energies = [
-            np.asarray(material.energy(stretches, region.theta(dict(zip(names, each, strict=True)))))
-            for each in corners
-        ]
+        energies = [np.asarray(material.energy(stretches, theta)) for theta in thetas]
     moduli = 2.0 * np.stack(energies) / _STRAINS**2
     initial = moduli[:, np.abs(_STRAINS) < 0.1]
     if not np.isfinite(moduli).all() or not (initial > 0.0).any():

@@ -191,11 +191,9 @@ def _planned(study: Study, channels: Mapping[str, Channel]) -> dict[str, Respons
 
 def _true_materials(study: Study) -> Iterator[tuple[str, FloatArray, dict[str, float]]]:
     """Region, textbook values and the numbers as the study writes them."""
+    values_of = study.space.complete(study.truth)
     for region in study.space.regions:
-        numbers = {
-            p.name: study.truth.get(f"{region.region}.{p.name}", region.fixed.get(p.name, np.nan))
-            for p in region.material.parameters
-        }
+        numbers = {p.name: values_of[f"{region.region}.{p.name}"] for p in region.material.parameters}
         values = np.array(list(numbers.values()))
         yield region.region, region.material.to_textbook(values, region.convention), numbers
 

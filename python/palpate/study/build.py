@@ -203,10 +203,11 @@ def _check_channels(
 def check_stiffness_scaling(context: Context, space: ParameterSpace) -> None:
     """Refuse stiffness scaling where a modulus does not move with the others."""
     if fixed := space.fixed_moduli:
-        is_ = "is" if len(fixed) == 1 else "are"
+        do = "does" if len(fixed) == 1 else "do"
         context.problems.add(
             ("selection", "stiffness_scaling"),
-            f"stiffness scaling needs every modulus free, but {', '.join(fixed)} {is_} fixed",
+            f"stiffness scaling needs all moduli, and no shape, searched or tied to a searched modulus: "
+            f"{', '.join(fixed)} {do} not scale",
         )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palpate.domain import Indentation, Parameter, RegionMaterial
+from palpate.domain import Indentation, Parameter, ParameterSpace, RegionMaterial
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.study.reading import Study
@@ -26,7 +26,7 @@ def odd_settings(study: Study) -> Iterator[str]:
         for parameter in region.searched:
             name = f"{region.region}.{parameter.name}"
             yield from _range(name, region, parameter)
-            if study.protocol is not None and _only_volume(region, parameter):
+            if study.protocol is not None and _only_volume(study.space, region, name):
                 yield (
                     f"{name}: is searched and resists change of volume only, which an indentation of nearly "
                     "incompressible tissue hardly shows; fix it, or expect that it is not identifiable"
@@ -60,16 +60,16 @@ def _range(name: str, region: RegionMaterial, parameter: Parameter) -> Iterator[
         )
 
 
-def _only_volume(region: RegionMaterial, parameter: Parameter) -> bool:
+def _only_volume(space: ParameterSpace, region: RegionMaterial, name: str) -> bool:
     """Whether a parameter changes the energy of a change of volume, and of no change of shape."""
     material = region.material
     if not isinstance(material, IsotropicMaterial):
         return False
     shapes = np.exp([[0.3, -0.15, -0.15], [-0.2, 0.3, -0.1]])
-    thetas = []
-    for end in (parameter.lower, parameter.upper):
-        middle = {p.name: 0.5 * (p.lower + p.upper) for p in region.searched} | {parameter.name: end}
-        thetas.append(region.theta(middle))
+    rows = [[0.5 * (p.lower + p.upper) for p in space.parameters] for _ in range(2)]
+    column = next(i for i, p in enumerate(space.parameters) if p.name == name)
+    rows[0][column], rows[1][column] = space.parameters[column].lower, space.parameters[column].upper
+    thetas = [space.thetas(np.array(row))[region.region] for row in rows]
     with answering_for(material, "energy at the ends of the ranges"), np.errstate(all="ignore"):
         low, high = (
             material.energy(np.concatenate([shapes, 1.1 * np.ones((1, 3))]), each) for each in thetas

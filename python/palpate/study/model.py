@@ -151,6 +151,13 @@ class LimbTable(Table):
     )
 
 
+class PriorTable(Table):
+    """What is known of a number before anything is fitted."""
+
+    value: str | float = Field(description="The quantity expected, with its unit.")
+    sd: str | float = Field(description="Its standard deviation, with its unit.")
+
+
 class SearchedRange(Table):
     """The two ends between which a parameter is searched."""
 
@@ -159,16 +166,20 @@ class SearchedRange(Table):
     scale: Literal["linear", "log"] = Field(
         default="linear", description="Whether sets are spread evenly over the values or their logarithms."
     )
+    prior: PriorTable | None = Field(default=None, description="What is known of it; it counts in a fit.")
+    by: Literal["spot"] | None = Field(
+        default=None, description="Whether a fit of several spots finds a value for each."
+    )
 
 
 class FixedValue(Table):
-    """A fixed parameter, written out."""
+    """A fixed or tied parameter, written out."""
 
-    value: str | float = Field(description="The quantity, with its unit.")
+    value: str | float = Field(description='The quantity, with its unit, or a tie such as "20 * c1".')
 
 
 class ParameterTable(Table):
-    """A parameter as read: ``value`` when it is fixed, else the ends of its range.
+    """A parameter as read: ``value`` when it is fixed or tied, else the ends of its range.
 
     The quantities stay as written here, since their unit is the material's to say.
     """
@@ -177,6 +188,8 @@ class ParameterTable(Table):
     lower: Any = None
     upper: Any = None
     scale: Literal["linear", "log"] = "linear"
+    prior: PriorTable | None = None
+    by: Literal["spot"] | None = None
 
 
 def _fixed_or_searched(given: object) -> object:
@@ -212,8 +225,8 @@ class RegionTable(Table):
         ],
     ] = Field(
         default={},
-        description="A fixed quantity, or lower and upper. A parameter not named is searched over "
-        "the material's own range.",
+        description='A fixed quantity, lower and upper, or a tie to another parameter, such as "20 * c1" '
+        'or "0.3 * skin.E". A parameter not named is searched over the material\'s own range.',
     )
 
 

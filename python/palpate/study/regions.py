@@ -1,4 +1,4 @@
-"""Materials of the regions: which parameters are searched, between what, and which are fixed."""
+"""Materials of the regions: which parameters are searched, between what, and which are fixed or tied."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -9,8 +9,10 @@ from palpate.domain import FloatArray, Parameter, ParameterSpace, RegionMaterial
 from palpate.plugins.interfaces import Material
 from palpate.study.build import Context, build_component
 from palpate.study.model import ParameterTable, RegionTable, Tables
+from palpate.study.priors import build_prior
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
+from palpate.study.ties import split_tie, with_ties
 from palpate.units import convert
 
 
@@ -18,12 +20,14 @@ def build_space(context: Context, tables: Mapping[str, RegionTable]) -> Paramete
     """Build the material of every region."""
     built = [_region(context, name, table) for name, table in tables.items()]
     regions = tuple(region for region in built if region is not None)
-    all_fixed = all(len(region.fixed) == len(region.material.parameters) for region in regions)
-    if regions and len(regions) == len(built) and all_fixed:
+    space = ParameterSpace(regions=regions)
+    space = with_ties(context.problems, tables, space, _every(space))
+    given = all(len(r.fixed) + len(r.tied) == len(r.material.parameters) for r in space.regions)
+    if regions and len(regions) == len(built) and given:
         context.problems.add(
             ("region",), 'no parameter is searched; give at least one as { lower = "…", upper = "…" }'
         )
-    return ParameterSpace(regions=regions)
+    return space
 
 
 def _region(context: Context, name: str, table: RegionTable) -> RegionMaterial | None:
@@ -52,16 +56,17 @@ def _region(context: Context, name: str, table: RegionTable) -> RegionMaterial |
 def _split(
     problems: Problems, key: Key, defaults: Mapping[str, Parameter], given: Mapping[str, ParameterTable]
 ) -> tuple[dict[str, float], tuple[Parameter, ...]]:
+    """What is fixed, and what is searched; ties are in neither."""
     fixed: dict[str, float] = {}
     searched: list[Parameter] = []
     for name, default in defaults.items():
         if name not in given:
             searched.append(default)
-        elif given[name].value is not None:
+        elif given[name].value is None:
+            searched.extend(_range(problems, (*key, name), default, given[name]))
+        elif not split_tie(given[name].value, defaults):
             with problems.at(*key, name):
                 fixed[name] = _value(default, given[name].value)
-        else:
-            searched.extend(_range(problems, (*key, name), default, given[name]))
     return fixed, tuple(searched)
 
 
@@ -86,7 +91,11 @@ def _range(problems: Problems, key: Key, default: Parameter, table: ParameterTab
         )
         return
     with problems.at(*key, "scale"):
-        yield replace(default, lower=ends["lower"], upper=ends["upper"], scale=table.scale)
+        searched = replace(
+            default, lower=ends["lower"], upper=ends["upper"], scale=table.scale, by_spot=table.by == "spot"
+        )
+        with problems.at(*key, "prior"):
+            yield replace(searched, prior=build_prior(searched, table.prior))
 
 
 def _in_convention(material: Material, convention: str) -> Iterator[Parameter]:
@@ -103,6 +112,13 @@ def _in_convention(material: Material, convention: str) -> Iterator[Parameter]:
         yield replace(parameter, lower=lower, upper=upper, physical_lower=least, physical_upper=most)
 
 
+def _every(space: ParameterSpace) -> dict[str, Parameter]:
+    """Every parameter of every region by full name, in the convention of its region."""
+    return {
+        f"{r.region}.{p.name}": p for r in space.regions for p in _in_convention(r.material, r.convention)
+    }
+
+
 def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict[str, float]:
     """Read the known answer, by ``region.parameter``, in the region's convention."""
     if tables.truth and tables.study and tables.study.data != "simulated":
@@ -110,9 +126,7 @@ def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict
     truth: dict[str, float] = {}
     if not space.regions or len(space.regions) < len(tables.region):
         return truth  # a region's mistake is reported already
-    known = {
-        f"{r.region}.{p.name}": p for r in space.regions for p in _in_convention(r.material, r.convention)
-    }
+    known = _every(space)
     for key, value in _leaves(("truth",), tables.truth):
         name = ".".join(str(part) for part in key[1:])
         if name not in known:

@@ -1,0 +1,206 @@
+"""What is searched: parameters of the regions' materials, with ranges, priors and ties."""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from palpate.curves import FloatArray
+from palpate.errors import ParameterError, SamplingError
+
+if TYPE_CHECKING:
+    from palpate.plugins.interfaces import Material
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prior:
+    """What is known of a number before anything is fitted: a value and its standard deviation."""
+
+    value: float
+    sd: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.value) and np.isfinite(self.sd) and self.sd > 0.0):
+            raise ParameterError(f"a prior of {self.value} with sd {self.sd}; give a finite value and sd > 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One number that is searched, or that a material needs.
+
+    ``lower`` and ``upper`` are the default range of a sweep (region of interest);
+    ``physical_lower`` and ``physical_upper`` are the limits of physical meaning.
+    ``kind`` is ``modulus`` if it scales with stiffness and ``shape`` if it is
+    dimensionless. A sweep spreads the value evenly, or its logarithm (``scale``). ``prior`` is what
+    a fit knows of it before; with ``by_spot`` a fit of several spots finds one value for each.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    kind: Literal["modulus", "shape"]
+    description: str
+    physical_lower: float = -np.inf
+    physical_upper: float = np.inf
+    scale: Literal["linear", "log"] = "linear"
+    prior: Prior | None = None
+    by_spot: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise ParameterError(
+                f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} "
+                f"{self.unit}; swap them"
+            )
+        if self.scale == "log" and self.lower <= 0.0 <= self.upper:
+            raise ParameterError(
+                f"'{self.name}': log scale needs bounds > 0, got {self.lower:g} to {self.upper:g}"
+            )
+        for bound in (self.lower, self.upper):
+            self.check(bound)
+
+    def check(self, value: float) -> None:
+        """Refuse a value outside the physical range, or one that is not finite.
+
+        Raises
+        ------
+        ParameterError
+        """
+        if not (np.isfinite(value) and self.physical_lower <= value <= self.physical_upper):
+            raise ParameterError(
+                f"parameter '{self.name}' = {value} {self.unit} is outside its physical range "
+                f"{self._physical_range}; give a value inside it"
+            )
+
+    @property
+    def _physical_range(self) -> str:
+        # The least positive number is how an open lower limit of zero is written.
+        if self.physical_lower == sys.float_info.min and self.physical_upper == np.inf:
+            return f"(> 0 {self.unit})"
+        return f"[{self.physical_lower}, {self.physical_upper}] {self.unit}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tie:
+    """How a parameter follows another: its value is ``factor`` times that of ``source``.
+
+    Parameters
+    ----------
+    source : str
+        Full name, ``region.parameter``.
+    factor : float
+        Between the numbers as their regions write them, each in its unit.
+    """
+
+    source: str
+    factor: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegionMaterial:
+    """The material of one region, with each parameter searched, fixed or tied to another one.
+
+    Parameters
+    ----------
+    searched : tuple of Parameter
+        With the study's ranges, in ``convention``.
+    fixed : mapping of parameter name to value
+        In ``convention``.
+    convention : str
+        Of the numbers: ``textbook``, or another key of
+        ``material.conventions``.
+    tied : mapping of parameter name to Tie
+    """
+
+    region: str
+    material: "Material"
+    searched: tuple[Parameter, ...]
+    fixed: Mapping[str, float]
+    convention: str = "textbook"
+    tied: Mapping[str, Tie] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "fixed", MappingProxyType(dict(self.fixed)))
+        object.__setattr__(self, "tied", MappingProxyType(dict(self.tied)))
+
+    def theta(self, values: Mapping[str, float]) -> FloatArray:
+        """Textbook parameters in the order of ``material.parameters``, shape (n_parameters,)."""
+        numbers = [
+            self.fixed[p.name] if p.name in self.fixed else values[p.name] for p in self.material.parameters
+        ]
+        return self.material.to_textbook(np.array(numbers), self.convention)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterSpace:
+    """All searched parameters of all regions, under the names ``region.parameter``."""
+
+    regions: tuple[RegionMaterial, ...]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Searched parameters with their full names, in design column order."""
+        return tuple(replace(p, name=f"{r.region}.{p.name}") for r in self.regions for p in r.searched)
+
+    @property
+    def ties(self) -> dict[str, Tie]:
+        """Ties by the full name of the parameter that follows."""
+        return {f"{r.region}.{name}": tie for r in self.regions for name, tie in r.tied.items()}
+
+    @property
+    def fixed_moduli(self) -> tuple[str, ...]:
+        """Full names of the moduli that do not scale with the searched ones, and of shapes tied to these."""
+        searched = {p.name for p in self.parameters if p.kind == "modulus"}
+        return tuple(
+            name
+            for r in self.regions
+            for p in r.material.parameters
+            if (p.kind == "modulus") != (self.root(name := f"{r.region}.{p.name}") in searched)
+        )
+
+    def root(self, name: str) -> str:
+        """Full name at the end of the ties of a parameter: its own where it follows none."""
+        ties = self.ties
+        while name in ties:
+            name = ties[name].source
+        return name
+
+    def columns_of(self, region: str) -> tuple[int, ...]:
+        """Design columns that the material of a region depends on."""
+        (material,) = (r.material for r in self.regions if r.region == region)
+        roots = {self.root(f"{region}.{p.name}") for p in material.parameters}
+        return tuple(i for i, p in enumerate(self.parameters) if p.name in roots)
+
+    def complete(self, known: Mapping[str, float]) -> dict[str, float]:
+        """Values of all parameters by full name, from those of the searched ones at least.
+
+        What is not known is what the study fixes it to, or follows by its tie; NaN where neither gives it.
+        """
+        fixed = {f"{r.region}.{name}": value for r in self.regions for name, value in r.fixed.items()}
+        given, ties = {**fixed, **known}, self.ties
+
+        def value(name: str) -> float:
+            if name in given or name not in ties:
+                return given.get(name, np.nan)
+            return ties[name].factor * value(ties[name].source)
+
+        return {
+            name: value(name)
+            for r in self.regions
+            for name in (f"{r.region}.{p.name}" for p in r.material.parameters)
+        }
+
+    def thetas(self, row: FloatArray) -> dict[str, FloatArray]:
+        """Textbook parameters by region for one design row of shape (n_parameters,)."""
+        names = [f"{r.region}.{p.name}" for r in self.regions for p in r.searched]
+        if len(row) != len(names):
+            raise SamplingError(f"a design row of {len(row)} values for {len(names)} searched parameters")
+        values = self.complete(dict(zip(names, row.tolist(), strict=True)))
+        return {
+            r.region: r.theta({p.name: values[f"{r.region}.{p.name}"] for p in r.material.parameters})
+            for r in self.regions
+        }

@@ -1,0 +1,147 @@
+"""Parameters that follow others: read from a study file, and the same as if they were written out."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from palpate.domain import ParameterSpace, Prior, RegionMaterial, Tie
+from palpate.errors import StudyError
+from palpate.plugins.catalogue import Plugins
+from palpate.run.stage_records import design_from
+from palpate.study.reading import read_study
+
+TOY = Path(__file__).parents[2] / "data" / "toy"
+RANGE = 'k = { lower = "1000 kPa", upper = "3 MPa" }\na = 0.5\n'
+SKIN = '\n[region.skin]\nmaterial = "spring"\n[region.skin.parameters]\n'
+
+
+@pytest.fixture(scope="module")
+def plugins():
+    return Plugins.load([TOY / "toy_plugin.py"], entry_points=False)
+
+
+@pytest.fixture
+def read(tmp_path, plugins):
+    """Read the toy study with these parameters of its region, and these of a second region."""
+
+    def read_with(rubber=RANGE, skin="", more=""):
+        for name in ("s1.txt", "s2.txt"):
+            (tmp_path / name).write_bytes((TOY / name).read_bytes())
+        text = (TOY / "study.toml").read_text().replace(RANGE, rubber)
+        if skin:
+            text = text.replace("\n[sampling]", SKIN + skin + "\n[sampling]")
+        (tmp_path / "study.toml").write_text(text.replace("[selection]", f"[selection]\n{more}"))
+        return read_study(tmp_path / "study.toml", plugins)
+
+    return read_with
+
+
+def test_a_tied_parameter_follows_and_is_neither_searched_nor_fixed(read):
+    space = read(skin='k = "0.3 * rubber.k"\na = "2 * a2"\n'.replace("2 * a2", "0.5 * rubber.a")).space
+    assert [p.name for p in space.parameters] == ["rubber.k"]
+    assert space.ties == {
+        "skin.k": Tie(source="rubber.k", factor=0.3),
+        "skin.a": Tie(source="rubber.a", factor=0.5),
+    }
+    thetas = space.thetas(np.array([2.0]))
+    np.testing.assert_allclose(thetas["skin"], [0.6, 0.25])
+    np.testing.assert_allclose(thetas["rubber"], [2.0, 0.5])
+
+
+def test_the_factor_has_a_unit_where_the_two_have_not_the_same(read):
+    assert read('k = { lower = "1 MPa", upper = "3 MPa" }\na = "0.2 MPa^-1 * k"\n').space.ties == {
+        "rubber.a": Tie(source="rubber.k", factor=pytest.approx(0.2))
+    }
+
+
+def test_a_tie_may_be_to_one_that_is_tied(read):
+    space = read(skin='k = "0.5 * rubber.k"\na = "0.1 MPa^-1 * k"\n').space
+    np.testing.assert_allclose(space.thetas(np.array([2.0]))["skin"], [1.0, 0.1])
+    assert space.columns_of("skin") == (0,)
+
+
+@given(data=st.data())
+def test_a_tie_is_as_if_written_out(data):
+    """Any forest of ties over two regions, in any of their conventions."""
+    spring = Plugins.load([TOY / "toy_plugin.py"], entry_points=False).materials["spring"]()
+    names = [f"{region}.{p}" for region in ("one", "two") for p in ("k", "a")]
+    order = data.draw(st.permutations(names))
+    numbers = st.floats(0.1, 10.0)
+    convention = {region: data.draw(st.sampled_from(["textbook", "doubled"])) for region in ("one", "two")}
+    ties, values = {}, {}
+    for i, name in enumerate(order):
+        if i and data.draw(st.booleans()):
+            ties[name] = Tie(source=data.draw(st.sampled_from(order[:i])), factor=data.draw(numbers))
+            values[name] = ties[name].factor * values[ties[name].source]
+        else:
+            values[name] = data.draw(numbers)
+
+    def space(tied):
+        return ParameterSpace(
+            regions=tuple(
+                RegionMaterial(
+                    region=region,
+                    material=spring,
+                    searched=tuple(p for p in spring.parameters if f"{region}.{p.name}" not in tied),
+                    fixed={},
+                    convention=convention[region],
+                    tied={p: tied[f"{region}.{p}"] for p in ("k", "a") if f"{region}.{p}" in tied},
+                )
+                for region in ("one", "two")
+            )
+        )
+
+    tied, written = (
+        each.thetas(np.array([values[p.name] for p in each.parameters])) for each in (space(ties), space({}))
+    )
+    for region in ("one", "two"):
+        np.testing.assert_allclose(tied[region], written[region], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("tie", "message"),
+    [
+        ("2 * rubber.l", "no parameter 'rubber.l'; did you mean 'rubber.k'"),
+        ("2 * l", "no parameter 'skin.l'"),
+        ("2 * fat.k", "no parameter 'fat.k'"),
+        ("2 mm * rubber.k", "no factor from 'rubber.k' [MPa] to 'skin.k' [MPa]"),
+        ("2 * rubber.a", "no factor from 'rubber.a' [1] to 'skin.k' [MPa]"),
+        ("1e999 * rubber.k", "not finite"),
+        ("nan * rubber.k", "'nan' is not a number"),
+        ("0 * rubber.k", "write a quantity to fix"),
+        ("-1 * rubber.k", "leaves its range where rubber.k = 1 MPa"),
+        ("2 * skin.k", "the ties go round in a circle, skin.k → skin.k"),
+        ("1 MPa * a", "the ties go round in a circle, skin.k → skin.a → skin.k"),
+    ],
+)
+def test_a_tie_that_means_nothing_is_refused_with_its_line(read, tmp_path, tie, message):
+    with pytest.raises(StudyError) as caught:
+        read(skin=f'k = "{tie}"\na = "0.1 MPa^-1 * k"\n')
+    text = (tmp_path / "study.toml").read_text()
+    line = text[: text.index(f'k = "{tie}"')].count("\n") + 1
+    assert f"study.toml:{line}: region.skin.parameters.k: " in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_what_follows_a_modulus_scales_with_it(read):
+    study = read(skin='k = "0.3 * rubber.k"\na = 0.1\n', more="stiffness_scaling = true")
+    assert study.space.fixed_moduli == ()
+    with pytest.raises(StudyError, match=r"skin.k does not scale"):
+        read(skin='k = "1 MPa"\na = 0.1\n', more="stiffness_scaling = true")
+    with pytest.raises(StudyError, match=r"skin.a does not scale"):
+        read(skin='k = "2 * rubber.k"\na = "0.1 MPa^-1 * rubber.k"\n', more="stiffness_scaling = true")
+
+
+def test_a_tie_decides_the_design_and_a_prior_does_not(read):
+    one, other = (design_from(read(skin=f'k = "{f} * rubber.k"\na = 0.1\n')) for f in (0.3, 0.4))
+    assert one["materials"] != other["materials"]
+    known = (
+        'k = { lower = "1 MPa", upper = "3 MPa", by = "spot", prior = { value = "2 MPa", sd = "500 kPa" } }'
+    )
+    study = read(rubber=f"{known}\na = 0.5\n")
+    (parameter,) = study.space.parameters
+    assert parameter.prior == Prior(value=2.0, sd=0.5)
+    assert parameter.by_spot
+    assert design_from(study) == design_from(read())
