@@ -21,6 +21,11 @@ class Box:
         self.lower = np.array([p.lower for p in self.parameters], dtype=np.float64)
         self.upper = np.array([p.upper for p in self.parameters], dtype=np.float64)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(p.name for p in self.parameters)
+
     def values(self, point: FloatArray) -> FloatArray:
         """Values (n_parameters,) at a point of the box."""
         lower, upper = np.where(self.log, self.lower, 1.0), np.where(self.log, self.upper, 1.0)

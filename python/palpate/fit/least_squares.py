@@ -1,6 +1,4 @@
-"""The default search: least squares within the box, in trust regions, from one or several starts."""
-
-from collections.abc import Generator, Sequence
+"""The default search: least squares within the box, in trust regions."""
 
 import numpy as np
 from pydantic import Field
@@ -12,10 +10,9 @@ from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Tria
 
 
 class LeastSquaresSettings(Settings):
-    """When to stop, and from how many starts to begin."""
+    """How far to step, and when to stop."""
 
     max_steps: int = Field(30, ge=1, description="most trial steps from one start")
-    n_starts: int = Field(3, ge=1, description="most starts, the best first")
     first_step: float = Field(0.3, gt=0.0, le=1.0, description="largest first step, as a share of each range")
     tolerance: float = Field(
         1e-3,
@@ -32,13 +29,8 @@ class LeastSquares(Search[LeastSquaresSettings]):
     summary = "bounded Gauss-Newton steps with exact slopes where the solver gives them"
 
     def search(self, space: SearchSpace) -> Asking:
-        """Follow every start side by side."""
-        starts = [self._from(start, space) for start in space.starts[: self.settings.n_starts]]
-        messages = yield from _side_by_side(starts)
-        return messages[0] if len(messages) == 1 else "; ".join(dict.fromkeys(messages))
-
-    def _from(self, start: FloatArray, space: SearchSpace) -> Asking:
-        (here,) = yield [Trial(point=start, slopes=True)]
+        """Step from the start for as long as a step gains enough."""
+        (here,) = yield [Trial(point=space.start, slopes=True)]
         if here.residuals is None:
             return f"the start cannot be simulated ({here.failure})"
         radius: float = self.settings.first_step
@@ -88,25 +80,3 @@ def _step(here: Evaluation, radius: float) -> tuple[FloatArray, float]:
         step[free] = np.clip(found.x, lower[free], upper[free])
     left = residuals + jacobian @ step
     return step, float(residuals @ residuals - left @ left)
-
-
-def _side_by_side(searches: Sequence[Asking]) -> Generator[Sequence[Trial], Sequence[Evaluation], list[str]]:
-    """Ask for what several searches want next, all at once, until the last has ended."""
-    messages = [""] * len(searches)
-    asking: dict[int, Sequence[Trial]] = {}
-
-    def go_on(i: int, answers: Sequence[Evaluation] | None) -> None:
-        try:
-            asking[i] = next(searches[i]) if answers is None else searches[i].send(answers)
-        except StopIteration as end:
-            asking.pop(i, None)
-            messages[i] = str(end.value)
-
-    for i in range(len(searches)):
-        go_on(i, None)
-    while asking:
-        wanted = dict(asking)
-        answers = iter((yield [trial for trials in wanted.values() for trial in trials]))
-        for i, trials in wanted.items():
-            go_on(i, [next(answers) for _ in trials])
-    return messages

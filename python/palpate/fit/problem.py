@@ -27,6 +27,9 @@ from palpate.study.reading import Study
 Simulate = Callable[[Sequence[Job]], Sequence[Simulation]]
 """Simulations of jobs, in their order."""
 
+Finish = Callable[[Sequence[Simulation]], list[Evaluation]]
+"""From the simulations of all jobs of a round to the evaluations of a problem's trials."""
+
 SMALL_STEP = 1e-6
 """Step in the box for what the slopes of a simulation, or no simulation, answer."""
 
@@ -126,6 +129,11 @@ class Problem:
         (found,) = self.evaluate([Trial(point=self.box.point(np.asarray(values, dtype=np.float64)))])
         return found.fopt
 
+    def residuals_of_nothing(self) -> FloatArray:
+        """Residuals (n_points,) where every simulated ordinate is zero; zero for the priors."""
+        parts = [term.of_nothing() / np.sqrt(len(self.terms)) for term in self.terms]
+        return np.concatenate([*parts, np.zeros(self.n_points - sum(map(len, parts)))])
+
     @property
     def n_points(self) -> int:
         """Number of residuals: measured points, and one for each prior."""
@@ -136,9 +144,21 @@ class Problem:
     def evaluate(self, trials: Sequence[Trial]) -> list[Evaluation]:
         """Evaluate points of the box; whatever they need is simulated side by side."""
         jobs: list[Job] = []
+        finish = self.begin(trials, jobs)
+        return finish(self._simulate(jobs))
+
+    def begin(
+        self, trials: Sequence[Trial], jobs: list[Job]
+    ) -> Callable[[Sequence[Simulation]], list[Evaluation]]:
+        """Add what the trials need to ``jobs``, perhaps next to another problem's.
+
+        Returns
+        -------
+        callable
+            Takes the simulations of all these jobs, and returns an evaluation for each trial.
+        """
         plans = [self._planned(trial, jobs) for trial in trials]
-        simulations = self._simulate(jobs)
-        return [self._evaluation(plan, simulations) for plan in plans]
+        return lambda simulations: [self._evaluation(plan, simulations) for plan in plans]
 
     def inputs(self, spot: str, point: FloatArray) -> SpotInputs:
         """What is simulated at a spot at a point of the box.

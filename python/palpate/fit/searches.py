@@ -15,8 +15,8 @@ class BestSet(Search):
     summary = "the best set of the sweep as it is, as in the paper"
 
     def search(self, space: SearchSpace) -> Asking:
-        """Ask for the first start alone."""
-        yield [Trial(point=space.starts[0])]
+        """Ask for the start alone."""
+        yield [Trial(point=space.start)]
         return "the best set of the sweep"
 
 
@@ -34,15 +34,16 @@ class DifferentialEvolution(Search[DifferentialEvolutionSettings]):
     """Differential evolution (Storn & Price 1997, best/1/bin), a whole generation side by side."""
 
     name = "differential_evolution"
+    local = False
     summary = "a population that covers the whole box and needs no slopes; hundreds of simulations"
 
     def search(self, space: SearchSpace) -> Asking:
         """Replace each point by one that is made of others, where that fits better."""
         rng = np.random.default_rng(space.seed)
-        n = space.starts.shape[1]
+        n = space.start.size
         size = max(5, self.settings.population * n)
         points = qmc.LatinHypercube(n, rng=rng).random(size)
-        points[0] = space.starts[0]
+        points[0] = space.start
         found = yield [Trial(point=point) for point in points]
         objectives = np.array([each.objective for each in found])
         for _ in range(self.settings.max_generations):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from palpate.domain import (
+    BoolArray,
     Curve,
     FloatArray,
     Indentation,
@@ -128,8 +129,20 @@ class SpotTerm:
                 f"{self.rules.minimum_coverage:g}"
             )
         differences = np.where(covered, values - curve.ordinate, 0.0)
-        residuals: FloatArray = differences * residual_scale(curve, self.rules, weight, covered)
+        residuals: FloatArray = differences * self.scale(channel, weight, covered)
         return residuals
+
+    def scale(self, channel: str, weight: float, used: BoolArray) -> FloatArray:
+        """Factors (n,) from ordinates to residuals where only the points ``used`` (n,) count."""
+        return residual_scale(self.measured[channel], self.rules, weight, used)
+
+    def of_nothing(self) -> FloatArray:
+        """Residuals (n_points,) where every simulated ordinate is zero."""
+        parts = []
+        for channel, weight in self.weights.items():
+            ordinate = self.measured[channel].ordinate
+            parts.append(-ordinate * self.scale(channel, weight, np.ones(ordinate.size, dtype=bool)))
+        return np.concatenate(parts)
 
 
 def observed(simulation: Simulation, inputs: SpotInputs) -> Simulation:

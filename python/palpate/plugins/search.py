@@ -9,6 +9,7 @@ space comes to the same end without simulating anything twice. It must therefore
 from abc import abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from palpate.domain import FloatArray, Parameter
 from palpate.plugins.interfaces import Component, SettingsT
@@ -24,8 +25,8 @@ class SearchSpace:
         What is searched, in the order of a point's coordinates: each goes from 0 at its lower bound
         to 1 at its upper one, evenly in its logarithm where ``log`` says so.
     log : tuple of bool
-    starts : (n, n_parameters) array
-        Points to start from, the best first; at least one.
+    start : (n_parameters,) array
+        Point to start from.
     exact_slopes : bool
         Whether slopes come with a simulation; otherwise each costs two more for each parameter.
     accuracy : float
@@ -35,7 +36,7 @@ class SearchSpace:
 
     parameters: tuple[Parameter, ...]
     log: tuple[bool, ...]
-    starts: FloatArray
+    start: FloatArray
     exact_slopes: bool
     accuracy: float
     seed: int
@@ -82,6 +83,9 @@ Asking = Generator[Sequence[Trial], Sequence[Evaluation], str]
 
 class Search(Component[SettingsT]):
     """Finds the point of the unit box at which a problem fits best."""
+
+    local: ClassVar[bool] = True
+    """Whether where it ends depends on where it starts: it is then run from each basin of the sweep."""
 
     @abstractmethod
     def search(self, space: SearchSpace) -> Asking:

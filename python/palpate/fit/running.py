@@ -1,0 +1,135 @@
+"""Runs searches of several problems side by side, and keeps the best evaluation of each."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palpate.domain import FloatArray, Job, Simulation
+from palpate.errors import PalpateError
+from palpate.fit.problem import Problem
+from palpate.plugins.guard import answering_for
+from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Trial
+
+MOST_EVALUATIONS = 100_000
+"""Evaluations after which a search that does not end is stopped."""
+
+
+@dataclass(slots=True, eq=False)
+class Fit:
+    """A search of one problem, as far as it is.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : (n_parameters,) array
+        Point of the box where the search starts.
+
+    Attributes
+    ----------
+    best : Evaluation or None
+        That with the least objective; None where every one failed.
+    trace : list of Evaluation
+        Every one, in the order asked.
+    message : str
+        Why the search ended.
+    """
+
+    problem: Problem
+    start: FloatArray
+    best: Evaluation | None = None
+    trace: list[Evaluation] = field(default_factory=list)
+    message: str = ""
+
+    @property
+    def objective(self) -> float:
+        """Least Σ r² so far."""
+        return np.inf if self.best is None else self.best.objective
+
+    def take(self, evaluations: Sequence[Evaluation]) -> None:
+        """Keep what was evaluated."""
+        self.trace.extend(evaluations)
+        for each in evaluations:
+            if each.objective < self.objective:
+                self.best = each
+
+
+def run_searches(
+    search: Search,
+    fits: Sequence[Fit],
+    simulate: Callable[[Sequence[Job]], Sequence[Simulation]],
+    seed: int,
+    stepped: Callable[[Fit], None] = lambda fit: None,
+) -> None:
+    """Search every problem; what they ask for in each round is simulated side by side.
+
+    A search that raises, or asks for something that is no point of the box, ends with its best
+    evaluation and the reason.
+
+    Parameters
+    ----------
+    stepped : callable
+        Called after each round with each fit that has gone on.
+    """
+    asking: list[tuple[Fit, Asking]] = []
+    wanted: list[Sequence[Trial]] = []
+    for fit in fits:
+        asked = search.search(_space(fit, seed))
+        _next(search, fit, asked, None, asking, wanted)
+    while asking:
+        jobs: list[Job] = []
+        finishing = [fit.problem.begin(trials, jobs) for (fit, _), trials in zip(asking, wanted, strict=True)]
+        simulations = simulate(jobs)
+        going_on, asking, wanted = asking, [], []
+        for (fit, asked), finish in zip(going_on, finishing, strict=True):
+            evaluations = finish(simulations)
+            fit.take(evaluations)
+            stepped(fit)
+            _next(search, fit, asked, evaluations, asking, wanted)
+
+
+def _space(fit: Fit, seed: int) -> SearchSpace:
+    solver = fit.problem.study.solver
+    return SearchSpace(
+        parameters=fit.problem.parameters,
+        log=tuple(bool(each) for each in fit.problem.box.log),
+        start=fit.start,
+        exact_slopes=solver.gives_slopes,
+        accuracy=solver.accuracy,
+        seed=seed,
+    )
+
+
+def _next(
+    search: Search,
+    fit: Fit,
+    asked: Asking,
+    evaluations: Sequence[Evaluation] | None,
+    asking: list[tuple[Fit, Asking]],
+    wanted: list[Sequence[Trial]],
+) -> None:
+    """Let a search go on with its answers; it joins those that ask, or has ended."""
+    try:
+        with answering_for(search, "searching"):
+            try:
+                trials = next(asked) if evaluations is None else asked.send(evaluations)
+            except StopIteration as end:
+                fit.message = str(end.value or "ended")
+                return
+            _check(trials, fit.start.size)
+            if len(fit.trace) + len(trials) > MOST_EVALUATIONS:
+                raise ValueError(f"it asked for more than {MOST_EVALUATIONS} evaluations")
+    except PalpateError as error:
+        fit.message = str(error)
+        return
+    asking.append((fit, asked))
+    wanted.append(trials)
+
+
+def _check(trials: Sequence[Trial], n: int) -> None:
+    if not trials:
+        raise ValueError("it asked for no trial")
+    for trial in trials:
+        point = np.asarray(trial.point)
+        if point.shape != (n,) or not ((point >= 0.0) & (point <= 1.0)).all():
+            raise ValueError(f"it asked for {point}, which is no point of the unit box of {n} coordinates")

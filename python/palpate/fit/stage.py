@@ -1,0 +1,253 @@
+"""The fit of a study: jointly over its spots and at each of them, in every scenario.
+
+The joint fit of the scenario that generalises comes first, from each basin of the sweep. The other
+scenarios start where it ends, and each spot where the joint fit of its scenario ends. Where spots have a
+finer mesh, its answers correct the curves of the coarse one until that changes nothing any more.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import Design, FloatArray, Response, Scenario, Simulation
+from palpate.fit.mesh_correction import NEAR, FineRun, error_of, fine_run
+from palpate.fit.problem import Problem
+from palpate.fit.running import Fit, run_searches
+from palpate.fit.spot_term import NotRankedError, SpotTerm
+from palpate.fit.starts import basins, point_of, scaled_start
+from palpate.plugins.parametrisation import SpotInputs
+from palpate.progress import SILENT, Progress
+from palpate.stages.selection import objectives
+from palpate.stages.simulation import homogeneous_tests
+from palpate.stages.sweep import Simulations
+from palpate.study.reading import Study
+
+ALL_SPOTS = "all spots"
+"""Label of a joint fit."""
+
+MOST_STARTS = 3
+"""Most basins of the sweep from which a search starts."""
+
+
+@dataclass(slots=True, eq=False)
+class Case:
+    """One fit: some spots in one scenario.
+
+    Attributes
+    ----------
+    fits : list of Fit
+        The searches, in order; those of one start, then those that go on with better corrections.
+    coarse : mapping of name to value
+        Where the coarse mesh alone would end; empty without a finer one.
+    """
+
+    label: str
+    spots: tuple[str, ...]
+    scenario: Scenario
+    fits: list[Fit] = field(default_factory=list)
+    coarse: dict[str, float] = field(default_factory=dict)
+    n_fine: int = 0
+
+    @property
+    def end(self) -> Fit | None:
+        """The search that ended best, under the corrections known last; None where all failed."""
+        last = self.fits[-1].problem if self.fits else None
+        ended = [fit for fit in self.fits if fit.problem is last and fit.best is not None]
+        return min(ended, key=lambda fit: fit.objective, default=None)
+
+    def values(self) -> dict[str, float]:
+        """Searched values at the end, by name; empty where every search failed."""
+        end = self.end
+        if end is None or end.best is None:
+            return {}
+        at = end.problem.box.values(end.best.point)
+        return dict(zip(end.problem.names, at.tolist(), strict=True))
+
+
+@dataclass(kw_only=True, eq=False)
+class FitStage:
+    """Fits every case of a study.
+
+    Parameters
+    ----------
+    study : Study
+    design : Design
+    measured : mapping of spot name to Response
+    scores : DataFrame
+        Of the sweep; empty where there was none.
+    simulations : Simulations
+        Where jobs are simulated and kept.
+    abscissae : mapping of channel name to str
+    progress : Progress
+    """
+
+    study: Study
+    design: Design
+    measured: Mapping[str, Response]
+    scores: pl.DataFrame
+    simulations: Simulations
+    abscissae: Mapping[str, str]
+    progress: Progress = SILENT
+    _fine: dict[str, list[FineRun]] = field(default_factory=dict)
+
+    def run(self) -> list[Case]:
+        """Fit jointly, then at each spot."""
+        study = self.study
+        main = next(s for s in study.scenarios if s.name == study.generalise_by)
+        others = [s for s in study.scenarios if s is not main]
+        spots = study.spot_names
+        label = ALL_SPOTS if len(spots) > 1 else spots[0]
+        self.progress.begin("fit", 0)
+        first = Case(label, spots, main)
+        self._search([first], {id(first): self._starts(first)})
+        cases = [first, *(Case(label, spots, scenario) for scenario in others)]
+        self._search(cases[1:], {id(case): [first.values()] for case in cases[1:]})
+        self._correct(cases)
+        if len(spots) > 1:
+            of_spots = [
+                (Case(spot, (spot,), case.scenario), {**case.values(), **_at_spot(case.values(), spot)})
+                for case in cases
+                for spot in spots
+            ]
+            cases += [case for case, _ in of_spots]
+            self._search([case for case, _ in of_spots], {id(case): [start] for case, start in of_spots})
+            self._correct([case for case, _ in of_spots])
+        order = {scenario.name: i for i, scenario in enumerate(study.scenarios)}
+        return sorted(cases, key=lambda case: (case.label != label, order[case.scenario.name]))
+
+    # ------------------------------------------------------------------ searching
+
+    def problem(self, case: Case, corrections: Mapping[str, Mapping[str, FloatArray]]) -> Problem:
+        """State a case with corrections by spot and channel."""
+        terms = [self._term(spot, case.scenario, corrections.get(spot, {})) for spot in case.spots]
+        return Problem(
+            self.study,
+            [term for term in terms if term.weights],
+            self.simulations.of,
+            self.study.parametrisation,
+            noise=self.study.noise,
+        )
+
+    def _term(self, spot: str, scenario: Scenario, corrections: Mapping[str, FloatArray]) -> SpotTerm:
+        measured = self.measured[spot]
+        return SpotTerm(
+            spot=spot,
+            measured=measured,
+            weights={c: w for c, w in scenario.weights.items() if w > 0.0 and c in measured.curves},
+            protocol=self.study.protocol_at(spot) or homogeneous_tests(measured),
+            materials={region.region: region.material for region in self.study.space.regions},
+            rules=self.study.scoring,
+            abscissae=self.abscissae,
+            corrections=corrections,
+        )
+
+    def _search(self, cases: Sequence[Case], starts: Mapping[int, Sequence[Mapping[str, float]]]) -> None:
+        """Search from each start, without the finer meshes' answers unless they are known already."""
+        fits = []
+        for case in cases:
+            problem = self.problem(case, {spot: self._nearest(spot) for spot in case.spots})
+            for start in starts[id(case)] or [{}]:
+                point = point_of(problem, start)
+                case.fits.append(Fit(problem, point if start else scaled_start(problem, point)))
+            fits += case.fits
+        run_searches(self.study.search, fits, self.simulations.of, self.study.seed)
+
+    def _starts(self, case: Case) -> list[dict[str, float]]:
+        if self.scores.is_empty():
+            return []
+        rows = objectives(self.scores, [case.scenario]).filter(pl.col("spot").is_in(case.spots))
+        means = rows.group_by("set_id").agg(pl.len().alias("n"), pl.col("fopt").mean())
+        whole = means.filter(pl.col("n") == len(case.spots))
+        return basins(self.design, whole, MOST_STARTS if self.study.search.local else 1)
+
+    # ----------------------------------------------------------------- finer meshes
+
+    def _nearest(self, spot: str) -> dict[str, FloatArray]:
+        runs = self._fine.get(spot)
+        return runs[-1].corrections if runs else {}
+
+    def _correct(self, cases: Sequence[Case]) -> None:
+        """Fit again with the finer meshes' answers at each end, until those at hand are near enough."""
+        active = [case for case in cases if any(f"{s}/fine" in self.simulations.limbs for s in case.spots)]
+        for case in active:
+            case.coarse = case.coarse or case.values()
+        for _ in range(self.study.fine_runs if active else 0):
+            self._run_fine(active)
+            again = [case for case in active if self._restate(case)]
+            if not again:
+                return
+            fits = [case.fits[-1] for case in again]
+            run_searches(self.study.search, fits, self.simulations.of, self.study.seed)
+
+    def _run_fine(self, cases: Sequence[Case]) -> None:
+        """Simulate finer meshes where what is known may be wrong by too much; one set a spot at a time."""
+        wanted: dict[str, _End] = {}
+        for case in cases:
+            for end in self._ends(case):
+                is_near = end.error <= NEAR * end.misfit
+                if end.spot not in wanted and not is_near and f"{end.spot}/fine" in self.simulations.limbs:
+                    wanted[end.spot] = end
+                    case.n_fine += 1
+        jobs = [end.term.job(end.inputs, -1, slopes=False, fine=True) for end in wanted.values()]
+        for end, fine in zip(wanted.values(), self.simulations.of(jobs), strict=True):
+            try:
+                self._fine.setdefault(end.spot, []).append(fine_run(end.term, end.inputs, end.coarse, fine))
+            except NotRankedError as error:
+                self.progress.note(f"warning: no correction by the finer mesh: {error}")
+
+    def _restate(self, case: Case) -> bool:
+        """State a case with the corrections nearest to its end; whether they are others than it had."""
+        end = case.end
+        nearest = {each.spot: each.run.corrections if each.run else {} for each in self._ends(case)}
+        if end is None or end.best is None:
+            return False
+        if all(_same(nearest[term.spot], term.corrections) for term in end.problem.terms):
+            return False
+        case.fits.append(Fit(self.problem(case, nearest), end.best.point))
+        return True
+
+    def _ends(self, case: Case) -> list["_End"]:
+        """Where a case has ended, at each spot, and the fine run that is nearest to it."""
+        end = case.end
+        if end is None or end.best is None:
+            return []
+        exact, ends = self.study.solver.gives_slopes, []
+        for term in end.problem.terms:
+            inputs = end.problem.inputs(term.spot, end.best.point)
+            (coarse,) = self.simulations.of([term.job(inputs, -1, slopes=exact, fine=False)])
+            bare = replace(term, corrections={})
+            curves = {name: bare.values(coarse, inputs, name) for name in term.weights}
+            runs = [
+                (error_of(run, bare, curves), i, run) for i, run in enumerate(self._fine.get(term.spot, []))
+            ]
+            error, _, run = min(runs, default=(np.inf, 0, None), key=lambda each: each[:2])
+            ends.append(_End(bare, inputs, coarse, run, error=error, misfit=float(np.sqrt(end.best.fopt))))
+        return ends
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _End:
+    """Where a case has ended at one spot, and how wrong the nearest correction may be there."""
+
+    term: SpotTerm
+    inputs: SpotInputs
+    coarse: Simulation
+    run: FineRun | None
+    error: float
+    misfit: float
+
+    @property
+    def spot(self) -> str:
+        return self.term.spot
+
+
+def _at_spot(values: Mapping[str, float], spot: str) -> dict[str, float]:
+    """Values that a joint fit has found for one spot, under their names at that spot."""
+    split = {name: name.partition("@") for name in values}
+    return {head: values[name] for name, (head, _, at) in split.items() if at == spot}
+
+
+def _same(one: Mapping[str, FloatArray], other: Mapping[str, FloatArray]) -> bool:
+    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)

@@ -1,0 +1,75 @@
+"""Where searches start: in the basins of the sweep, or in the middle of the ranges."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import Design, FloatArray
+from palpate.fit.box import Box
+from palpate.fit.problem import Problem
+from palpate.plugins.search import Trial
+
+WORST = 10.0
+"""Fopt of a basin, over that of the best one, beyond which no search starts there."""
+
+
+def basins(design: Design, fopt: pl.DataFrame, most: int) -> list[dict[str, float]]:
+    """Sets of a sweep that fit better than every set near them, the best first.
+
+    Parameters
+    ----------
+    design : Design
+    fopt : DataFrame
+        Columns set_id and fopt.
+    most : int
+
+    Returns
+    -------
+    list of mapping of full parameter name to value
+    """
+    if fopt.is_empty():
+        return []
+    ranked = fopt.sort("fopt", "set_id")
+    sets, values = ranked["set_id"].to_numpy(), ranked["fopt"].to_numpy()
+    box = Box(design.parameters)
+    points = np.stack([box.point(design.values[i]) for i in sets])
+    n_near = 2 * len(design.parameters)
+    chosen = []
+    for i, point in enumerate(points):
+        near = np.argsort(np.linalg.norm(points - point, axis=1), kind="stable")[1 : n_near + 1]
+        # Sets are in order of Fopt, so a better one has a lower number.
+        if not (near < i).any() and values[i] <= WORST * values[0]:
+            chosen.append(dict(zip(box.names, design.values[sets[i]].tolist(), strict=True)))
+    return chosen[:most]
+
+
+def point_of(problem: Problem, known: Mapping[str, float]) -> FloatArray:
+    """Point of a problem's box from values by name; what is not known is at its prior, or in the middle."""
+    point = np.full(len(problem.parameters), 0.5)
+    prior = np.array([p.prior.value if p.prior else np.nan for p in problem.parameters])
+    values = [known.get(p.name, known.get(p.name.partition("@")[0], np.nan)) for p in problem.parameters]
+    wanted = np.where(np.isnan(values), prior, values)
+    is_known = ~np.isnan(wanted)
+    at = problem.box.point(np.where(is_known, wanted, problem.box.lower))
+    point[is_known] = at[is_known]
+    return point
+
+
+def scaled_start(problem: Problem, start: FloatArray) -> FloatArray:
+    """Multiply all moduli so that the curves at a start fit best: they are in proportion to them.
+
+    Where a modulus is fixed or a bound in the way, the start is only nearer to the measured curves.
+    """
+    (found,) = problem.evaluate([Trial(point=start)])
+    if found.residuals is None:
+        return start
+    at_zero = problem.residuals_of_nothing()
+    simulated = found.residuals - at_zero
+    size = float(simulated @ simulated)
+    scale = -float(simulated @ at_zero) / size if size > 0.0 else 1.0
+    if not scale > 0.0:
+        return start
+    is_modulus = np.array([p.kind == "modulus" for p in problem.parameters])
+    values = problem.box.values(start)
+    return problem.box.point(np.where(is_modulus, scale * values, values))
