@@ -115,7 +115,6 @@ def make_study(tmp_path: Path, tissue: ModuleType, space: ParameterSpace) -> Cal
             generalise_by="I",
             search=BestSet(),
             parametrisation=StandardParametrisation(),
-            refine=False,
             truth={},
             n_workers=1,
             time_limit_s=60.0,

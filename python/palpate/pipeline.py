@@ -14,6 +14,9 @@ import polars as pl
 from palpate.domain import Design, Response, Simulation
 from palpate.errors import StudyError
 from palpate.executors.attempts import simulate_alone
+from palpate.fit.searches import BestSet
+from palpate.fit.stage import FitStage
+from palpate.fit.tables import fit_result
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.report import ReportData, by_spot, contact_along, draw_presses, write_report
@@ -24,7 +27,7 @@ from palpate.run.ledger import Ledger
 from palpate.run.manifest import manifest
 from palpate.run.ownership import drawing_in
 from palpate.run.result import FitResult, SelectionResult, StudyInputs
-from palpate.run.stage_records import design_from, measured_from, scores_from, selection_from
+from palpate.run.stage_records import design_from, fit_from, measured_from, scores_from, selection_from
 from palpate.run.study_diff import Changed, changed
 from palpate.stages import scoring, selection, simulation
 from palpate.stages.completeness import completeness, without_result
@@ -32,7 +35,6 @@ from palpate.stages.experiment import draw_files, load_measured, load_presses, m
 from palpate.stages.generalisation import generalise
 from palpate.stages.identifiability import assess_identifiability, at_measured
 from palpate.stages.limb import limb_warnings, load_limbs
-from palpate.stages.refinement import refine
 from palpate.stages.stiffness_scaling import best_scaled_sets
 from palpate.stages.study_design import draw_study
 from palpate.stages.sweep import Simulations
@@ -127,6 +129,7 @@ def run_study(
             swept = simulation.run_sweep(simulations, inputs.design, inputs.measured)
             scores = _score(study, run, inputs, swept)
             selected = _select(simulations, run, inputs, swept, scores)
+            fitted = _fit(simulations, run, inputs, plugins, scores)
         return RunResult(
             folder=run_folder,
             measured=inputs.measured,
@@ -134,6 +137,7 @@ def run_study(
             simulations=swept,
             scores=scores,
             selected=selected,
+            fit=fitted,
             report=_report(study, run, inputs, plugins, progress),
         )
 
@@ -260,7 +264,7 @@ def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress =
 
 
 def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> SelectionResult:
-    """Select the best set by scenario and over all spots, and refine it if the study requests that.
+    """Select the best set by scenario and over all spots.
 
     Raises
     ------
@@ -281,6 +285,20 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
         _warn_of_missing(study, inputs.design, scores, progress)
     progress.step()
     return selected
+
+
+def fit(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> FitResult:
+    """Search the parameters for which the curves fit best, from the selected sets."""
+    run = RunDirectory(run_folder)
+    run.require("scores")
+    with run.locked(study, plugins.channels) as check_lock:
+        study = run.trusting(study)
+        inputs = _from_files(study, run)
+        scores = _scores_of(study, run, _stored(study, run, inputs))
+        run.records.check("selection", selection_from(study, run.records))
+        run.initialise(study, plugins.channels)
+        with Simulations(study, run_folder, inputs.limbs, progress, check_lock) as simulations:
+            return _fit(simulations, run, inputs, plugins, scores)
 
 
 def report(
@@ -352,21 +370,39 @@ def _select(
     chosen = selection.select(scores, study.scenarios, design)
     for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
     generalisation = generalise(scores, for_all, design, study.spot_names)
-    refined = FitResult(table=pl.DataFrame(), responses={})
-    if study.refine:
-        refined = refine(study, chosen, design, limbs, measured, progress)
     scaled = pl.DataFrame()
     if study.stiffness_scaling:
         scaled = best_scaled_sets(simulations, swept, design, measured)
-    run.write_selection(chosen, generalisation, refined, scaled, selection_from(study, run.records))
+    run.write_selection(chosen, generalisation, scaled, selection_from(study, run.records))
     return SelectionResult(
         selection=chosen,
         generalisation=generalisation,
-        refinement=refined.table,
         stiffness_scaling=scaled,
         verification=verify(study, run, design, limbs, measured, progress),
         without_result=without_result(scores, chosen, study.scenarios, study.spot_names),
     )
+
+
+def _fit(
+    simulations: Simulations, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, scores: pl.DataFrame
+) -> FitResult:
+    study, found = simulations.study, FitResult()
+    if isinstance(study.search, BestSet):  # what the selection holds already
+        run.write_fit(found, fit_from(study, run.records))
+        return found
+    abscissae = {name: channel.abscissa for name, channel in plugins.channels.items()}
+    stage = FitStage(
+        study=study,
+        design=inputs.design,
+        measured=inputs.measured,
+        scores=scores,
+        simulations=simulations,
+        abscissae=abscissae,
+        progress=simulations.progress,
+    )
+    found = fit_result(stage.run(), simulations.limbs)
+    run.write_fit(found, fit_from(study, run.records))
+    return found
 
 
 def _report(
@@ -381,12 +417,12 @@ def _report(
 def _report_data(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plugins) -> ReportData:
     design, limbs, measured = inputs.design, inputs.limbs, inputs.measured
     found = _stored(study, run, inputs)
-    scores, chosen, refined = _scores_of(study, run, found), run.selection(), run.refinement()
+    scores, chosen, fitted = _scores_of(study, run, found), run.selection(), run.fit()
     run.records.check("selection", selection_from(study, run.records))
     swept = at_measured(found, measured, design.n_sets)
     generalisation = run.generalisation()
     identified = assess_identifiability(
-        study, design, measured, swept, scores, chosen, generalisation, refined
+        study, design, measured, swept, scores, chosen, generalisation, fitted
     )
     return ReportData(
         study=study,
@@ -396,7 +432,7 @@ def _report_data(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: 
         scores=scores,
         selection=chosen,
         generalisation=generalisation,
-        refined=refined,
+        fit=fitted,
         stiffness_scaling=run.stiffness_scaling(),
         responses={(s.job.spot, s.job.set_id): s.response for s in found if s.response is not None},
         swept=swept,

@@ -66,7 +66,7 @@ def make_study(folder: Path, n_sets: int, n_workers: int) -> Study:
         protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=PATH, friction=1.0),
         space=ParameterSpace(regions=(region,)), sampler=LatinHypercube(), n_sets=n_sets, seed=1, filters=(),
         solver=solver, scenarios=SCENARIOS,
-        generalise_by="I", refine=False, truth={}, n_workers=n_workers, time_limit_s=60.0,
+        generalise_by="I", truth={}, n_workers=n_workers, time_limit_s=60.0,
         search=BestSet(),
         parametrisation=StandardParametrisation(),
         plugin_files=(TISSUE_FILE,), executor=InProcess() if n_workers == 1 else None,

@@ -75,7 +75,7 @@ def test_an_unknown_word_that_a_text_has_names_the_terms():
 @pytest.mark.parametrize(
     "word",
     [
-        "refine",
+        "fit",
         "R²",
         "R2",
         "well",

@@ -118,5 +118,5 @@ def test_ctrl_c_twice_stops_jobs_that_would_take_forever(start, tmp_path):
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=30)
     assert process.returncode == 130, err
-    assert "stopped in stage 'simulate'; the sweep's simulations are kept" in err
+    assert "stopped in stage 'simulate'; finished simulations are kept" in err
     assert not processes_of(tmp_path)

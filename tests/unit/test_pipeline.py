@@ -18,6 +18,7 @@ from palpate.errors import (
     ScoringError,
     StudyError,
 )
+from palpate.fit.least_squares import LeastSquares
 from palpate.run.directory import RunDirectory, file_name
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
@@ -47,19 +48,19 @@ class Recorder:
 
 def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
     recorder = Recorder()
-    study = make_study(n_sets=60, refine=True, truth=TRUTH)
+    study = make_study(n_sets=60, search=LeastSquares(), truth=TRUTH)
     result = pipeline.run_study(study, tmp_path / "run", plugins, recorder)
-    refined = result.selected.refinement.filter(pl.col("spot") == "p1", pl.col("scenario") == "I")
-    assert refined["soft_tissue.stiffness"][0] == pytest.approx(0.4, rel=1e-9)
-    assert refined["soft_tissue.grip"][0] == pytest.approx(20.0, rel=1e-9)
+    fitted = result.fit.of_spots()["p1", "I"]
+    assert fitted["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-6)
+    assert fitted["soft_tissue.grip"] == pytest.approx(20.0, rel=1e-6)
     assert len(result.simulations) == 120
     assert set(result.report.tables) == {
-        "table1_coefficients", "table2_nmse", "unfitted_channels", "cross_channel", "generalised", "refined",
+        "table1_coefficients", "table2_nmse", "unfitted_channels", "cross_channel", "generalised", "fit",
         "distance_to_truth", "identifiability", "cost_of_one_set",
     }  # fmt: skip
     assert all(path.exists() for path in result.report.files)
     once = {"check": [1, 1], "report": [1, 1]}
-    assert recorder.stages == once | {"simulate": [120, 120], "refine": [6, 6]}
+    assert recorder.stages == once | {"simulate": [120, 120], "fit": recorder.stages["fit"]}
 
 
 def test_no_page_is_made_of_simulations_of_another_study(make_study, plugins, tissue, tmp_path):
@@ -72,7 +73,7 @@ def test_no_page_is_made_of_simulations_of_another_study(make_study, plugins, ti
 
 
 def test_single_stages_write_what_the_run_writes(make_study, plugins, tmp_path):
-    study = make_study(refine=True)
+    study = make_study(search=LeastSquares())
     result = pipeline.run_study(study, tmp_path / "whole", plugins)
     alone = tmp_path / "alone"
     pipeline.measure(study, alone, plugins)
@@ -80,11 +81,12 @@ def test_single_stages_write_what_the_run_writes(make_study, plugins, tmp_path):
     pipeline.simulate(study, alone, plugins)
     scores = pipeline.score(study, alone, plugins)
     selected = pipeline.select(study, alone, plugins)
+    fitted = pipeline.fit(study, alone, plugins)
     report = pipeline.report(study, alone, plugins)
     assert_frame_equal(scores, result.scores)
     assert_frame_equal(selected.selection, result.selected.selection)
     assert_frame_equal(selected.generalisation, result.selected.generalisation)
-    assert_frame_equal(selected.refinement, result.selected.refinement)
+    assert_frame_equal(fitted.table, result.fit.table)
     assert [p.relative_to(alone) for p in report.files] == [
         p.relative_to(tmp_path / "whole") for p in result.report.files
     ]
@@ -243,11 +245,11 @@ def test_the_manifest_lists_what_the_numbers_depend_on(make_study, plugins, tmp_
     assert set(manifest["channels"]) == {"force", "torque"}
 
 
-def test_a_refinement_of_an_earlier_selection_does_not_linger(make_study, plugins, tmp_path):
-    pipeline.run_study(make_study(refine=True), tmp_path / "run", plugins)
+def test_a_fit_of_an_earlier_run_does_not_remain(make_study, plugins, tmp_path):
+    pipeline.run_study(make_study(search=LeastSquares()), tmp_path / "run", plugins)
     result = pipeline.run_study(make_study(), tmp_path / "run", plugins)
-    assert "refined" not in result.report.tables
-    assert not RunDirectory(tmp_path / "run").refinement().responses
+    assert "fit" not in result.report.tables
+    assert not RunDirectory(tmp_path / "run").fit().responses
 
 
 def test_a_design_is_read_back_to_the_last_bit(make_study, plugins, tmp_path):

@@ -87,7 +87,7 @@ def study(file, tmp_path):
         protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=[(0.0, 0.0), (9.0, 0.0)], friction=1.0),
         space=ParameterSpace(regions=(region,)), sampler=LatinHypercube(), n_sets=8, seed=1, filters=(),
         solver=module.Press(module.PressSettings(log=str(tmp_path / "log.txt"))),
-        scenarios=(Scenario(name="force", weights={"force": 1.0}),), generalise_by="force", refine=False,
+        scenarios=(Scenario(name="force", weights={"force": 1.0}),), generalise_by="force",
         truth={}, n_workers=2, time_limit_s=60.0, plugin_files=(file,), executor=DaskExecutor(),
         search=BestSet(), parametrisation=StandardParametrisation(),
     )  # fmt: skip

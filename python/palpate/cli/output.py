@@ -58,7 +58,7 @@ class RunOutput(Closed):
     n_simulations: int
     selection: list[Row]
     generalisation: list[Row]
-    refinement: list[Row]
+    fit: list[Row]
     stiffness_scaling: list[Row]
     verification: list[Row]
     verdict: list[str]
@@ -102,9 +102,17 @@ class SelectOutput(Closed):
 
     selection: list[Row]
     generalisation: list[Row]
-    refinement: list[Row]
     stiffness_scaling: list[Row]
     verification: list[Row]
+    warnings: list[str]
+
+
+class FitOutput(Closed):
+    """Where each search ended, what finer meshes changed, and every evaluation."""
+
+    fit: list[Row]
+    mesh: list[Row]
+    trace: list[Row]
     warnings: list[str]
 
 
@@ -230,6 +238,7 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "simulate": dict[str, int],
         "score": ScoreOutput,
         "select": SelectOutput,
+        "fit": FitOutput,
         "report": ReportOutput,
     }
 )

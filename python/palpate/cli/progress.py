@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 _ASKING = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask to stop; batch systems send the second before they kill."""
 
-_LOST = {"refine": "; the local searches begin again"}
-"""What a stage that is stopped loses."""
-
 LINE_S = 60.0
 """Longest time that a log is without a line while simulations end."""
 
@@ -83,9 +80,8 @@ class StageProgress:
         if self._bars is not None:
             self._bars.stop()
         if kind is not None and issubclass(kind, KeyboardInterrupt):
-            kept = "; the sweep's simulations are kept, and the same command continues from there"
-            lost = _LOST.get(self._stage, "")
-            raise StoppedError(f"stopped in stage '{self._stage}'{kept + lost if self._keeps else ''}")
+            kept = "; finished simulations are kept, and the same command continues from there"
+            raise StoppedError(f"stopped in stage '{self._stage}'{kept if self._keeps else ''}")
 
     def begin(self, stage: str, total: int) -> None:
         """Show a new stage of ``total`` steps."""

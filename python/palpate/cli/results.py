@@ -88,6 +88,7 @@ def _as_json(study: "Study", result: "RunResult") -> dict[str, Any]:
         "n_simulations": len(result.simulations),
         **{name: frame.to_dicts() for name, frame in tables_of(result.selected).items()},
         **verdict_json(result.report),
+        "fit": result.fit.table.to_dicts(),
         "tables": {name: frame.to_dicts() for name, frame in result.report.tables.items()},
     }
 
@@ -100,7 +101,7 @@ def verdict_json(report: "Report") -> dict[str, Any]:
 
 def tables_of(selected: "SelectionResult") -> dict[str, "pl.DataFrame"]:
     """Tables of what identification chose, by name."""
-    names = ("selection", "generalisation", "refinement", "stiffness_scaling", "verification")
+    names = ("selection", "generalisation", "stiffness_scaling", "verification")
     return {name: getattr(selected, name) for name in names}
 
 

@@ -1,4 +1,4 @@
-"""``palpate sample``, ``simulate``, ``score`` and ``select``: stages from files to files of a run."""
+"""``palpate sample``, ``simulate``, ``score``, ``select`` and ``fit``: stages of a run."""
 
 import faulthandler
 from collections import Counter
@@ -122,3 +122,19 @@ def select(context: typer.Context, study: StudyPath, out: OutFolder = None, as_j
                 session.frame(name.capitalize(), frame)
         session.next(f"report {study} --out {folder}", f"written to {folder}; ")
     check_results(selected.without_result)
+
+
+def fit(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False) -> None:
+    """Search the parameters for which the curves fit best."""
+    from palpate import pipeline
+
+    session, checked, folder = opened(context, study, out)
+    with StageProgress(session) as progress:
+        found = pipeline.fit(checked, folder, session.plugins, progress)
+    if as_json:
+        tables = {"fit": found.table, "mesh": found.mesh, "trace": found.trace}
+        rows = {name: frame.to_dicts() for name, frame in tables.items()}
+        session.json({**rows, "warnings": progress.warnings})
+        return
+    session.frame("Fit", found.table)
+    session.next(f"report {study} --out {folder}", f"written to {folder}; ")

@@ -97,7 +97,6 @@ class Problem:
             study.space, [term.spot for term in terms]
         )
         self.box = Box(self.parameters)
-        self._n_simulated = 0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -147,9 +146,7 @@ class Problem:
         finish = self.begin(trials, jobs)
         return finish(self._simulate(jobs))
 
-    def begin(
-        self, trials: Sequence[Trial], jobs: list[Job]
-    ) -> Callable[[Sequence[Simulation]], list[Evaluation]]:
+    def begin(self, trials: Sequence[Trial], jobs: list[Job]) -> Finish:
         """Add what the trials need to ``jobs``, perhaps next to another problem's.
 
         Returns
@@ -170,6 +167,12 @@ class Problem:
         """
         (term,) = (term for term in self.terms if term.spot == spot)
         return self._inputs(term, point)
+
+    def simulated(self, term: SpotTerm, inputs: SpotInputs) -> Simulation:
+        """Simulate these inputs, with slopes if the solver gives them, as a search has them."""
+        slopes = self.study.solver.gives_slopes
+        (simulation,) = self._simulate([term.job(inputs, -1, slopes=slopes, fine=self.fine)])
+        return simulation
 
     def _inputs(self, term: SpotTerm, point: FloatArray) -> SpotInputs:
         values = dict(zip(self.names, self.box.values(point).tolist(), strict=True))

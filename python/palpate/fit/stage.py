@@ -213,10 +213,10 @@ class FitStage:
         end = case.end
         if end is None or end.best is None:
             return []
-        exact, ends = self.study.solver.gives_slopes, []
+        ends = []
         for term in end.problem.terms:
             inputs = end.problem.inputs(term.spot, end.best.point)
-            (coarse,) = self.simulations.of([term.job(inputs, -1, slopes=exact, fine=False)])
+            coarse = end.problem.simulated(term, inputs)
             bare = replace(term, corrections={})
             curves = {name: bare.values(coarse, inputs, name) for name in term.weights}
             runs = [

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 DOMAIN, INTERFACES = "palpate.domain", "palpate.plugins.interfaces"
 
-CORE_PLUGIN = "palpate.stages.builtins"
+CORE_PLUGIN = "palpate.fit.builtins"
 """The core's own plugin, imported by name like any other."""
 
 MOST_ITEMS = 1000

@@ -32,7 +32,7 @@ class Best:
     fitted_to : str
         Channels that the scenario weights.
     found : str
-        ``set 12``, or ``refined`` where a local search went on from there.
+        ``set 12`` of the sweep, or ``fit`` where a search went on from there.
     values : tuple of Value
         In the order of the design's parameters.
     r2 : mapping of channel name to number or None
@@ -53,14 +53,14 @@ class Best:
 
 
 def best_sets(data: ReportData) -> Iterator[Best]:
-    """Best set by spot and scenario: the refined one, where there is one."""
-    refined = {(r["spot"], r["scenario"]): r for r in data.refined.table.iter_rows(named=True)}
+    """Best set by spot and scenario: the fitted one, where there is one."""
+    fitted = data.fit.of_spots()
     fits = {(r["spot"], r["scenario"], r["parameter"]): r for r in data.identifiability.iter_rows(named=True)}
     for row in data.selection.iter_rows(named=True):
         key = row["spot"], row["scenario"]
         best, found = row, f"set {row['set_id']}{', unfinished' if row.get('partial') else ''}"
-        if refined.get(key, {}).get("fopt") is not None:
-            best, found = refined[key], "refined"
+        if key in fitted:
+            best, found = fitted[key], "fit"
         yield Best(
             spot=key[0],
             scenario=key[1],

@@ -77,9 +77,9 @@ def responses(data: ReportData, spot: str) -> Figure:
 
 
 def fit_of(data: ReportData, spot: str, scenario: str) -> tuple[str, Mapping[str, Curve]]:
-    """Label and curves of a scenario at a spot: the refined ones, else those of the selected set."""
-    if (refined := data.refined.responses.get((spot, scenario))) is not None:
-        return f"scenario {scenario}, refined", refined.curves
+    """Label and curves of a scenario at a spot: the fitted ones, else those of the selected set."""
+    if (fitted := data.fit.responses.get((spot, scenario, spot))) is not None:
+        return f"scenario {scenario}, fit", fitted.curves
     for set_id in data.selection.filter(spot=spot, scenario=scenario)["set_id"]:
         if (response := data.responses.get((spot, set_id))) is not None:
             return f"scenario {scenario}, set {set_id}", response.curves

@@ -28,7 +28,7 @@ class ReportData:
     scores, selection, generalisation : DataFrame
         As :mod:`palpate.stages.scoring`, :mod:`palpate.stages.selection` and
         :mod:`palpate.stages.generalisation` return them.
-    refined : FitResult
+    fit : FitResult
     stiffness_scaling : DataFrame
         As :func:`palpate.stages.stiffness_scaling.best_scaled_sets` returns it.
     responses : mapping of (spot, set_id) to Response
@@ -60,7 +60,7 @@ class ReportData:
     scores: pl.DataFrame
     selection: pl.DataFrame
     generalisation: pl.DataFrame
-    refined: FitResult
+    fit: FitResult
     responses: Mapping[tuple[str, int], Response]
     stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
     swept: Swept = field(default_factory=dict)

@@ -167,13 +167,13 @@ def _about_ends(data: ReportData, bests: Sequence[Best]) -> Iterator[ReportWarni
             f"{parameter.name} at {best.where}"
             for best in bests
             for i, parameter in enumerate(data.brief.values())
-            if _at_end(parameter, best.values[i], data.design.values[:, i], best.found == "refined")
+            if _at_end(parameter, best.values[i], data.design.values[:, i], best.found == "fit")
         ),
         "Widen the range: the minimum may be outside.",
     )
 
 
-def _at_end(parameter: Parameter, value: Value, drawn: FloatArray, is_refined: bool) -> bool:
+def _at_end(parameter: Parameter, value: Value, drawn: FloatArray, is_fitted: bool) -> bool:
     """Whether a best set is the outermost of the design, or within a spacing of the range's end.
 
     Not where the curves show that the optimum is inside, or do not depend on the parameter.
@@ -184,8 +184,8 @@ def _at_end(parameter: Parameter, value: Value, drawn: FloatArray, is_refined: b
         ends = [share_of_range(parameter, end) for end in (value.lower, value.upper)]
         if ends[0] > EDGE and ends[1] < 1.0 - EDGE:
             return False
-    spacing = EDGE if is_refined else max(EDGE, 1.0 / drawn.size)
-    is_outermost = not is_refined and value.value in (drawn.min(), drawn.max())
+    spacing = EDGE if is_fitted else max(EDGE, 1.0 / drawn.size)
+    is_outermost = not is_fitted and value.value in (drawn.min(), drawn.max())
     return is_outermost or not spacing < share_of_range(parameter, value.value) < 1.0 - spacing
 
 
@@ -240,10 +240,10 @@ def _about_one_set(data: ReportData) -> Iterator[ReportWarning]:
 def _about_sweep(data: ReportData) -> Iterator[ReportWarning]:
     n_parameters = len(data.design.parameters)
     n_sets = min(data.completeness.simulated.values())
-    if n_sets < FEW_SETS * n_parameters and data.refined.table.is_empty():
+    if n_sets < FEW_SETS * n_parameters and data.fit.table.is_empty():
         yield ReportWarning(
             f"A thin sweep: {n_sets} sets for {n_parameters} parameters",
-            "The best set is the best of few; raise n_sets, or refine.",
+            "The best set is the best of few; raise n_sets, or name a search under [fit].",
         )
 
 
@@ -253,12 +253,12 @@ def _about_coarseness(data: ReportData, bests: Sequence[Best]) -> Iterator[Repor
         (
             f"{parameter.name} at {best.spot}: set {value.value:.4g}, optimum {value.optimum:.4g}"
             for best in bests
-            if best.scenario == data.generalising.name and best.found != "refined"
+            if best.scenario == data.generalising.name and best.found != "fit"
             for parameter, value in zip(data.brief.values(), best.values, strict=True)
             if value.optimum is not None and value.lower is not None and value.upper is not None
             if not value.lower <= value.value <= value.upper
         ),
-        "Search locally from the best sets ([selection] refine = true), or raise n_sets.",
+        'Search from the best sets ([fit] search = "least_squares"), or raise n_sets.',
     )
 
 
@@ -277,7 +277,7 @@ def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
 
 def _about_searches(data: ReportData) -> Iterator[ReportWarning]:
     for table, expected, what in (
-        (data.refined.table, "converged", "Not every local search converged"),
+        (data.fit.table, "converged", "Not every search converged"),
         (data.stiffness_scaling, "as expected", "Not every multiple of a set is as expected"),
     ):
         messages = dict.fromkeys(row["message"] for row in table.iter_rows(named=True))

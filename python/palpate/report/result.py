@@ -8,7 +8,7 @@ import polars as pl
 
 from palpate.domain import Design, Response, Simulation
 from palpate.report.verdict import Verdict
-from palpate.run.result import SelectionResult
+from palpate.run.result import FitResult, SelectionResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +39,7 @@ class RunResult:
     simulations: tuple[Simulation, ...]
     scores: pl.DataFrame
     selected: SelectionResult
+    fit: FitResult
     report: Report
 
     def __repr__(self) -> str:

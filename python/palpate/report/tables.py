@@ -19,7 +19,8 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "identifiability": "How well each parameter is identified",
         "generalised": "One set for all spots",
         "cost_of_one_set": "What one set for all spots costs at each",
-        "refined": "Local search from the selected sets",
+        "fit": "Parameters of the fit",
+        "fit_mesh": "What the meshes do to the fit",
         "stiffness_scaling": "Best multiple of a set, all moduli scaled together",
         "distance_to_truth": "Distance to the known answer",
         "convergence": "How the simulations ended",
@@ -50,7 +51,8 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
         "identifiability": data.identifiability,
         "generalised": generalised(data),
         "cost_of_one_set": cost_of_one_set(data),
-        "refined": data.refined.table,
+        "fit": data.fit.table,
+        "fit_mesh": data.fit.mesh,
         "stiffness_scaling": data.stiffness_scaling,
         "distance_to_truth": distance_to_truth(data),
         "verification": data.verification.drop("key", strict=False),
@@ -133,7 +135,10 @@ def unfitted_channels(data: ReportData) -> pl.DataFrame:
             "r2": row[f"r2_{channel}"],
             "nmse_fitted": _least(data, table, row["spot"], channel),
         }
-        for search, table in (("sweep", data.selection), ("refined", data.refined.table))
+        for search, table in (
+            ("sweep", data.selection),
+            ("fit", data.fit.of_each_spot),
+        )
         for row in table.iter_rows(named=True)
         for channel in (name.removeprefix("nmse_") for name in table.columns if name.startswith("nmse_"))
         if not data.scenario(row["scenario"]).weights.get(channel) and row[f"nmse_{channel}"] is not None
@@ -199,7 +204,7 @@ def cost_of_one_set(data: ReportData) -> pl.DataFrame:
 def distance_to_truth(data: ReportData) -> pl.DataFrame:
     """How far the found coefficients are from the known ones of a simulated experiment."""
     all_spots = data.generalisation.head(1).with_columns(spot=pl.lit("all spots"))
-    found = {"sweep": data.selection, "refined": data.refined.table, "generalised": all_spots}
+    found = {"sweep": data.selection, "fit": data.fit.table, "generalised": all_spots}
     rows = [
         {
             "search": search,

@@ -8,7 +8,7 @@
     design.parquet  design.json
     ledger.sqlite  curves/  simulations: states, attempts, timings, reasons, and their curves
     scores.parquet  selection.parquet  generalisation.parquet
-    refinement.parquet  refined/<spot>/<scenario>.parquet
+    fit.parquet  fit_trace.parquet  fit_mesh.parquet  fit_curves.parquet
     stiffness_scaling.parquet  verification.parquet
     stages.json             checksums of these files, and what each stage was made from
     report/
@@ -41,7 +41,7 @@ from palpate.run.stage_records import COMMANDS, StageRecords
 from palpate.run.trust import IN_KEYS, fingerprints, recorded, trusting
 from palpate.study.reading import Study
 
-_OPTIONAL = ("refinement", "stiffness_scaling", "verification")
+_OPTIONAL = ("stiffness_scaling", "verification", "fit", "fit_trace", "fit_mesh", "fit_curves")
 
 
 class RunDirectory:
@@ -197,22 +197,16 @@ class RunDirectory:
         self,
         selection: pl.DataFrame,
         generalisation: pl.DataFrame,
-        refined: FitResult,
         stiffness_scaling: pl.DataFrame,
         made_from: Mapping[str, str],
     ) -> None:
-        """Write the tables of the selection, and ``refined/<spot>/<scenario>.parquet`` with the curves."""
-        files = []
-        for (spot, scenario), response in refined.responses.items():
-            files.append(self._refined(spot, scenario))
-            write_frame(files[-1], frame_of(response))
+        """Write the tables of the selection."""
         frames = {
             "selection": selection,
             "generalisation": generalisation,
-            "refinement": refined.table,
             "stiffness_scaling": stiffness_scaling,
         }
-        self._write("selection", frames, made_from, files)
+        self._write("selection", frames, made_from)
 
     def selection(self) -> pl.DataFrame:
         """Least Fopt by spot and scenario."""
@@ -221,20 +215,6 @@ class RunDirectory:
     def generalisation(self) -> pl.DataFrame:
         """Read the set for all spots."""
         return self._frame("selection", "generalisation")
-
-    def refinement(self) -> FitResult:
-        """Where the local searches ended; empty when there were none."""
-        table = self._optional("selection", "refinement")
-        keys = [(row["spot"], row["scenario"]) for row in table.iter_rows(named=True)]
-        found = {key: self._refined(*key) for key in keys}
-        return FitResult(
-            table=table,
-            responses={
-                key: self.records.read("selection", path, _response)
-                for key, path in found.items()
-                if self.records.holds("selection", path)
-            },
-        )
 
     def stiffness_scaling(self) -> pl.DataFrame:
         """Best multiple by spot and scenario; empty when none was looked for."""
@@ -247,6 +227,35 @@ class RunDirectory:
     def verification(self) -> pl.DataFrame:
         """Verification of the selected sets; empty where the solver has none."""
         return self._optional("verification", "verification")
+
+    def write_fit(self, fit: FitResult, made_from: Mapping[str, str]) -> None:
+        """Write the tables of the fit, and the fitted curves in ``fit_curves.parquet``."""
+        names = ("fit", "scenario", "spot")
+        curves = [
+            frame_of(response).select(
+                *(pl.lit(part).alias(n) for n, part in zip(names, key, strict=True)), pl.all()
+            )
+            for key, response in fit.responses.items()
+        ]
+        frames = {
+            "fit": fit.table,
+            "fit_trace": fit.trace,
+            "fit_mesh": fit.mesh,
+            "fit_curves": pl.concat(curves) if curves else pl.DataFrame(),
+        }
+        self._write("fit", frames, made_from)
+
+    def fit(self) -> FitResult:
+        """Read the fit; empty where there is none."""
+        curves = self._optional("fit", "fit_curves")
+        keys = ("fit", "scenario", "spot")
+        parts = {} if curves.is_empty() else curves.partition_by(*keys, as_dict=True, include_key=False)
+        return FitResult(
+            table=self._optional("fit", "fit"),
+            trace=self._optional("fit", "fit_trace"),
+            mesh=self._optional("fit", "fit_mesh"),
+            responses={(str(a), str(b), str(c)): response_of(part) for (a, b, c), part in parts.items()},
+        )
 
     def comparisons(self) -> dict[str, Any]:
         """Read what was kept here as ``solver-comparison*.json``, by file name; not JSON is its error."""
@@ -296,9 +305,6 @@ class RunDirectory:
             with contextlib.suppress(StudyError):
                 known[spot.spot.name] = self._recorded(spot.spot.name)
         return known
-
-    def _refined(self, spot: str, scenario: str) -> Path:
-        return self.folder / "refined" / file_name(spot) / f"{file_name(scenario)}.parquet"
 
     def _frame(self, stage: str, name: str) -> pl.DataFrame:
         return self.records.read(stage, self.folder / f"{name}.parquet", _parquet)

@@ -110,8 +110,8 @@ def refuse_other(folder: Path, before: Path, now: Path) -> None:
 def tidy(folder: Path) -> None:
     """Remove what a killed process was writing, in the folders that palpate makes in a run directory."""
     names = ("", "measured", "report", "report/tables", "report/figures")
-    for own in (*(folder / name for name in names), *folder.glob("refined/*")):
-        remove_temporary(own)
+    for name in names:
+        remove_temporary(folder / name)
 
 
 # ----------------------------------------------------------------- files by name

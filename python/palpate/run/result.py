@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import polars as pl
 
@@ -42,8 +43,6 @@ class SelectionResult:
     generalisation : DataFrame
         One row per spot for the one set with the least mean Fopt over the spots; empty
         when no set succeeded at every spot.
-    refinement : DataFrame
-        Rows of the local search that started from each selected set; empty without one.
     stiffness_scaling : DataFrame
         Best multiple of any set by spot and scenario, as
         :func:`palpate.stages.stiffness_scaling.best_scaled_sets` returns it; empty unless asked for.
@@ -56,7 +55,6 @@ class SelectionResult:
 
     selection: pl.DataFrame
     generalisation: pl.DataFrame
-    refinement: pl.DataFrame
     stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
     verification: pl.DataFrame = field(default_factory=pl.DataFrame)
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
@@ -64,17 +62,44 @@ class SelectionResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitResult:
-    """Where the local searches ended.
+    """Parameters for which the simulated curves fit the measured ones best.
 
     Parameters
     ----------
     table : DataFrame
-        One row per row of the selection: spot, scenario, start_set_id, start_fopt, fopt,
-        nmse_<channel>, r2_<channel>, n_simulations, message and <region.parameter>. All but
-        the start and the message are null where the start could not be simulated again.
-    responses : mapping of (spot, scenario) to Response
-        Simulated curves of each row.
+        One row per fit, scenario and spot: fit ("all spots" for a joint one, else the spot),
+        scenario, spot, fopt, nmse_<channel>, r2_<channel>, n_evaluations, n_fine (simulations of
+        finer meshes), at_bound, message (why the search ended) and what was searched. A fit whose
+        every evaluation failed has one row with its message.
+    trace : DataFrame
+        One row per evaluation: fit, scenario, search, step, fopt (null where it failed), objective (with
+        priors), message and what was searched, under the names of the search.
+    mesh : DataFrame
+        Where finer meshes were simulated: fit, scenario, parameter, coarse (value by the coarse meshes
+        alone), fine (corrected by the finer ones) and extrapolated to meshes without error.
+    responses : mapping of (fit, scenario, spot) to Response
+        Fitted curves at the measured abscissae.
     """
 
-    table: pl.DataFrame
-    responses: Mapping[tuple[str, str], Response]
+    table: pl.DataFrame = field(default_factory=pl.DataFrame)
+    trace: pl.DataFrame = field(default_factory=pl.DataFrame)
+    mesh: pl.DataFrame = field(default_factory=pl.DataFrame)
+    responses: Mapping[tuple[str, str, str], Response] = field(default_factory=dict)
+
+    @property
+    def of_each_spot(self) -> pl.DataFrame:
+        """Rows of the fits of one spot each that have a result."""
+        if "spot" not in self.table.columns:
+            return pl.DataFrame()
+        return self.table.filter(pl.col("fit") == pl.col("spot")).drop_nulls("fopt")
+
+    def of_spots(self) -> dict[tuple[str, str], dict[str, Any]]:
+        """Rows of :attr:`of_each_spot` by spot and scenario."""
+        return {(row["spot"], row["scenario"]): row for row in self.of_each_spot.iter_rows(named=True)}
+
+    def joint(self, scenario: str) -> pl.DataFrame:
+        """Rows of the joint fit in a scenario, one per spot; empty where there is none."""
+        if "spot" not in self.table.columns:
+            return pl.DataFrame()
+        rows = self.table.filter(pl.col("scenario") == scenario, pl.col("fit") != pl.col("spot"))
+        return rows.drop_nulls("fopt")

@@ -34,6 +34,7 @@ COMMANDS = MappingProxyType(
         "scores": "score",
         "selection": "select",
         "verification": "select",
+        "fit": "fit",
     }
 )
 """The command that makes the files of a stage."""
@@ -175,9 +176,17 @@ def selection_from(study: Study, records: StageRecords) -> dict[str, str]:
     return {
         "scores": records.fingerprint("scores"),
         "scenarios": fingerprint(scenarios),
-        "generalise_by, refine or stiffness_scaling": fingerprint(
-            [study.generalise_by, study.refine, study.stiffness_scaling]
-        ),
+        "generalise_by or stiffness_scaling": fingerprint([study.generalise_by, study.stiffness_scaling]),
+    }
+
+
+def fit_from(study: Study, records: StageRecords) -> dict[str, str]:
+    """What decides the fit besides its simulations."""
+    return {
+        "selection": records.fingerprint("selection"),
+        "search": fingerprint(_described(study.search)),
+        "parametrisation": fingerprint(_described(study.parametrisation)),
+        "noise or fine_runs": fingerprint([study.noise, study.fine_runs]),
     }
 
 

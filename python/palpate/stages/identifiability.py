@@ -130,7 +130,7 @@ def assess_identifiability(
     scores: pl.DataFrame,
     selection: pl.DataFrame,
     generalisation: pl.DataFrame,
-    refined: FitResult,
+    fit: FitResult,
 ) -> Identifiability:
     """Find the interval of every parameter at every spot in every scenario, and over all spots.
 
@@ -144,19 +144,18 @@ def assess_identifiability(
     scores, selection, generalisation : DataFrame
         As :mod:`~palpate.stages.scoring`, :mod:`~palpate.stages.selection` and
         :mod:`~palpate.stages.generalisation` return them.
-    refined : FitResult
-        Where it has a row, that is the best set.
+    fit : FitResult
+        Where it has a row for a spot, that is the best set.
     """
     curves = _Curves(study=study, measured=measured, swept=swept, ranked=objectives(scores, study.scenarios))
-    refinements = {(row["spot"], row["scenario"]): row for row in refined.table.iter_rows(named=True)}
+    fits = fit.of_spots()
     scenarios = {scenario.name: scenario for scenario in study.scenarios}
     cases = []
     for chosen in selection.iter_rows(named=True):
         spot, name = chosen["spot"], chosen["scenario"]
-        end = refinements.get((spot, name), {})
-        is_refined = end.get("fopt") is not None
-        best = end if is_refined else chosen
-        cases.append(curves.case(spot, scenarios[name], [spot], best, design, is_refined=is_refined))
+        end = fits.get((spot, name))
+        is_fitted = end is not None
+        cases.append(curves.case(spot, scenarios[name], [spot], end or chosen, design, is_fitted=is_fitted))
     if len(measured) > 1 and not generalisation.is_empty():
         best = generalisation.row(0, named=True)
         spots = generalisation["spot"].to_list()
@@ -186,7 +185,7 @@ class _Curves:
         best: Mapping[str, Any],
         design: Design,
         *,
-        is_refined: bool = False,
+        is_fitted: bool = False,
     ) -> "_Case":
         """Collect the fits of some spots together in a scenario."""
         rows = self.ranked.filter(pl.col("scenario") == scenario.name, pl.col("spot").is_in(list(spots)))
@@ -205,7 +204,7 @@ class _Curves:
             residuals=np.concatenate(parts, axis=1) / np.sqrt(len(spots)),
             spread=spread / len(spots),
             best=best,
-            is_refined=is_refined,
+            is_fitted=is_fitted,
         )
 
     def _spread(self, spot: str, channel: str) -> float:
@@ -256,7 +255,7 @@ class _Case:
     residuals: FloatArray
     spread: float
     best: Mapping[str, Any]
-    is_refined: bool
+    is_fitted: bool
 
     @cached_property
     def fit(self) -> _Fit | None:
@@ -271,7 +270,7 @@ class _Case:
             form = slopes.form(origin)
             origin = form.minimum()
             least = form(origin)
-            known = float(self.best["fopt"]) if self.is_refined else least
+            known = float(self.best["fopt"]) if self.is_fitted else least
             margin = max(known, self.spread, slopes.error, FLOOR * float(np.median(self.fopt)))
             found = _Fit(form=form, optimum=origin, least=least, margin=margin, q2=slopes.q2)
         return found
@@ -291,7 +290,7 @@ class _Case:
     def rows(self) -> Iterator[dict[str, Any]]:
         fit = self.fit
         fopt = float(self.best.get("fopt_mean", self.best["fopt"]))
-        threshold = 2.0 * fopt if fit is None else (fopt if self.is_refined else fit.least) + fit.margin
+        threshold = 2.0 * fopt if fit is None else (fopt if self.is_fitted else fit.least) + fit.margin
         for i, parameter in enumerate(self.design.parameters):
             row = {
                 "spot": self.spot,
@@ -308,7 +307,7 @@ class _Case:
 
     def _interval(self, parameter: Parameter, i: int, fit: _Fit) -> dict[str, Any]:
         low, high = fit.form.interval(i, fit.least + fit.margin)
-        if self.is_refined:
+        if self.is_fitted:
             low, high = min(low, self.at[i]), max(high, self.at[i])
         correlation = fit.form.correlation()
         others = np.abs(correlation[i])

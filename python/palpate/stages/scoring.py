@@ -136,7 +136,7 @@ def _score_channel(
     simulations: Sequence[Scorable], measured: Curve, rules: ScoringRules
 ) -> list[dict[str, object]]:
     weights = point_weights(measured, rules.point_weighting)
-    variance = _variance(measured.ordinate, rules.normaliser, weights)
+    variance = relative_variance(measured, rules)
     scored = _scored(simulations, measured, rules.normaliser, weights)
     return [
         _row(s, measured.channel, score, 1.0 - score.nmse / variance, rules)
@@ -215,12 +215,14 @@ def _unreadable(simulation: Scorable, message: str) -> tuple[Status, str]:
     return status, simulation.message or message
 
 
-def _variance(ordinate: FloatArray, normaliser: Normaliser, weights: FloatArray | None) -> float:
+def relative_variance(measured: Curve, rules: ScoringRules) -> float:
     """Σw(exp − mean)²/Σw over normaliser², which is NMSE/(1 − R²); NaN for a flat measured curve."""
+    ordinate, normaliser = measured.ordinate, rules.normaliser
     try:
         _core.normaliser(ordinate, Normaliser.STD.value)
     except ScoringError:
         return np.nan
+    weights = point_weights(measured, rules.point_weighting)
     mean = np.average(ordinate, weights=weights)
     variance = float(np.average((ordinate - mean) ** 2, weights=weights))
     return variance / _core.normaliser(ordinate, normaliser.value) ** 2

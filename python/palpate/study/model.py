@@ -307,7 +307,6 @@ class SelectionTable(Table):
     generalise_by: str | None = Field(
         default=None, description="Scenario whose mean over the spots decides; the first one if left out."
     )
-    refine: bool = Field(default=False, description="Follow the sweep by a local search.")
     stiffness_scaling: bool = Field(
         default=False,
         description="Also find each set's best multiple: all moduli scaled together, within their ranges.",

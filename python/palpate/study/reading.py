@@ -51,8 +51,6 @@ class Study:
         How simulated curves are compared with measured ones.
     generalise_by : str
         Name of the scenario whose mean over the spots decides the generalised set.
-    refine : bool
-        Whether a local search follows the sweep.
     stiffness_scaling : bool
         Whether the best multiple of each set is found too.
     truth : mapping of full parameter name to value
@@ -104,7 +102,6 @@ class Study:
     scoring: ScoringRules = field(default_factory=ScoringRules)
     scenarios: tuple[Scenario, ...]
     generalise_by: str
-    refine: bool
     stiffness_scaling: bool = False
     truth: Mapping[str, float]
     n_workers: int
@@ -300,7 +297,6 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         scoring=ScoringRules(**dict(require(tables.scoring))),
         scenarios=scenarios,
         generalise_by=require(selection).generalise_by or scenarios[0].name,
-        refine=require(selection).refine,
         search=require(parts.search),
         parametrisation=require(parts.parametrisation),
         noise=require(tables.fit).noise,

@@ -12,6 +12,7 @@ from matplotlib import rc_context, rcParams
 from matplotlib.image import imread
 
 from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario, ScoringRules
+from palpate.fit.least_squares import LeastSquares
 from palpate.report import ReportData, figures, finding, make_tables, write_report
 from palpate.report.figures import generalised, nmse_distribution, responses
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, parameter_space
@@ -65,7 +66,7 @@ def test_the_cross_table_shows_what_a_fit_to_one_channel_costs_in_the_other(cont
 
 
 def test_a_partial_fit_is_held_against_the_channels_that_it_has_not_seen(content):
-    made = content(refine=True)
+    made = content(search=LeastSquares())
     tables = make_tables(made)
     table = tables["unfitted_channels"]
     assert table.select("search", "spot", "scenario", "unfitted").rows() == [
@@ -182,7 +183,7 @@ def test_a_response_has_the_experiment_and_a_curve_per_scenario(content):
 
 
 def test_a_refined_curve_takes_the_place_of_the_sweeps(content):
-    axes = responses(content(refine=True), "p1").axes
+    axes = responses(content(search=LeastSquares()), "p1").axes
     labels = [line.get_label() for line in axes[0].get_lines()[1:]]
     assert labels == [f"scenario {name}, refined" for name in ("I", "II", "III")]
 

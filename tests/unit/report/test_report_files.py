@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from palpate.fit.least_squares import LeastSquares
 from palpate.report import figures, make_tables
 from palpate.report.style import DOUBLE_MM, LINES, MEASURED_COLOUR, MM, SINGLE_MM, STYLE, save
 from palpate.report.table_files import latex, markdown, write_tables
@@ -92,7 +93,7 @@ HOSTILE = r"50 % of a_b & {c} $x$ #1 ~^ \end{table} | `d` <e>" + "\n next"
 
 
 def test_each_table_is_written_as_csv_latex_and_markdown(content, tmp_path):
-    tables = make_tables(content(refine=True))
+    tables = make_tables(content(search=LeastSquares()))
     files = write_tables(tables, tmp_path)
     assert {f.suffix for f in files} == {".csv", ".tex", ".md"}
     assert len(files) == 3 * len(tables)

@@ -16,6 +16,7 @@ import pytest
 
 import palpate.report
 from palpate.domain import Indentation, Job, Simulation, Sphere, Status
+from palpate.fit.least_squares import LeastSquares
 from palpate.report import contact_along, make_tables, write_report
 from palpate.report.limb_view import limb_view
 from palpate.report.page import render
@@ -151,7 +152,7 @@ def test_what_is_not_finite_is_null_in_the_data(page):
 
 
 def test_headings_go_down_one_by_one_and_every_table_and_control_has_a_name(page):
-    made = page(refine=True, truth={"soft_tissue.stiffness": 0.4})
+    made = page(search=LeastSquares(), truth={"soft_tissue.stiffness": 0.4})
     assert made.all("html")[0][1]["lang"] == "en"
     levels = [int(tag[1]) for tag, _, _ in made.elements if re.fullmatch(r"h\d", tag)]
     assert levels[0] == 1
@@ -172,7 +173,7 @@ def test_headings_go_down_one_by_one_and_every_table_and_control_has_a_name(page
 
 
 def test_every_table_of_a_full_run_is_on_the_page(content):
-    made = content(refine=True, truth={"soft_tissue.stiffness": 0.4})
+    made = content(search=LeastSquares(), truth={"soft_tissue.stiffness": 0.4})
     verification = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [True], "message": [""]})
     failed = made.scores.with_columns(nmse=pl.when(pl.col("set_id") > 1).then("nmse"))
     scaled = made.refined.table.head(1).select("spot", "scenario", "message")

@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from palpate.domain import Normaliser, Response, Scenario, ScoringRules
+from palpate.fit.least_squares import LeastSquares
 from palpate.report import make_tables, report_warnings
 from palpate.report.style import DOUBLE_MM, SINGLE_MM, STYLE
 from palpate.report.tables import cost_of_one_set, weighted_channels
@@ -49,7 +50,7 @@ def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
 
 
 def test_a_refined_set_replaces_the_sweeps(content):
-    made = content(refine=True)
+    made = content(search=LeastSquares())
     best = verdict(made).bests[0]
     assert best.found == "refined"
     assert best.values[0].value == made.refined.table["soft_tissue.stiffness"][0]
@@ -252,7 +253,7 @@ def test_few_sets_and_many_failures_are_named_by_reason(content):
 
 
 def test_searches_conventions_solver_comparisons_and_unfinished_sets_are_named(content):
-    made = content(refine=True)
+    made = content(search=LeastSquares())
     region = replace(made.study.space.regions[0], convention="febio4")
     study = replace(
         made.study,

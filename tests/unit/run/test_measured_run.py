@@ -9,6 +9,7 @@ import pytest
 from palpate import pipeline
 from palpate.domain import Curve, Indentation, PointWeighting, Response, ScoringRules, Sphere
 from palpate.errors import CurveError, PluginError, StudyError
+from palpate.fit.least_squares import LeastSquares
 from palpate.report import draw_presses
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import job_key
@@ -130,7 +131,7 @@ def test_plots_need_a_folder(make_study, plugins, tmp_path):
 
 @pytest.mark.usefixtures("one_figure")
 def test_one_study_of_two_indenters_and_three_presses_runs_to_its_end(make_study, plugins, tmp_path):
-    study = pressed_thrice(make_study(refine=True))
+    study = pressed_thrice(make_study(search=LeastSquares()))
     one, two = study.spots
     study = replace(study, spots=(one, replace(two, protocol=SMALL)))
     result = pipeline.run_study(study, tmp_path / "run", plugins)

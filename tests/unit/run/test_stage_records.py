@@ -9,6 +9,7 @@ import pytest
 from palpate import pipeline
 from palpate.domain import Normaliser, Scenario, ScoringRules
 from palpate.errors import PalpateError, StoppedError, StudyError
+from palpate.fit.least_squares import LeastSquares
 from palpate.progress import Silent
 from palpate.stages.status import Watcher
 
@@ -31,7 +32,7 @@ READ_BY = {"simulate": 4, "score": 4, "select": 5, "report": len(MADE_BY)}
 
 @pytest.fixture
 def done(make_study, plugins, tmp_path):
-    study = make_study(n_sets=4, refine=True)
+    study = make_study(n_sets=4, search=LeastSquares())
     pipeline.run_study(study, tmp_path / "run", plugins)
     return study, tmp_path / "run"
 

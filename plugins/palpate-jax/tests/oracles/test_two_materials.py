@@ -80,7 +80,6 @@ def layered_study(folder: Path) -> Study:
         generalise_by="I",
         search=BestSet(),
         parametrisation=StandardParametrisation(),
-        refine=False,
         truth=TRUTH,
         n_workers=1,
         time_limit_s=60.0,

@@ -1,0 +1,152 @@
+"""The tables of a fit: where each search ended, how it got there, and what the mesh does to it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import FloatArray, Limb, Response
+from palpate.fit.running import Fit
+from palpate.fit.spot_term import SpotTerm
+from palpate.fit.stage import Case
+from palpate.run.result import FitResult
+from palpate.stages.scoring import relative_variance
+
+ORDER = 2.0
+"""Power of the element size with which the error of the curves falls."""
+
+
+def fit_result(cases: Sequence[Case], limbs: Mapping[str, Limb]) -> FitResult:
+    """Put the cases of a study into tables.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+        Every search has ended.
+    limbs : mapping of limb name to Limb
+    """
+    rows: list[dict[str, Any]] = []
+    responses: dict[tuple[str, str, str], Response] = {}
+    for case in cases:
+        end = case.end
+        if end is None or end.best is None:
+            rows.append(_about(case) | {"message": _message(case)})
+            continue
+        for term in end.problem.terms:
+            values = fitted_values(end, term)
+            rows.append(_row(case, end, term, values))
+            responses[case.label, case.scenario.name, term.spot] = _response(term, values)
+    traces = [row for case in cases for row in _trace(case)]
+    meshes = [row for case in cases for row in _mesh(case, limbs)]
+    return FitResult(table=_frame(rows), trace=_frame(traces), mesh=_frame(meshes), responses=responses)
+
+
+def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
+    return pl.from_dicts(rows, infer_schema_length=None) if rows else pl.DataFrame()
+
+
+def _about(case: Case) -> dict[str, Any]:
+    return {"fit": case.label, "scenario": case.scenario.name}
+
+
+def _message(case: Case) -> str:
+    """Why the last searches ended; each reason once."""
+    last = case.fits[-1].problem
+    return "; ".join(dict.fromkeys(fit.message for fit in case.fits if fit.problem is last))
+
+
+def fitted_values(end: Fit, term: SpotTerm) -> dict[str, FloatArray]:
+    """Fitted ordinates (n,) at the measured points by channel, as the residuals have them."""
+    assert end.best is not None
+    inputs = end.problem.inputs(term.spot, end.best.point)
+    simulation = end.problem.simulated(term, inputs)
+    return {name: term.values(simulation, inputs, name) for name in term.measured}
+
+
+def _row(case: Case, end: Fit, term: SpotTerm, values: Mapping[str, FloatArray]) -> dict[str, Any]:
+    nmse = {name: _nmse(term, name, fitted) for name, fitted in values.items()}
+    fopt = sum(weight * nmse[name] for name, weight in term.weights.items())
+    row: dict[str, Any] = _about(case) | {"spot": term.spot, "fopt": fopt}
+    for name, error in nmse.items():
+        curve = term.measured[name]
+        r2 = 1.0 - error / relative_variance(curve, term.rules)
+        row |= {f"nmse_{name}": error, f"r2_{name}": r2 if np.isfinite(r2) else None}
+    searched = case.values()
+    row |= {
+        "n_evaluations": sum(len(fit.trace) for fit in case.fits),
+        "n_fine": case.n_fine,
+        "at_bound": ", ".join(_at_bound(end)),
+        "message": _message(case),
+    }
+    return row | {
+        name.partition("@")[0]: value
+        for name, value in searched.items()
+        if name.partition("@")[2] in ("", term.spot)
+    }
+
+
+def _at_bound(end: Fit) -> Iterator[str]:
+    """Names of the values that ended at a bound of their range."""
+    assert end.best is not None
+    for name, at in zip(end.problem.names, end.best.point, strict=True):
+        if at in (0.0, 1.0):
+            yield name
+
+
+def _nmse(term: SpotTerm, channel: str, fitted: FloatArray) -> float:
+    covered = np.isfinite(fitted)
+    differences = np.where(covered, fitted - term.measured[channel].ordinate, 0.0)
+    return float(((differences * term.scale(channel, 1.0, covered)) ** 2).sum())
+
+
+def _response(term: SpotTerm, values: Mapping[str, FloatArray]) -> Response:
+    """Fitted curves along the measured abscissae, as far as they reach."""
+    curves = {}
+    for name, fitted in values.items():
+        covered = np.isfinite(fitted)
+        if covered.sum() > 1:
+            curve = term.measured[name]
+            curves[name] = replace(
+                curve, abscissa=curve.abscissa[covered], ordinate=fitted[covered], std=None
+            )
+    return Response(curves=curves)
+
+
+def _trace(case: Case) -> Iterator[dict[str, Any]]:
+    for number, fit in enumerate(case.fits):
+        for step, each in enumerate(fit.trace):
+            values = dict(zip(fit.problem.names, fit.problem.box.values(each.point).tolist(), strict=True))
+            finite = np.isfinite(each.fopt)
+            yield {
+                **_about(case),
+                "search": number,
+                "step": step,
+                "fopt": each.fopt if finite else None,
+                "objective": each.objective if finite else None,
+                "message": each.failure,
+                **values,
+            }
+
+
+def _mesh(case: Case, limbs: Mapping[str, Limb]) -> Iterator[dict[str, Any]]:
+    """What the coarse meshes, the finer ones, and meshes without error would give."""
+    ratios = [
+        (limbs[f"{spot}/fine"].mesh.n_nodes / limbs[spot].mesh.n_nodes) ** (ORDER / 3.0)
+        for spot in case.spots
+        if f"{spot}/fine" in limbs
+    ]
+    fine = case.values()
+    if not case.n_fine or not fine or min(ratios) <= 1.0:
+        return
+    for name, value in fine.items():
+        coarse = case.coarse[name]
+        extrapolated = value + (value - coarse) / (float(np.mean(ratios)) - 1.0)
+        yield {
+            **_about(case),
+            "parameter": name,
+            "coarse": coarse,
+            "fine": value,
+            "extrapolated": extrapolated,
+        }
