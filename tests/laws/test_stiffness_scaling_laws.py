@@ -264,5 +264,5 @@ def test_a_fixed_modulus_leaves_no_scaling(tmp_path):
     searched = 'k = { lower = "1000 kPa", upper = "3 MPa" }\na = 0.5'
     assert searched in text
     (tmp_path / "study.toml").write_text(text.replace(searched, 'k = "2 MPa"'))
-    with pytest.raises(StudyError, match=r"stiffness_scaling: .*rubber\.k is fixed"):
+    with pytest.raises(StudyError, match=r"stiffness_scaling: .*rubber\.k does not scale"):
         read_study(tmp_path, toy)

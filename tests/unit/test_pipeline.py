@@ -63,6 +63,18 @@ def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
     assert recorder.stages == once | {"simulate": [120, 120], "fit": recorder.stages["fit"]}
 
 
+def test_a_spot_without_a_channel_is_run_and_reported(make_study, plugins, tmp_path):
+    study = make_study()
+    (file,) = study.spots[1].files
+    file.write_text("".join(row for row in file.read_text().splitlines(True) if "torque" not in row))
+    selected = pipeline.run_study(study, tmp_path / "run", plugins).selected
+    assert selected.selection.select("spot", "scenario").rows() == [
+        ("p1", "I"), ("p1", "II"), ("p1", "III"), ("p2", "I"), ("p2", "III"),
+    ]  # fmt: skip
+    assert selected.without_result == {}
+    assert set(selected.generalisation["spot"]) == {"p1", "p2"}
+
+
 def test_no_page_is_made_of_simulations_of_another_study(make_study, plugins, tissue, tmp_path):
     study = make_study()
     pipeline.run_study(study, tmp_path / "run", plugins)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import polars as pl
 
 from palpate.domain import Design, Scenario
-from palpate.stages.selection import failures, unranked
+from palpate.stages.selection import failures, unranked, weighed_spots
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +74,8 @@ def without_result(
         The most frequent reason by (spot, scenario).
     """
     found = set(selection.select("spot", "scenario").iter_rows())
-    pairs = ((spot, scenario) for spot in spots for scenario in scenarios)
+    weighed = {scenario.name: weighed_spots(scores, scenario, spots) for scenario in scenarios}
+    pairs = ((spot, s) for spot in spots for s in scenarios if spot in weighed[s.name])
     return {(p, s.name): _reason(scores, p, s) for p, s in pairs if (p, s.name) not in found}
 
 

@@ -1,7 +1,7 @@
 """Measured curves: read by the study's loader, and checked against its protocol."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -69,15 +69,16 @@ def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Re
     Raises
     ------
     CurveError
-        A file cannot be read, a channel that a scenario weights is missing, a curve does
-        not cover the protocol, or repeated presses differ in their path.
+        A file cannot be read, a channel that a scenario weights is missing at every spot, a curve
+        does not cover the protocol, or repeated presses differ in their path.
     """
     return {name: mean(presses) for name, presses in load_presses(study, channels).items()}
 
 
 def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Presses]:
     """Read every file of each spot; raises as :func:`load_measured`."""
-    return {spot.spot.name: _load_spot(study, spot, channels) for spot in study.spots}
+    every = {spot.spot.name: _load_spot(study, spot, channels) for spot in study.spots}
+    return _checked_weights(study, every)
 
 
 def mean(presses: Presses) -> Response:
@@ -125,9 +126,7 @@ def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -
             warnings += [f"{path.name}: spot '{spot.spot.name}': {text}" for text in found]
             responses[_told(path, study, responses)] = response
         _check_alike(spot, paths, responses)
-    presses = Presses(spot=spot, responses=responses, warnings=tuple(warnings))
-    _check_weighted(study, presses)
-    return presses
+    return Presses(spot=spot, responses=responses, warnings=tuple(warnings))
 
 
 def draw_files(study: Study, spot: StudySpot, folder: Path) -> tuple[Path, ...]:
@@ -224,17 +223,24 @@ def _check_known(name: str, channels: Mapping[str, Channel]) -> None:
         )
 
 
-def _check_weighted(study: Study, presses: Presses) -> None:
-    found = presses.channels
+def _checked_weights(study: Study, every: Mapping[str, Presses]) -> dict[str, Presses]:
+    """Refuse a channel that a scenario weights and no spot measures; warn where one spot does not."""
+    checked = dict(every)
     for scenario in study.scenarios:
-        for channel, weight in scenario.weights.items():
-            if weight > 0.0 and channel not in found:
-                files = ", ".join(str(path) for path in presses.spot.files)
+        weighted = [channel for channel, weight in scenario.weights.items() if weight > 0.0]
+        for channel in weighted:
+            without = [spot for spot, presses in every.items() if channel not in presses.channels]
+            if len(without) == len(every):
+                found = dict.fromkeys(name for presses in every.values() for name in presses.channels)
                 raise CurveError(
-                    f"{files}: spot '{presses.spot.spot.name}' has no channel '{channel}', which scenario "
-                    f"'{scenario.name}' weights (found: {', '.join(found) or 'none'}); measure it or "
-                    "leave the scenario out"
+                    f"{study.file.name}: no spot has a channel '{channel}', which scenario '{scenario.name}' "
+                    f"weights (found: {', '.join(found) or 'none'}); measure it or leave the scenario out"
                 )
+            for spot in without:
+                left = " + ".join(c for c in weighted if c in every[spot].channels) or "nothing"
+                warning = f"spot '{spot}' has no channel '{channel}': '{scenario.name}' weighs {left} there"
+                checked[spot] = replace(checked[spot], warnings=(*checked[spot].warnings, warning))
+    return checked
 
 
 def check_covers(

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import polars as pl
 
 from palpate.domain import Design, Scenario
-from palpate.stages.selection import objectives, with_parameters
+from palpate.stages.selection import objectives, weighed_spots, with_parameters
 
 
 def generalise(
@@ -27,7 +27,8 @@ def generalise(
         Whose Fopt is averaged.
     design : Design
     spots : sequence of str
-        Every spot of the study; a set without a score at one of them is not considered.
+        Every spot of the study; a set without a score at one of them is not considered. A spot
+        that measures no channel of the scenario does not count.
 
     Returns
     -------
@@ -44,7 +45,7 @@ def generalise(
             pl.col("fopt").mean().alias("fopt_mean"),
             pl.col("fopt").std(ddof=1).alias("fopt_sd"),
         )
-        .filter(pl.col("n_spots") == len(spots))
+        .filter(pl.col("n_spots") == len(weighed_spots(scores, scenario, spots)))
         .sort("fopt_mean", "set_id")
         .head(1)
         .drop("n_spots")

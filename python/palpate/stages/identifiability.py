@@ -192,9 +192,14 @@ class _Curves:
         means = rows.group_by("set_id").agg(pl.len(), pl.col("fopt").mean())
         means = means.filter(pl.col("len") == len(spots)).sort("set_id")
         sets = means["set_id"].to_numpy()
-        weighted = [(name, weight) for name, weight in scenario.weights.items() if weight > 0.0]
-        parts = [self._residuals(spot, *each, sets) for spot in spots for each in weighted]
-        spread = sum(self._spread(spot, name) * weight for spot in spots for name, weight in weighted)
+        weighted = [
+            (spot, name, weight)
+            for spot in spots
+            for name, weight in scenario.weights.items()
+            if weight > 0.0 and name in self.measured[spot].curves
+        ]
+        parts = [self._residuals(*each, sets) for each in weighted]
+        spread = sum(self._spread(spot, name) * weight for spot, name, weight in weighted)
         return _Case(
             spot=label,
             scenario=scenario,

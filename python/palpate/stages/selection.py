@@ -26,7 +26,8 @@ def objectives(scores: pl.DataFrame, scenarios: Sequence[Scenario]) -> pl.DataFr
     DataFrame
         Columns spot, scenario, set_id, fopt, nmse_<channel>, r2_<channel>, in the order of
         spots in ``scores``, then scenarios, then sets. A set is left out of a scenario that
-        weights a channel in which it has no NMSE.
+        weights a channel in which it has no NMSE. A spot that does not measure a channel has
+        Fopt of those that it measures, and no row where the scenario weights none of them.
 
     Raises
     ------
@@ -53,15 +54,19 @@ def _place(column: str, order: Sequence[str]) -> pl.Expr:
 
 
 def _wide(scores: pl.DataFrame) -> pl.DataFrame:
-    """One row per spot and set, with a column per channel and measure."""
+    """One row per spot and set: columns per channel and measure, and the channels that there are."""
     channels = scores["channel"].unique(maintain_order=True).to_list()
     return scores.group_by("spot", "set_id", maintain_order=True).agg(
         *(
             pl.col(measure).filter(pl.col("channel") == channel).first().alias(f"{measure}_{channel}")
             for measure in ("nmse", "r2")
             for channel in channels
-        )
+        ),
+        pl.col("channel").alias(_MEASURED),
     )
+
+
+_MEASURED = "_measured"
 
 
 def _objective(wide: pl.DataFrame, scenario: Scenario) -> pl.DataFrame:
@@ -72,13 +77,30 @@ def _objective(wide: pl.DataFrame, scenario: Scenario) -> pl.DataFrame:
                 f"scenario '{scenario.name}' weights channel '{channel}', which has no scores; "
                 "score it or leave the scenario out"
             )
-    fopt = pl.sum_horizontal(
-        *(pl.col(f"nmse_{channel}") * weight for channel, weight in weighted.items()), ignore_nulls=False
+    has = {channel: pl.col(_MEASURED).list.contains(channel) for channel in weighted}
+    parts = (
+        pl.when(has[c]).then(pl.col(f"nmse_{c}") * weight).otherwise(0.0) for c, weight in weighted.items()
     )
-    rest = [name for name in wide.columns if name not in ("spot", "set_id")]
-    return wide.select(
-        "spot", pl.lit(scenario.name).alias("scenario"), "set_id", fopt.alias("fopt"), *rest
-    ).drop_nulls("fopt")
+    rest = [name for name in wide.columns if name not in ("spot", "set_id", _MEASURED)]
+    return (
+        wide.filter(pl.any_horizontal(*has.values()))
+        .select(
+            "spot",
+            pl.lit(scenario.name).alias("scenario"),
+            "set_id",
+            pl.sum_horizontal(*parts, ignore_nulls=False).alias("fopt"),
+            *rest,
+        )
+        .drop_nulls("fopt")
+    )
+
+
+def weighed_spots(scores: pl.DataFrame, scenario: Scenario, spots: Sequence[str]) -> list[str]:
+    """Spots without those that measure no channel that a scenario weights."""
+    weighted = [channel for channel, weight in scenario.weights.items() if weight > 0.0]
+    has = scores.group_by("spot").agg(pl.col("channel").is_in(weighted).any())
+    without = set(has.filter(~pl.col("channel"))["spot"])
+    return [spot for spot in spots if spot not in without]
 
 
 def select(scores: pl.DataFrame, scenarios: Sequence[Scenario], design: Design) -> pl.DataFrame:

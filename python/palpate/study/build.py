@@ -187,17 +187,17 @@ def _own_scenario(
 def _check_channels(
     context: Context, scenario: Scenario, key: Key, measured: Mapping[str, Collection[str | None]]
 ) -> None:
-    """Refuse a scenario whose channels a spot does not measure, where the file names those it does."""
-    for spot, found in measured.items():
-        if not set(found) <= set(context.plugins.channels):
-            continue  # a file of several channels, or a channel that is reported as unknown
-        missing = [c for c, weight in scenario.weights.items() if weight and c not in found]
-        if missing:
-            context.problems.add(
-                key,
-                f"scenario '{scenario.name}' weighs channel '{missing[0]}', which spot "
-                f"'{spot}' does not measure; add its file or leave the scenario out",
-            )
+    """Refuse a scenario of a channel that no spot measures, where the file names those they do."""
+    found = set().union(*measured.values())
+    if not measured or not found <= set(context.plugins.channels):
+        return  # a file of several channels, or a mistake in the spots that is reported already
+    missing = [c for c, weight in scenario.weights.items() if weight and c not in found]
+    if missing:
+        context.problems.add(
+            key,
+            f"scenario '{scenario.name}' weighs channel '{missing[0]}', which no spot measures; "
+            "add its file or leave the scenario out",
+        )
 
 
 def check_stiffness_scaling(context: Context, space: ParameterSpace) -> None:

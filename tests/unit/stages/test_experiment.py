@@ -7,7 +7,7 @@ import pytest
 
 from palpate.domain import Curve, Indentation, Response, Scenario, Sphere
 from palpate.errors import CurveError, PluginError
-from palpate.stages.experiment import check_covers, load_measured
+from palpate.stages.experiment import check_covers, load_measured, measured_warnings
 
 PROTOCOL = Indentation(
     indenter=Sphere(radius_mm=7.5),
@@ -34,8 +34,20 @@ def test_both_channels_of_both_spots_are_read(make_study, plugins):
 
 def test_a_weighted_channel_that_is_missing_is_named(make_study, plugins):
     study = make_study(scenarios=(Scenario(name="V", weights={"lateral": 1.0}),))
-    with pytest.raises(CurveError, match=r"p1\.csv: spot 'p1' has no channel 'lateral'.*scenario 'V'"):
+    with pytest.raises(CurveError, match=r"study.toml: no spot has a channel 'lateral'.*scenario 'V'"):
         load_measured(study, plugins.channels)
+
+
+def test_a_spot_may_lack_a_channel_that_another_has(make_study, plugins):
+    study = make_study()
+    (file,) = study.spots[1].files
+    file.write_text("".join(row for row in file.read_text().splitlines(True) if "torque" not in row))
+    measured = load_measured(study, plugins.channels)
+    assert (list(measured["p1"]), list(measured["p2"])) == (["force", "torque"], ["force"])
+    assert measured_warnings(measured) == (
+        "spot 'p2' has no channel 'torque': 'I' weighs force there",
+        "spot 'p2' has no channel 'torque': 'II' weighs nothing there",
+    )
 
 
 def test_a_channel_without_weight_may_be_missing(make_study, plugins):

@@ -56,3 +56,14 @@ def test_ties_go_to_the_lower_set():
 def test_one_spot_has_a_mean_and_no_spread():
     found = generalised({"p1": [0.4, 0.2]})
     assert found.select("set_id", "fopt_mean", "fopt_sd").rows() == [(1, 0.2, None)]
+
+
+def test_a_spot_that_measures_nothing_of_the_scenario_does_not_count():
+    rows = [
+        {"spot": spot, "set_id": i, "channel": channel, "nmse": nmse, "status": "ok"}
+        for spot, channel, sets in [("p1", "force", [0.3, 0.1]), ("p2", "torque", [0.0, 0.9])]
+        for i, nmse in enumerate(sets)
+    ]
+    design = Design(parameters=(PARAMETER,), values=np.array([[0.1], [0.9]]), seed=0, n_drawn=2)
+    found = generalise(pl.DataFrame(rows, schema=SCHEMA), BOTH, design, ["p1", "p2"])
+    assert found.select("spot", "set_id", "fopt_mean").rows() == [("p1", 1, 0.1)]

@@ -114,3 +114,11 @@ def test_failures_are_counted_by_simulation_and_reason():
 def test_too_little_coverage_has_a_remedy():
     rows = scores({"p1": [(None, None)]}, status="ok")
     assert "simulated path" in failures(unranked(rows))["remedy"][0]
+
+
+def test_a_spot_without_a_channel_is_ranked_by_those_that_it_has():
+    found = scores({"p1": [(0.4, 0.1), (0.2, None)], "p2": [(0.3, 0.0), (0.1, 0.0)]})
+    lacking = found.filter(~((pl.col("spot") == "p2") & (pl.col("channel") == "torque")))
+    rows = objectives(lacking, [BOTH, TORQUE]).select("spot", "scenario", "set_id", "fopt").rows()
+    # Where it is measured and has no NMSE, a set is left out.
+    assert rows == [("p1", "I", 0, 0.5), ("p1", "II", 0, 0.1), ("p2", "I", 0, 0.3), ("p2", "I", 1, 0.1)]

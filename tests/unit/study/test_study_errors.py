@@ -447,9 +447,7 @@ def test_a_scenario_needs_channels_that_are_measured(tmp_path: Path, plugins: Pl
     text += '\n[[scenario]]\nname = "both"\nweights = { pull = 1.0, push = 1.0 }\n'
     found = messages(tmp_path, plugins, text)
     where = f"{line_of(text, 'both')}: selection.scenarios[1]: scenario 'both' weighs channel 'push', "
-    assert [line.startswith(where) for line in found] == [True, True]
-    assert "spot 's1' does not measure" in found[0]
-    assert "spot 's2' does not measure" in found[1]
+    assert [line.startswith(f"{where}which no spot measures") for line in found] == [True]
 
 
 def test_a_scenario_needs_channels_that_the_solver_computes(
