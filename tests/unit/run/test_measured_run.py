@@ -143,7 +143,7 @@ def test_one_study_of_two_indenters_and_three_presses_runs_to_its_end(make_study
     assert reported["spots"]["p2"]["protocol"]["radius_mm"] == 5.0
     assert "protocol" not in reported["spots"]["p1"]
     # The mean of 0.95, 1 and 1.05 times the answer is the answer.
-    found = result.selected.refinement.filter(scenario="I", spot="p1").row(0, named=True)
+    found = result.fit.of_spots()["p1", "I"]
     assert found["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-4)
 
 

@@ -23,8 +23,8 @@ MADE_BY = {
     "scores.parquet": "score",
     "selection.parquet": "select",
     "generalisation.parquet": "select",
-    "refinement.parquet": "select",
-    "refined/p1/I.parquet": "select",
+    "fit.parquet": "fit",
+    "fit_curves.parquet": "fit",
 }
 READ_BY = {"simulate": 4, "score": 4, "select": 5, "report": len(MADE_BY)}
 """How many of these files a verb reads."""
@@ -81,11 +81,11 @@ def test_a_file_of_another_run_is_refused(done, plugins, tmp_path):
         pipeline.report(study, run, plugins)
 
 
-def test_a_refinement_that_is_put_in_place_is_not_reported(make_study, plugins, tmp_path, done):
+def test_a_fit_that_is_put_in_place_is_not_reported(make_study, plugins, tmp_path, done):
     plain = make_study(n_sets=4)
     pipeline.run_study(plain, tmp_path / "plain", plugins)
-    shutil.copy(done[1] / "refinement.parquet", tmp_path / "plain")
-    assert "refined" not in pipeline.report(plain, tmp_path / "plain", plugins).tables
+    shutil.copy(done[1] / "fit.parquet", tmp_path / "plain")
+    assert "fit" not in pipeline.report(plain, tmp_path / "plain", plugins).tables
 
 
 def other_ranges(study):

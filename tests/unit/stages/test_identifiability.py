@@ -16,7 +16,7 @@ from palpate.stages.scoring import score
 from palpate.stages.selection import select
 from palpate.stages.simulation import simulate
 
-NOT_REFINED = FitResult(table=pl.DataFrame(), responses={})
+NO_FIT = FitResult()
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def identified(found):
 
 @pytest.fixture
 def found(make_study, plugins, tmp_path):
-    def made(study=None, refined=NOT_REFINED, spread=0.0, change=lambda simulations: simulations):
+    def made(study=None, fit=NO_FIT, spread=0.0, change=lambda simulations: simulations):
         study = study or make_study(n_sets=40)
         measured = load_measured(study, plugins.channels)
         measured = {spot: _with_std(response, spread) for spot, response in measured.items()}
@@ -36,7 +36,7 @@ def found(make_study, plugins, tmp_path):
         chosen = select(scores, study.scenarios, design)
         swept = at_measured(simulations, measured, design.n_sets)
         all_spots = generalise(scores, study.scenarios[0], design, list(measured))
-        return assess_identifiability(study, design, measured, swept, scores, chosen, all_spots, refined)
+        return assess_identifiability(study, design, measured, swept, scores, chosen, all_spots, fit)
 
     return made
 
@@ -86,28 +86,28 @@ def test_sets_within_the_spread_of_the_presses_are_as_good(identified):
     assert other["n_as_good"] > one["n_as_good"]
 
 
-def test_a_refined_set_takes_the_place_of_the_sweeps(identified):
+def test_a_fitted_set_takes_the_place_of_the_sweeps(identified):
     table = pl.DataFrame(
-        {"spot": ["p1"], "scenario": ["III"], "fopt": [1e-4], "soft_tissue.stiffness": [0.404],
+        {"fit": ["p1"], "spot": ["p1"], "scenario": ["III"], "fopt": [1e-4], "soft_tissue.stiffness": [0.404],
          "soft_tissue.grip": [20.0]}
     )  # fmt: skip
-    row = _row(identified(refined=FitResult(table=table, responses={})), "III", "stiffness")
+    row = _row(identified(fit=FitResult(table=table)), "III", "stiffness")
     assert row["value"] == 0.404
     assert row["fopt_threshold"] == pytest.approx(2e-4)
     assert row["lower"] < 0.4 < row["upper"] < 0.41
 
 
-def test_a_start_that_was_not_refined_stays_what_the_sweep_found(identified):
+def test_where_no_fit_ended_the_set_of_the_sweep_counts(identified):
     table = pl.DataFrame(
-        {"spot": ["p1"], "scenario": ["III"], "message": ["could not"]}
+        {"fit": ["p1"], "spot": ["p1"], "scenario": ["III"], "message": ["could not"]}
         | {"fopt": [None], "soft_tissue.stiffness": [None], "soft_tissue.grip": [None]}
     )
-    assert identified(refined=FitResult(table=table, responses={})).equals(identified())
+    assert identified(fit=FitResult(table=table)).equals(identified())
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-@pytest.mark.parametrize("is_refined", [False, True])
-def test_what_a_channel_cannot_see_is_not_identifiable_even_by_exact_curves(identified, noise, is_refined):
+@pytest.mark.parametrize("is_fitted", [False, True])
+def test_what_a_channel_cannot_see_is_not_identifiable_even_by_exact_curves(identified, noise, is_fitted):
     random = np.random.default_rng(1)
 
     def bent(simulations):
@@ -120,11 +120,11 @@ def test_what_a_channel_cannot_see_is_not_identifiable_even_by_exact_curves(iden
             yield replace(s, response=Response(curves=curves))
 
     table = pl.DataFrame(
-        {"spot": ["p1"], "scenario": ["III"], "fopt": [1e-29], "soft_tissue.stiffness": [0.4],
+        {"fit": ["p1"], "spot": ["p1"], "scenario": ["III"], "fopt": [1e-29], "soft_tissue.stiffness": [0.4],
          "soft_tissue.grip": [45.0]}
     )  # fmt: skip
-    refined = FitResult(table=table, responses={}) if is_refined else NOT_REFINED
-    frame = identified(change=lambda simulations: tuple(bent(simulations)), refined=refined)
+    fit = FitResult(table=table) if is_fitted else NO_FIT
+    frame = identified(change=lambda simulations: tuple(bent(simulations)), fit=fit)
     assert _row(frame, "III", "grip")["identifiability"] == "not"
     seen = _row(frame, "III", "stiffness")
     assert seen["identifiability"] in ("well", "roughly")

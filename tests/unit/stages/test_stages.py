@@ -12,6 +12,7 @@ from palpate.report.notebook_html import html
 from palpate.report.report_warnings import ReportWarning
 from palpate.report.result import Report
 from palpate.report.verdict import Verdict
+from palpate.run.result import FitResult
 
 
 @pytest.fixture
@@ -73,6 +74,7 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
         simulations=(),
         scores=kept,
         selected=selected,
+        fit=FitResult(),
         report=Report(tables={}, files=(), verdict=verdict),
     )
     assert repr(result) == f"RunResult({tmp_path}: 0 simulations, {selected.selection.height} chosen sets)"

@@ -70,7 +70,7 @@ def test_defaults_are_the_papers(read: Edit) -> None:
     assert study.scoring.normaliser is Normaliser.MEAN_ABS
     assert study.scoring.minimum_coverage == 0.95
     assert study.generalise_by == "pull only"
-    assert study.refine is False
+    assert study.search.name == "least_squares"
     assert study.filters == ()
 
 
