@@ -115,7 +115,8 @@ class FitStage:
             self._search([case for case, _ in of_spots], {id(case): [start] for case, start in of_spots})
             self._correct([case for case, _ in of_spots])
         order = {scenario.name: i for i, scenario in enumerate(study.scenarios)}
-        return sorted(cases, key=lambda case: (case.label != label, order[case.scenario.name]))
+        labels = [label, *spots]
+        return sorted(cases, key=lambda case: (labels.index(case.label), order[case.scenario.name]))
 
     # ------------------------------------------------------------------ searching
 

@@ -71,7 +71,7 @@ def test_a_partial_fit_is_held_against_the_channels_that_it_has_not_seen(content
     table = tables["unfitted_channels"]
     assert table.select("search", "spot", "scenario", "unfitted").rows() == [
         (search, spot, *unseen)
-        for search in ("sweep", "refined")
+        for search in ("sweep", "fit")
         for spot in ("p1", "p2")
         for unseen in (("II", "force"), ("III", "torque"))
     ]
@@ -182,10 +182,10 @@ def test_a_response_has_the_experiment_and_a_curve_per_scenario(content):
     assert len(styles) == 3
 
 
-def test_a_refined_curve_takes_the_place_of_the_sweeps(content):
+def test_a_fitted_curve_takes_the_place_of_the_sweeps(content):
     axes = responses(content(search=LeastSquares()), "p1").axes
     labels = [line.get_label() for line in axes[0].get_lines()[1:]]
-    assert labels == [f"scenario {name}, refined" for name in ("I", "II", "III")]
+    assert labels == [f"scenario {name}, fit" for name in ("I", "II", "III")]
 
 
 def test_the_distribution_is_cut_with_the_number_above(content):
@@ -270,7 +270,7 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
     made = ReportData(
         study=study, channels=channels, measured=measured, design=design, scores=scores, selection=chosen,
         generalisation=generalise(scores, scenarios[0], design, list(measured)),
-        refined=FitResult(table=chosen.clear(), responses={}),
+        fit=FitResult(),
         responses={(s.job.spot, s.job.set_id): s.response for s in swept},
         identifiability=pl.DataFrame(schema=["spot", "scenario", "parameter", "identifiability", "lower"]),
     )  # fmt: skip

@@ -176,8 +176,10 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
     made = content(search=LeastSquares(), truth={"soft_tissue.stiffness": 0.4})
     verification = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [True], "message": [""]})
     failed = made.scores.with_columns(nmse=pl.when(pl.col("set_id") > 1).then("nmse"))
-    scaled = made.refined.table.head(1).select("spot", "scenario", "message")
-    tables = make_tables(replace(made, verification=verification, scores=failed, stiffness_scaling=scaled))
+    scaled = made.fit.table.head(1).select("spot", "scenario", "message")
+    fit = replace(made.fit, mesh=pl.DataFrame({"fit": ["all spots"], "fine": [0.4]}))
+    made = replace(made, fit=fit, verification=verification, scores=failed, stiffness_scaling=scaled)
+    tables = make_tables(made)
     assert set(tables) == set(TITLES) - {"convergence"}
     captions = [
         text

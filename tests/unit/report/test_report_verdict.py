@@ -49,11 +49,11 @@ def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
     )
 
 
-def test_a_refined_set_replaces_the_sweeps(content):
+def test_a_fitted_set_replaces_the_sweeps(content):
     made = content(search=LeastSquares())
     best = verdict(made).bests[0]
-    assert best.found == "refined"
-    assert best.values[0].value == made.refined.table["soft_tissue.stiffness"][0]
+    assert best.found == "fit"
+    assert best.values[0].value == made.fit.of_each_spot["soft_tissue.stiffness"][0]
     assert best.fopt < made.selection["fopt"][0]
 
 
@@ -260,21 +260,21 @@ def test_searches_conventions_solver_comparisons_and_unfinished_sets_are_named(c
         scoring=ScoringRules(normaliser=Normaliser.MEAN),
         space=replace(made.study.space, regions=(region,)),
     )
-    table = made.refined.table.with_columns(message=pl.lit("stopped after 40 steps"))
+    table = made.fit.table.with_columns(message=pl.lit("stopped after 40 steps"))
     doubtful = replace(
-        made, study=study, refined=replace(made.refined, table=table),
+        made, study=study, fit=replace(made.fit, table=table),
         comparisons={
             "solver-comparison.json": {"passed": False}, "solver-comparison-good.json": {"passed": True},
         },
         stiffness_scaling=pl.DataFrame({"message": ["as expected", "expected more"]}),
         selection=made.selection.with_columns(partial=pl.lit(True)),
     )  # fmt: skip
-    assert about(doubtful, "local search") == "stopped after 40 steps."
+    assert about(doubtful, "Not every search") == "stopped after 40 steps."
     assert about(doubtful, "multiple") == "expected more."
     assert "close to zero" in about(doubtful, "mean of the measured")
     assert about(doubtful, "convention 'febio4'")
     assert "solver-comparison.json" in about(doubtful, "solvers")
-    unfinished = replace(doubtful, refined=replace(made.refined, table=table[:0]))
+    unfinished = replace(doubtful, fit=replace(made.fit, table=table[:0]))
     assert "p1, scenario I" in about(unfinished, "did not finish")
     assert about(made, "did not finish") is None
 
