@@ -35,6 +35,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "simulate": ("palpate simulate arm", "palpate simulate arm --only p1/3 --traceback"),
         "score": ("palpate score arm",),
         "select": ("palpate select arm",),
+        "fit": ("palpate fit arm",),
         "report": ("palpate report arm",),
     }
 )
