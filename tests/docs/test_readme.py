@@ -60,21 +60,27 @@ def test_the_plugin_of_the_readme_works(tmp_path: Path) -> None:
 def test_the_toml_of_the_readme_is_read() -> None:
     import tomllib
 
-    from palpate.study.model import RegionTable, SamplingTable, SelectionTable
+    from palpate.study.model import FitTable, RegionTable, SamplingTable, SelectionTable
 
-    regions, sampling, selection = map(
+    regions, sampling, fit, selection = map(
         tomllib.loads, re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)
     )
     for region in regions["region"].values():
         assert set(RegionTable.model_validate(region).parameters) == {"c1", "kappa"}
     table = SamplingTable.model_validate(sampling["sampling"])
-    sampler = Plugins.load(entry_points=False).samplers[table.sampler]
+    plugins = Plugins.load(entry_points=False)
+    sampler = plugins.samplers[table.sampler]
     assert sampler.Settings.model_validate(table.settings).criterion == "maximin"
+    fitted = FitTable.model_validate(fit["fit"])
+    assert plugins.searches[fitted.search].Settings.model_validate(fitted.settings).max_steps == 20
     assert SelectionTable.model_validate(selection["selection"]).stiffness_scaling
 
 
-def test_the_readme_lists_the_samplers() -> None:
-    listed = re.findall(r"\| sampler \| draws \|\n\|---\|---\|\n((?:\| `.*\n)+)", README)[0]
+@pytest.mark.parametrize(
+    ("kind", "columns"), [("samplers", "sampler | draws"), ("searches", "search | finds")]
+)
+def test_the_readme_lists_components_of_the_core(kind: str, columns: str) -> None:
+    listed = re.findall(rf"\| {re.escape(columns)} \|\n\|---\|---\|\n((?:\| `.*\n)+)", README)[0]
     assert re.findall(r"^\| `([\w-]+)`", listed, re.MULTILINE) == list(
-        Plugins.load(entry_points=False).samplers
+        Plugins.load(entry_points=False).catalogue(kind)
     )

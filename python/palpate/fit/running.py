@@ -116,7 +116,7 @@ def _next(
             except StopIteration as end:
                 fit.message = str(end.value or "ended")
                 return
-            _check(trials, fit.start.size)
+            trials = [_sound(trial, fit.start.size) for trial in _some(trials)]
             if len(fit.trace) + len(trials) > MOST_EVALUATIONS:
                 raise ValueError(f"it asked for more than {MOST_EVALUATIONS} evaluations")
     except PalpateError as error:
@@ -126,10 +126,16 @@ def _next(
     wanted.append(trials)
 
 
-def _check(trials: Sequence[Trial], n: int) -> None:
-    if not trials:
+def _some(trials: Sequence[Trial]) -> Sequence[Trial]:
+    if len(trials) == 0:
         raise ValueError("it asked for no trial")
-    for trial in trials:
-        point = np.asarray(trial.point)
-        if point.shape != (n,) or not ((point >= 0.0) & (point <= 1.0)).all():
-            raise ValueError(f"it asked for {point}, which is no point of the unit box of {n} coordinates")
+    return trials
+
+
+def _sound(trial: Trial, n: int) -> Trial:
+    """The trial with a point of its own: what a search does with its array later changes no result."""
+    point = np.array(trial.point, dtype=np.float64)
+    if point.shape != (n,) or not ((point >= 0.0) & (point <= 1.0)).all():
+        raise ValueError(f"it asked for {point}, which is no point of the unit box of {n} coordinates")
+    point.setflags(write=False)
+    return Trial(point=point, slopes=bool(trial.slopes))

@@ -55,6 +55,7 @@ KITS: Mapping[str, Kit] = MappingProxyType(
         "limb": Kit("limb_sources", "limb source", "LimbSourceContract", _named('source = "{}"', "limb")),
         "executor": Kit("executors", "executor", "ExecutorContract", _named('name = "{}"', "executor")),
         "sampler": Kit("samplers", "sampler", "SamplerContract", _named('sampler = "{}"', "sampling")),
+        "search": Kit("searches", "search", "SearchContract", _named('search = "{}"', "fit")),
         "filter": Kit("set_filters", "set filter", "SetFilterContract", _FILTER),
         "channel": Kit("channels", "channel", "", _CHANNEL),
         "command": Kit("", "command", "", "Call it with `palpate {} STUDY`."),

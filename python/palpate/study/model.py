@@ -391,18 +391,19 @@ class Tables:
     truth: Mapping[str, Any] = field(default_factory=dict)
 
 
-NAMED_BY: Mapping[str, tuple[str, str]] = MappingProxyType(
+NAMED_BY: Mapping[str, tuple[type[Table], str, str]] = MappingProxyType(
     {
-        "loaders": ("ExperimentTable", "loader"),
-        "limb_sources": ("LimbTable", "source"),
-        "materials": ("RegionTable", "material"),
-        "samplers": ("SamplingTable", "sampler"),
-        "solvers": ("SolverTable", "name"),
-        "executors": ("ExecutorTable", "name"),
-        "searches": ("FitTable", "search"),
+        "loaders": (ExperimentTable, "loader", "settings"),
+        "limb_sources": (LimbTable, "source", "settings"),
+        "materials": (RegionTable, "material", "settings"),
+        "samplers": (SamplingTable, "sampler", "settings"),
+        "solvers": (SolverTable, "name", "settings"),
+        "executors": (ExecutorTable, "name", "settings"),
+        "searches": (FitTable, "search", "settings"),
+        "parametrisations": (FitTable, "parametrisation", "searched"),
     }
 )
-"""Table and key that name a component of a kind, and so say what its ``settings`` may hold."""
+"""Table, key that names a component of a kind there, and key of the component's settings."""
 
 
 def json_schema(settings: Mapping[str, Mapping[str, type[BaseModel]]] | None = None) -> dict[str, Any]:
@@ -415,17 +416,14 @@ def json_schema(settings: Mapping[str, Mapping[str, type[BaseModel]]] | None = N
     """
     schema = StudyFile.model_json_schema()
     for kind, models in (settings or {}).items():
-        table, key = NAMED_BY[kind]
-        choices = []
+        table, key, settings_key = NAMED_BY[kind]
+        choices = schema["$defs"][table.__name__].setdefault("allOf", [])
         for name, model in models.items():
             own = model.model_json_schema(ref_template=f"#/$defs/{kind}.{name}.{{model}}")
             schema["$defs"] |= {f"{kind}.{name}.{k}": each for k, each in own.pop("$defs", {}).items()}
             own.pop("required", None)  # a spot may give what [experiment] leaves out
-            choices.append(
-                {
-                    "if": {"properties": {key: {"const": name}}, "required": [key]},
-                    "then": {"properties": {"settings": own}},
-                }
-            )
-        schema["$defs"][table]["allOf"] = choices
+            named = {"properties": {key: {"const": name}}}
+            if table.model_fields[key].default != name:
+                named["required"] = [key]
+            choices.append({"if": named, "then": {"properties": {settings_key: own}}})
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -18,6 +18,7 @@ from palpate.testing.files import Expected, LimbSourceContract, LoaderContract
 from palpate.testing.materials import MaterialContract
 from palpate.testing.plugins import plugins_with
 from palpate.testing.scenarios import ScenarioContract
+from palpate.testing.searches import Rehearsal, SearchContract
 from palpate.testing.solvers import SolverContract
 from palpate.testing.studies import SmallStudy, StudyRunner, study_runner
 
@@ -29,8 +30,10 @@ __all__ = [
     "LinearMaterial",
     "LoaderContract",
     "MaterialContract",
+    "Rehearsal",
     "SamplerContract",
     "ScenarioContract",
+    "SearchContract",
     "SetFilterContract",
     "SmallStudy",
     "SolverContract",

@@ -41,6 +41,8 @@ class SmallStudy:
     ----------
     simulated, scores, selection : DataFrame
         As :func:`palpate.simulate`, :func:`palpate.score` and :func:`palpate.select` return them.
+    fitted : DataFrame
+        Where each fit ended; empty unless the test gives a table ``fit``.
     """
 
     study: Study
@@ -48,6 +50,7 @@ class SmallStudy:
     simulated: pl.DataFrame
     scores: pl.DataFrame
     selection: pl.DataFrame
+    fitted: pl.DataFrame
 
 
 class StudyRunner:
@@ -97,10 +100,22 @@ class StudyRunner:
         failed = simulated.filter(pl.col("status") != "ok")
         assert failed.is_empty(), f"a simulation failed: {failed['message'][0]}"
         scores = score(study, simulated, measured)
-        selection = select(study, scores, design)
         return SmallStudy(
-            study=study, plugins=loaded, simulated=simulated, scores=scores, selection=selection
+            study=study,
+            plugins=loaded,
+            simulated=simulated,
+            scores=scores,
+            selection=select(study, scores, design),
+            fitted=self._fitted(study, loaded) if "fit" in tables else pl.DataFrame(),
         )
+
+    def _fitted(self, study: Study, plugins: Plugins) -> pl.DataFrame:
+        """Run a study in a run directory, to the end of its fit."""
+        from palpate import pipeline
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(pipeline, "write_report", lambda content, folder: ())
+            return pipeline.run_study(study, self.folder / "run", plugins).fit.table
 
     def write(self, mesh: str = "", **tables: Mapping[str, Any]) -> Path:
         """Write the study file, without its measured curves, and return its path."""

@@ -223,8 +223,11 @@ def test_the_schema_has_the_settings_of_the_named_component() -> None:
     validator.check_schema(validator.schema)
     study["experiment"]["settings"]["onset"] = {"exponent": 9.0}
     study["region"]["soft_tissue"]["settings"] = {"none_such": 2}
+    study["fit"] = {"settings": {"max_steps": 0}, "searched": {"none_such": True}}  # of the default search
     assert sorted(error.json_path for error in validator.iter_errors(study)) == [
         "$.experiment.settings.onset.exponent",
+        "$.fit.searched",
+        "$.fit.settings.max_steps",
         "$.region.soft_tissue.settings",
     ]
 
