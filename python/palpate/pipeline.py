@@ -61,7 +61,8 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     scoring.check_scorable(measured, study.scoring)
     limbs = load_limbs(study)
     design = draw_study(study, earlier)
-    simulation.check_jobs(study, simulation.jobs(study, design, measured), limbs)
+    to_do = simulation.jobs(study, design, measured) or simulation.middle_jobs(study, measured)
+    simulation.check_jobs(study, to_do, limbs)
     warnings = (*odd_settings(study), *measured_warnings(measured), *limb_warnings(study, limbs))
     return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings)
 
@@ -254,7 +255,7 @@ def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress =
         scoring.check_scorable(inputs.measured, study.scoring)
         progress.begin("score", 1)
         simulations = _stored(study, run, inputs)
-        if not simulations:
+        if inputs.design.n_sets and not simulations:
             raise StudyError(f"{run_folder}: no simulation of this study; run `palpate simulate` first")
         run.initialise(study, plugins.channels)
         scores = _score(study, run, inputs, simulations)
@@ -379,7 +380,9 @@ def _select(
         generalisation=generalisation,
         stiffness_scaling=scaled,
         verification=verify(study, run, design, limbs, measured, progress),
-        without_result=without_result(scores, chosen, study.scenarios, study.spot_names),
+        without_result=without_result(scores, chosen, study.scenarios, study.spot_names)
+        if design.n_sets
+        else {},
     )
 
 

@@ -161,7 +161,7 @@ def test_a_design_of_other_parameters_is_refused(make_study, plugins, tmp_path, 
     ("changes", "error"),
     [
         ({"scoring": ScoringRules(normaliser=Normaliser.MEAN)}, ScoringError),
-        ({"n_sets": 0}, PalpateError),
+        ({"n_sets": -1}, PalpateError),
         ({"scoring": ScoringRules(minimum_coverage=1.0), "spots": "short"}, CurveError),
     ],
 )

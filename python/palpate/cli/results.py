@@ -29,7 +29,7 @@ def show_run(session: Session, study: "Study", result: "RunResult", *, as_json: 
         session.json(_as_json(study, result))
     else:
         _show(session, study, result)
-    check_results(result.selected.without_result)
+    check_results(result.report.verdict.without_result)
 
 
 def check_results(missing: Mapping[tuple[str, str], str]) -> None:

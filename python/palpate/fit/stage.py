@@ -19,13 +19,11 @@ from palpate.fit.spot_term import NotRankedError, SpotTerm
 from palpate.fit.starts import basins, point_of, scaled_start
 from palpate.plugins.parametrisation import SpotInputs
 from palpate.progress import SILENT, Progress
+from palpate.run.result import ALL_SPOTS
 from palpate.stages.selection import objectives
 from palpate.stages.simulation import homogeneous_tests
 from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study
-
-ALL_SPOTS = "all spots"
-"""Label of a joint fit."""
 
 MOST_STARTS = 3
 """Most basins of the sweep from which a search starts."""
@@ -100,16 +98,16 @@ class FitStage:
         spots = study.spot_names
         label = ALL_SPOTS if len(spots) > 1 else spots[0]
         self.progress.begin("fit", 0)
-        first = Case(label, spots, main)
+        first = Case(label, self._weighed_spots(main), main)
         self._search([first], {id(first): self._starts(first)})
-        cases = [first, *(Case(label, spots, scenario) for scenario in others)]
+        cases = [first, *(Case(label, self._weighed_spots(scenario), scenario) for scenario in others)]
         self._search(cases[1:], {id(case): [first.values()] for case in cases[1:]})
         self._correct(cases)
         if len(spots) > 1:
             of_spots = [
                 (Case(spot, (spot,), case.scenario), {**case.values(), **_at_spot(case.values(), spot)})
                 for case in cases
-                for spot in spots
+                for spot in case.spots
             ]
             cases += [case for case, _ in of_spots]
             self._search([case for case, _ in of_spots], {id(case): [start] for case, start in of_spots})
@@ -118,6 +116,11 @@ class FitStage:
         labels = [label, *spots]
         return sorted(cases, key=lambda case: (labels.index(case.label), order[case.scenario.name]))
 
+    def _weighed_spots(self, scenario: Scenario) -> tuple[str, ...]:
+        """Spots that measure a channel of a scenario."""
+        weighted = {channel for channel, weight in scenario.weights.items() if weight > 0.0}
+        return tuple(spot for spot in self.study.spot_names if weighted & self.measured[spot].curves.keys())
+
     # ------------------------------------------------------------------ searching
 
     def problem(self, case: Case, corrections: Mapping[str, Mapping[str, FloatArray]]) -> Problem:
@@ -125,7 +128,7 @@ class FitStage:
         terms = [self._term(spot, case.scenario, corrections.get(spot, {})) for spot in case.spots]
         return Problem(
             self.study,
-            [term for term in terms if term.weights],
+            terms,
             self.simulations.of,
             self.study.parametrisation,
             noise=self.study.noise,

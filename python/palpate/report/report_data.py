@@ -8,9 +8,9 @@ import polars as pl
 
 from palpate.domain import Channel, Design, Limb, Parameter, Response, Scenario
 from palpate.report.convergence import Contact
-from palpate.run.result import FitResult
+from palpate.run.result import ALL_SPOTS, FitResult
 from palpate.stages.completeness import Completeness, completeness, without_result
-from palpate.stages.identifiability import ALL_SPOTS, Swept
+from palpate.stages.identifiability import Swept
 from palpate.study.reading import Study
 
 
@@ -119,8 +119,8 @@ class ReportData:
 
     @property
     def without_result(self) -> dict[tuple[str, str], str]:
-        """Spots and scenarios without a selected set, and why."""
-        return without_result(self.scores, self.selection, self.study.scenarios, self.spots)
+        """Spots and scenarios without a selected set and without a fit, and why."""
+        return without_result(self.scores, self.selection, self.study.scenarios, self.spots, self.fit)
 
     @property
     def notice(self) -> str:

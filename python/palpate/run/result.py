@@ -60,6 +60,10 @@ class SelectionResult:
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
+ALL_SPOTS = "all spots"
+"""Label of a joint fit."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitResult:
     """Parameters for which the simulated curves fit the measured ones best.
@@ -103,3 +107,29 @@ class FitResult:
             return pl.DataFrame()
         rows = self.table.filter(pl.col("scenario") == scenario, pl.col("fit") != pl.col("spot"))
         return rows.drop_nulls("fopt")
+
+    @property
+    def found(self) -> set[tuple[str, str]]:
+        """Spots and scenarios for which a fit has ended with a result."""
+        if "spot" not in self.table.columns:
+            return set()
+        return set(self.table.drop_nulls("fopt").select("spot", "scenario").iter_rows())
+
+    @property
+    def failures(self) -> dict[tuple[str, str], str]:
+        """Why there is no result, by fit and scenario."""
+        if self.table.is_empty():
+            return {}
+        failed = (
+            self.table if "spot" not in self.table.columns else self.table.filter(pl.col("spot").is_null())
+        )
+        return {
+            (fit, scenario): why for fit, scenario, why in failed.select("fit", "scenario", "message").rows()
+        }
+
+    def reason(self, spot: str, scenario: str) -> str:
+        """Why no fit of a scenario has a result at a spot; empty where none was tried."""
+        whys = (
+            why for (fit, of), why in self.failures.items() if of == scenario and fit in (spot, ALL_SPOTS)
+        )
+        return next(whys, "")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import polars as pl
 
 from palpate.domain import Design, Scenario
+from palpate.run.result import FitResult
 from palpate.stages.selection import failures, unranked, weighed_spots
 
 
@@ -64,19 +65,29 @@ def completeness(scores: pl.DataFrame, spots: Sequence[str], design: Design) -> 
 
 
 def without_result(
-    scores: pl.DataFrame, selection: pl.DataFrame, scenarios: Sequence[Scenario], spots: Sequence[str]
+    scores: pl.DataFrame,
+    selection: pl.DataFrame,
+    scenarios: Sequence[Scenario],
+    spots: Sequence[str],
+    fit: FitResult | None = None,
 ) -> dict[tuple[str, str], str]:
-    """Find every spot and scenario of the study for which no set could be selected.
+    """Find every spot and scenario of the study for which no set could be selected, and none was fitted.
 
     Returns
     -------
     dict
         The most frequent reason by (spot, scenario).
     """
-    found = set(selection.select("spot", "scenario").iter_rows())
+    fit = fit or FitResult()
+    found = set(selection.select("spot", "scenario").iter_rows()) | fit.found
     weighed = {scenario.name: weighed_spots(scores, scenario, spots) for scenario in scenarios}
     pairs = ((spot, s) for spot in spots for s in scenarios if spot in weighed[s.name])
-    return {(p, s.name): _reason(scores, p, s) for p, s in pairs if (p, s.name) not in found}
+    missing = [(spot, scenario) for spot, scenario in pairs if (spot, scenario.name) not in found]
+    if (
+        scores.is_empty() and not fit.table.is_empty()
+    ):  # a spot without a reason measures nothing of a scenario
+        missing = [(spot, scenario) for spot, scenario in missing if fit.reason(spot, scenario.name)]
+    return {(p, s.name): fit.reason(p, s.name) or _reason(scores, p, s) for p, s in missing}
 
 
 def _reason(scores: pl.DataFrame, spot: str, scenario: Scenario) -> str:

@@ -17,7 +17,7 @@ import polars as pl
 
 from palpate import _core
 from palpate.domain import Design, FloatArray, IntArray, Parameter, Response, Scenario, Simulation
-from palpate.run.result import FitResult
+from palpate.run.result import ALL_SPOTS, FitResult
 from palpate.stages.scoring import compare, point_weights, residual_scale
 from palpate.stages.selection import objectives
 from palpate.stages.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
@@ -28,9 +28,6 @@ WORDS: tuple[tuple[float, str], ...] = ((0.1, "well"), (0.3, "roughly"), (0.8, "
 
 UNCLEAR = "unclear"
 """Word for too few sets, or curves that no polynomial fits."""
-
-ALL_SPOTS = "all spots"
-"""Name in place of the spot where all of them are fitted together."""
 
 FLOOR = 1e-6
 """Smallest threshold, as a share of the median Fopt: simulated curves are not exact."""

@@ -45,7 +45,7 @@ def draw_design(
     space : ParameterSpace
     sampler : Sampler
     n_sets : int
-        Accepted sets.
+        Accepted sets; 0 draws none, or just ``n_total``.
     seed : int
     filters : sequence of SetFilter
         Applied in order, each to what the ones before it kept.
@@ -68,6 +68,9 @@ def draw_design(
     parameters = space.parameters
     if not parameters:
         raise SamplingError("design: every parameter is fixed; give at least one a range")
+    n_sets = n_sets or n_total
+    if n_sets == 0:
+        return Design(parameters=parameters, values=np.empty((0, len(parameters))), seed=seed, n_drawn=0)
     points = _unit_points(sampler, n_sets, len(parameters), seed)
     n_wanted, draws_each = n_total or n_sets, Fraction(max_draws, n_sets) if max_draws else DRAWS_EACH
     if kept is None or not kept.size:

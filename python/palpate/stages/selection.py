@@ -34,6 +34,8 @@ def objectives(scores: pl.DataFrame, scenarios: Sequence[Scenario]) -> pl.DataFr
     ScoringError
         A scenario weights a channel that was not scored.
     """
+    if scores.is_empty():
+        return _no_objectives(scenarios)
     wide = _wide(scores)
     frames = [_objective(wide, scenario) for scenario in scenarios]
     spots = scores["spot"].unique(maintain_order=True).to_list()
@@ -47,6 +49,13 @@ def objectives(scores: pl.DataFrame, scenarios: Sequence[Scenario]) -> pl.DataFr
         .sort("_spot", "_scenario", "set_id")
         .drop("_spot", "_scenario")
     )
+
+
+def _no_objectives(scenarios: Sequence[Scenario]) -> pl.DataFrame:
+    channels = dict.fromkeys(channel for scenario in scenarios for channel in scenario.weights)
+    numbers = [f"{measure}_{channel}" for measure in ("nmse", "r2") for channel in channels]
+    texts = {"spot": pl.String, "scenario": pl.String, "set_id": pl.Int64}
+    return pl.DataFrame(schema={**texts, **dict.fromkeys(["fopt", *numbers], pl.Float64)})
 
 
 def _place(column: str, order: Sequence[str]) -> pl.Expr:
@@ -123,10 +132,10 @@ def select(scores: pl.DataFrame, scenarios: Sequence[Scenario], design: Design) 
     Raises
     ------
     NothingSelectableError
-        No set can be ranked anywhere.
+        No set can be ranked anywhere, though the design has some.
     """
     candidates = objectives(scores, scenarios)
-    if candidates.is_empty():
+    if candidates.is_empty() and design.n_sets:
         raise NothingSelectableError(_why_nothing(scores))
     return with_parameters(_with_partial(least_fopt(candidates), scores), design)
 

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from palpate.domain import (
     Design,
     FloatArray,
@@ -18,6 +20,7 @@ from palpate.plugins.interfaces import IsotropicMaterial, Solver
 from palpate.progress import SILENT, Progress
 from palpate.run.keys import JobKeys
 from palpate.run.ledger import Ledger
+from palpate.stages.sampling import NO_ROW
 from palpate.stages.sweep import Simulations, of_job
 from palpate.study.reading import Study
 
@@ -66,6 +69,12 @@ def _job(
 def homogeneous_tests(measured: Response) -> HomogeneousTests:
     """Tests of one specimen along the measured abscissae."""
     return HomogeneousTests(paths={name: curve.abscissa for name, curve in measured.curves.items()})
+
+
+def middle_jobs(study: Study, measured: Mapping[str, Response]) -> list[Job]:
+    """One job at each spot in the middle of the ranges: what a solver can check where there is no sweep."""
+    middle = np.array([0.5 * (p.lower + p.upper) for p in study.space.parameters])
+    return [job_for(study, spot, NO_ROW, middle, measured) for spot in study.spot_names]
 
 
 def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> None:

@@ -230,11 +230,21 @@ class RegionTable(Table):
     )
 
 
+def _none_or_two(n_sets: int) -> int:
+    if n_sets == 1:
+        raise ValueError("one set is no sweep; give 2 or more, or 0 for a fit without a sweep")
+    return n_sets
+
+
 class SamplingTable(Table):
     """How parameter sets are drawn."""
 
     sampler: str = Field(default="lhs", description="Name of a sampler.")
-    n_sets: int = Field(ge=2, le=MOST_SETS, description="Number of accepted parameter sets.")
+    n_sets: Annotated[int, AfterValidator(_none_or_two)] = Field(
+        ge=0,
+        le=MOST_SETS,
+        description="Number of accepted parameter sets; 0: no sweep, a fit starts from the ranges.",
+    )
     max_draws: int = Field(
         default=0,
         ge=0,

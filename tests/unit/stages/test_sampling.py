@@ -108,9 +108,12 @@ def test_nothing_to_search_is_an_error(space):
         draw_design(ParameterSpace(regions=(region,)), LatinHypercube(), 8, seed=1)
 
 
-def test_at_least_one_set(space):
-    with pytest.raises(SamplingError, match="0 sets"):
-        draw_design(space, LatinHypercube(), 0, seed=1)
+def test_no_set_is_drawn_where_none_is_wanted(space):
+    assert draw_design(space, LatinHypercube(), 0, seed=1).values.shape == (0, 2)
+    more = draw_design(space, LatinHypercube(), 0, seed=1, n_total=5)
+    assert np.array_equal(more.values, draw_design(space, LatinHypercube(), 5, seed=1).values)
+    with pytest.raises(SamplingError, match="-1 sets"):
+        draw_design(space, LatinHypercube(), -1, seed=1)
 
 
 class Seldom(SetFilter):

@@ -37,7 +37,7 @@ CASES = {
     "unknown table": ("[truth]", "[truht]\n[truth]", "[truht]", "truht", "did you mean 'truth'"),
     "unknown key": ("n_sets", "nsets = 3\nn_sets", "nsets", "sampling.nsets", "did you mean 'n_sets'"),
     "missing key": ("n_sets = 20", "", "[sampling]", "sampling.n_sets", "add n_sets ="),
-    "n_sets 1": ("= 20", "= 1", "n_sets", "sampling.n_sets", "greater than or equal to 2"),
+    "n_sets 1": ("= 20", "= 1", "n_sets", "sampling.n_sets", "one set is no sweep"),
     "n_sets text": ("= 20", '= "20"', "n_sets", "sampling.n_sets", "not a whole number"),
     "max_draws negative": (
         "= 20",
@@ -514,7 +514,7 @@ def test_a_broken_plugin_is_named_where_its_entry_is_missed(tmp_path: Path) -> N
     ("old", "new", "message"),
     [
         ("= 20", "= 2.5", "sampling.n_sets: 2.5: not a whole number"),
-        ("= 20", "= 0", "sampling.n_sets: 0: must be greater than or equal to 2"),
+        ("= 20", "= -1", "sampling.n_sets: -1: must be greater than or equal to 0"),
         ('"lines"', "5", "experiment.loader: 5: not a text; put it in quotation marks"),
         ('name = "s2"', 'name = "s2"\nnormal = ["a", 0, 0]', "spot 's2', normal[0]: 'a': not a number"),
         ('name = "s2"', 'name = "s2"\nnormal = 5', "spot 's2', normal: 5: not a list; write [ … ]"),
