@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from palpate.plugins.interfaces import Material
 
 
+MOST_SD_OUTSIDE = 3.0
+"""Standard deviations from a range to a prior's value beyond which they contradict each other."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prior:
     """What is known of a number before anything is fitted: a value and its standard deviation."""
@@ -62,6 +66,16 @@ class Parameter:
             )
         for bound in (self.lower, self.upper):
             self.check(bound)
+        if self.prior is not None:
+            self._check_prior(self.prior)
+
+    def _check_prior(self, prior: Prior) -> None:
+        outside = max(self.lower - prior.value, prior.value - self.upper) / prior.sd
+        if outside > MOST_SD_OUTSIDE:
+            raise ParameterError(
+                f"'{self.name}': a prior of {prior.value:g} with sd {prior.sd:g} {self.unit} is "
+                f"{outside:.3g} sd outside the range, {self.lower:g} to {self.upper:g}; correct either"
+            )
 
     def check(self, value: float) -> None:
         """Refuse a value outside the physical range, or one that is not finite.

@@ -2,29 +2,155 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from palpate.domain import Parameter, ParameterSpace, Protocol
-from palpate.plugins.parametrisation import Parametrisation, SpotInputs
+from palpate.domain import Indentation, Parameter, ParameterSpace, Prior, Protocol
+from palpate.errors import PalpateError
+from palpate.plugins.interfaces import Settings
+from palpate.plugins.parametrisation import KeyAndReason, Parametrisation, SpotInputs
+from palpate.units import Quantity
+
+Ratio = Annotated[float, Quantity("1")]
+Length = Annotated[float, Quantity("mm")]
+
+FRICTION, OFFSET, GAIN = "friction", "depth_offset_mm", "gain"
+"""Names of what is searched besides the materials; a gain's is followed by its channel."""
 
 
-class StandardParametrisation(Parametrisation):
-    """The searched parameters of the study's materials, one value for all spots or one for each."""
+class KnownRatio(Settings):
+    """What is known of a ratio before anything is fitted."""
+
+    value: Ratio = Field(description="The value expected.")
+    sd: Ratio = Field(gt=0.0, description="Its standard deviation.")
+
+
+class KnownLength(KnownRatio):
+    """What is known of a length before anything is fitted."""
+
+    value: Length = Field(description="The length expected, with its unit.")
+    sd: Length = Field(gt=0.0, description="Its standard deviation, with its unit.")
+
+
+class RatioRange(Settings):
+    """The two ends between which a ratio is searched."""
+
+    unit: ClassVar[str] = "1"
+
+    lower: Ratio = Field(ge=0.0, description="Lower end.")
+    upper: Ratio = Field(description="Upper end.")
+    prior: KnownRatio | None = Field(default=None, description="What is known of it.")
+    by: Literal["spot", "all"] | None = Field(
+        default=None,
+        description="One value for each spot (by itself for offset and gains), or one for all (friction).",
+    )
+
+    def parameter(self, name: str, description: str, *, by_spot: bool) -> Parameter:
+        """Make what is searched."""
+        return Parameter(
+            name=name,
+            unit=self.unit,
+            lower=self.lower,
+            upper=self.upper,
+            kind="shape",
+            description=description,
+            prior=Prior(value=self.prior.value, sd=self.prior.sd) if self.prior else None,
+            by_spot=by_spot,
+        )
+
+    @model_validator(mode="after")
+    def _is_a_range(self) -> Self:
+        try:
+            self.parameter("searched", "", by_spot=False)
+        except PalpateError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+
+class LengthRange(RatioRange):
+    """The two ends between which a length is searched."""
+
+    unit: ClassVar[str] = "mm"
+
+    lower: Length = Field(description="Lower end, with its unit.")
+    upper: Length = Field(description="Upper end, with its unit.")
+    prior: KnownLength | None = Field(default=None, description="What is known of it.")
+
+
+class StandardSettings(Settings):
+    """What is searched besides the materials' parameters."""
+
+    friction: RatioRange | None = Field(default=None, description="Range of the Coulomb coefficient.")
+    depth_offset: LengthRange | None = Field(
+        default=None, description="Range of the depth at which the measured curves begin; above 0: too late."
+    )
+    gains: dict[str, RatioRange] = Field(
+        default={}, description="Range of the factor from simulated to measured ordinates, by channel."
+    )
+
+
+class StandardParametrisation(Parametrisation[StandardSettings]):
+    """The searched parameters of the study's materials, and what a press may add to them."""
 
     name = "standard"
     summary = "the materials' parameters; on request friction, onset of contact and gains of channels"
 
     def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:
         """Parameters of the study, those ``by_spot`` once for each spot as ``<name>@<spot>``."""
-        return tuple(self._expanded(space.parameters, spots))
+        return tuple(self._expanded([*space.parameters, *self._own()], spots))
 
     def inputs(
         self, space: ParameterSpace, spot: str, protocol: Protocol, values: Mapping[str, float]
     ) -> SpotInputs:
-        """Materials' parameters at a spot."""
-        row = np.array([values[self._name(p, spot, values)] for p in space.parameters])
-        return SpotInputs(thetas=space.thetas(row), protocol=protocol)
+        """Materials' parameters, friction and depth, onset and gains at a spot."""
+        at = {name: values[name if name in values else f"{name}@{spot}"] for name in self._names(space)}
+        row = np.array([at[p.name] for p in space.parameters])
+        offset = at.get(OFFSET, 0.0)
+        if isinstance(protocol, Indentation):
+            path = protocol.path.copy()
+            path[path[:, 0] > 0.0, 0] += offset
+            protocol = replace(protocol, path=path, friction=at.get(FRICTION, protocol.friction))
+        return SpotInputs(
+            thetas=space.thetas(row),
+            protocol=protocol,
+            offsets={"depth_mm": offset} if OFFSET in at else {},
+            gains={channel: at[f"{GAIN}.{channel}"] for channel in self.settings.gains},
+        )
+
+    def start(self, protocols: Mapping[str, Protocol]) -> dict[str, float]:
+        """The study's own friction, no offset, and gains of 1."""
+        frictions = {spot: p.friction for spot, p in protocols.items() if isinstance(p, Indentation)}
+        start = {f"{FRICTION}@{spot}": friction for spot, friction in frictions.items()}
+        if frictions:
+            start[FRICTION] = float(np.mean(list(frictions.values())))
+        return start | {OFFSET: 0.0} | {f"{GAIN}.{channel}": 1.0 for channel in self.settings.gains}
+
+    def unusable(self, channels: Sequence[str], *, indents: bool) -> Iterator[KeyAndReason]:
+        """Friction and onset of homogeneous tests, and gains of channels that no spot measures."""
+        for key in ("friction", "depth_offset") if not indents else ():
+            if getattr(self.settings, key) is not None:
+                yield (key,), "homogeneous tests have none; remove the table, or give the study a [protocol]"
+        for channel in self.settings.gains.keys() - set(channels) if channels else ():
+            yield (
+                ("gains", channel),
+                f"no spot measures '{channel}' (they measure {', '.join(channels)}); correct the name",
+            )
+
+    def _names(self, space: ParameterSpace) -> list[str]:
+        return [p.name for p in (*space.parameters, *self._own())]
+
+    def _own(self) -> Iterator[Parameter]:
+        given = self.settings
+        if given.friction:
+            friction, by_spot = given.friction, given.friction.by == "spot"
+            yield friction.parameter(FRICTION, "Coulomb coefficient", by_spot=by_spot)
+        if given.depth_offset:
+            onset, by_spot = given.depth_offset, given.depth_offset.by != "all"
+            yield onset.parameter(OFFSET, "depth where the measured curves begin", by_spot=by_spot)
+        for channel, gain in given.gains.items():
+            yield gain.parameter(f"{GAIN}.{channel}", f"factor on '{channel}'", by_spot=gain.by != "all")
 
     @staticmethod
     def _expanded(parameters: Sequence[Parameter], spots: Sequence[str]) -> Iterator[Parameter]:
@@ -33,7 +159,3 @@ class StandardParametrisation(Parametrisation):
                 yield from (replace(parameter, name=f"{parameter.name}@{spot}") for spot in spots)
             else:
                 yield parameter
-
-    @staticmethod
-    def _name(parameter: Parameter, spot: str, values: Mapping[str, float]) -> str:
-        return parameter.name if parameter.name in values else f"{parameter.name}@{spot}"

@@ -19,6 +19,7 @@ from palpate.fit.spot_term import (
     is_along_slopes,
     is_same_job,
 )
+from palpate.plugins.guard import answering_for
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
 from palpate.plugins.search import Evaluation, Trial
 from palpate.stages.sampling import accepted_by_all
@@ -93,9 +94,10 @@ class Problem:
     ) -> None:
         self.study, self.terms, self.noise, self.fine = study, tuple(terms), noise, fine
         self._simulate, self.parametrisation = simulate, parametrisation
-        self.parameters: tuple[Parameter, ...] = parametrisation.parameters(
-            study.space, [term.spot for term in terms]
-        )
+        with answering_for(parametrisation, "asking what it searches"):
+            self.parameters: tuple[Parameter, ...] = parametrisation.parameters(
+                study.space, [term.spot for term in terms]
+            )
         self.box = Box(self.parameters)
 
     @property
@@ -168,6 +170,11 @@ class Problem:
         (term,) = (term for term in self.terms if term.spot == spot)
         return self._inputs(term, point)
 
+    def start(self) -> Mapping[str, float]:
+        """Values by name where a search starts that knows nothing better."""
+        with answering_for(self.parametrisation, "asking where to start"):
+            return self.parametrisation.start({term.spot: term.protocol for term in self.terms})
+
     def simulated(self, term: SpotTerm, inputs: SpotInputs) -> Simulation:
         """Simulate these inputs, with slopes if the solver gives them, as a search has them."""
         slopes = self.study.solver.gives_slopes
@@ -176,7 +183,8 @@ class Problem:
 
     def _inputs(self, term: SpotTerm, point: FloatArray) -> SpotInputs:
         values = dict(zip(self.names, self.box.values(point).tolist(), strict=True))
-        return self.parametrisation.inputs(self.study.space, term.spot, term.protocol, values)
+        with answering_for(self.parametrisation, f"what it gives spot '{term.spot}'"):
+            return self.parametrisation.inputs(self.study.space, term.spot, term.protocol, values)
 
     def _planned(self, trial: Trial, jobs: list[Job]) -> _Plan:
         plan = _Plan(trial, {}, {}, {})
@@ -184,14 +192,14 @@ class Problem:
             for term in self.terms:
                 plan.inputs[term.spot] = self._inputs(term, trial.point)
                 self._check(term, plan.inputs[term.spot])
+            exact = self.study.solver.gives_slopes and trial.slopes
+            for term in self.terms:
+                base = plan.inputs[term.spot]
+                plan.jobs[term.spot] = self._add(jobs, term, base, slopes=exact)
+                for i in range(len(self.parameters)) if trial.slopes else ():
+                    plan.shifts[term.spot, i] = self._shifts(term, base, trial.point, i, jobs)
         except (PalpateError, NotRankedError) as error:
             plan.failure = str(error)
-            return plan
-        exact = self.study.solver.gives_slopes and trial.slopes
-        for term in self.terms:
-            plan.jobs[term.spot] = self._add(jobs, term, plan.inputs[term.spot], slopes=exact)
-            for i in range(len(self.parameters)) if trial.slopes else ():
-                plan.shifts[term.spot, i] = self._shifts(term, plan.inputs[term.spot], trial.point, i, jobs)
         return plan
 
     def _add(self, jobs: list[Job], term: SpotTerm, inputs: SpotInputs, *, slopes: bool) -> int:

@@ -14,6 +14,9 @@ from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Tria
 MOST_EVALUATIONS = 100_000
 """Evaluations after which a search that does not end is stopped."""
 
+SEEN = 1e-9
+"""Slope of the residuals in a coordinate, over the largest one, below which no curve depends on it."""
+
 
 @dataclass(slots=True, eq=False)
 class Fit:
@@ -45,6 +48,14 @@ class Fit:
     def objective(self) -> float:
         """Least Σ r² so far."""
         return np.inf if self.best is None else self.best.objective
+
+    def unseen(self) -> list[str]:
+        """Names of the values on which no curve depends wherever there are slopes, and no prior holds."""
+        rates = [np.abs(each.jacobian).max(axis=0) for each in self.trace if each.jacobian is not None]
+        most = np.max(rates, axis=0) if rates else np.ones(self.start.size)
+        seen = most > SEEN * most.max()
+        searched = zip(self.problem.parameters, seen, strict=True)
+        return [p.name for p, is_seen in searched if p.prior is None and not is_seen]
 
     def take(self, evaluations: Sequence[Evaluation]) -> None:
         """Keep what was evaluated."""
@@ -115,6 +126,8 @@ def _next(
                 trials = next(asked) if evaluations is None else asked.send(evaluations)
             except StopIteration as end:
                 fit.message = str(end.value or "ended")
+                if unseen := fit.unseen():
+                    fit.message += f"; no curve depends on {', '.join(unseen)}, left where the search started"
                 return
             trials = [_sound(trial, fit.start.size) for trial in _some(trials)]
             if len(fit.trace) + len(trials) > MOST_EVALUATIONS:

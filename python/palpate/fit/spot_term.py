@@ -90,7 +90,7 @@ class SpotTerm:
         if simulation.status not in self.rules.ranked_statuses:
             why = simulation.message or simulation.status.remedy
             raise NotRankedError(f"{self.spot}: {simulation.status}: {why}")
-        seen = observed(simulation, inputs)
+        seen = self._observed(simulation, inputs)
         return np.concatenate([self._channel(seen, inputs, *each) for each in self.weights.items()])
 
     def values(self, simulation: Simulation, inputs: SpotInputs, channel: str) -> FloatArray:
@@ -101,17 +101,35 @@ class SpotTerm:
         NotRankedError
             The curve cannot be compared with the measured one.
         """
-        return self._values(observed(simulation, inputs), inputs, channel)
+        return self._values(self._observed(simulation, inputs), inputs, channel)
 
     def shifted(self, inputs: SpotInputs) -> Response:
         """Measured curves along the abscissae that these inputs give them."""
         curves = {name: self._shifted(name, inputs) for name in self.measured}
         return Response(curves=curves)
 
+    def _offset(self, channel: str, inputs: SpotInputs) -> float:
+        return inputs.offsets.get(self.abscissae.get(channel, ""), 0.0)
+
     def _shifted(self, channel: str, inputs: SpotInputs) -> Curve:
-        curve = self.measured[channel]
-        offset = inputs.offsets.get(self.abscissae.get(channel, ""), 0.0)
+        curve, offset = self.measured[channel], self._offset(channel, inputs)
         return replace(curve, abscissa=curve.abscissa + offset) if offset else curve
+
+    def _observed(self, simulation: Simulation, inputs: SpotInputs) -> Simulation:
+        """Multiply simulated curves by the gains of their channels; before the onset they are at rest."""
+        if simulation.response is None or not (inputs.gains or inputs.offsets):
+            return simulation
+        curves = {}
+        for name, curve in simulation.response.curves.items():
+            offset, y = self._offset(name, inputs), inputs.gains.get(name, 1.0) * curve.ordinate
+            before = np.array([offset] if offset < 0.0 and curve.abscissa[0] == 0.0 else [])
+            after = np.array([offset] if before.size and curve.abscissa[-1] == 0.0 else [])
+            curves[name] = Curve(
+                channel=name,
+                abscissa=np.concatenate([before, curve.abscissa, after]),
+                ordinate=np.concatenate([np.repeat(y[0], before.size), y, np.repeat(y[-1], after.size)]),
+            )
+        return replace(simulation, response=Response(curves=curves))
 
     def _values(self, seen: Simulation, inputs: SpotInputs, channel: str) -> FloatArray:
         compared = compare(seen, self._shifted(channel, inputs))
@@ -143,17 +161,6 @@ class SpotTerm:
             ordinate = self.measured[channel].ordinate
             parts.append(-ordinate * self.scale(channel, weight, np.ones(ordinate.size, dtype=bool)))
         return np.concatenate(parts)
-
-
-def observed(simulation: Simulation, inputs: SpotInputs) -> Simulation:
-    """Multiply simulated curves by the gains of their channels."""
-    if simulation.response is None or not inputs.gains:
-        return simulation
-    curves = {
-        name: replace(curve, ordinate=inputs.gains.get(name, 1.0) * curve.ordinate)
-        for name, curve in simulation.response.curves.items()
-    }
-    return replace(simulation, response=Response(curves=curves))
 
 
 def is_along_slopes(one: SpotInputs, other: SpotInputs) -> bool:

@@ -45,14 +45,21 @@ def basins(design: Design, fopt: pl.DataFrame, most: int) -> list[dict[str, floa
 
 
 def point_of(problem: Problem, known: Mapping[str, float]) -> FloatArray:
-    """Point of a problem's box from values by name; what is not known is at its prior, or in the middle."""
+    """Point of a problem's box from values by name.
+
+    What is not known is at its prior, where the parametrisation starts, or in the middle.
+    """
     point = np.full(len(problem.parameters), 0.5)
-    prior = np.array([p.prior.value if p.prior else np.nan for p in problem.parameters])
-    values = [known.get(p.name, known.get(p.name.partition("@")[0], np.nan)) for p in problem.parameters]
-    wanted = np.where(np.isnan(values), prior, values)
-    is_known = ~np.isnan(wanted)
-    at = problem.box.point(np.where(is_known, wanted, problem.box.lower))
-    point[is_known] = at[is_known]
+    start = problem.start()
+    for i, parameter in enumerate(problem.parameters):
+        head = parameter.name.partition("@")[0]
+        prior = {} if parameter.prior is None else {parameter.name: parameter.prior.value}
+        for given in (known, prior, start):
+            if parameter.name in given or head in given:
+                values = problem.box.lower.copy()
+                values[i] = given.get(parameter.name, given.get(head, np.nan))
+                point[i] = problem.box.point(values)[i]
+                break
     return point
 
 

@@ -1,11 +1,14 @@
 """Parametrisations: from searched numbers to what is simulated at each spot."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from palpate.domain import FloatArray, Parameter, ParameterSpace, Protocol
 from palpate.plugins.interfaces import Component, SettingsT
+
+KeyAndReason = tuple[tuple[str, ...], str]
+"""Key inside the settings, and why it is refused."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,3 +56,27 @@ class Parametrisation(Component[SettingsT]):
 
         A smooth function of the values: it is differentiated by differences.
         """
+
+    def start(self, protocols: Mapping[str, Protocol]) -> Mapping[str, float]:
+        """Values by name at which a search starts where neither a sweep nor a prior gives them.
+
+        A name without ``@<spot>`` serves every spot; what is not named starts in the middle of its range.
+
+        Parameters
+        ----------
+        protocols : mapping of spot name to Protocol
+            As the study has them.
+        """
+        return {}
+
+    def unusable(self, channels: Sequence[str], *, indents: bool) -> Iterator[KeyAndReason]:
+        """Settings that mean nothing in a study, refused before anything is simulated.
+
+        Parameters
+        ----------
+        channels : sequence of str
+            Those that its spots measure; empty where that is not known yet.
+        indents : bool
+            Whether it has a protocol, and not homogeneous tests.
+        """
+        yield from ()

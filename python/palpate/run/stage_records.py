@@ -186,6 +186,7 @@ def fit_from(study: Study, records: StageRecords) -> dict[str, str]:
         "selection": records.fingerprint("selection"),
         "search": fingerprint(_described(study.search)),
         "parametrisation": fingerprint(_described(study.parametrisation)),
+        "priors or values by spot": fingerprint([asdict(p) for p in study.space.parameters]),
         "noise or fine_runs": fingerprint([study.noise, study.fine_runs]),
     }
 

@@ -15,7 +15,7 @@ from palpate.domain import (
     Response,
     moving_span,
 )
-from palpate.errors import CurveError, PalpateError
+from palpate.errors import CurveError, PalpateError, StudyError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.optional import LoadingDrawer
 from palpate.stages.curve_checks import check_curve, check_gaps, check_sizes
@@ -78,6 +78,7 @@ def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Re
 def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Presses]:
     """Read every file of each spot; raises as :func:`load_measured`."""
     every = {spot.spot.name: _load_spot(study, spot, channels) for spot in study.spots}
+    _check_parametrisation(study, every)
     return _checked_weights(study, every)
 
 
@@ -221,6 +222,15 @@ def _check_known(name: str, channels: Mapping[str, Channel]) -> None:
             f"channel '{name}' is not declared by any plugin (known: {', '.join(channels) or 'none'}); "
             "declare it in a palpate_channels hook"
         )
+
+
+def _check_parametrisation(study: Study, every: Mapping[str, Presses]) -> None:
+    """Refuse to search what no measured curve has, such as the gain of a channel."""
+    channels = list(dict.fromkeys(name for presses in every.values() for name in presses.channels))
+    with answering_for(study.parametrisation, "checking its settings"):
+        refused = list(study.parametrisation.unusable(channels, indents=study.protocol is not None))
+    for key, reason in refused:
+        raise StudyError(f"{study.file.name}: {'.'.join(('fit.searched', *key))}: {reason}")
 
 
 def _checked_weights(study: Study, every: Mapping[str, Presses]) -> dict[str, Presses]:

@@ -112,17 +112,21 @@ def _check_fields(solver: Solver, job: Job, limb: Limb | None) -> None:
 
 
 def _check_searched(study: Study) -> None:
-    """Refuse to search a parameter that the solver does not use: every value would fit equally well."""
+    """Refuse to search what the solver does not use, nor what is tied to it: every value would fit."""
+    used: set[str] = set()
     for region in study.space.regions:
         with answering_for(study.solver, f"naming what it ignores of '{region.material.name}'"):
             ignored = study.solver.ignored(region.material)
-        for parameter in region.searched:
-            if parameter.name in ignored:
-                raise StudyError(
-                    f"{study.file.name}: region.{region.region}.parameters.{parameter.name} is searched, but "
-                    f"solver '{study.solver.name}' with these settings does not use this parameter; "
-                    f'fix it, e.g. {parameter.name} = "{parameter.lower:g} {parameter.unit}"'
-                )
+        names = (p.name for p in region.material.parameters if p.name not in ignored)
+        used |= {study.space.root(f"{region.region}.{name}") for name in names}
+    for parameter in study.space.parameters:
+        if parameter.name not in used:
+            region_name, _, name = parameter.name.partition(".")
+            raise StudyError(
+                f"{study.file.name}: region.{region_name}.parameters.{name} is searched, but "
+                f"solver '{study.solver.name}' with these settings does not use this parameter; "
+                f'fix it, e.g. {name} = "{parameter.lower:g} {parameter.unit}"'
+            )
 
 
 # ---------------------------------------------------------------------- sweep

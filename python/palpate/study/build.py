@@ -11,6 +11,7 @@ from palpate.domain import ParameterSpace, Scenario
 from palpate.errors import PalpateError
 from palpate.plugins.catalogue import Catalogue, Plugins
 from palpate.plugins.execution import Executor
+from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import (
     Component,
     ExperimentLoader,
@@ -198,6 +199,20 @@ def _check_channels(
             f"scenario '{scenario.name}' weighs channel '{missing[0]}', which no spot measures; "
             "add its file or leave the scenario out",
         )
+
+
+def check_parametrisation(
+    context: Context,
+    parametrisation: Parametrisation,
+    tables: Tables,
+    measured: Mapping[str, Collection[str | None]],
+) -> None:
+    """Refuse what a parametrisation cannot search in this study, as far as the file shows it."""
+    found = [channel for spot in measured.values() for channel in spot]
+    channels = [] if None in found else list(dict.fromkeys(filter(None, found)))
+    with context.problems.at("fit", "searched"), answering_for(parametrisation, "checking its settings"):
+        for key, reason in parametrisation.unusable(channels, indents="protocol" in tables.written):
+            context.problems.add(("fit", "searched", *key), reason)
 
 
 def check_stiffness_scaling(context: Context, space: ParameterSpace) -> None:

@@ -20,6 +20,7 @@ from palpate.study.build import (
     build_components,
     build_scenarios,
     check_limits,
+    check_parametrisation,
     check_solver_channels,
     check_solver_needs,
     check_stiffness_scaling,
@@ -275,6 +276,8 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
     truth = build_truth(context, tables, space)
     _check_together(context, tables, parts, space)
+    if parts.parametrisation:
+        check_parametrisation(context, parts.parametrisation, tables, measured)
     if parts.solver and selection:
         check_solver_channels(context, parts.solver, selection, scenarios)
     context.problems.raise_if_any()

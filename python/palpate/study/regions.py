@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.domain import FloatArray, Parameter, ParameterSpace, RegionMaterial
+from palpate.domain import FloatArray, Parameter, ParameterSpace, Prior, RegionMaterial
 from palpate.plugins.interfaces import Material
 from palpate.study.build import Context, build_component
 from palpate.study.model import ParameterTable, RegionTable, Tables
-from palpate.study.priors import build_prior
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
 from palpate.study.ties import split_tie, with_ties
@@ -95,7 +94,8 @@ def _range(problems: Problems, key: Key, default: Parameter, table: ParameterTab
             default, lower=ends["lower"], upper=ends["upper"], scale=table.scale, by_spot=table.by == "spot"
         )
         with problems.at(*key, "prior"):
-            yield replace(searched, prior=build_prior(searched, table.prior))
+            known = table.prior and {name: convert(x, default.unit) for name, x in table.prior}
+            yield replace(searched, prior=Prior(**known) if known else None)
 
 
 def _in_convention(material: Material, convention: str) -> Iterator[Parameter]:

@@ -1,0 +1,290 @@
+"""What a study may search besides its materials' parameters, on presses in closed form."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from palpate.domain import (
+    Curve,
+    Indentation,
+    ParameterSpace,
+    Prior,
+    RegionMaterial,
+    Response,
+    ScoringRules,
+    Simulation,
+    Sphere,
+    Status,
+    Tie,
+)
+from palpate.fit.least_squares import LeastSquares
+from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
+from palpate.fit.problem import Problem
+from palpate.fit.running import Fit, run_searches
+from palpate.fit.spot_term import SpotTerm
+from palpate.fit.starts import point_of, scaled_start
+from palpate.plugins.interfaces import Solver
+from palpate.testing import LinearMaterial
+
+DEPTH_MM, TWIST = 10.0, np.array([0.0, -22.5, 22.5, 0.0])
+ABSCISSAE = {"force": "depth_mm", "torque": "rotation_deg"}
+
+
+def force(thetas, friction, depth):
+    """Skin counts at small depths, fat at large ones."""
+    depth = np.maximum(depth, 0.0)
+    return thetas["skin"][0] * depth**1.5 + 0.2 * thetas["fat"][0] * depth**2.5
+
+
+def torque(thetas, friction, depth, rotation):
+    stiff = thetas["skin"][0] + 2.0 * thetas["fat"][0]
+    grip = friction * np.tanh(np.radians(rotation) * 4.0 / (0.2 + friction))
+    return 3.0 * stiff * depth**2 * grip
+
+
+class Press(Solver):
+    """Both curves in closed form, at so many points that interpolation does not show."""
+
+    name = "press"
+    summary = "a press in closed form"
+    needs_limb = False
+    accuracy = 1e-7
+
+    def simulate(self, job, limb):
+        curves = curves_of(job.thetas, job.protocol.friction, job.protocol.path)
+        if job.slopes:
+            curves = {name: replace(curve, slopes=slopes_of(job, name)) for name, curve in curves.items()}
+        return Simulation(job=job, status=Status.OK, response=Response(curves=curves))
+
+
+class ExactPress(Press):
+    name = "exact_press"
+    gives_slopes = True
+
+
+def curves_of(thetas, friction, path):
+    depth = np.linspace(0.0, path[-1, 0], 2001)
+    rotation = np.concatenate([np.linspace(a, b, 1001)[1:] for a, b in pairwise(TWIST)])
+    rotation = np.concatenate([[0.0], rotation])
+    return {
+        "force": Curve(channel="force", abscissa=depth, ordinate=force(thetas, friction, depth)),
+        "torque": Curve(
+            channel="torque", abscissa=rotation, ordinate=torque(thetas, friction, path[-1, 0], rotation)
+        ),
+    }
+
+
+def slopes_of(job, channel):
+    found = {}
+    for name in ("skin.e", "fat.e", "friction"):
+        ends = []
+        for step in (-1e-5, 1e-5):
+            region = name.partition(".")[0]
+            thetas = {r: t + step * (r == region) for r, t in job.thetas.items()}
+            ends.append(
+                curves_of(thetas, job.protocol.friction + step * (name == "friction"), job.protocol.path)
+            )
+        found[name] = (ends[1][channel].ordinate - ends[0][channel].ordinate) / 2e-5
+    return found
+
+
+def space(tied=None, **changes):
+    """Skin and fat, the fat's modulus tied if so requested; ``changes`` are of the skin's."""
+    material = LinearMaterial()
+    (e,) = material.parameters
+    skin = RegionMaterial(region="skin", material=material, searched=(replace(e, **changes),), fixed={})
+    fat = RegionMaterial(
+        region="fat",
+        material=material,
+        searched=() if tied else (e,),
+        fixed={},
+        tied={"e": tied} if tied else {},
+    )
+    return ParameterSpace(regions=(skin, fat))
+
+
+def press(friction=0.6):
+    path = [(0.0, 0.0), *((DEPTH_MM, rotation) for rotation in TWIST)]
+    return Indentation(indenter=Sphere(radius_mm=7.5), path=path, friction=friction)
+
+
+def measured(found, spot, truth):
+    """Curves as this spot's sensor gives them: from its onset, and through its gains."""
+    inputs = found.inputs(truth["space"], spot, press(), truth)
+    offset = inputs.offsets.get("depth_mm", 0.0)
+    depth = np.linspace(0.0, DEPTH_MM, 31)
+    rotation = np.concatenate([np.linspace(a, b, 10)[:-1] for a, b in pairwise(TWIST)])
+    friction = inputs.protocol.friction
+    y = {
+        "force": (depth, force(inputs.thetas, friction, depth + offset)),
+        "torque": (rotation, torque(inputs.thetas, friction, DEPTH_MM + offset, rotation)),
+    }
+    return Response(
+        curves={
+            name: Curve(channel=name, abscissa=x, ordinate=inputs.gains.get(name, 1.0) * at)
+            for name, (x, at) in y.items()
+        }
+    )
+
+
+@pytest.fixture
+def state(make_study):
+    """State the problem of spots p1 and p2 whose curves are those of these true values."""
+
+    def stated(truth, searched=None, of=None, solver=ExactPress, spots=("p1", "p2"), noise=0.01):
+        of = of or space()
+        found = StandardParametrisation(StandardSettings(**(searched or {})))
+        study = make_study(solver=solver(), space=of, parametrisation=found)
+        terms = [
+            SpotTerm(
+                spot=spot,
+                measured=measured(found, spot, {**truth, "space": of}),
+                weights={"force": 1.0, "torque": 1.0},
+                protocol=press(),
+                materials={region.region: region.material for region in of.regions},
+                rules=ScoringRules(),
+                abscissae=ABSCISSAE,
+            )
+            for spot in spots
+        ]
+        return Problem(
+            study, terms, lambda jobs: [study.solver.simulate(job, None) for job in jobs], found, noise=noise
+        )
+
+    return stated
+
+
+def fitted(problem, known=None):
+    fit = Fit(problem, point_of(problem, known or {}))
+    run_searches(LeastSquares(), [fit], problem._simulate, seed=1)
+    return fit, dict(zip(problem.names, problem.box.values(fit.best.point).tolist(), strict=True))
+
+
+BASE = {"skin.e": 0.5, "fat.e": 0.3}
+EVERYTHING = {
+    "friction": {"lower": 0.1, "upper": 1.0},
+    "depth_offset": {"lower": "-0.5 mm", "upper": "0.5 mm", "prior": {"value": "0.1 mm", "sd": "0.2 mm"}},
+    "gains": {"force": {"lower": 0.8, "upper": 1.2}, "torque": {"lower": 0.8, "upper": 1.2, "by": "all"}},
+}
+ALL_TRUE = {
+    "skin.e@p1": 0.5, "skin.e@p2": 0.7, "fat.e": 0.3, "friction": 0.4, "depth_offset_mm@p1": 0.2,
+    "depth_offset_mm@p2": -0.15, "gain.force@p1": 1.05, "gain.force@p2": 0.95, "gain.torque": 1.1,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("solver", [ExactPress, Press])
+@pytest.mark.parametrize("tied", [None, Tie(source="skin.e", factor=0.6)])
+def test_the_jacobian_is_that_of_the_residuals(state, solver, tied):
+    """For every kind of unknown at once, with exact slopes and with differences."""
+    truth = {**ALL_TRUE, "fat.e": None} if tied else ALL_TRUE
+    problem = state(truth, EVERYTHING, space(tied, by_spot=True), solver)
+    assert set(problem.names) == ALL_TRUE.keys() - ({"fat.e"} if tied else set())
+    values = problem.box.values(np.linspace(0.35, 0.62, len(problem.names)))
+    found = problem.jacobian(values)
+    for i, name in enumerate(problem.names):
+        step = 1e-4 * (problem.bounds[1][i] - problem.bounds[0][i])
+        moved = [problem.residuals(values + sign * step * np.eye(len(values))[i]) for sign in (-1.0, 1.0)]
+        expected = (moved[1] - moved[0]) / (2.0 * step)
+        np.testing.assert_allclose(found[:, i], expected, atol=2e-3 * np.abs(expected).max(), err_msg=name)
+
+
+@pytest.mark.parametrize("solver", [ExactPress, Press])
+@pytest.mark.parametrize(
+    ("searched", "changes", "truth"),
+    [
+        ({"friction": EVERYTHING["friction"]}, {}, {**BASE, "friction": 0.35}),
+        (
+            {"friction": {**EVERYTHING["friction"], "by": "spot"}}, {},
+            {**BASE, "friction@p1": 0.3, "friction@p2": 0.8},
+        ),
+        (
+            {"depth_offset": {"lower": "-0.5 mm", "upper": "0.5 mm"}}, {},
+            {**BASE, "depth_offset_mm@p1": 0.21, "depth_offset_mm@p2": -0.33},
+        ),
+        (
+            {"gains": {"torque": {"lower": 0.8, "upper": 1.2}}}, {},
+            {**BASE, "gain.torque@p1": 1.1, "gain.torque@p2": 0.9},
+        ),
+        ({}, {"by_spot": True}, {"skin.e@p1": 0.25, "skin.e@p2": 0.8, "fat.e": 0.3}),
+    ],
+    ids=["friction", "friction by spot", "offset", "gain", "modulus by spot"],
+)  # fmt: skip
+def test_what_made_the_curves_is_recovered(state, solver, searched, changes, truth):
+    fit, found = fitted(state(truth, searched, space(**changes), solver))
+    assert found == pytest.approx(truth, rel=2e-3, abs=2e-4), fit.message
+
+
+def test_every_point_is_compared_before_and_after_the_onset(state):
+    for offset in (-0.4, 0.4):
+        problem = state(
+            {**BASE, "depth_offset_mm": offset}, {"depth_offset": EVERYTHING["depth_offset"]}, spots=["p1"]
+        )
+        values = np.array([0.5, 0.3, offset])
+        (term,) = problem.terms
+        inputs = problem.inputs("p1", problem.box.point(values))
+        assert np.isfinite(term.values(problem.simulated(term, inputs), inputs, "force")).all()
+        assert problem.fopt(values) < 1e-9
+
+
+def test_a_search_starts_at_the_studys_own_friction_without_offset_at_gains_of_one(state):
+    problem = state(
+        {**ALL_TRUE, "skin.e": 0.5}, {**EVERYTHING, "depth_offset": {"lower": "-1 mm", "upper": "3 mm"}}
+    )
+    start = dict(zip(problem.names, problem.box.values(point_of(problem, {"skin.e": 0.8})), strict=True))
+    assert start["friction"] == pytest.approx(press().friction)
+    assert start["depth_offset_mm@p2"] == pytest.approx(0.0, abs=1e-12)
+    assert start["gain.force@p1"] == start["gain.torque"] == pytest.approx(1.0)
+    assert start["skin.e"] == pytest.approx(0.8)
+    assert start["fat.e"] == pytest.approx(np.sqrt(0.1))  # the middle of its logarithm
+
+
+def test_a_prior_is_where_a_search_starts(state):
+    searched = {"friction": {**EVERYTHING["friction"], "prior": {"value": 0.3, "sd": 0.1}}}
+    problem = state({**BASE, "friction": 0.4}, searched)
+    assert problem.box.values(point_of(problem, {}))[2] == pytest.approx(0.3)
+
+
+@settings(max_examples=5)
+@given(truth=st.floats(0.2, 0.8), prior=st.floats(0.2, 0.8))
+def test_a_strong_prior_holds_a_value_and_a_weak_one_changes_nothing(truth, prior):
+    for sd, expected in ((1e-5, prior), (1e6, truth)):
+        of = space(prior=Prior(value=prior, sd=sd))
+        problem = _state({"skin.e": truth, "fat.e": 0.3}, of)
+        assert fitted(problem)[1]["skin.e"] == pytest.approx(expected, rel=1e-3)
+
+
+def _state(truth, of):
+    """A problem of one spot without a study on disk."""
+    found = StandardParametrisation()
+    term = SpotTerm(
+        spot="p1",
+        measured=measured(found, "p1", {**truth, "space": of}),
+        weights={"force": 1.0},
+        protocol=press(),
+        materials={region.region: region.material for region in of.regions},
+        rules=ScoringRules(),
+        abscissae=ABSCISSAE,
+    )
+    solver = ExactPress()
+    study = type("_Study", (), {"space": of, "solver": solver, "filters": ()})()
+    return Problem(study, [term], lambda jobs: [solver.simulate(job, None) for job in jobs], found)
+
+
+def test_one_run_gives_the_scale_where_all_moduli_are_tied(state):
+    of = space(Tie(source="skin.e", factor=0.6))
+    problem = state({"skin.e": 0.83}, of=of)
+    start = scaled_start(problem, point_of(problem, {}))
+    assert problem.box.values(start) == pytest.approx([0.83], rel=1e-5)
+
+
+def test_what_no_curve_depends_on_is_reported_and_stays(state):
+    gain = {"gains": {"force": {"lower": 0.5, "upper": 2.0}, "lateral": {"lower": 0.5, "upper": 2.0}}}
+    fit, found = fitted(state({**BASE, **dict.fromkeys(
+        ["gain.force@p1", "gain.force@p2", "gain.lateral@p1", "gain.lateral@p2"], 1.0)}, gain))  # fmt: skip
+    assert fit.message.endswith(
+        "no curve depends on gain.lateral@p1, gain.lateral@p2, left where the search started"
+    )
+    assert found["gain.lateral@p1"] == pytest.approx(1.0)
