@@ -92,7 +92,7 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
             [
                 spot,
                 ", ".join(_peak(session, curve) for curve in response.curves.values()),
-                checked.limbs[spot].mesh.n_nodes if spot in checked.limbs else None,
+                _nodes(checked, spot),
             ]
             for spot, response in checked.measured.items()
         ],
@@ -102,6 +102,12 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
         f"{checked.design.n_drawn} sets drawn, {n_sets} kept by the filters; "
         f"{n_sets * len(checked.measured)} simulations with solver '{study.solver.name}'"
     )
+
+
+def _nodes(checked: "StudyInputs", spot: str) -> str:
+    """Nodes of a spot's mesh, and of its finer one."""
+    names = [name for name in (spot, f"{spot}/fine") if name in checked.limbs]
+    return ", fine ".join(str(checked.limbs[name].mesh.n_nodes) for name in names)
 
 
 def _peak(session: Session, curve: "Curve") -> str:

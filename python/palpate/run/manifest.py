@@ -88,7 +88,7 @@ def versions(study: Study) -> dict[str, str]:
 def _hashes(study: Study) -> dict[str, str]:
     files = [study.file, *study.plugin_files]
     for spot in study.spots:
-        files += [*spot.files, *([spot.mesh] if spot.mesh else [])]
+        files += [*spot.files, *spot.meshes.values()]
     return {
         relative(file, study.folder): hashlib.sha256(file.read_bytes()).hexdigest()
         for file in files

@@ -1,11 +1,12 @@
 """Limbs: made by the study's limb source, and refused when they cannot be simulated."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
-from palpate.domain import BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh
+from palpate.domain import FloatArray, Indentation, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError, StudyError
 from palpate.mesh.shape_functions import HEX_CORNERS, linear_simplex, multilinear, quadratic_simplex
 from palpate.mesh.topology import CELLS, Cell
@@ -16,11 +17,17 @@ from palpate.stages.mesh_joints import check_joints, holes
 from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import Study
 
+SAME_FRAME = 0.25
+"""Difference of the boxes around two meshes of one limb, over the element size, up to which frames agree."""
+
+SAME_HEIGHT = 0.1
+"""Difference of their height at the spot, over the element size there, up to which two skins are one."""
+
 
 def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
-    """Limb of each spot, checked; empty when the solver needs none.
+    """Limb of each spot and of its finer mesh, by :attr:`Job.limb_name`, checked.
 
-    With ``missing_ok`` spots without their mesh file are left out.
+    Empty when the solver needs none. With ``missing_ok`` limbs without their mesh file are left out.
 
     Raises
     ------
@@ -37,27 +44,91 @@ def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
         if isinstance(region.material, AnisotropicMaterial) and not region.material.fields:
             check_frames(region, meshes, map(mesh_note, meshes.values()), one_frame=study.one_frame)
     for spot in study.spots:
-        name = spot.spot.name
-        if missing_ok and not (spot.mesh and spot.mesh.is_file()):
-            continue
-        if spot.mesh is None or study.limb_source is None:
+        if spot.mesh is None and not missing_ok:
             raise StudyError(
-                f"spot '{name}' has no mesh, which solver '{study.solver.name}' needs; name a mesh file"
+                f"spot '{spot.spot.name}' has no mesh, which solver '{study.solver.name}' needs; name a mesh "
+                "file"
             )
-        with answering_for(study.limb_source, f"reading {spot.mesh}"):
-            limb = study.limb_source.load(spot.mesh, spot.spot)
-            if not isinstance(limb, Limb):
-                raise TypeError(f"it returned a {type(limb).__name__} and not a Limb")
-        try:
-            check_limb(limb, [region.region for region in study.space.regions])
-            if isinstance(protocol := study.protocol_at(name), Indentation):
-                check_depth(limb, protocol)
-            limbs[name] = with_fields(limb, study.space.regions)
-        except MeshError as error:
-            raise MeshError(f"{spot.mesh}: {error}") from error
-    if len(limbs) == len(study.spots):
+        for name, path in spot.meshes.items():
+            if not missing_ok or path.is_file():
+                limbs[name] = _load(study, spot.spot, path)
+        here = [limbs[name] for name in spot.meshes if name in limbs]
+        if len(here) == 2:
+            check_fine(here[0], here[1], f"{spot.place}: {spot.fine_mesh}")
+    if limbs.keys() >= set(study.spot_names):
         _check_every_region(study, limbs)
     return limbs
+
+
+def _load(study: Study, spot: Spot, path: Path) -> Limb:
+    if study.limb_source is None:
+        raise StudyError(f"{study.file}: no [limb] table to read {path} by; add one")
+    with answering_for(study.limb_source, f"reading {path}"):
+        limb = study.limb_source.load(path, spot)
+        if not isinstance(limb, Limb):
+            raise TypeError(f"it returned a {type(limb).__name__} and not a Limb")
+    try:
+        check_limb(limb, [region.region for region in study.space.regions])
+        if isinstance(protocol := study.protocol_at(spot.name), Indentation):
+            check_depth(limb, protocol)
+        return with_fields(limb, study.space.regions)
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from error
+
+
+def check_fine(coarse: Limb, fine: Limb, place: str) -> None:
+    """Refuse a finer mesh that is not finer, or not of the same limb in the same frame.
+
+    Parameters
+    ----------
+    coarse, fine : Limb
+        Each passes :func:`check_limb`.
+    place : str
+        Where the study file names the finer mesh.
+
+    Raises
+    ------
+    MeshError
+        Naming the region, or the part whose bounding boxes differ.
+    """
+    one, other = coarse.mesh, fine.mesh
+    if one.used_regions != other.used_regions:
+        raise MeshError(
+            f"{place}: a fine mesh of another region set ({', '.join(sorted(other.used_regions))}, where the "
+            f"mesh has {', '.join(sorted(one.used_regions))}); give both the same regions"
+        )
+    size = float(np.median(np.concatenate([_extents(one.points_mm[c]) for c in one.cells.values()])))
+    there, here = _boxes(one), _boxes(other)
+    apart = {part: (float(np.abs(there[part] - here[part]).max()), SAME_FRAME * size) for part in there}
+    heights = [
+        (at.mesh.points_mm[_nearest(at)] - at.spot.position_mm) @ at.spot.normal for at in (coarse, fine)
+    ]
+    apart["the skin at the spot"] = (abs(heights[0] - heights[1]), SAME_HEIGHT * _reach(coarse))
+    for part, (distance, allowed) in apart.items():
+        if distance > allowed:
+            raise MeshError(
+                f"{place}: a fine mesh of another limb or frame: {part} ends {distance:.3g} mm from where it "
+                f"ends in the mesh, and {allowed:.2g} mm are allowed; mesh the same limb in the same frame"
+            )
+    if other.n_nodes <= one.n_nodes:
+        raise MeshError(
+            f"{place}: not finer: {other.n_nodes} nodes, and the mesh has {one.n_nodes}; name a finer one, "
+            "such as `palpate limb --fine` makes"
+        )
+
+
+def _boxes(mesh: Mesh) -> dict[str, FloatArray]:
+    """Least and largest coordinates (2, 3) of the fixed nodes, the skin and each region."""
+    nodes = {f"node set '{name}'": mesh.node_sets[name] for name in ("fixed", "contact")}
+    for region in sorted(mesh.used_regions):
+        cells = [
+            cells[mesh.cell_regions[kind] == mesh.regions.index(region)] for kind, cells in mesh.cells.items()
+        ]
+        nodes[f"region '{region}'"] = np.concatenate([each.ravel() for each in cells])
+    return {
+        part: np.stack([mesh.points_mm[each].min(axis=0), mesh.points_mm[each].max(axis=0)])
+        for part, each in nodes.items()
+    }
 
 
 def _check_every_region(study: Study, limbs: Mapping[str, Limb]) -> None:
@@ -76,7 +147,7 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
     for name, limb in limbs.items():
         here = limb.mesh.used_regions
         absent = [region.region for region in study.space.regions if region.region not in here]
-        if absent:
+        if absent and name in study.spot_names:
             found.append(
                 f"spot '{name}' has no region {', '.join(absent)}: its parameters change nothing there"
             )
@@ -214,8 +285,13 @@ def _least_jacobian(kind: str, corners: FloatArray) -> tuple[FloatArray, FloatAr
     """Least Jacobian determinant over the sampled points, and the cube of the extent: (n_cells,)."""
     jacobians = np.einsum("qai,caj->cqij", _SLOPES[kind], corners)
     least: FloatArray = np.linalg.det(jacobians).min(axis=1)
-    extent: FloatArray = np.ptp(corners, axis=1).max(axis=1)
-    return least, extent**3
+    return least, _extents(corners) ** 3
+
+
+def _extents(corners: FloatArray) -> FloatArray:
+    """Longest side of the box around each element's nodes (n_cells, n_nodes, 3)."""
+    extents: FloatArray = np.ptp(corners, axis=1).max(axis=1)
+    return extents
 
 
 _GAUSS = 0.1381966011250105 + 0.4472135954999579 * np.eye(4)
@@ -273,14 +349,11 @@ def _check_held(mesh: Mesh) -> None:
 def _check_spot(limb: Limb) -> None:
     """Refuse a spot that is not on the contact surface, or whose normal points inwards."""
     mesh, spot = limb.mesh, limb.spot
-    contact = mesh.node_sets["contact"]
-    distances = np.linalg.norm(mesh.points_mm[contact] - spot.position_mm, axis=1)
-    nearest = int(contact[distances.argmin()])
-    around = [mesh.points_mm[cells[_touching(cells, nearest)]] for cells in mesh.cells.values()]
-    reach = max(float(np.ptp(corners, axis=1).max()) for corners in around if len(corners))
-    if distances.min() > reach:
+    nearest, around, reach = _nearest(limb), _around(limb), _reach(limb)
+    distance = float(np.linalg.norm(mesh.points_mm[nearest] - spot.position_mm))
+    if distance > reach:
         raise MeshError(
-            f"spot '{spot.name}' at {spot.position_mm.tolist()} mm is {distances.min():.3g} mm from the "
+            f"spot '{spot.name}' at {spot.position_mm.tolist()} mm is {distance:.3g} mm from the "
             f"nearest contact node {nearest}, further than an element there ({reach:.3g} mm); "
             "correct the spot's position, or mark the surface around it as contact"
         )
@@ -292,6 +365,19 @@ def _check_spot(limb: Limb) -> None:
         )
 
 
-def _touching(cells: IntArray, node: int) -> BoolArray:
-    touching: BoolArray = (cells == node).any(axis=1)
-    return touching
+def _nearest(limb: Limb) -> int:
+    """Contact node nearest to the spot."""
+    contact = limb.mesh.node_sets["contact"]
+    distances = np.linalg.norm(limb.mesh.points_mm[contact] - limb.spot.position_mm, axis=1)
+    return int(contact[distances.argmin()])
+
+
+def _around(limb: Limb) -> list[FloatArray]:
+    """Coordinates (n_cells, n_nodes, 3) of the elements at that node, by kind."""
+    nearest = _nearest(limb)
+    return [limb.mesh.points_mm[c[(c == nearest).any(axis=1)]] for c in limb.mesh.cells.values()]
+
+
+def _reach(limb: Limb) -> float:
+    """Longest extent of the elements at that node, in mm."""
+    return max(float(_extents(corners).max()) for corners in _around(limb) if len(corners))

@@ -263,5 +263,6 @@ def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None
     for index, spot in enumerate(tables.spot):
         if solver.needs_limb and spot.mesh is None:
             problems.add(("spot", index), f'{name} needs a mesh; add mesh = "…" to the spot')
-        if not solver.needs_limb and spot.mesh is not None:
-            problems.add(("spot", index, "mesh"), f"{name} takes no mesh; remove the key")
+        for key in ("mesh", "fine_mesh"):
+            if not solver.needs_limb and getattr(spot, key) is not None:
+                problems.add(("spot", index, key), f"{name} takes no mesh; remove the key")

@@ -118,6 +118,9 @@ class SpotTable(Table):
         "files holds repeated presses, which are averaged.",
     )
     mesh: FileName | None = Field(default=None, description="File of the limb around the spot.")
+    fine_mesh: FileName | None = Field(
+        default=None, description="File of a finer mesh of the same limb, which corrects a fit on the first."
+    )
     position: list[Length] = Field(
         default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="Where the indenter first touches."
     )

@@ -33,12 +33,15 @@ class Problems:
 
     def add(self, key: Key, message: str) -> None:
         """Note that ``key`` is wrong; the message says how, and what to do."""
-        line = self._lines.line(key)
-        where = f"{self._path}:{line}: " + (f"{self._place(key)}: " if key else "")
-        if (line, where + message) not in self._found:
-            self._found.append((line, where + message))
+        found = (self._lines.line(key), f"{self.place(key)}: {message}")
+        if found not in self._found:
+            self._found.append(found)
 
-    def _place(self, key: Key) -> str:
+    def place(self, key: Key) -> str:
+        """File, line and name of a key, as messages start."""
+        return f"{self._path}:{self._lines.line(key)}" + (f": {self._name(key)}" if key else "")
+
+    def _name(self, key: Key) -> str:
         """Key as the user knows it: a spot by its name."""
         match key, self._raw.get("spot"):
             case ("spot", int(index), *rest), [*tables] if index < len(tables):

@@ -24,6 +24,10 @@ class StudySpot:
         More than one path: repeated presses, which are averaged.
     mesh : Path or None
         None for a specimen in homogeneous tests.
+    fine_mesh : Path or None
+        A finer mesh of the same limb.
+    place : str
+        Where the study file names the finer mesh, as messages start.
     protocol : Protocol or None
         What is done here, where it is not what the study does everywhere.
     loader : ExperimentLoader or None
@@ -33,8 +37,17 @@ class StudySpot:
     spot: Spot
     measured: Mapping[str | None, tuple[Path, ...]]
     mesh: Path | None
+    fine_mesh: Path | None = None
+    place: str = ""
     protocol: Protocol | None = None
     loader: ExperimentLoader | None = None
+
+    @property
+    def meshes(self) -> dict[str, Path]:
+        """Files of its meshes by the name of the limb, as :attr:`Job.limb_name`."""
+        name = self.spot.name
+        found = {name: self.mesh, f"{name}/fine": self.fine_mesh}
+        return {limb: path for limb, path in found.items() if path is not None}
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -52,12 +65,25 @@ def build_spots(context: Context, tables: Tables, need_measured: bool = True) ->
                 (*key, "name"), f"a spot '{table.name}' already exists; give each spot its own name"
             )
         measured = _measured(context, table, key, need_measured)
-        mesh = None if table.mesh is None else _file(context, table.mesh, (*key, "mesh"))
+        mesh, fine_mesh = (
+            None if name is None else _file(context, name, (*key, place))
+            for place, name in (("mesh", table.mesh), ("fine_mesh", table.fine_mesh))
+        )
         protocol = _spot_protocol(context, tables.protocol, table, key)
         loader = _spot_loader(context, tables.experiment, table, key)
         with context.problems.at(*key, "normal"):
             spot = Spot(name=table.name, position_mm=np.array(table.position), normal=np.array(table.normal))
-            spots.append(StudySpot(spot=spot, measured=measured, mesh=mesh, protocol=protocol, loader=loader))
+            spots.append(
+                StudySpot(
+                    spot=spot,
+                    measured=measured,
+                    mesh=mesh,
+                    fine_mesh=fine_mesh,
+                    place=context.problems.place((*key, "fine_mesh")),
+                    protocol=protocol,
+                    loader=loader,
+                )
+            )
     return tuple(spots)
 
 

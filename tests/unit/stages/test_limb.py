@@ -12,7 +12,7 @@ from palpate.domain import Indentation, Limb, Mesh, Sphere, Spot
 from palpate.errors import MeshError, PluginError, StudyError
 from palpate.plugins.interfaces import LimbSource, Solver
 from palpate.specimens.blocks import block
-from palpate.stages.limb import check_depth, check_limb, limb_warnings, load_limbs
+from palpate.stages.limb import check_depth, check_fine, check_limb, limb_warnings, load_limbs
 from palpate.stages.mesh_joints import holes
 
 CUBE = np.array(
@@ -276,6 +276,61 @@ def test_a_sphere_that_passes_through_the_limb_is_refused(depth_mm, sound):
     protocol = Indentation(indenter=Sphere(radius_mm=1.0), path=[(0, 0), (depth_mm, 0)], friction=0.0)
     with contextlib.nullcontext() if sound else pytest.raises(MeshError, match="check the unit of the mesh"):
         check_depth(limb(), protocol)
+
+
+def moved(limb, *, by_mm=(0.0, 0.0, 0.0), times=1.0):
+    return replace(limb, mesh=replace(limb.mesh, points_mm=limb.mesh.points_mm * times + by_mm))
+
+
+LAYERS = {"skin": 6.0}
+FINE = block(n_across=12, n_down=6, layers_mm=LAYERS)
+
+
+@pytest.mark.parametrize(
+    ("fine", "match"),
+    [
+        (
+            block(n_across=12, n_down=6),
+            r"another region set \(soft_tissue, where the mesh has skin",
+        ),
+        (
+            block(n_across=12, n_down=6, layers_mm={"skin": 3.0}),
+            "region 'skin' ends 3 mm from where",
+        ),
+        (moved(FINE, by_mm=(5.0, 0.0, 0.0)), "another limb or frame: node set 'fixed' ends 5 mm from where"),
+        (moved(FINE, times=1e-3), "another limb or frame"),
+        (moved(FINE, by_mm=(0.0, 0.0, -0.7)), "the skin at the spot ends 0.7 mm from where it ends"),
+        (block(layers_mm=LAYERS), "not finer: 196 nodes, and the mesh has 196; name a finer one"),
+    ],
+)
+def test_a_fine_mesh_is_finer_and_of_the_same_limb_in_its_frame(fine, match):
+    coarse = block(layers_mm=LAYERS)
+    check_fine(coarse, FINE, "study.toml:9: spot 'p1', fine_mesh: fine.vtu")
+    with pytest.raises(MeshError, match=f"^study.toml:9: spot 'p1', fine_mesh: fine.vtu: .*{match}"):
+        check_fine(coarse, fine, "study.toml:9: spot 'p1', fine_mesh: fine.vtu")
+
+
+def test_a_fine_mesh_is_a_limb_of_its_own(make_study, tissue, tmp_path):
+    class Meshed(tissue.Analytic):
+        needs_limb = True
+
+    class Blocks(Source):
+        def load(self, path, spot):
+            return replace(block(n_across=12 if "fine" in path.name else 6), spot=spot)
+
+    spots = tuple(
+        replace(s, spot=Spot(name=s.spot.name), mesh=tmp_path / "a.vtu", fine_mesh=tmp_path / "fine.vtu")
+        for s in make_study().spots[:1]
+    )
+    study = make_study(solver=Meshed(), limb_source=Blocks(), spots=spots)
+    limbs = load_limbs(study)
+    assert {name: limb.mesh.n_nodes for name, limb in limbs.items()} == {"p1": 196, "p1/fine": 676}
+    assert limb_warnings(study, limbs) == []
+    (tmp_path / "a.vtu").touch()
+    assert list(load_limbs(study, missing_ok=True)) == ["p1"]
+    swapped = [replace(s, mesh=s.fine_mesh, fine_mesh=s.mesh, place="study.toml:9") for s in spots]
+    with pytest.raises(MeshError, match=r"^study\.toml:9: .*a\.vtu: not finer: 196 nodes"):
+        load_limbs(replace(study, spots=tuple(swapped)))
 
 
 def test_a_source_that_returns_no_limb_is_named(make_study, tissue, tmp_path):
