@@ -10,9 +10,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate import _core
-from palpate.errors import CurveError
+from palpate.errors import CurveError, ScoringError
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+PHASES = ("load", "unload")
+"""Parts of a path: where the abscissa's magnitude grows, and where it falls."""
+
+
+def channel_of(name: str) -> str:
+    """Channel of a name that has a weight: ``torque`` of ``torque`` and of ``torque/unload``.
+
+    Raises
+    ------
+    ScoringError
+        There is no such phase.
+    """
+    channel, slash, phase = name.partition("/")
+    if slash and phase not in PHASES:
+        raise ScoringError(f"'{name}': unknown phase '{phase}' of a channel (known: {', '.join(PHASES)})")
+    return channel
 
 
 def frozen_floats(values: ArrayLike) -> FloatArray:
@@ -167,6 +185,21 @@ class Curve:
     def branches(self) -> tuple[tuple[int, int], ...]:
         """Maximal monotone runs as (start, stop); adjacent runs share the turning point."""
         return tuple((int(a), int(b)) for a, b in _core.branches(self.abscissa))
+
+    def counted(self, name: str) -> BoolArray:
+        """Points (n,) that a weight counts: all for a channel, those of the phase for ``torque/unload``.
+
+        A turning point, and the point where the abscissa comes back to zero, belong to the earlier phase.
+        """
+        x, phase = self.abscissa, name.partition("/")[2]
+        if not phase:
+            return np.ones(x.size, dtype=np.bool_)
+        loading = np.zeros(x.size, dtype=np.bool_)
+        for start, stop in self.branches:
+            own = slice(start + (start > 0), stop)
+            loading[own] = x[own] * (x[stop - 1] - x[start]) > 0.0
+        loading[: np.argmax(x != 0.0)] = True  # at rest, before the first load
+        return loading if phase == "load" else ~loading
 
     @property
     def first_turn(self) -> float:

@@ -4,7 +4,7 @@ Units are mm, N, MPa, N·mm and degrees. Arrays are copied, checked once and mad
 value is valid.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from types import MappingProxyType
@@ -14,10 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.curves import (
+    PHASES as PHASES,
+    BoolArray as BoolArray,
     Channel as Channel,
     Curve as Curve,
     FloatArray as FloatArray,
     Response as Response,
+    channel_of as channel_of,
     frozen_floats,
     moving_span as moving_span,
 )
@@ -39,7 +42,6 @@ if TYPE_CHECKING:
     from palpate.plugins.interfaces import Material
 
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 def _frozen_ints(values: ArrayLike) -> IntArray:
@@ -376,7 +378,7 @@ class ScoringRules:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """Weights of the channels: Fopt = Σ weight · NMSE."""
+    """Weights of channels, or of phases such as ``torque/unload``: Fopt = Σ weight · NMSE."""
 
     name: str
     weights: Mapping[str, float]
@@ -384,12 +386,30 @@ class Scenario:
 
     def __post_init__(self) -> None:
         weights = dict(self.weights)
+        for name in weights:
+            channel_of(name)
         sound = all(np.isfinite(w) and w >= 0.0 for w in weights.values())
         if not sound or not any(weights.values()):
             raise ScoringError(
                 f"scenario '{self.name}': weights {weights} must be >= 0, finite, and at least one > 0"
             )
         object.__setattr__(self, "weights", MappingProxyType(weights))
+
+    @property
+    def weighed(self) -> dict[str, float]:
+        """Weights above zero."""
+        return {name: weight for name, weight in self.weights.items() if weight > 0.0}
+
+    def fits(self, name: str) -> bool:
+        """Whether every point of a channel, or of a phase of it, has a weight."""
+        phases = {f"{name}/{phase}" for phase in PHASES}
+        return not {name, channel_of(name)}.isdisjoint(self.weighed) or phases <= self.weighed.keys()
+
+
+def weighed_phases(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
+    """Names of the phases that scenarios weigh, such as ``torque/unload``."""
+    names = (name for scenario in scenarios for name in scenario.weighed)
+    return tuple(dict.fromkeys(name for name in names if name != channel_of(name)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

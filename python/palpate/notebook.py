@@ -50,7 +50,7 @@ def measure(study: Study, plugins: Plugins | None = None) -> pl.DataFrame:
     PalpateError
     """
     measured = load_measured(study, (plugins or Plugins.load(study.plugin_files)).channels)
-    scoring.check_scorable(measured, study.scoring)
+    scoring.check_scorable(measured, study.scoring, study.scenarios)
     frames = [frame_of(response).with_columns(spot=pl.lit(spot)) for spot, response in measured.items()]
     return pl.concat(frames, how="diagonal").select("spot", pl.exclude("spot"))
 
@@ -131,7 +131,7 @@ def score(study: Study, simulated: pl.DataFrame, measured: pl.DataFrame) -> pl.D
     ScoringError
     """
     _check_columns("simulated curves", simulated, _SIMULATED, "palpate.simulate")
-    return scoring.score(_simulations(simulated), _responses(measured), study.scoring)
+    return scoring.score(_simulations(simulated), _responses(measured), study.scoring, study.scenarios)
 
 
 def select(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:

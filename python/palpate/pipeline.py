@@ -58,7 +58,7 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     PalpateError
     """
     measured = load_measured(study, plugins.channels)
-    scoring.check_scorable(measured, study.scoring)
+    scoring.check_scorable(measured, study.scoring, study.scenarios)
     limbs = load_limbs(study)
     design = draw_study(study, earlier)
     to_do = simulation.jobs(study, design, measured) or simulation.middle_jobs(study, measured)
@@ -182,7 +182,7 @@ def measure(
         made_from = measured_from(study)  # before the files are read: a later change is then noticed
         presses = load_presses(study, plugins.channels)
         measured = {spot: mean(found) for spot, found in presses.items()}
-        scoring.check_scorable(measured, study.scoring)
+        scoring.check_scorable(measured, study.scoring, study.scenarios)
         if not plots:  # a file that is refused leaves no folder behind
             drawn.enter_context(run.locked(study, plugins.channels))
         run.initialise(study, plugins.channels)
@@ -252,7 +252,7 @@ def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress =
     with run.locked(study, plugins.channels):
         study = run.trusting(study)
         inputs = _from_files(study, run)
-        scoring.check_scorable(inputs.measured, study.scoring)
+        scoring.check_scorable(inputs.measured, study.scoring, study.scenarios)
         progress.begin("score", 1)
         simulations = _stored(study, run, inputs)
         if inputs.design.n_sets and not simulations:
@@ -354,7 +354,7 @@ def _stored(study: Study, run: RunDirectory, inputs: StudyInputs) -> tuple[Simul
 def _score(
     study: Study, run: RunDirectory, inputs: StudyInputs, simulations: tuple[Simulation, ...]
 ) -> pl.DataFrame:
-    scores = scoring.score(simulations, inputs.measured, study.scoring)
+    scores = scoring.score(simulations, inputs.measured, study.scoring, study.scenarios)
     run.write_scores(scores, scores_from(study, run.records, answers_key(simulations)))
     return scores
 

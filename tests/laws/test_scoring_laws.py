@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from palpate.domain import Curve, Job, Normaliser, Response, ScoringRules, Simulation, Status
+from palpate.domain import Curve, Job, Normaliser, Response, Scenario, ScoringRules, Simulation, Status
 from palpate.stages.scoring import score
 
 SCALED = [n for n in Normaliser if n is not Normaliser.UNIT]
@@ -19,7 +19,7 @@ def twist(values):
     return x, np.resize(values, x.size) + 0.01 * np.arange(x.size)
 
 
-def scored(pairs, measured, normaliser=Normaliser.RMS):
+def scored(pairs, measured, normaliser=Normaliser.RMS, scenarios=()):
     job = {i: Job(spot="p", set_id=i, materials={}, thetas={}, protocol=None) for i in range(len(pairs))}
     simulations = [
         Simulation(
@@ -30,7 +30,8 @@ def scored(pairs, measured, normaliser=Normaliser.RMS):
         for i, (x, y) in enumerate(pairs)
     ]
     experiment = {"p": Response(curves={"t": Curve(channel="t", abscissa=measured[0], ordinate=measured[1])})}
-    return score(simulations, experiment, ScoringRules(normaliser=normaliser, minimum_coverage=0.9))
+    rules = ScoringRules(normaliser=normaliser, minimum_coverage=0.9)
+    return score(simulations, experiment, rules, scenarios)
 
 
 @given(loops, st.sampled_from(Normaliser))
@@ -82,3 +83,31 @@ def test_coverage_is_the_share_reached(values, share):
     row = scored([(x[:n], y[:n])], (x, y)).row(0, named=True)
     assert abs(row["coverage"] - n / x.size) < 1e-12
     assert (row["nmse"] is None) == (n / x.size < 0.9)
+
+
+def by_phase(pairs, measured):
+    """NMSE of the whole of the first path and of its phases, and the measured points of each phase."""
+    weights = {"t/load": 1.0, "t/unload": 1.0}
+    scores = scored(pairs, measured, scenarios=(Scenario(name="both", weights=weights),))
+    curve = Curve(channel="t", abscissa=measured[0], ordinate=measured[1])
+    counted = {name: curve.counted(name) for name in weights}
+    return dict(scores.filter(set_id=0).select("channel", "nmse").iter_rows()), counted
+
+
+@settings(max_examples=25)
+@given(loops, loops)
+def test_phases_weighed_by_their_points_are_the_whole(values, others):
+    (x, y), (_, z) = twist(values), twist(np.resize(others, values.size))
+    nmse, counted = by_phase([(x, z)], (x, y))
+    together = sum(mask.mean() * nmse[name] for name, mask in counted.items())
+    np.testing.assert_allclose(together, nmse["t"], rtol=1e-9, atol=1e-20)
+
+
+@settings(max_examples=25)
+@given(loops, loops)
+def test_a_phase_ignores_the_points_of_the_other(values, others):
+    (x, y), (_, z) = twist(values), twist(np.resize(others, values.size))
+    before, counted = by_phase([(x, z)], (x, y))
+    after, _ = by_phase([(x, np.where(counted["t/load"], z, -3.0 * z))], (x, y))
+    assert after["t/load"] == before["t/load"]
+    assert after["t/unload"] > before["t/unload"]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.domain import FloatArray, Simulation
+from palpate.domain import FloatArray, Simulation, channel_of
 from palpate.fit.spot_term import NotRankedError, SpotTerm
 from palpate.plugins.parametrisation import SpotInputs
 
@@ -56,15 +56,17 @@ def fine_run(term: SpotTerm, inputs: SpotInputs, coarse: Simulation, fine: Simul
 def error_of(run: FineRun, term: SpotTerm, coarse: Mapping[str, FloatArray]) -> float:
     """Root of the Fopt by which a correction may be wrong at other coarse curves, if it goes with them."""
     squares = 0.0
-    for channel, weight in term.weights.items():
+    for name, weight in term.weights.items():
+        channel = channel_of(name)
         there, here = run.coarse[channel], coarse[channel]
         known = np.isfinite(there) & np.isfinite(here) & np.isfinite(run.fine[channel])
+        known &= term.counted(name)
         size = float(np.linalg.norm(there[known]))
         if size == 0.0:
             continue
         changed = float(np.linalg.norm(here[known] - there[known])) / size
         wrong = changed * np.where(known, run.corrections[channel], 0.0)
-        scaled = wrong * term.scale(channel, weight, known)
+        scaled = wrong * term.scale(name, weight, known)
         squares += float(scaled @ scaled)
     return float(np.sqrt(squares))
 

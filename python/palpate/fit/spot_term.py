@@ -20,6 +20,7 @@ from palpate.domain import (
     Response,
     ScoringRules,
     Simulation,
+    channel_of,
 )
 from palpate.plugins.interfaces import Material
 from palpate.plugins.parametrisation import SpotInputs
@@ -41,8 +42,8 @@ class SpotTerm:
     ----------
     spot : str
     measured : Response
-    weights : mapping of channel to float
-        Of the channels that count here, above zero.
+    weights : mapping of name to float
+        Of the channels, and phases such as ``torque/unload``, that count here, above zero.
     protocol : Protocol
         As the study has it at this spot.
     materials : mapping of region to Material
@@ -65,7 +66,11 @@ class SpotTerm:
     @property
     def n_points(self) -> int:
         """Number of residuals."""
-        return sum(self.measured[channel].abscissa.size for channel in self.weights)
+        return sum(int(self.counted(name).sum()) for name in self.weights)
+
+    def counted(self, name: str) -> BoolArray:
+        """Measured points (n,) that the weight of a name counts."""
+        return self.measured[channel_of(name)].counted(name)
 
     def job(self, inputs: SpotInputs, set_id: int, *, slopes: bool, fine: bool) -> Job:
         """Make the job that simulates these inputs."""
@@ -137,29 +142,31 @@ class SpotTerm:
             raise NotRankedError(f"{self.spot}: {compared.message or compared.status.remedy}")
         return compared.values + self.corrections.get(channel, 0.0)
 
-    def _channel(self, seen: Simulation, inputs: SpotInputs, channel: str, weight: float) -> FloatArray:
+    def _channel(self, seen: Simulation, inputs: SpotInputs, name: str, weight: float) -> FloatArray:
+        channel = channel_of(name)
         values, curve = self._values(seen, inputs, channel), self.measured[channel]
         covered = np.isfinite(values)
-        coverage = float(np.average(covered, weights=point_weights(curve, self.rules.point_weighting)))
+        points = point_weights(curve, self.rules.point_weighting, name)
+        coverage = float(np.average(covered, weights=points))
         if not self.rules.is_enough(coverage):
             raise NotRankedError(
-                f"{self.spot}: covers {coverage:.3f} of the measured '{channel}', less than "
+                f"{self.spot}: covers {coverage:.3f} of the measured '{name}', less than "
                 f"{self.rules.minimum_coverage:g}"
             )
         differences = np.where(covered, values - curve.ordinate, 0.0)
-        residuals: FloatArray = differences * self.scale(channel, weight, covered)
-        return residuals
+        residuals: FloatArray = differences * self.scale(name, weight, covered)
+        return residuals[self.counted(name)]
 
-    def scale(self, channel: str, weight: float, used: BoolArray) -> FloatArray:
+    def scale(self, name: str, weight: float, used: BoolArray) -> FloatArray:
         """Factors (n,) from ordinates to residuals where only the points ``used`` (n,) count."""
-        return residual_scale(self.measured[channel], self.rules, weight, used)
+        return residual_scale(self.measured[channel_of(name)], self.rules, name, weight, used)
 
     def of_nothing(self) -> FloatArray:
         """Residuals (n_points,) where every simulated ordinate is zero."""
         parts = []
-        for channel, weight in self.weights.items():
-            ordinate = self.measured[channel].ordinate
-            parts.append(-ordinate * self.scale(channel, weight, np.ones(ordinate.size, dtype=bool)))
+        for name, weight in self.weights.items():
+            counted, ordinate = self.counted(name), self.measured[channel_of(name)].ordinate
+            parts.append((-ordinate * self.scale(name, weight, counted))[counted])
         return np.concatenate(parts)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, FloatArray, Response, Scenario, Simulation
+from palpate.domain import Design, FloatArray, Response, Scenario, Simulation, channel_of
 from palpate.fit.mesh_correction import NEAR, FineRun, error_of, fine_run
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
@@ -139,7 +139,7 @@ class FitStage:
         return SpotTerm(
             spot=spot,
             measured=measured,
-            weights={c: w for c, w in scenario.weights.items() if w > 0.0 and c in measured.curves},
+            weights={n: w for n, w in scenario.weighed.items() if channel_of(n) in measured.curves},
             protocol=self.study.protocol_at(spot) or homogeneous_tests(measured),
             materials={region.region: region.material for region in self.study.space.regions},
             rules=self.study.scoring,
@@ -222,7 +222,8 @@ class FitStage:
             inputs = end.problem.inputs(term.spot, end.best.point)
             coarse = end.problem.simulated(term, inputs)
             bare = replace(term, corrections={})
-            curves = {name: bare.values(coarse, inputs, name) for name in term.weights}
+            channels = map(channel_of, term.weights)
+            curves = {channel: bare.values(coarse, inputs, channel) for channel in channels}
             runs = [
                 (error_of(run, bare, curves), i, run) for i, run in enumerate(self._fine.get(term.spot, []))
             ]

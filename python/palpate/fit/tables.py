@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.domain import FloatArray, Limb, Response
+from palpate.domain import FloatArray, Limb, Response, channel_of, weighed_phases
 from palpate.fit.running import Fit
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
@@ -27,6 +27,7 @@ def fit_result(cases: Sequence[Case], limbs: Mapping[str, Limb]) -> FitResult:
         Every search has ended.
     limbs : mapping of limb name to Limb
     """
+    phases = weighed_phases(case.scenario for case in cases)
     rows: list[dict[str, Any]] = []
     responses: dict[tuple[str, str, str], Response] = {}
     for case in cases:
@@ -36,7 +37,7 @@ def fit_result(cases: Sequence[Case], limbs: Mapping[str, Limb]) -> FitResult:
             continue
         for term in end.problem.terms:
             values = fitted_values(end, term)
-            rows.append(_row(case, end, term, values))
+            rows.append(_row(case, end, term, values, phases))
             responses[case.label, case.scenario.name, term.spot] = _response(term, values)
     traces = [row for case in cases for row in _trace(case)]
     meshes = [row for case in cases for row in _mesh(case, limbs)]
@@ -65,13 +66,16 @@ def fitted_values(end: Fit, term: SpotTerm) -> dict[str, FloatArray]:
     return {name: term.values(simulation, inputs, name) for name in term.measured}
 
 
-def _row(case: Case, end: Fit, term: SpotTerm, values: Mapping[str, FloatArray]) -> dict[str, Any]:
-    nmse = {name: _nmse(term, name, fitted) for name, fitted in values.items()}
+def _row(
+    case: Case, end: Fit, term: SpotTerm, values: Mapping[str, FloatArray], phases: Sequence[str]
+) -> dict[str, Any]:
+    names = [*values, *(name for name in phases if channel_of(name) in values)]
+    nmse = {name: _nmse(term, name, values[channel_of(name)]) for name in names}
     fopt = sum(weight * nmse[name] for name, weight in term.weights.items())
     row: dict[str, Any] = _about(case) | {"spot": term.spot, "fopt": fopt}
     for name, error in nmse.items():
-        curve = term.measured[name]
-        r2 = 1.0 - error / relative_variance(curve, term.rules)
+        curve = term.measured[channel_of(name)]
+        r2 = 1.0 - error / relative_variance(curve, term.rules, name)
         row |= {f"nmse_{name}": error, f"r2_{name}": r2 if np.isfinite(r2) else None}
     searched = case.values()
     row |= {
@@ -95,10 +99,10 @@ def _at_bound(end: Fit) -> Iterator[str]:
             yield name
 
 
-def _nmse(term: SpotTerm, channel: str, fitted: FloatArray) -> float:
+def _nmse(term: SpotTerm, name: str, fitted: FloatArray) -> float:
     covered = np.isfinite(fitted)
-    differences = np.where(covered, fitted - term.measured[channel].ordinate, 0.0)
-    return float(((differences * term.scale(channel, 1.0, covered)) ** 2).sum())
+    differences = np.where(covered, fitted - term.measured[channel_of(name)].ordinate, 0.0)
+    return float(((differences * term.scale(name, 1.0, covered)) ** 2).sum())
 
 
 def _response(term: SpotTerm, values: Mapping[str, FloatArray]) -> Response:

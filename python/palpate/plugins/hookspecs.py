@@ -134,7 +134,7 @@ def palpate_searches() -> "Iterable[type[Search]]":  # type: ignore[empty-body]
 
 @hookspec
 def palpate_scenarios() -> "Iterable[Scenario]":  # type: ignore[empty-body]
-    """Named choices of channels and weights.
+    """Named choices of weights, of channels or of phases such as ``torque/unload``.
 
     A study lists the names of those to rank by under ``[selection]``; one sweep serves all.
     """

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from palpate.domain import weighed_phases
 from palpate.report.report_data import ReportData
 from palpate.report.tables import weighted_channels
 from palpate.stages.identifiability import UNCLEAR
@@ -35,7 +36,7 @@ class Best:
         ``set 12`` of the sweep, or ``fit`` where a search went on from there.
     values : tuple of Value
         In the order of the design's parameters.
-    r2 : mapping of channel name to number or None
+    r2 : mapping of channel or phase to number or None
     """
 
     spot: str
@@ -55,6 +56,7 @@ class Best:
 def best_sets(data: ReportData) -> Iterator[Best]:
     """Best set by spot and scenario: the fitted one, where there is one."""
     fitted = data.fit.of_spots()
+    names = (*data.measured_channels, *weighed_phases(data.study.scenarios))
     fits = {(r["spot"], r["scenario"], r["parameter"]): r for r in data.identifiability.iter_rows(named=True)}
     for row in data.selection.iter_rows(named=True):
         key = row["spot"], row["scenario"]
@@ -68,7 +70,7 @@ def best_sets(data: ReportData) -> Iterator[Best]:
             found=found,
             fopt=best["fopt"],
             values=tuple(_value(best[p.name], fits.get((*key, p.name), {})) for p in data.design.parameters),
-            r2={name: best.get(f"r2_{name}") for name in data.measured_channels},
+            r2={name: best.get(f"r2_{name}") for name in names},
         )
 
 

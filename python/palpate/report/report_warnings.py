@@ -63,8 +63,8 @@ def report_warnings(
     r2 = [
         (f"{best.where}: {channel}", at)
         for best in bests
-        for channel, weight in data.scenario(best.scenario).weights.items()
-        if weight > 0.0 and (at := best.r2.get(channel)) is not None
+        for channel in data.scenario(best.scenario).weighed
+        if (at := best.r2.get(channel)) is not None
     ]
     wrong = [f"{fit} R² {at:.3g}" for fit, at in r2 if at < NO_FIT_R2]
     yield from _listed(f"{len(wrong)} of the best sets do not fit", wrong, CHECK)

@@ -109,11 +109,9 @@ def cross_channel(data: ReportData) -> pl.DataFrame:
 
 
 def weighted_channels(scenario: Scenario) -> str:
-    """Channels that a scenario weights, joined with plus signs; with the weights that are not 1."""
+    """Channels and phases that a scenario weights, joined with plus signs; with weights that are not 1."""
     return " + ".join(
-        channel if weight == 1.0 else f"{weight:g} {channel}"
-        for channel, weight in scenario.weights.items()
-        if weight > 0.0
+        channel if weight == 1.0 else f"{weight:g} {channel}" for channel, weight in scenario.weighed.items()
     )
 
 
@@ -141,7 +139,7 @@ def unfitted_channels(data: ReportData) -> pl.DataFrame:
         )
         for row in table.iter_rows(named=True)
         for channel in (name.removeprefix("nmse_") for name in table.columns if name.startswith("nmse_"))
-        if not data.scenario(row["scenario"]).weights.get(channel) and row[f"nmse_{channel}"] is not None
+        if not data.scenario(row["scenario"]).fits(channel) and row[f"nmse_{channel}"] is not None
     ]
     if not rows:
         return pl.DataFrame()
@@ -153,7 +151,7 @@ def unfitted_channels(data: ReportData) -> pl.DataFrame:
 
 def _least(data: ReportData, table: pl.DataFrame, spot: str, channel: str) -> float | None:
     """Least NMSE of a channel at a spot in the scenarios that fit it; None where none does."""
-    fitting = [s.name for s in data.study.scenarios if s.weights.get(channel)]
+    fitting = [s.name for s in data.study.scenarios if s.fits(channel)]
     rows = table.filter(pl.col("spot") == spot, pl.col("scenario").is_in(fitting))
     return min(rows[f"nmse_{channel}"].drop_nulls().to_list(), default=None)
 

@@ -70,8 +70,8 @@ def _no_fit(data: ReportData, bests: Sequence[Best]) -> str:
     wrong = [
         f"{name} at {spot} (R² {r2:.3g})"
         for spot, row in rows
-        for name, weight in data.generalising.weights.items()
-        if weight > 0.0 and (r2 := row.get(f"r2_{name}")) is not None and r2 < NO_FIT_R2
+        for name in data.generalising.weighed
+        if (r2 := row.get(f"r2_{name}")) is not None and r2 < NO_FIT_R2
     ]
     if not wrong:
         return ""

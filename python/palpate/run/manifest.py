@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
-from palpate.domain import Channel, HomogeneousTests, Indentation, Protocol, ScoringRules
+from palpate.domain import Channel, HomogeneousTests, Indentation, Protocol, ScoringRules, channel_of
 from palpate.executors.answers import plain
 from palpate.plugins.fingerprints import distributions
 from palpate.plugins.guard import answering_for
@@ -30,7 +30,7 @@ _LIBRARIES = ("palpate", "numpy", "scipy", "jax", "polars", "matplotlib")
 
 def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
     """Describe what the numbers of a run depended on."""
-    weighted = {channel for scenario in study.scenarios for channel in scenario.weights}
+    weighted = {channel_of(name) for scenario in study.scenarios for name in scenario.weights}
     return {
         "study": study.name,
         "description": study.description,

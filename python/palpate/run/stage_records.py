@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import polars as pl
 
-from palpate.domain import RegionMaterial
+from palpate.domain import RegionMaterial, weighed_phases
 from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.plugins.interfaces import Component
@@ -167,6 +167,7 @@ def scores_from(study: Study, records: StageRecords, simulations: str) -> dict[s
         "normaliser": fingerprint(rules.normaliser.value),
         "point weighting": fingerprint(rules.point_weighting.value),
         "coverage or partial": fingerprint([rules.minimum_coverage, rules.rank_partial]),
+        "phases": fingerprint(weighed_phases(study.scenarios)),
     }
 
 

@@ -91,8 +91,8 @@ def without_result(
 
 
 def _reason(scores: pl.DataFrame, spot: str, scenario: Scenario) -> str:
-    channels = [channel for channel, weight in scenario.weights.items() if weight > 0.0]
-    reasons = failures(unranked(scores.filter(pl.col("spot") == spot, pl.col("channel").is_in(channels))))
+    in_scenario = pl.col("channel").is_in(list(scenario.weighed))
+    reasons = failures(unranked(scores.filter(pl.col("spot") == spot, in_scenario)))
     if reasons.is_empty():
         return "no simulation was scored"
     status, message, *_ = reasons.row(0)

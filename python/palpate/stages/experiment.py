@@ -13,7 +13,9 @@ from palpate.domain import (
     FloatArray,
     Indentation,
     Response,
+    channel_of,
     moving_span,
+    weighed_phases,
 )
 from palpate.errors import CurveError, PalpateError, StudyError
 from palpate.plugins.guard import answering_for
@@ -79,6 +81,7 @@ def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Pre
     """Read every file of each spot; raises as :func:`load_measured`."""
     every = {spot.spot.name: _load_spot(study, spot, channels) for spot in study.spots}
     _check_parametrisation(study, every)
+    _check_phases(study, every, channels)
     return _checked_weights(study, every)
 
 
@@ -233,11 +236,23 @@ def _check_parametrisation(study: Study, every: Mapping[str, Presses]) -> None:
         raise StudyError(f"{study.file.name}: {'.'.join(('fit.searched', *key))}: {reason}")
 
 
+def _check_phases(study: Study, every: Mapping[str, Presses], channels: Mapping[str, Channel]) -> None:
+    """Refuse phases of a compression: its stretch is 1 at rest, and phases go by the distance from 0."""
+    for name in weighed_phases(study.scenarios):
+        channel = channel_of(name)
+        curves = [curve for presses in every.values() for curve in presses.curves(channel).values()]
+        if channels[channel].abscissa == "stretch" and any(curve.abscissa.min() < 1.0 for curve in curves):
+            raise CurveError(
+                f"{study.file.name}: a scenario weighs '{name}', but the stretch of '{channel}' is below 1, "
+                "where it falls under load; weigh the whole channel"
+            )
+
+
 def _checked_weights(study: Study, every: Mapping[str, Presses]) -> dict[str, Presses]:
     """Refuse a channel that a scenario weights and no spot measures; warn where one spot does not."""
     checked = dict(every)
     for scenario in study.scenarios:
-        weighted = [channel for channel, weight in scenario.weights.items() if weight > 0.0]
+        weighted = list(dict.fromkeys(map(channel_of, scenario.weighed)))
         for channel in weighted:
             without = [spot for spot, presses in every.items() if channel not in presses.channels]
             if len(without) == len(every):

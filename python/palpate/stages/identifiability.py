@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from palpate import _core
-from palpate.domain import Design, FloatArray, IntArray, Parameter, Response, Scenario, Simulation
+from palpate.domain import Design, FloatArray, IntArray, Parameter, Response, Scenario, Simulation, channel_of
 from palpate.run.result import ALL_SPOTS, FitResult
 from palpate.stages.scoring import compare, point_weights, residual_scale
 from palpate.stages.selection import objectives
@@ -192,8 +192,8 @@ class _Curves:
         weighted = [
             (spot, name, weight)
             for spot in spots
-            for name, weight in scenario.weights.items()
-            if weight > 0.0 and name in self.measured[spot].curves
+            for name, weight in scenario.weighed.items()
+            if channel_of(name) in self.measured[spot].curves
         ]
         parts = [self._residuals(*each, sets) for each in weighted]
         spread = sum(self._spread(spot, name) * weight for spot, name, weight in weighted)
@@ -209,21 +209,22 @@ class _Curves:
             is_fitted=is_fitted,
         )
 
-    def _spread(self, spot: str, channel: str) -> float:
+    def _spread(self, spot: str, name: str) -> float:
         """NMSE between curves that are one measured standard deviation apart."""
-        curve = self.measured[spot][channel]
+        curve = self.measured[spot][channel_of(name)]
         if curve.std is None:
             return 0.0
         rules = self.study.scoring
-        squares = float(np.average(curve.std**2, weights=point_weights(curve, rules.point_weighting)))
+        squares = float(np.average(curve.std**2, weights=point_weights(curve, rules.point_weighting, name)))
         return squares / float(_core.normaliser(curve.ordinate, rules.normaliser.value)) ** 2
 
-    def _residuals(self, spot: str, channel: str, weight: float, sets: IntArray) -> FloatArray:
-        """Residuals (n_sets, n_points) of one channel at one spot."""
+    def _residuals(self, spot: str, name: str, weight: float, sets: IntArray) -> FloatArray:
+        """Residuals (n_sets, n_points) of one channel, or phase, at one spot."""
+        channel = channel_of(name)
         curve, values = self.measured[spot][channel], self.swept[spot, channel][sets]
         # A point that hardly any set reaches is left out.
-        reached = np.isfinite(values).mean(axis=0) > 0.5
-        scale = residual_scale(curve, self.study.scoring, weight, reached)
+        reached = (np.isfinite(values).mean(axis=0) > 0.5) & curve.counted(name)
+        scale = residual_scale(curve, self.study.scoring, name, weight, reached)
         residuals: FloatArray = (values - curve.ordinate)[:, reached] * scale[reached]
         return residuals
 
@@ -327,9 +328,10 @@ class _Case:
 
 
 def _disagreement(a: _Case, b: _Case) -> Iterator[dict[str, Any]]:
-    """Rows on two fits at a spot that have no channel in common, where no set is about as good in both."""
-    channels = [[name for name, weight in case.scenario.weights.items() if weight > 0.0] for case in (a, b)]
-    if a.spot != b.spot or set(channels[0]) & set(channels[1]) or not (a.is_usable and b.is_usable):
+    """Rows on two fits at a spot that have no point in common, where no set is about as good in both."""
+    channels = [list(case.scenario.weighed) for case in (a, b)]
+    is_shared = any(map(a.scenario.fits, channels[1])) or any(map(b.scenario.fits, channels[0]))
+    if a.spot != b.spot or is_shared or not (a.is_usable and b.is_usable):
         return
     fits = [case.fit for case in (a, b) if case.fit is not None]
     first, second = (fit.beyond() for fit in fits)

@@ -1,7 +1,8 @@
 """How far each simulated curve is from the measured one.
 
 NMSE of a channel = Σ w (sim − exp)² / (Σ w · normaliser²), with equal weights or with
-w = 1/std² of each measured point. Simulated curves are interpolated onto the measured
+w = 1/std² of each measured point; that of a phase is over its points, with the normaliser of
+the whole curve. Simulated curves are interpolated onto the measured
 abscissae branch by branch, because a twist is a path and not a function of the angle.
 """
 
@@ -20,9 +21,12 @@ from palpate.domain import (
     PointWeighting,
     RecordedSimulation,
     Response,
+    Scenario,
     ScoringRules,
     Simulation,
     Status,
+    channel_of,
+    weighed_phases,
 )
 from palpate.errors import CurveError, ScoringError
 
@@ -49,14 +53,33 @@ Otherwise one point with almost no std would outweigh all the others.
 """
 
 
-def point_weights(curve: Curve, weighting: PointWeighting) -> FloatArray | None:
+def point_weights(curve: Curve, weighting: PointWeighting, name: str) -> FloatArray | None:
     """Weight of each measured point: (n,), or None if all are equal.
+
+    Parameters
+    ----------
+    curve : Curve
+    weighting : PointWeighting
+    name : str
+        What has the weight: the channel, or a phase such as ``torque/unload``, of which the other points
+        weigh nothing.
 
     Raises
     ------
     ScoringError
-        The curve has no standard deviation, or only zeros, to weigh by.
+        The curve has no standard deviation, or only zeros, to weigh by; or no point in the phase.
     """
+    counted = curve.counted(name)
+    if not counted.any():
+        raise ScoringError("no measured point is in this phase; weigh the channel, or its other phase")
+    weights = _point_weights(curve, weighting)
+    if weights is None:
+        return None if counted.all() else counted.astype(np.float64)
+    return weights * counted
+
+
+def _point_weights(curve: Curve, weighting: PointWeighting) -> FloatArray | None:
+    """Weight of each point (n,) of a whole curve."""
     if weighting is PointWeighting.EQUAL:
         return None
     if curve.std is None:
@@ -70,16 +93,20 @@ def point_weights(curve: Curve, weighting: PointWeighting) -> FloatArray | None:
     return 1.0 / np.maximum(curve.std / scale, LEAST_STD_SHARE) ** 2
 
 
-def residual_scale(curve: Curve, rules: ScoringRules, weight: float, used: BoolArray) -> FloatArray:
+def residual_scale(
+    curve: Curve, rules: ScoringRules, name: str, weight: float, used: BoolArray
+) -> FloatArray:
     """Factors (n,) on sim − exp at the points ``used`` (n,), so that the squares sum to weight · NMSE."""
-    points = point_weights(curve, rules.point_weighting)
+    points = point_weights(curve, rules.point_weighting, name)
     points = np.ones(used.size) if points is None else points
     normaliser = _core.normaliser(curve.ordinate, rules.normaliser.value)
     scale: FloatArray = np.sqrt(weight * points / points[used].sum()) / normaliser
     return scale
 
 
-def check_scorable(measured: Mapping[str, Response], rules: ScoringRules) -> None:
+def check_scorable(
+    measured: Mapping[str, Response], rules: ScoringRules, scenarios: Sequence[Scenario] = ()
+) -> None:
     """Refuse, before anything is simulated, a measured curve that cannot be normalised or weighed.
 
     Raises
@@ -88,16 +115,25 @@ def check_scorable(measured: Mapping[str, Response], rules: ScoringRules) -> Non
         Naming spot, channel and normaliser.
     """
     for spot, response in measured.items():
-        for name, curve in response.curves.items():
+        for name, curve in _curves(response, scenarios).items():
             try:
-                weights = point_weights(curve, rules.point_weighting)
+                weights = point_weights(curve, rules.point_weighting, name)
                 _core.nmse(curve.ordinate, curve.ordinate, rules.normaliser.value, weights)
             except ScoringError as error:
                 raise ScoringError(f"spot '{spot}', channel '{name}': {error}") from error
 
 
+def _curves(response: Response, scenarios: Sequence[Scenario]) -> dict[str, Curve]:
+    """Measured curve of each channel, and of each phase that a scenario weighs."""
+    phases = {name: response.curves.get(channel_of(name)) for name in weighed_phases(scenarios)}
+    return {**response.curves, **{name: curve for name, curve in phases.items() if curve is not None}}
+
+
 def score(
-    simulations: Iterable[Scorable], measured: Mapping[str, Response], rules: ScoringRules
+    simulations: Iterable[Scorable],
+    measured: Mapping[str, Response],
+    rules: ScoringRules,
+    scenarios: Sequence[Scenario] = (),
 ) -> pl.DataFrame:
     """Score every simulation in every measured channel.
 
@@ -106,11 +142,13 @@ def score(
     simulations : iterable of Simulation or RecordedSimulation
     measured : mapping of spot name to Response
     rules : ScoringRules
+    scenarios : sequence of Scenario
+        The phases that they weigh are scored too, under names such as ``torque/unload``.
 
     Returns
     -------
     DataFrame
-        Columns as in ``SCHEMA``, one row per simulation and measured channel, ordered by
+        Columns as in ``SCHEMA``, one row per simulation and measured channel, or phase, ordered by
         spot as measured, then set_id, then channel. ``nmse`` is null unless the status is
         one that ``rules`` rank, and the coverage enough. ``r2`` is the
         coefficient of determination, with the same weights.
@@ -120,26 +158,27 @@ def score(
     ScoringError
         A degenerate normaliser, or no standard deviation to weigh by.
     """
-    check_scorable(measured, rules)
+    check_scorable(measured, rules, scenarios)
     by_spot: dict[str, list[Scorable]] = {spot: [] for spot in measured}
     for simulation in simulations:
         by_spot[simulation.id.spot].append(simulation)
     rows: list[dict[str, object]] = []
     for spot, of_spot in by_spot.items():
         of_spot.sort(key=lambda s: s.id.set_id)
-        columns = [_score_channel(of_spot, curve, rules) for curve in measured[spot].curves.values()]
+        named = _curves(measured[spot], scenarios).items()
+        columns = [_score_channel(of_spot, name, curve, rules) for name, curve in named]
         rows += [row for of_set in zip(*columns, strict=True) for row in of_set]
     return pl.DataFrame(rows, schema=SCHEMA)
 
 
 def _score_channel(
-    simulations: Sequence[Scorable], measured: Curve, rules: ScoringRules
+    simulations: Sequence[Scorable], name: str, measured: Curve, rules: ScoringRules
 ) -> list[dict[str, object]]:
-    weights = point_weights(measured, rules.point_weighting)
-    variance = relative_variance(measured, rules)
+    weights = point_weights(measured, rules.point_weighting, name)
+    variance = relative_variance(measured, rules, name)
     scored = _scored(simulations, measured, rules.normaliser, weights)
     return [
-        _row(s, measured.channel, score, 1.0 - score.nmse / variance, rules)
+        _row(s, name, score, 1.0 - score.nmse / variance, rules)
         for s, score in zip(simulations, scored, strict=True)
     ]
 
@@ -215,14 +254,14 @@ def _unreadable(simulation: Scorable, message: str) -> tuple[Status, str]:
     return status, simulation.message or message
 
 
-def relative_variance(measured: Curve, rules: ScoringRules) -> float:
+def relative_variance(measured: Curve, rules: ScoringRules, name: str) -> float:
     """Σw(exp − mean)²/Σw over normaliser², which is NMSE/(1 − R²); NaN for a flat measured curve."""
     ordinate, normaliser = measured.ordinate, rules.normaliser
     try:
-        _core.normaliser(ordinate, Normaliser.STD.value)
+        _core.normaliser(ordinate[measured.counted(name)], Normaliser.STD.value)
     except ScoringError:
         return np.nan
-    weights = point_weights(measured, rules.point_weighting)
+    weights = point_weights(measured, rules.point_weighting, name)
     mean = np.average(ordinate, weights=weights)
     variance = float(np.average((ordinate - mean) ** 2, weights=weights))
     return variance / _core.normaliser(ordinate, normaliser.value) ** 2

@@ -1,7 +1,7 @@
 """Least Fopt by spot and scenario.
 
-Fopt = Σ weight · NMSE over the channels that a scenario weights: scenario I sums
-force and torque, II takes torque alone, III force alone. One sweep serves all.
+Fopt = Σ weight · NMSE over the channels, or phases of them, that a scenario weights: scenario I
+sums force and torque, II takes torque alone, III force alone. One sweep serves all.
 """
 
 from collections.abc import Mapping, Sequence
@@ -79,16 +79,16 @@ _MEASURED = "_measured"
 
 
 def _objective(wide: pl.DataFrame, scenario: Scenario) -> pl.DataFrame:
-    weighted = {channel: weight for channel, weight in scenario.weights.items() if weight > 0.0}
-    for channel in weighted:
+    for channel in scenario.weighed:
         if f"nmse_{channel}" not in wide.columns:
             raise ScoringError(
                 f"scenario '{scenario.name}' weights channel '{channel}', which has no scores; "
                 "score it or leave the scenario out"
             )
-    has = {channel: pl.col(_MEASURED).list.contains(channel) for channel in weighted}
+    has = {channel: pl.col(_MEASURED).list.contains(channel) for channel in scenario.weighed}
     parts = (
-        pl.when(has[c]).then(pl.col(f"nmse_{c}") * weight).otherwise(0.0) for c, weight in weighted.items()
+        pl.when(has[c]).then(pl.col(f"nmse_{c}") * weight).otherwise(0.0)
+        for c, weight in scenario.weighed.items()
     )
     rest = [name for name in wide.columns if name not in ("spot", "set_id", _MEASURED)]
     return (
@@ -106,8 +106,7 @@ def _objective(wide: pl.DataFrame, scenario: Scenario) -> pl.DataFrame:
 
 def weighed_spots(scores: pl.DataFrame, scenario: Scenario, spots: Sequence[str]) -> list[str]:
     """Spots without those that measure no channel that a scenario weights."""
-    weighted = [channel for channel, weight in scenario.weights.items() if weight > 0.0]
-    has = scores.group_by("spot").agg(pl.col("channel").is_in(weighted).any())
+    has = scores.group_by("spot").agg(pl.col("channel").is_in(list(scenario.weighed)).any())
     without = set(has.filter(~pl.col("channel"))["spot"])
     return [spot for spot in spots if spot not in without]
 

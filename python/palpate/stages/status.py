@@ -104,15 +104,18 @@ class Watcher:
             }
             found = ledger.recorded(ids)
             of_spot_measured = {str(spot[0]): measured[str(spot[0])]}
-            self._scores.append(scoring.score(found.values(), of_spot_measured, rules))
+            self._scores.append(scoring.score(found.values(), of_spot_measured, rules, _scenarios(manifest)))
         self._scored.update(new["key"])
 
     def _best(self, manifest: Mapping[str, Any]) -> pl.DataFrame:
-        scenarios = [Scenario(name=name, weights=weights) for name, weights in manifest["scenarios"].items()]
         if not self._scores:
             return pl.DataFrame()
-        candidates = selection.objectives(pl.concat(self._scores), scenarios)
+        candidates = selection.objectives(pl.concat(self._scores), _scenarios(manifest))
         return selection.least_fopt(candidates).select("spot", "scenario", "set_id", "fopt")
+
+
+def _scenarios(manifest: Mapping[str, Any]) -> list[Scenario]:
+    return [Scenario(name=name, weights=weights) for name, weights in manifest["scenarios"].items()]
 
 
 def failures(rows: pl.DataFrame) -> pl.DataFrame:

@@ -149,7 +149,9 @@ class _Winner:
         return pl.concat([pl.DataFrame([head]), *end, pl.DataFrame([values])], how="horizontal")
 
     def _scored(self, simulation: Simulation) -> pl.DataFrame:
-        return objectives(score([simulation], self.measured, self.study.scoring), [self.scenario])
+        return objectives(
+            score([simulation], self.measured, self.study.scoring, [self.scenario]), [self.scenario]
+        )
 
     def _message(self, expected: pl.DataFrame, kept: pl.DataFrame, simulation: Simulation) -> str:
         if kept.is_empty():
@@ -192,7 +194,8 @@ def scaled_sets(parameters: Sequence[Parameter], values: FloatArray, scale: Floa
 
 
 def _fopts(study: Study, simulations: Iterable[Simulation], measured: Mapping[str, Response]) -> pl.DataFrame:
-    return objectives(score(simulations, measured, study.scoring), study.scenarios).select(*_KEYS, "fopt")
+    scores = score(simulations, measured, study.scoring, study.scenarios)
+    return objectives(scores, study.scenarios).select(*_KEYS, "fopt")
 
 
 def _scaled(study: Study, simulations: Iterable[Simulation], scale: float) -> Iterator[Simulation]:

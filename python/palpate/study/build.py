@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from palpate.domain import ParameterSpace, Scenario
+from palpate.domain import ParameterSpace, Scenario, channel_of
 from palpate.errors import PalpateError
 from palpate.plugins.catalogue import Catalogue, Plugins
 from palpate.plugins.execution import Executor
@@ -177,9 +177,12 @@ def _own_scenario(
     if table.name in known:
         context.problems.add((*key, "name"), f"a scenario '{table.name}' already exists; choose another name")
         return None
-    for channel in table.weights:
-        with context.problems.at(*key, "weights", channel):
-            context.plugins.channels[channel]
+    known_channels = []
+    for name in table.weights:
+        with context.problems.at(*key, "weights", name):
+            known_channels.append(context.plugins.channels[channel_of(name)])
+    if len(known_channels) < len(table.weights):
+        return None
     with context.problems.at(*key, "weights"):
         return Scenario(name=table.name, weights=table.weights, description=table.description)
     return None
@@ -192,7 +195,7 @@ def _check_channels(
     found = set().union(*measured.values())
     if not measured or not found <= set(context.plugins.channels):
         return  # a file of several channels, or a mistake in the spots that is reported already
-    missing = [c for c, weight in scenario.weights.items() if weight and c not in found]
+    missing = [c for c in map(channel_of, scenario.weighed) if c not in found]
     if missing:
         context.problems.add(
             key,
@@ -241,7 +244,7 @@ def check_solver_channels(
     """Refuse a scenario of a channel that the solver declares not to compute."""
     computed = solver.channels or ()
     for scenario in scenarios if computed else ():
-        missing = [c for c, weight in scenario.weights.items() if weight and c not in computed]
+        missing = [c for c in map(channel_of, scenario.weighed) if c not in computed]
         if missing:
             context.problems.add(
                 ("selection", "scenarios", selection.scenarios.index(scenario.name)),

@@ -351,7 +351,9 @@ class ScenarioTable(Table):
     """A scenario of this study."""
 
     name: str = Field(min_length=1, max_length=100, description="Name of the scenario.")
-    weights: dict[str, float] = Field(description="Weight of each channel's NMSE in Fopt.")
+    weights: dict[str, float] = Field(
+        description='Weight in Fopt of the NMSE of each channel, or phase such as "torque/unload".'
+    )
     description: str = Field(default="", description="What the scenario is for.")
 
 

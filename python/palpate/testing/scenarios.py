@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 import pytest
 
-from palpate.domain import Scenario
+from palpate.domain import Scenario, channel_of
 from palpate.testing.components import missing
 
 
@@ -28,7 +28,7 @@ class ScenarioContract:
         assert scenario.description.strip(), f"scenario '{scenario.name}' needs a description"
 
     def test_weighs_channels_that_exist(self, scenario: Scenario, channels: Collection[str]) -> None:
-        unknown = sorted(set(scenario.weights) - set(channels))
+        unknown = sorted(set(map(channel_of, scenario.weights)) - set(channels))
         assert not unknown, (
             f"scenario '{scenario.name}' weighs {', '.join(unknown)}, which no plugin declares "
             f"(known: {', '.join(sorted(channels))}); correct the name, or declare the channel"

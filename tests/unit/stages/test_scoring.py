@@ -51,7 +51,7 @@ def test_a_point_is_weighted_by_its_standard_deviation():
 
 
 def test_no_point_counts_beyond_measure():
-    weights = point_weights(unsure([0.0, 1.0, 1.0])["p1"]["force"], PointWeighting.STD)
+    weights = point_weights(unsure([0.0, 1.0, 1.0])["p1"]["force"], PointWeighting.STD, "force")
     floor = LEAST_STD_SHARE * np.sqrt(2 / 3)
     np.testing.assert_allclose(weights / weights[1], [1 / floor**2, 1.0, 1.0], rtol=1e-12)
 

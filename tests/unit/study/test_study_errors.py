@@ -410,6 +410,13 @@ CASES = {
         "scenario[0].weights.pul",
         "did you mean 'pull'",
     ),
+    "scenario phase": (
+        "[truth]",
+        '[[scenario]]\nname = "x"\nweights = { "pull/up" = 1.0 }\n[truth]',
+        "pull/up",
+        "scenario[0].weights.pull/up",
+        "unknown phase 'up' of a channel (known: load, unload)",
+    ),
     "scenario weights": (
         "[truth]",
         '[[scenario]]\nname = "x"\nweights = { pull = -1.0 }\n[truth]',
