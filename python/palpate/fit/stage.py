@@ -118,7 +118,7 @@ class FitStage:
 
     def _weighed_spots(self, scenario: Scenario) -> tuple[str, ...]:
         """Spots that measure a channel of a scenario."""
-        weighted = {channel for channel, weight in scenario.weights.items() if weight > 0.0}
+        weighted = set(map(channel_of, scenario.weighed))
         return tuple(spot for spot in self.study.spot_names if weighted & self.measured[spot].curves.keys())
 
     # ------------------------------------------------------------------ searching
