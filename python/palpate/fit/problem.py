@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray, Job, Parameter, Simulation
+from palpate.domain import BoolArray, FloatArray, Job, Parameter, Simulation
 from palpate.errors import PalpateError
 from palpate.fit.box import Box
 from palpate.fit.spot_term import (
@@ -175,6 +175,19 @@ class Problem:
         with answering_for(self.parametrisation, "asking where to start"):
             return self.parametrisation.start({term.spot: term.protocol for term in self.terms})
 
+    def accepts(self, points: FloatArray) -> BoolArray:
+        """Which points (n, n_parameters) materials and filters accept at every spot; nothing is simulated."""
+        accepted = np.ones(len(points), dtype=np.bool_)
+        for term in self.terms:
+            rows = np.full((len(points), sum(len(r.searched) for r in self.study.space.regions)), np.nan)
+            for i, point in enumerate(points):
+                try:
+                    rows[i] = self._row(self._inputs(term, point))
+                except PalpateError:
+                    accepted[i] = False
+            accepted[accepted] = accepted_by_all(self.study.filters, self.study.space, rows[accepted])
+        return accepted
+
     def simulated(self, term: SpotTerm, inputs: SpotInputs) -> Simulation:
         """Simulate these inputs, with slopes if the solver gives them, as a search has them."""
         slopes = self.study.solver.gives_slopes
@@ -191,7 +204,7 @@ class Problem:
         try:
             for term in self.terms:
                 plan.inputs[term.spot] = self._inputs(term, trial.point)
-                self._check(term, plan.inputs[term.spot])
+                self._check(plan.inputs[term.spot])
             exact = self.study.solver.gives_slopes and trial.slopes
             for term in self.terms:
                 base = plan.inputs[term.spot]
@@ -207,8 +220,15 @@ class Problem:
         jobs.append(term.job(inputs, -1 - len(jobs), slopes=slopes, fine=self.fine))
         return len(jobs) - 1
 
-    def _check(self, term: SpotTerm, inputs: SpotInputs) -> None:
+    def _check(self, inputs: SpotInputs) -> None:
         """Refuse what a material or a filter of the study refuses."""
+        row = self._row(inputs)
+        for keep in self.study.filters:
+            if not accepted_by_all([keep], self.study.space, row[None])[0]:
+                raise NotRankedError(f"filter '{keep.name}' refuses it: {keep.reason(self.study.space, row)}")
+
+    def _row(self, inputs: SpotInputs) -> FloatArray:
+        """Searched values (n_searched,) of the regions as filters take them, if no material refuses them."""
         row = []
         for region in self.study.space.regions:
             theta = inputs.thetas[region.region]
@@ -216,11 +236,7 @@ class Problem:
             written = region.material.from_textbook(theta, region.convention)
             by_name = {p.name: v for p, v in zip(region.material.parameters, written, strict=True)}
             row += [by_name[p.name] for p in region.searched]
-        for keep in self.study.filters:
-            if not accepted_by_all([keep], self.study.space, np.array([row]))[0]:
-                raise NotRankedError(
-                    f"filter '{keep.name}' refuses it: {keep.reason(self.study.space, np.array(row))}"
-                )
+        return np.array(row)
 
     def _shifts(
         self, term: SpotTerm, base: SpotInputs, point: FloatArray, i: int, jobs: list[Job]

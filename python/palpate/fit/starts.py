@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import polars as pl
+from scipy.stats import qmc
 
 from palpate.domain import Design, FloatArray
 from palpate.fit.box import Box
@@ -63,11 +64,31 @@ def point_of(problem: Problem, known: Mapping[str, float]) -> FloatArray:
     return point
 
 
+def accepted_start(problem: Problem, start: FloatArray) -> FloatArray:
+    """Move a start that a filter refuses into the middle of what the filters accept.
+
+    That is the accepted point nearest to the mean of all accepted ones, among points that cover the
+    ranges of the materials' parameters. What else is searched stays where it is.
+    """
+    if problem.accepts(start[None])[0]:
+        return start
+    of_materials = {p.name for p in problem.study.space.parameters}
+    moved = np.array([name.partition("@")[0] in of_materials for name in problem.names])
+    points = np.tile(start, (1024, 1))
+    points[:, moved] = qmc.Sobol(int(moved.sum()), scramble=False).random(1024)
+    accepted = points[problem.accepts(points)]
+    if not len(accepted):
+        return start
+    nearest: FloatArray = accepted[np.argmin(np.linalg.norm(accepted - accepted.mean(axis=0), axis=1))]
+    return nearest
+
+
 def scaled_start(problem: Problem, start: FloatArray) -> FloatArray:
     """Multiply all moduli so that the curves at a start fit best: they are in proportion to them.
 
     Where a modulus is fixed or a bound in the way, the start is only nearer to the measured curves.
     """
+    start = accepted_start(problem, start)
     (found,) = problem.evaluate([Trial(point=start)])
     if found.residuals is None:
         return start

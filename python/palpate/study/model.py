@@ -437,7 +437,7 @@ def json_schema(settings: Mapping[str, Mapping[str, type[BaseModel]]] | None = N
             own = model.model_json_schema(ref_template=f"#/$defs/{kind}.{name}.{{model}}")
             schema["$defs"] |= {f"{kind}.{name}.{k}": each for k, each in own.pop("$defs", {}).items()}
             own.pop("required", None)  # a spot may give what [experiment] leaves out
-            named = {"properties": {key: {"const": name}}}
+            named: dict[str, Any] = {"properties": {key: {"const": name}}}
             if table.model_fields[key].default != name:
                 named["required"] = [key]
             choices.append({"if": named, "then": {"properties": {settings_key: own}}})

@@ -127,7 +127,7 @@ class Rehearsal:
         """Share of what there was to gain at the start that is still to gain at the best point."""
         found = lsq_linear(self.matrix, self.matrix @ self.least, bounds=(0.0, 1.0), tol=1e-14)
         least, start = 2.0 * found.cost + LEFT_OVER**2, self.residuals(self.start)
-        return (min(self.objectives) - least) / (float(start @ start) - least)
+        return float((min(self.objectives) - least) / (start @ start - least))
 
 
 def _valley() -> tuple[FloatArray, FloatArray]:

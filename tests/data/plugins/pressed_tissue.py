@@ -1,0 +1,184 @@
+"""Force and torque of any isotropic material at the strains under a sphere, in a millisecond and with slopes.
+
+Not a simulation: the tissue is a few strips that a depth compresses and a rotation shears, each by its own
+share, and W(depth, rotation) is the sum of their energies. Force and torque are its derivatives. So the
+answers depend on the material's parameters much as those of a finite element solver do.
+"""
+
+import functools
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pydantic import Field
+
+from palpate import Curve, Indentation, Job, Limb, Response, Settings, Simulation, Solver, Status
+from palpate.domain import ParameterSpace, RegionMaterial, Scenario, Sphere, Spot
+from palpate.executors import InProcess
+from palpate.fit.least_squares import LeastSquares
+from palpate.fit.parametrisation import StandardParametrisation
+from palpate.plugins.interfaces import ExperimentLoader
+from palpate.stages.samplers import LatinHypercube
+from palpate.study.reading import Study, StudySpot
+
+DEPTHS = np.linspace(0.5, 10.0, 20)
+ANGLES = np.concatenate(
+    [np.linspace(0, -22.5, 11), np.linspace(-22.5, 22.5, 21)[1:], np.linspace(22.5, 0, 11)[1:]]
+)
+COMPRESSED = np.array([0.01, 0.02, 0.035, 0.055])  # logarithmic strain of each strip per mm
+SHEARED = np.array([0.3, 0.6, 0.9, 1.2])  # shear of each strip per radian
+VOLUMES_MM3 = np.array([4000.0, 2000.0, 1000.0, 500.0])
+CONFINED = 0.45  # lateral over axial strain: some volume is lost
+SCENARIO = Scenario(name="I", weights={"force": 1.0, "torque": 1.0})
+
+
+@functools.cache
+def _answers(material):
+    """Function of theta to force (20,) and torque (41,), and the same with derivatives."""
+
+    def energy(depth, rotation, theta):
+        log = -COMPRESSED * depth[:, None]
+        axial, lateral = jnp.exp(log), jnp.exp(-CONFINED * log)
+        shear = SHEARED * rotation[:, None]
+        mean = (lateral**2 + axial**2 + shear**2) / 2.0
+        root = jnp.sqrt(mean**2 - (axial * lateral) ** 2)
+        squares = jnp.stack([mean + root, mean - root, lateral**2], axis=-1)
+        return (VOLUMES_MM3 * material.energy(jnp.sqrt(squares), theta)).sum()
+
+    def both(theta):
+        still = jnp.zeros(DEPTHS.size)
+        pressed = jnp.full(ANGLES.size, DEPTHS[-1])
+        force = jax.grad(energy)(jnp.asarray(DEPTHS), still + 1e-6, theta)
+        torque = jax.grad(energy, argnums=1)(pressed, jnp.asarray(np.radians(ANGLES)), theta)
+        return force, torque
+
+    return jax.jit(both), jax.jit(jax.jacfwd(both))
+
+
+class PressedSettings(Settings):
+    exact: bool = Field(default=True, description="Whether slopes are given.")
+    stiffer: float = Field(default=0.0, description="Relative error of the coarse mesh.")
+
+
+class Pressed(Solver[PressedSettings]):
+    name, summary, needs_limb, accuracy = "pressed", "strips of tissue", False, 1e-4
+
+    @property
+    def gives_slopes(self):
+        return self.settings.exact
+
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        ((region, material),) = job.materials.items()
+        curves, derivatives = _answers(material)
+        theta = job.thetas[region]
+        slopes = derivatives(theta) if job.slopes else None
+        found = {}
+        parts = zip(("force", "torque"), (DEPTHS, ANGLES), curves(theta), strict=True)
+        for i, (name, x, y) in enumerate(parts):
+            # A coarse mesh is stiffer, and the more so the larger its strains are.
+            factor = 1.0 + (0.0 if job.fine else self.settings.stiffer) * (
+                1.0 + (np.abs(x) / np.abs(x).max())
+            )
+            by_name = {
+                f"{region}.{p.name}": factor * np.asarray(slopes[i][:, k])
+                for k, p in enumerate(material.parameters)
+            } if slopes else {}  # fmt: skip
+            by_name |= {"friction": np.zeros(x.size)} if slopes else {}
+            found[name] = Curve(channel=name, abscissa=x, ordinate=factor * np.asarray(y), slopes=by_name)
+        return Simulation(job=job, status=Status.OK, response=Response(curves=found), seconds=1e-3)
+
+
+class NoFiles(ExperimentLoader):
+    name, summary = "no_files", "curves that are in memory"
+
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        raise AssertionError(path)
+
+
+@dataclass
+class Here:
+    """Simulates in this process, each job once, and counts."""
+
+    solver: Solver
+    limbs: dict[str, Limb] = field(default_factory=dict)
+    n_coarse: int = 0
+    n_fine: int = 0
+    known: dict = field(default_factory=dict)
+
+    def of(self, jobs: Sequence[Job]) -> list[Simulation]:
+        return [replace(self._of(job), job=job) for job in jobs]
+
+    def _of(self, job: Job) -> Simulation:
+        key = (job.spot, *(theta.tobytes() for theta in job.thetas.values()), job.slopes, job.fine)
+        if key not in self.known:
+            self.known[key] = self.solver.simulate(job, None)
+            self.n_fine += job.fine
+            self.n_coarse += not job.fine
+        return self.known[key]
+
+
+def study_of(material, searched, filters=(), solver=None, spots=("p1",), **changes) -> Study:
+    """A study of one region; parameters that are not searched are in the middle of their ranges."""
+    fixed = {p.name: (p.lower + p.upper) / 2.0 for p in material.parameters if p.name not in searched}
+    region = RegionMaterial(
+        region="tissue",
+        material=material,
+        searched=tuple(p for p in material.parameters if p.name in searched),
+        fixed=fixed,
+    )
+    study = Study(
+        name="pressed",
+        description="strips of tissue",
+        file=Path(tempfile.gettempdir()) / "study.toml",
+        data="simulated",
+        spots=tuple(StudySpot(spot=Spot(name=name), measured={}, mesh=None) for name in spots),
+        loader=NoFiles(),
+        limb_source=None,
+        protocol=Indentation(
+            indenter=Sphere(radius_mm=7.5),
+            path=[(0, 0), (10, 0), (10, -22.5), (10, 22.5), (10, 0)],
+            friction=1.0,
+        ),
+        space=ParameterSpace(regions=(region,)),
+        sampler=LatinHypercube(),
+        n_sets=0,
+        seed=1,
+        filters=tuple(filters),
+        solver=solver or Pressed(),
+        scenarios=(SCENARIO,),
+        generalise_by="I",
+        search=LeastSquares(),
+        parametrisation=StandardParametrisation(),
+        truth={},
+        n_workers=1,
+        time_limit_s=60.0,
+        plugin_files=(),
+        executor=InProcess(),
+    )
+    return replace(study, **changes)
+
+
+def measured_at(study, row, noise=0.0, seed=1, *, fine=False) -> Response:
+    """Curves of a set (n_searched,) with noise, relative to the largest ordinate of each."""
+    region = study.space.regions[0]
+    job = Job(
+        spot="p1",
+        set_id=0,
+        materials={region.region: region.material},
+        thetas=study.space.thetas(np.asarray(row)),
+        protocol=study.protocol,
+        fine=fine,
+    )
+    rng = np.random.default_rng(seed)
+    response = study.solver.simulate(job, None).response
+    curves = {
+        name: replace(
+            c, ordinate=c.ordinate + noise * np.abs(c.ordinate).max() * rng.normal(size=c.ordinate.size)
+        )
+        for name, c in response.curves.items()
+    }
+    return Response(curves=curves)
