@@ -19,10 +19,12 @@ from pydantic import Field
 from palpate import Curve, Indentation, Job, Limb, Response, Settings, Simulation, Solver, Status
 from palpate.domain import ParameterSpace, RegionMaterial, Scenario, Sphere, Spot
 from palpate.executors import InProcess
+from palpate.fit.box import Box
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.stages.samplers import LatinHypercube
+from palpate.stages.sampling import accepted_by_all
 from palpate.study.reading import Study, StudySpot
 
 DEPTHS = np.linspace(0.5, 10.0, 20)
@@ -160,6 +162,16 @@ def study_of(material, searched, filters=(), solver=None, spots=("p1",), **chang
         executor=InProcess(),
     )
     return replace(study, **changes)
+
+
+def truths(study, n, seed):
+    """Draw sets (n_searched,) that the filters accept, not at a bound, moduli in logarithms."""
+    box, rng = Box(study.space.parameters), np.random.default_rng(seed)
+    while n:
+        row = box.values(rng.uniform(0.03, 0.97, len(box.names)))
+        if accepted_by_all(study.filters, study.space, row[None])[0]:
+            n -= 1
+            yield row
 
 
 def measured_at(study, row, noise=0.0, seed=1, *, fine=False) -> Response:

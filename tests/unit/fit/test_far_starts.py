@@ -1,0 +1,46 @@
+"""From the middle of the paper's ranges, without a sweep, the fit ends in the basin of the truth.
+
+The benchmark ``bench_search.py`` does the same for 40 truths of each material.
+"""
+
+import numpy as np
+import pytest
+
+from palpate.fit.starts import accepted_start
+from palpate_materials.neo_hookean import NeoHookean
+from palpate_materials.ogden import Ogden
+from palpate_materials.stability import Drucker
+from palpate_materials.yeoh import Yeoh
+
+N_TRUTHS = 4
+
+
+@pytest.mark.parametrize(
+    ("material", "searched", "filters"),
+    [
+        (Ogden(), ("c1", "m1", "kappa"), (Drucker(),)),
+        (Yeoh(), ("c1", "c2", "c3"), (Drucker(),)),
+        (NeoHookean(), ("E", "nu"), ()),
+    ],
+    ids=["ogden", "yeoh", "neo-hookean"],
+)
+def test_the_right_basin_from_the_middle_of_the_ranges(pressed, stage_of, material, searched, filters):
+    study = pressed.study_of(material, searched, filters)
+    for i, row in enumerate(pressed.truths(study, N_TRUTHS, seed=3)):
+        stage = stage_of(study, pressed.measured_at(study, row, noise=0.01, seed=i))
+        case = stage.run()[0]
+        at_truth = stage.problem(case, {}).fopt(row)
+        assert case.end.objective <= 1.01 * at_truth, (row, case.values())
+        assert case.end.message == "converged"
+        assert stage.simulations.n_coarse <= 15
+
+
+def test_a_start_that_filters_refuse_is_moved_to_the_middle_of_what_they_accept(pressed, stage_of):
+    study = pressed.study_of(Yeoh(), ("c1", "c2", "c3"), (Drucker(),))
+    stage = stage_of(study, pressed.measured_at(study, next(pressed.truths(study, 1, seed=3))))
+    problem = stage.run()[0].end.problem
+    middle = np.full(3, 0.5)
+    assert not problem.accepts(middle[None])[0]
+    moved = accepted_start(problem, middle)
+    assert problem.accepts(moved[None])[0]
+    assert np.array_equal(accepted_start(problem, moved), moved)
