@@ -403,7 +403,7 @@ def _fit(
         abscissae=abscissae,
         progress=simulations.progress,
     )
-    found = fit_result(stage.run(), simulations.limbs)
+    found = fit_result(stage.run(), simulations)
     run.write_fit(found, fit_from(study, run.records))
     return found
 

@@ -80,6 +80,8 @@ class Problem:
         What is searched, in the order of the values.
     box : Box
         From values to coordinates and back.
+    asked : list of Job
+        Every job so far, those with one key among them.
     """
 
     def __init__(
@@ -99,6 +101,7 @@ class Problem:
                 study.space, [term.spot for term in terms]
             )
         self.box = Box(self.parameters)
+        self.asked: list[Job] = []
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -218,6 +221,7 @@ class Problem:
     def _add(self, jobs: list[Job], term: SpotTerm, inputs: SpotInputs, *, slopes: bool) -> int:
         # No row of the design has a negative number, and no other job of this batch the same.
         jobs.append(term.job(inputs, -1 - len(jobs), slopes=slopes, fine=self.fine))
+        self.asked.append(jobs[-1])
         return len(jobs) - 1
 
     def _check(self, inputs: SpotInputs) -> None:

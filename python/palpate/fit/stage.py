@@ -39,6 +39,8 @@ class Case:
         The searches, in order; those of one start, then those that go on with better corrections.
     coarse : mapping of name to value
         Where the coarse mesh alone would end; empty without a finer one.
+    is_settled : bool
+        Whether the corrections by finer meshes are near enough to where it has ended.
     """
 
     label: str
@@ -47,6 +49,7 @@ class Case:
     fits: list[Fit] = field(default_factory=list)
     coarse: dict[str, float] = field(default_factory=dict)
     n_fine: int = 0
+    is_settled: bool = True
 
     @property
     def end(self) -> Fit | None:
@@ -181,9 +184,12 @@ class FitStage:
             self._run_fine(active)
             again = [case for case in active if self._restate(case)]
             if not again:
-                return
+                break
             fits = [case.fits[-1] for case in again]
             run_searches(self.study.search, fits, self.simulations.of, self.study.seed)
+        for case in active:
+            ends = [end for end in self._ends(case) if f"{end.spot}/fine" in self.simulations.limbs]
+            case.is_settled = all(end.error <= NEAR * end.misfit for end in ends)
 
     def _run_fine(self, cases: Sequence[Case]) -> None:
         """Simulate finer meshes where what is known may be wrong by too much; one set a spot at a time."""

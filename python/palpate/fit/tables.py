@@ -13,35 +13,51 @@ from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
 from palpate.run.result import FitResult
 from palpate.stages.scoring import relative_variance
+from palpate.stages.sweep import Simulations
 
 ORDER = 2.0
 """Power of the element size with which the error of the curves falls."""
 
 
-def fit_result(cases: Sequence[Case], limbs: Mapping[str, Limb]) -> FitResult:
+def fit_result(cases: Sequence[Case], simulations: Simulations) -> FitResult:
     """Put the cases of a study into tables.
 
     Parameters
     ----------
     cases : sequence of Case
         Every search has ended.
-    limbs : mapping of limb name to Limb
+    simulations : Simulations
+        Where their jobs were simulated.
     """
     phases = weighed_phases(case.scenario for case in cases)
+    n_runs = _n_runs(cases, simulations)
     rows: list[dict[str, Any]] = []
     responses: dict[tuple[str, str, str], Response] = {}
     for case in cases:
         end = case.end
         if end is None or end.best is None:
-            rows.append(_about(case) | {"message": _message(case)})
+            spent = {"n_runs": n_runs[id(case)], "n_fine": case.n_fine}
+            rows.append(_about(case) | {"message": _message(case)} | spent)
             continue
         for term in end.problem.terms:
             values = fitted_values(end, term)
-            rows.append(_row(case, end, term, values, phases))
+            rows.append(_row(case, end, term, values, phases) | {"n_runs": n_runs[id(case)]})
             responses[case.label, case.scenario.name, term.spot] = _response(term, values)
     traces = [row for case in cases for row in _trace(case)]
-    meshes = [row for case in cases for row in _mesh(case, limbs)]
+    meshes = [row for case in cases for row in _mesh(case, simulations.limbs)]
     return FitResult(table=_frame(rows), trace=_frame(traces), mesh=_frame(meshes), responses=responses)
+
+
+def _n_runs(cases: Sequence[Case], simulations: Simulations) -> dict[int, int]:
+    """Count the simulations of each case that no case before it had asked for."""
+    seen: set[str] = set()
+    counts = {}
+    for case in cases:
+        n_before = len(seen)
+        problems = {id(fit.problem): fit.problem for fit in case.fits}
+        seen |= {simulations.key(job) for problem in problems.values() for job in problem.asked}
+        counts[id(case)] = len(seen) - n_before
+    return counts
 
 
 def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
@@ -55,7 +71,10 @@ def _about(case: Case) -> dict[str, Any]:
 def _message(case: Case) -> str:
     """Why the last searches ended; each reason once."""
     last = case.fits[-1].problem
-    return "; ".join(dict.fromkeys(fit.message for fit in case.fits if fit.problem is last))
+    messages = dict.fromkeys(fit.message for fit in case.fits if fit.problem is last)
+    if not case.is_settled:
+        messages["the correction by finer meshes has not settled"] = None
+    return "; ".join(messages)
 
 
 def fitted_values(end: Fit, term: SpotTerm) -> dict[str, FloatArray]:
@@ -119,6 +138,7 @@ def _response(term: SpotTerm, values: Mapping[str, FloatArray]) -> Response:
 
 
 def _trace(case: Case) -> Iterator[dict[str, Any]]:
+    problems = list(dict.fromkeys(id(fit.problem) for fit in case.fits))
     for number, fit in enumerate(case.fits):
         for step, each in enumerate(fit.trace):
             values = dict(zip(fit.problem.names, fit.problem.box.values(each.point).tolist(), strict=True))
@@ -126,6 +146,7 @@ def _trace(case: Case) -> Iterator[dict[str, Any]]:
             yield {
                 **_about(case),
                 "search": number,
+                "correction": problems.index(id(fit.problem)),
                 "step": step,
                 "fopt": each.fopt if finite else None,
                 "objective": each.objective if finite else None,

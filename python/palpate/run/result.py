@@ -73,11 +73,14 @@ class FitResult:
     table : DataFrame
         One row per fit, scenario and spot: fit ("all spots" for a joint one, else the spot),
         scenario, spot, fopt, nmse_<channel>, r2_<channel>, n_evaluations, n_fine (simulations of
-        finer meshes), at_bound, message (why the search ended) and what was searched. A fit whose
-        every evaluation failed has one row with its message.
+        finer meshes), n_runs (the others, without those that a fit before it had asked for), at_bound,
+        message (why the search ended) and what was searched. A fit whose every evaluation failed has
+        one row with its message.
     trace : DataFrame
-        One row per evaluation: fit, scenario, search, step, fopt (null where it failed), objective (with
-        priors), message and what was searched, under the names of the search.
+        One row per evaluation: fit, scenario, search, correction (0 for the searches from the starts;
+        each later one goes on from their end with other answers of the finer meshes), step, fopt (null
+        where it failed), objective (with priors), message and what was searched, under the names of
+        the search.
     mesh : DataFrame
         Where finer meshes were simulated: fit, scenario, parameter, coarse (value by the coarse meshes
         alone), fine (corrected by the finer ones) and extrapolated to meshes without error.
@@ -133,3 +136,13 @@ class FitResult:
             why for (fit, of), why in self.failures.items() if of == scenario and fit in (spot, ALL_SPOTS)
         )
         return next(whys, "")
+
+    def mesh_errors(self, fit: str, scenario: str) -> dict[str, float]:
+        """How far each parameter may change from the finer meshes to meshes without error."""
+        if self.mesh.is_empty():
+            return {}
+        errors: dict[str, float] = {}
+        for row in self.mesh.filter(fit=fit, scenario=scenario).iter_rows(named=True):
+            name, error = row["parameter"].partition("@")[0], abs(row["extrapolated"] - row["fine"])
+            errors[name] = max(error, errors.get(name, 0.0))
+        return errors

@@ -142,7 +142,8 @@ def assess_identifiability(
         As :mod:`~palpate.stages.scoring`, :mod:`~palpate.stages.selection` and
         :mod:`~palpate.stages.generalisation` return them.
     fit : FitResult
-        Where it has a row for a spot, that is the best set.
+        Where it has a row for a spot, or for all of them together, that is the best set. No interval
+        is narrower than what the mesh leaves open.
     """
     curves = _Curves(study=study, measured=measured, swept=swept, ranked=objectives(scores, study.scenarios))
     fits = fit.of_spots()
@@ -151,12 +152,13 @@ def assess_identifiability(
     for chosen in selection.iter_rows(named=True):
         spot, name = chosen["spot"], chosen["scenario"]
         end = fits.get((spot, name))
-        is_fitted = end is not None
-        cases.append(curves.case(spot, scenarios[name], [spot], end or chosen, design, is_fitted=is_fitted))
-    if len(measured) > 1 and not generalisation.is_empty():
-        best = generalisation.row(0, named=True)
-        spots = generalisation["spot"].to_list()
-        cases.append(curves.case(ALL_SPOTS, scenarios[best["scenario"]], spots, best, design))
+        cases.append(curves.case(spot, scenarios[name], [spot], end or chosen, design, fit))
+    joint = fit.joint(study.generalise_by)
+    of_all = generalisation if joint.is_empty() else joint
+    if len(measured) > 1 and not of_all.is_empty():
+        spots = of_all["spot"].to_list()
+        best = of_all.row(0, named=True) | {"fopt": of_all["fopt"].mean()}
+        cases.append(curves.case(ALL_SPOTS, scenarios[study.generalise_by], spots, best, design, fit))
     return Identifiability(
         table=pl.DataFrame([row for case in cases for row in case.rows()], schema=_SCHEMA),
         disagreements=pl.DataFrame(
@@ -181,8 +183,7 @@ class _Curves:
         spots: Sequence[str],
         best: Mapping[str, Any],
         design: Design,
-        *,
-        is_fitted: bool = False,
+        fit: FitResult,
     ) -> "_Case":
         """Collect the fits of some spots together in a scenario."""
         rows = self.ranked.filter(pl.col("scenario") == scenario.name, pl.col("spot").is_in(list(spots)))
@@ -206,7 +207,8 @@ class _Curves:
             residuals=np.concatenate(parts, axis=1) / np.sqrt(len(spots)),
             spread=spread / len(spots),
             best=best,
-            is_fitted=is_fitted,
+            is_fitted="fit" in best,
+            mesh=fit.mesh_errors(label, scenario.name),
         )
 
     def _spread(self, spot: str, name: str) -> float:
@@ -259,6 +261,7 @@ class _Case:
     spread: float
     best: Mapping[str, Any]
     is_fitted: bool
+    mesh: Mapping[str, float]
 
     @cached_property
     def fit(self) -> _Fit | None:
@@ -292,7 +295,7 @@ class _Case:
 
     def rows(self) -> Iterator[dict[str, Any]]:
         fit = self.fit
-        fopt = float(self.best.get("fopt_mean", self.best["fopt"]))
+        fopt = float(self.best["fopt"])
         threshold = 2.0 * fopt if fit is None else (fopt if self.is_fitted else fit.least) + fit.margin
         for i, parameter in enumerate(self.design.parameters):
             row = {
@@ -311,7 +314,10 @@ class _Case:
     def _interval(self, parameter: Parameter, i: int, fit: _Fit) -> dict[str, Any]:
         low, high = fit.form.interval(i, fit.least + fit.margin)
         if self.is_fitted:
-            low, high = min(low, self.at[i]), max(high, self.at[i])
+            value, error = self.best[parameter.name], self.mesh.get(parameter.name, 0.0)
+            ends = np.clip([value - error, value + error], parameter.lower, parameter.upper).tolist()
+            low = min(low, share_of_range(parameter, ends[0]))
+            high = max(high, share_of_range(parameter, ends[1]))
         correlation = fit.form.correlation()
         others = np.abs(correlation[i])
         others[i] = -1.0

@@ -76,6 +76,10 @@ class Simulations:
     def __exit__(self, *raised: object) -> None:
         self._opened.__exit__(*raised)  # type: ignore[arg-type]
 
+    def key(self, job: Job) -> str:
+        """Return the key under which a job is simulated once."""
+        return self._keys.key(job)
+
     def plan(self, jobs: Sequence[Job]) -> None:
         """Note the jobs of the sweep that begins, and begin its stage.
 
@@ -84,7 +88,7 @@ class Simulations:
         LedgerError
             The ledger cannot be written, or is damaged.
         """
-        keys = [self._keys.key(job) for job in jobs]
+        keys = list(map(self.key, jobs))
         self._writer.plan(keys, jobs)
         self.progress.begin("simulate", len(jobs))
         final, _ = self._kept
@@ -100,7 +104,7 @@ class Simulations:
         StoppedError
             The caller requested a stop; finished results are kept.
         """
-        keys = [self._keys.key(job) for job in jobs]
+        keys = list(map(self.key, jobs))
         n_jobs, writer = Counter(keys), self._writer
         by_key: dict[str, Job] = {}
         for key, job in zip(keys, jobs, strict=True):

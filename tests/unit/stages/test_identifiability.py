@@ -97,6 +97,28 @@ def test_a_fitted_set_takes_the_place_of_the_sweeps(identified):
     assert row["lower"] < 0.4 < row["upper"] < 0.41
 
 
+def test_a_joint_fit_is_the_centre_for_all_spots(identified):
+    joint = {"fit": "all spots", "scenario": "I", "soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
+    table = pl.DataFrame([joint | {"spot": spot, "fopt": fopt} for spot, fopt in (("p1", 0.2), ("p2", 0.4))])
+    rows = identified(fit=FitResult(table=table)).filter(spot="all spots")
+    assert rows["value"].to_list() == [0.45, 22.0]
+    assert rows["fopt_threshold"].to_list() == pytest.approx([0.6, 0.6])
+
+
+def test_no_interval_is_narrower_than_what_the_mesh_leaves_open(identified):
+    values = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
+    about = {"fit": "p1", "scenario": "I"}
+    table = pl.DataFrame([about | values | {"spot": "p1", "fopt": 1e-6}])
+    grip = about | {"parameter": "soft_tissue.grip", "coarse": 25.0, "fine": 20.0, "extrapolated": 17.0}
+    alone, meshed = (
+        identified(fit=FitResult(table=table, mesh=pl.DataFrame(mesh))).filter(spot="p1", scenario="I")
+        for mesh in ([], [grip])
+    )
+    assert meshed["lower"].to_list() == [alone["lower"][0], pytest.approx(17.0)]
+    assert meshed["upper"].to_list() == [alone["upper"][0], pytest.approx(23.0)]
+    assert alone["relative_width"][1] < meshed["relative_width"][1]
+
+
 def test_where_no_fit_ended_the_set_of_the_sweep_counts(identified):
     table = pl.DataFrame(
         {"fit": ["p1"], "spot": ["p1"], "scenario": ["III"], "message": ["could not"]}
