@@ -146,13 +146,11 @@ def assess_identifiability(
         is narrower than what the mesh leaves open.
     """
     curves = _Curves(study=study, measured=measured, swept=swept, ranked=objectives(scores, study.scenarios))
-    fits = fit.of_spots()
+    chosen = {(row["spot"], row["scenario"]): row for row in selection.iter_rows(named=True)} | fit.of_spots()
     scenarios = {scenario.name: scenario for scenario in study.scenarios}
-    cases = []
-    for chosen in selection.iter_rows(named=True):
-        spot, name = chosen["spot"], chosen["scenario"]
-        end = fits.get((spot, name))
-        cases.append(curves.case(spot, scenarios[name], [spot], end or chosen, design, fit))
+    cases = [
+        curves.case(spot, scenarios[name], [spot], best, design, fit) for (spot, name), best in chosen.items()
+    ]
     joint = fit.joint(study.generalise_by)
     of_all = generalisation if joint.is_empty() else joint
     if len(measured) > 1 and not of_all.is_empty():
@@ -225,6 +223,8 @@ class _Curves:
         channel = channel_of(name)
         curve, values = self.measured[spot][channel], self.swept[spot, channel][sets]
         # A point that hardly any set reaches is left out.
+        if not sets.size:
+            return values
         reached = (np.isfinite(values).mean(axis=0) > 0.5) & curve.counted(name)
         scale = residual_scale(curve, self.study.scoring, name, weight, reached)
         residuals: FloatArray = (values - curve.ordinate)[:, reached] * scale[reached]
