@@ -1,18 +1,15 @@
-"""Force and torque of any isotropic material at the strains under a sphere, in a millisecond and with slopes.
+"""Force and torque of any isotropic material at the strains under a sphere, in a millisecond.
 
 Not a simulation: the tissue is a few strips that a depth compresses and a rotation shears, each by its own
 share, and W(depth, rotation) is the sum of their energies. Force and torque are its derivatives. So the
 answers depend on the material's parameters much as those of a finite element solver do.
 """
 
-import functools
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from pydantic import Field
 
@@ -22,7 +19,7 @@ from palpate.executors import InProcess
 from palpate.fit.box import Box
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
-from palpate.plugins.interfaces import ExperimentLoader
+from palpate.plugins.interfaces import ExperimentLoader, SetFilter
 from palpate.stages.samplers import LatinHypercube
 from palpate.stages.sampling import accepted_by_all
 from palpate.study.reading import Study, StudySpot
@@ -38,27 +35,56 @@ CONFINED = 0.45  # lateral over axial strain: some volume is lost
 SCENARIO = Scenario(name="I", weights={"force": 1.0, "torque": 1.0})
 
 
-@functools.cache
-def _answers(material):
-    """Function of theta to force (20,) and torque (41,), and the same with derivatives."""
+STEP = 1e-30j
+"""A complex step gives a first derivative without any loss of digits."""
 
-    def energy(depth, rotation, theta):
-        log = -COMPRESSED * depth[:, None]
-        axial, lateral = jnp.exp(log), jnp.exp(-CONFINED * log)
-        shear = SHEARED * rotation[:, None]
-        mean = (lateral**2 + axial**2 + shear**2) / 2.0
-        root = jnp.sqrt(mean**2 - (axial * lateral) ** 2)
-        squares = jnp.stack([mean + root, mean - root, lateral**2], axis=-1)
-        return (VOLUMES_MM3 * material.energy(jnp.sqrt(squares), theta)).sum()
 
-    def both(theta):
-        still = jnp.zeros(DEPTHS.size)
-        pressed = jnp.full(ANGLES.size, DEPTHS[-1])
-        force = jax.grad(energy)(jnp.asarray(DEPTHS), still + 1e-6, theta)
-        torque = jax.grad(energy, argnums=1)(pressed, jnp.asarray(np.radians(ANGLES)), theta)
-        return force, torque
+def energy(material, depth, rotation, theta):
+    """W of all strips, for each depth (mm) and rotation (radians)."""
+    log = -COMPRESSED * depth[:, None]
+    axial, lateral = np.exp(log), np.exp(-CONFINED * log)
+    shear = SHEARED * rotation[:, None]
+    mean = (lateral**2 + axial**2 + shear**2) / 2.0
+    root = np.sqrt(mean**2 - (axial * lateral) ** 2)
+    squares = np.stack([mean + root, mean - root, lateral**2], axis=-1)
+    return (VOLUMES_MM3 * material.energy(np.sqrt(squares), theta)).sum(axis=-1)
 
-    return jax.jit(both), jax.jit(jax.jacfwd(both))
+
+def answers(material, theta):
+    """Force (20,) and torque (41,)."""
+    force = energy(material, DEPTHS + STEP, np.zeros(DEPTHS.size), theta).imag / STEP.imag
+    deepest = np.full(ANGLES.size, DEPTHS[-1])
+    torque = energy(material, deepest, np.radians(ANGLES) + STEP, theta).imag / STEP.imag
+    return force, torque
+
+
+def derivatives(material, theta):
+    """Slopes of force and torque, each (n_points, n_parameters)."""
+    columns = []
+    for k, value in enumerate(theta):
+        step = np.zeros(theta.size)
+        step[k] = 1e-5 * abs(value)
+        ahead, behind = answers(material, theta + step), answers(material, theta - step)
+        columns.append([(a - b) / (2.0 * step[k]) for a, b in zip(ahead, behind, strict=True)])
+    return [np.stack(each, axis=1) for each in zip(*columns, strict=True)]
+
+
+class Rising(SetFilter):
+    """Stresses rise with strain in tension and in compression, along one axis and along two."""
+
+    name, summary = "rising", "stresses that rise with strain"
+
+    def accept(self, space, values):
+        (region,) = space.regions
+        thetas = [space.thetas(row)[region.region] for row in values]
+        return np.array([self._rises(region.material, theta) for theta in thetas], dtype=bool)
+
+    @staticmethod
+    def _rises(material, theta):
+        strain = np.linspace(np.log(0.3), np.log(3.0), 40) + STEP
+        one = np.exp(np.stack([strain, -strain / 2.0, -strain / 2.0], axis=-1))
+        stress = material.energy(one, theta).imag / STEP.imag
+        return bool((np.diff(stress) > 0.0).all())
 
 
 class PressedSettings(Settings):
@@ -75,22 +101,21 @@ class Pressed(Solver[PressedSettings]):
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         ((region, material),) = job.materials.items()
-        curves, derivatives = _answers(material)
         theta = job.thetas[region]
-        slopes = derivatives(theta) if job.slopes else None
+        slopes = derivatives(material, theta) if job.slopes else None
         found = {}
-        parts = zip(("force", "torque"), (DEPTHS, ANGLES), curves(theta), strict=True)
+        parts = zip(("force", "torque"), (DEPTHS, ANGLES), answers(material, theta), strict=True)
         for i, (name, x, y) in enumerate(parts):
             # A coarse mesh is stiffer, and the more so the larger its strains are.
             factor = 1.0 + (0.0 if job.fine else self.settings.stiffer) * (
                 1.0 + (np.abs(x) / np.abs(x).max())
             )
             by_name = {
-                f"{region}.{p.name}": factor * np.asarray(slopes[i][:, k])
+                f"{region}.{p.name}": factor * slopes[i][:, k]
                 for k, p in enumerate(material.parameters)
             } if slopes else {}  # fmt: skip
             by_name |= {"friction": np.zeros(x.size)} if slopes else {}
-            found[name] = Curve(channel=name, abscissa=x, ordinate=factor * np.asarray(y), slopes=by_name)
+            found[name] = Curve(channel=name, abscissa=x, ordinate=factor * y, slopes=by_name)
         return Simulation(job=job, status=Status.OK, response=Response(curves=found), seconds=1e-3)
 
 
