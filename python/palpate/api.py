@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         Spot as Spot,
         Status as Status,
         StudyTemplate as StudyTemplate,
+        Tie as Tie,
         moving_span as moving_span,
     )
 
@@ -67,6 +68,8 @@ if TYPE_CHECKING:
     from palpate.plugins.parametrisation import (
         Parametrisation as Parametrisation,
         SpotInputs as SpotInputs,
+        at_spot as at_spot,
+        for_each_spot as for_each_spot,
     )
     from palpate.plugins.search import (
         Asking as Asking,

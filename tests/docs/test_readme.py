@@ -71,6 +71,7 @@ def test_the_toml_of_the_readme_is_read() -> None:
     plugins = Plugins.load(entry_points=False)
     sampler = plugins.samplers[table.sampler]
     assert sampler.Settings.model_validate(table.settings).criterion == "maximin"
+    assert plugins.parametrisations["standard"].Settings.model_validate(fit["fit"]["searched"]).friction
     fitted = FitTable.model_validate(fit["fit"])
     assert plugins.searches[fitted.search].Settings.model_validate(fitted.settings).max_steps == 20
     assert SelectionTable.model_validate(selection["selection"]).stiffness_scaling

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from palpate.domain import Indentation, Parameter, ParameterSpace, Prior, Protocol
 from palpate.errors import PalpateError
 from palpate.plugins.interfaces import Settings
-from palpate.plugins.parametrisation import KeyAndReason, Parametrisation, SpotInputs
+from palpate.plugins.parametrisation import Parametrisation, SpotInputs, at_spot, for_each_spot
 from palpate.units import Quantity
 
 Ratio = Annotated[float, Quantity("1")]
@@ -99,13 +99,13 @@ class StandardParametrisation(Parametrisation[StandardSettings]):
 
     def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:
         """Parameters of the study, those ``by_spot`` once for each spot as ``<name>@<spot>``."""
-        return tuple(self._expanded([*space.parameters, *self._own()], spots))
+        return for_each_spot([*space.parameters, *self._own()], spots)
 
     def inputs(
         self, space: ParameterSpace, spot: str, protocol: Protocol, values: Mapping[str, float]
     ) -> SpotInputs:
         """Materials' parameters, friction and depth, onset and gains at a spot."""
-        at = {name: values[name if name in values else f"{name}@{spot}"] for name in self._names(space)}
+        at = at_spot(values, spot)
         row = np.array([at[p.name] for p in space.parameters])
         offset = at.get(OFFSET, 0.0)
         if isinstance(protocol, Indentation):
@@ -125,9 +125,11 @@ class StandardParametrisation(Parametrisation[StandardSettings]):
         start = {f"{FRICTION}@{spot}": friction for spot, friction in frictions.items()}
         if frictions:
             start[FRICTION] = float(np.mean(list(frictions.values())))
-        return start | {OFFSET: 0.0} | {f"{GAIN}.{channel}": 1.0 for channel in self.settings.gains}
+        start |= {OFFSET: 0.0} | {f"{GAIN}.{channel}": 1.0 for channel in self.settings.gains}
+        searched = {p.name for p in self._own()}
+        return {name: value for name, value in start.items() if name.partition("@")[0] in searched}
 
-    def unusable(self, channels: Sequence[str], *, indents: bool) -> Iterator[KeyAndReason]:
+    def unusable(self, channels: Sequence[str], *, indents: bool) -> Iterator[tuple[tuple[str, ...], str]]:
         """Friction and onset of homogeneous tests, and gains of channels that no spot measures."""
         for key in ("friction", "depth_offset") if not indents else ():
             if getattr(self.settings, key) is not None:
@@ -137,9 +139,6 @@ class StandardParametrisation(Parametrisation[StandardSettings]):
                 ("gains", channel),
                 f"no spot measures '{channel}' (they measure {', '.join(channels)}); correct the name",
             )
-
-    def _names(self, space: ParameterSpace) -> list[str]:
-        return [p.name for p in (*space.parameters, *self._own())]
 
     def _own(self) -> Iterator[Parameter]:
         given = self.settings
@@ -151,11 +150,3 @@ class StandardParametrisation(Parametrisation[StandardSettings]):
             yield onset.parameter(OFFSET, "depth where the measured curves begin", by_spot=by_spot)
         for channel, gain in given.gains.items():
             yield gain.parameter(f"{GAIN}.{channel}", f"factor on '{channel}'", by_spot=gain.by != "all")
-
-    @staticmethod
-    def _expanded(parameters: Sequence[Parameter], spots: Sequence[str]) -> Iterator[Parameter]:
-        for parameter in parameters:
-            if parameter.by_spot and len(spots) > 1:
-                yield from (replace(parameter, name=f"{parameter.name}@{spot}") for spot in spots)
-            else:
-                yield parameter

@@ -2,13 +2,10 @@
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from palpate.domain import FloatArray, Parameter, ParameterSpace, Protocol
 from palpate.plugins.interfaces import Component, SettingsT
-
-KeyAndReason = tuple[tuple[str, ...], str]
-"""Key inside the settings, and why it is refused."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,7 +66,7 @@ class Parametrisation(Component[SettingsT]):
         """
         return {}
 
-    def unusable(self, channels: Sequence[str], *, indents: bool) -> Iterator[KeyAndReason]:
+    def unusable(self, channels: Sequence[str], *, indents: bool) -> Iterator[tuple[tuple[str, ...], str]]:
         """Settings that mean nothing in a study, refused before anything is simulated.
 
         Parameters
@@ -78,5 +75,25 @@ class Parametrisation(Component[SettingsT]):
             Those that its spots measure; empty where that is not known yet.
         indents : bool
             Whether it has a protocol, and not homogeneous tests.
+
+        Yields
+        ------
+        tuple
+            Key inside the settings, and why it is refused.
         """
         yield from ()
+
+
+def for_each_spot(parameters: Sequence[Parameter], spots: Sequence[str]) -> tuple[Parameter, ...]:
+    """Parameters, those ``by_spot`` once for each of several spots as ``<name>@<spot>``."""
+    return tuple(
+        replace(parameter, name=f"{parameter.name}{at}")
+        for parameter in parameters
+        for at in ([f"@{spot}" for spot in spots] if parameter.by_spot and len(spots) > 1 else [""])
+    )
+
+
+def at_spot(values: Mapping[str, float], spot: str) -> dict[str, float]:
+    """Values that count at a spot, by name without ``@<spot>``."""
+    split = ((*name.partition("@"), value) for name, value in values.items())
+    return {head: value for head, _, at, value in split if at in ("", spot)}

@@ -56,6 +56,12 @@ KITS: Mapping[str, Kit] = MappingProxyType(
         "executor": Kit("executors", "executor", "ExecutorContract", _named('name = "{}"', "executor")),
         "sampler": Kit("samplers", "sampler", "SamplerContract", _named('sampler = "{}"', "sampling")),
         "search": Kit("searches", "search", "SearchContract", _named('search = "{}"', "fit")),
+        "parametrisation": Kit(
+            "parametrisations",
+            "parametrisation",
+            "ParametrisationContract",
+            _named('parametrisation = "{}"', "fit"),
+        ),
         "filter": Kit("set_filters", "set filter", "SetFilterContract", _FILTER),
         "channel": Kit("channels", "channel", "", _CHANNEL),
         "command": Kit("", "command", "", "Call it with `palpate {} STUDY`."),

@@ -16,6 +16,7 @@ from palpate.testing.designs import SamplerContract, SetFilterContract
 from palpate.testing.executors import ExecutorContract, LinearMaterial
 from palpate.testing.files import Expected, LimbSourceContract, LoaderContract
 from palpate.testing.materials import MaterialContract
+from palpate.testing.parametrisations import ParametrisationContract
 from palpate.testing.plugins import plugins_with
 from palpate.testing.scenarios import ScenarioContract
 from palpate.testing.searches import Rehearsal, SearchContract
@@ -30,6 +31,7 @@ __all__ = [
     "LinearMaterial",
     "LoaderContract",
     "MaterialContract",
+    "ParametrisationContract",
     "Rehearsal",
     "SamplerContract",
     "ScenarioContract",
