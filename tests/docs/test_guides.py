@@ -14,6 +14,7 @@ import pytest
 from typer.main import get_command
 
 from palpate.cli.app import build_app, main
+from palpate.domain import Scenario, weighed_phases
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import add_commands
 from palpate.specimens import block
@@ -142,9 +143,10 @@ def test_the_guide_on_curves_is_so(tmp_path, monkeypatch, capsys):
     out = capsys.readouterr().out
     assert 'loader = "csv"' in out
     assert "channels.<name>.ordinate.scale" in out
-    (table,) = (tomllib.loads(each) for each in re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL))
-    settings = CsvSettings.model_validate(table["experiment"]["settings"])
+    tables = [tomllib.loads(each) for each in re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)]
+    settings = CsvSettings.model_validate(tables[0]["experiment"]["settings"])
     assert settings.channels["torque"].ordinate.scale == 1000.0
+    assert weighed_phases([Scenario(**tables[1]["scenario"][0])]) == ("torque/unload",)
     (example,) = re.findall(r"```\n(depth_mm.*?)```", text, flags=re.DOTALL)
     Path("example.csv").write_text(example)
     assert len(CsvLoader().load(Path("example.csv"))["torque"].branches) == 3
