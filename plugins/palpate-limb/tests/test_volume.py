@@ -13,7 +13,7 @@ from palpate.cli.app import main
 from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError, PluginError
 from palpate.specimens import block
-from palpate.stages.limb import check_limb
+from palpate.stages.limb import check_fine, check_limb
 from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, write_phantom
 from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan
@@ -222,13 +222,18 @@ def test_the_command_writes_a_mesh_a_note_and_a_picture(
         "4.5 mm",
         "--radius",
         "5 mm",
+        "--fine",
         "--out",
         str(out),
     ]
     assert run(tmp_path, *options) == 0
-    assert 'mesh = "' in capsys.readouterr().out
-    limb = MeshioSource(MeshioSettings()).load(out / "p1.vtu", Spot(name="p1"))
+    printed = capsys.readouterr().out
+    source, spot = MeshioSource(MeshioSettings()), Spot(name="p1")
+    limb, fine = source.load(out / "p1.vtu", spot), source.load(out / "fine" / "p1.vtu", spot)
+    assert f'mesh = "{out}/p1.vtu"\nfine_mesh = "{out}/fine/p1.vtu"\n' in printed
     check_limb(limb, ["soft_tissue"])
+    check_fine(limb, fine, "study.toml:9")
+    assert 2.0 < fine.mesh.n_nodes / limb.mesh.n_nodes < 4.5
     assert meshio.read(out / "p1.vtu").point_data["bone"].any()
     assert (out / "p1.png").read_bytes().startswith(b"\x89PNG")
     assert '"volume_error"' in (out / "p1.json").read_text()

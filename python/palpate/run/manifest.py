@@ -111,8 +111,9 @@ def _spot(study: Study, spot: StudySpot) -> dict[str, Any]:
         found["protocol"] = _protocol(spot.protocol)
     if spot.loader is not None:
         found["loader"] = _component(spot.loader)
-    if spot.mesh is not None and (note := mesh_note(spot.mesh)) is not None:
-        found["mesh"] = note
+    for key, mesh in (("mesh", spot.mesh), ("fine_mesh", spot.fine_mesh)):
+        if mesh is not None and (note := mesh_note(mesh)) is not None:
+            found[key] = note
     return found
 
 

@@ -1,6 +1,7 @@
 """``palpate limb SCAN``: from a coloured scan and bone models to one mesh per marked spot."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,7 @@ def scan(
     length: options.Length = "80 mm",
     radius: options.Radius = "7.5 mm",
     size: options.Size = "",
+    fine: options.Fine = False,
     skin: options.Skin = "",
     layers: options.Layers = None,
     motion: options.Motion = None,
@@ -62,26 +64,28 @@ def scan(
         n_smoothing=smoothing,
     )
     places = BonePlaces(motion=motion, landmarks=landmarks, reference=reference)
-    notes = _meshed(session, file, bones or [], plan, places, out)
-    _show(session, notes, plan, out, as_json=as_json)
+    plans = {out: plan} | ({out / "fine": replace(plan, mesh=plan.mesh.finer)} if fine else {})
+    notes = _meshed(session, file, bones or [], plans, places)
+    _show(session, notes, plan, as_json=as_json)
 
 
 def _meshed(
-    session: Session, file: Path, bones: list[Path], plan: "ScanPlan", places: "BonePlaces", out: Path
-) -> list[dict[str, Any]]:
-    """Write the limb of every spot; returns their notes."""
+    session: Session, file: Path, bones: list[Path], plans: dict[Path, "ScanPlan"], places: "BonePlaces"
+) -> dict[Path, list[dict[str, Any]]]:
+    """Write the limb of every spot into the folder of each plan; returns their notes."""
     from palpate_limb.from_scan import limbs_of, read_scan
 
-    notes = []
+    notes: dict[Path, list[dict[str, Any]]] = {folder: [] for folder in plans}
     with StageProgress(session, keeps=False) as progress:
         progress.begin("read the scan", 1)
-        read = read_scan(file, bones, plan, places)
+        read = read_scan(file, bones, next(iter(plans.values())), places)
         progress.step()
-        progress.begin("mesh the spots", len(read.spots))
-        out.mkdir(parents=True, exist_ok=True)
-        for made in limbs_of(read, plan):
-            notes.append(_written(read, made, plan, out))
-            progress.step(made.found.spot.name)
+        progress.begin("mesh the spots", len(read.spots) * len(plans))
+        for folder, plan in plans.items():
+            folder.mkdir(parents=True, exist_ok=True)
+            for made in limbs_of(read, plan):
+                notes[folder].append(_written(read, made, plan, folder))
+                progress.step(made.found.spot.name)
     return notes
 
 
@@ -115,13 +119,28 @@ def _written(read: Any, made: Any, plan: "ScanPlan", out: Path) -> dict[str, Any
 
 
 def _show(
-    session: Session, notes: list[dict[str, Any]], plan: "ScanPlan", out: Path, *, as_json: bool
+    session: Session, notes: dict[Path, list[dict[str, Any]]], plan: "ScanPlan", *, as_json: bool
 ) -> None:
     from palpate_limb.limb_files import study_tables
 
     if as_json:
-        session.json(notes)
+        session.json([{"folder": str(folder), **note} for folder, of in notes.items() for note in of])
         return
+    for folder, of_folder in notes.items():
+        _table(session, folder, of_folder)
+    session.paragraph(
+        "shape: least scaled Jacobian of an element; volume: its error; ±: standard deviation of the spot's "
+        "position and normal; force, torque: error by the mesh, as measured on a phantom"
+    )
+    first = next(iter(notes.values()))
+    for name, repairs in first[0]["repairs"].items():
+        session.say(f"{name}: {repairs}")
+    regions = (*plan.mesh.layers_mm, "soft_tissue")
+    session.say("\n" + study_tables([note["spot"] for note in first], regions, list(notes)))
+    session.next("limb STUDY", "put these tables into a study.toml; ")
+
+
+def _table(session: Session, folder: Path, notes: list[dict[str, Any]]) -> None:
     columns = ["spot", "nodes", "edge mm", "shape", "volume", "± mm", "± deg", "force", "torque"]
     rows = [
         [
@@ -136,16 +155,7 @@ def _show(
         ]
         for n in notes
     ]
-    session.table(f"Limbs in {out}", columns, rows)
-    session.paragraph(
-        "shape: least scaled Jacobian of an element; volume: its error; ±: standard deviation of the spot's "
-        "position and normal; force, torque: error by the mesh, as measured on a phantom"
-    )
-    for name, repairs in notes[0]["repairs"].items():
-        session.say(f"{name}: {repairs}")
-    regions = (*plan.mesh.layers_mm, "soft_tissue")
-    session.say("\n" + study_tables([n["spot"] for n in notes], regions, out))
-    session.next("limb STUDY", "put these tables into a study.toml; ")
+    session.table(f"Limbs in {folder}", columns, rows)
 
 
 def _share(error: float | None) -> str:

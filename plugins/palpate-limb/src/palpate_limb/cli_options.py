@@ -39,6 +39,10 @@ Radius: TypeAlias = Annotated[str, typer.Option(help="Radius of the spherical in
 Size: TypeAlias = Annotated[
     str, typer.Option(help="Edge length under the indenter; default: 0.28 of its radius.")
 ]
+Fine: TypeAlias = Annotated[
+    bool,
+    typer.Option("--fine", help="Also write a finer mesh of each spot, of about three times as many nodes."),
+]
 Skin: TypeAlias = Annotated[
     str, typer.Option(help="Thickness of a skin layer, a region of its own; default: none.")
 ]

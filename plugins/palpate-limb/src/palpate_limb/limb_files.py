@@ -1,5 +1,6 @@
 """A limb's mesh as VTU, with regions and node sets, and a JSON note of what it was made from."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -51,8 +52,15 @@ def note(scan: ReadScan, made: ScannedLimb, radius_mm: float) -> dict[str, Any]:
     }
 
 
-def study_tables(names: list[str], regions: tuple[str, ...], folder: Path) -> str:
-    """The tables of study.toml that read the meshes."""
-    spots = [f'[[spot]]\nname = "{name}"\nmesh = "{(folder / name).as_posix()}.vtu"\n' for name in names]
+def study_tables(names: Sequence[str], regions: tuple[str, ...], folders: Iterable[Path]) -> str:
+    """The tables of study.toml that read the meshes: of ``folders`` the second has the finer ones."""
+    spots = [
+        f'[[spot]]\nname = "{name}"\n'
+        + "".join(
+            f'{key} = "{(folder / name).as_posix()}.vtu"\n'
+            for key, folder in zip(("mesh", "fine_mesh"), folders, strict=False)
+        )
+        for name in names
+    ]
     numbers = ", ".join(f"{region} = {i}" for i, region in enumerate(regions))
     return "\n".join([*spots, f'[limb]\nsource = "meshio"\n\n[limb.settings]\nregions = {{ {numbers} }}\n'])

@@ -1,7 +1,7 @@
 """From a segment to a mesh that can be simulated: regions, node sets, elements on the true surfaces."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal, TypeAlias
 
@@ -18,6 +18,8 @@ from palpate_limb.surfaces import Surface, joined, parts_of, solid, surface_of
 
 TISSUE = "soft_tissue"
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
+FINER = 0.6
+"""Edges of a finer mesh over those of the first: about three times as many nodes."""
 FLATTEST = 2.5
 """Edges of a layer's elements over its thickness, at most: flatter ones are too poor."""
 
@@ -51,6 +53,12 @@ class MeshPlan:
             raise MeshError(
                 f"layers {dict(self.layers_mm)}: give thicknesses > 0 mm; what is below them is '{TISSUE}'"
             )
+
+    @property
+    def finer(self) -> "MeshPlan":
+        """The same with shorter edges everywhere, and flat faces as much nearer to the surfaces."""
+        size = replace(self.size, fine_mm=FINER * self.size.fine_mm, coarse_mm=FINER * self.size.coarse_mm)
+        return replace(self, size=size, tolerance_mm=FINER**2 * self.tolerance_mm)
 
 
 Boundary: TypeAlias = Mapping[str, IntArray]
