@@ -78,6 +78,12 @@ class Channel:
     dissipative: bool = False
     length_power: Literal[2, 3] | None = None
 
+    def __post_init__(self) -> None:
+        if "/" in self.name:
+            raise CurveError(
+                f"channel '{self.name}': a slash is for phases, such as torque/unload; rename it"
+            )
+
     @property
     def units(self) -> tuple[str, str]:
         """Units of abscissa and ordinate, from the ends of their names; empty for a name of one word."""

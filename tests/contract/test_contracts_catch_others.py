@@ -124,7 +124,7 @@ def test_a_limb_sources_units_and_elements(test, source, message):
 
 def test_a_scenario_of_no_channel_is_reported():
     contract, channels = ScenarioContract(), {"force", "torque"}
-    contract.test_weighs_channels_that_exist(Scenario(name="V", weights={"force": 1.0}), channels)
+    contract.test_weighs_channels_that_exist(Scenario(name="V", weights={"force/load": 1.0}), channels)
     with pytest.raises(AssertionError, match="weighs lateral, which no plugin declares"):
         contract.test_weighs_channels_that_exist(Scenario(name="V", weights={"lateral": 1.0}), channels)
     with pytest.raises(AssertionError, match="'V' needs a description"):

@@ -49,6 +49,11 @@ def test_an_unknown_phase_is_refused_with_those_that_there_are():
         Scenario(name="x", weights={"torque/up": 1.0})
 
 
+def test_a_channel_named_like_a_phase_is_refused(plugins):
+    with pytest.raises(CurveError, match="channel 'torque/unload': a slash is for phases"):
+        replace(plugins.channels["torque"], name="torque/unload")
+
+
 def test_a_phase_without_points_is_refused():
     press = Response(curves={"torque": Curve(channel="torque", abscissa=[0.0, 1.0], ordinate=[0.0, 1.0])})
     check_scorable({"p1": press}, ScoringRules(), [WHOLE, OUT])
