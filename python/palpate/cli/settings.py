@@ -54,7 +54,8 @@ def _type(schema: Schema) -> str:
         return " | ".join(map(_type, schema["anyOf"]))
     if "examples" in schema:
         return f"quantity, such as '{schema['examples'][0]}'"
-    return "table" if "$ref" in schema else str(schema.get("type", "any"))
+    kinds = schema.get("type", "any")
+    return "table" if "$ref" in schema else kinds if isinstance(kinds, str) else " | ".join(kinds)
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 -- a default of any kind

@@ -1,0 +1,148 @@
+"""Values by spot, ties, gains and layers, from the study to the report."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from palpate import pipeline
+from palpate.domain import (
+    Curve,
+    ParameterSpace,
+    Prior,
+    RegionMaterial,
+    Response,
+    Scenario,
+    Simulation,
+    Sphere,
+    Status,
+    Tie,
+)
+from palpate.fit.least_squares import LeastSquares
+from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
+from palpate.plugins.interfaces import Solver
+from palpate.testing import LinearMaterial
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+DEPTH, TURN = (
+    np.linspace(0.0, 10.0, 21),
+    np.concatenate([np.linspace(0, -22.5, 16), np.linspace(-22.5, 0, 16)[1:]]),
+)
+ROWS = [(0.0, 0.0), (10.0, 0.0), (10.0, -22.5), (10.0, 0.0)]
+
+
+def layered(skin, fat):
+    """Curves of a press on skin and fat; a spot without fat has zero of it."""
+    return Response(
+        curves={
+            "force": Curve(
+                channel="force", abscissa=DEPTH, ordinate=skin * DEPTH**1.5 + 0.1 * fat * DEPTH**2.5
+            ),
+            "torque": Curve(
+                channel="torque", abscissa=TURN, ordinate=(3.0 * skin + 2.0 * fat) * np.tanh(TURN / 9)
+            ),
+        }
+    )
+
+
+class Layers(Solver):
+    """The small sphere, at p2, is where there is no fat."""
+
+    name = "layers"
+    summary = "layers in closed form"
+    needs_limb = False
+
+    def simulate(self, job, limb):
+        skin, fat = (float(job.thetas[region][0]) for region in ("skin", "fat"))
+        is_small = job.protocol.indenter.radius_mm < 7.5
+        return Simulation(job=job, status=Status.OK, response=layered(skin, 0.0 if is_small else fat))
+
+
+@pytest.fixture
+def run(make_study, plugins, tmp_path, monkeypatch):
+    """Run a study of skin and fat whose true values are these by spot."""
+
+    def runs(truth, space, searched=None, torque_gain=1.0, reported=False, **changes):
+        if not reported:
+            monkeypatch.setattr(pipeline, "write_report", lambda content, folder: ())
+        study = make_study(
+            solver=Layers(),
+            space=space,
+            search=LeastSquares(),
+            parametrisation=StandardParametrisation(StandardSettings(**(searched or {}))),
+            scenarios=(Scenario(name="I", weights={"force": 1.0, "torque": 1.0}),),
+            **{"n_sets": 0, **changes},
+        )
+        press = replace(study.protocol, path=np.array(ROWS))
+        small = replace(press, indenter=Sphere(radius_mm=5.0))
+        study = replace(
+            study, protocol=press, spots=(study.spots[0], replace(study.spots[1], protocol=small))
+        )
+        for spot in study.spots:
+            curves = layered(*truth[spot.spot.name]).curves
+            gains = {"force": 1.0, "torque": torque_gain}
+            rows = [
+                f"{name},{x!r},{gains[name] * y!r}\n"
+                for name, curve in curves.items()
+                for x, y in zip(curve.abscissa.tolist(), curve.ordinate.tolist(), strict=True)
+            ]
+            spot.files[0].write_text("".join(rows))
+        return pipeline.run_study(study, tmp_path / "run", plugins)
+
+    return runs
+
+
+def space(**changes):
+    material = LinearMaterial()
+    (e,) = material.parameters
+    tied = changes.pop("tied", None)
+    return ParameterSpace(
+        regions=(
+            RegionMaterial(region="skin", material=material, searched=(replace(e, **changes),), fixed={}),
+            RegionMaterial(
+                region="fat",
+                material=material,
+                searched=() if tied else (e,),
+                fixed={},
+                tied={"e": tied} if tied else {},
+            ),
+        )
+    )
+
+
+def row(result, fit, spot):
+    return result.fit.table.filter(pl.col("fit") == fit, pl.col("spot") == spot).row(0, named=True)
+
+
+def test_both_layers_are_found_where_one_spot_lacks_one(run):
+    result = run({"p1": (0.5, 0.3), "p2": (0.5, 0.0)}, space())
+    joint = row(result, "all spots", "p1")
+    assert (joint["skin.e"], joint["fat.e"]) == pytest.approx((0.5, 0.3), rel=1e-3)
+    alone = row(result, "p2", "p2")
+    assert alone["skin.e"] == pytest.approx(0.5, rel=1e-3)
+    assert "no curve depends on fat.e" in alone["message"]
+    assert "no curve" not in joint["message"]
+
+
+def test_each_spot_has_a_value_of_its_own_after_a_sweep_of_one_column(run):
+    result = run({"p1": (0.2, 0.3), "p2": (0.8, 0.0)}, space(by_spot=True), n_sets=6)
+    assert [p.name for p in result.design.parameters] == ["skin.e", "fat.e"]
+    assert row(result, "all spots", "p1")["skin.e"] == pytest.approx(0.2, rel=1e-3)
+    assert row(result, "all spots", "p2")["skin.e"] == pytest.approx(0.8, rel=1e-3)
+
+
+def test_what_is_tied_follows_in_sweep_and_fit(run):
+    result = run({"p1": (0.5, 0.3), "p2": (0.5, 0.0)}, space(tied=Tie(source="skin.e", factor=0.6)), n_sets=4)
+    assert result.design.values.shape == (4, 1)
+    for simulation in result.simulations:
+        assert simulation.job.thetas["fat"] == pytest.approx(0.6 * simulation.job.thetas["skin"])
+    assert row(result, "all spots", "p1")["skin.e"] == pytest.approx(0.5, rel=1e-3)
+
+
+def test_a_gain_is_found_and_a_prior_counts(run):
+    searched = {"gains": {"torque": {"lower": 0.5, "upper": 2.0, "by": "all"}}}
+    truth = {"p1": (0.5, 0.3), "p2": (0.5, 0.0)}
+    result = run(truth, space(prior=Prior(value=0.5, sd=0.1)), searched, torque_gain=1.3, reported=True)
+    assert row(result, "all spots", "p1")["gain.torque"] == pytest.approx(1.3, rel=1e-3)
