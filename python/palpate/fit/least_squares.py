@@ -3,8 +3,9 @@
 import numpy as np
 from pydantic import Field
 from scipy.optimize import lsq_linear
+from scipy.stats import qmc
 
-from palpate.domain import FloatArray
+from palpate.domain import BoolArray, FloatArray
 from palpate.plugins.interfaces import Settings
 from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Trial
 
@@ -38,7 +39,7 @@ class LeastSquares(Search[LeastSquaresSettings]):
         for _ in range(self.settings.max_steps):
             if here.jacobian is None:
                 return f"stopped: {here.failure}"
-            step, expected = _step(here, radius)
+            step, expected = _Model(space, here).step(radius)
             if expected < max(self.settings.tolerance * here.objective, floor):
                 return "converged"
             (trial,) = yield [Trial(point=np.clip(here.point + step, 0.0, 1.0), slopes=space.exact_slopes)]
@@ -61,22 +62,58 @@ SHORTEST = 1e-5
 """Trust region, as a share of each range, at which a search gives up."""
 
 
-def _step(here: Evaluation, radius: float) -> tuple[FloatArray, float]:
-    """Step of least linearised Σ r² in the box and the trust region, and what it would gain."""
-    assert here.residuals is not None
-    assert here.jacobian is not None
-    jacobian, residuals = here.jacobian, here.residuals
-    lower = np.maximum(-here.point, -radius)
-    upper = np.minimum(1.0 - here.point, radius)
-    # What no residual sees stays where it is.
-    weak = 1e-6 * max(float(np.linalg.norm(jacobian, ord=2)), 1e-300)
-    n = here.point.size
-    q, r = np.linalg.qr(np.concatenate([jacobian, weak * np.eye(n)]))
-    target = -q[: len(residuals)].T @ residuals
-    free = upper > lower
-    step = np.zeros(n)
-    if free.any():
-        found = lsq_linear(r[:, free], target, bounds=(lower[free], upper[free]), method="bvls")
-        step[free] = np.clip(found.x, lower[free], upper[free])
-    left = residuals + jacobian @ step
-    return step, float(residuals @ residuals - left @ left)
+class _Model:
+    """Residuals near an evaluation: linear in the values of moduli, as curves nearly are, or in coordinates.
+
+    Steps are bent: in proportion to those of the values, and as long as those in coordinates where short.
+    """
+
+    def __init__(self, space: SearchSpace, here: Evaluation) -> None:
+        assert here.residuals is not None
+        assert here.jacobian is not None
+        self.space, self.point = space, here.point
+        self.residuals, self.jacobian = here.residuals, here.jacobian
+        # Logarithms of upper over lower bound, by which moduli in logarithms are bent.
+        pairs = zip(space.parameters, space.log, strict=True)
+        bent = [np.log(p.upper / p.lower) if log and p.kind == "modulus" else 0.0 for p, log in pairs]
+        self.powers = np.maximum(bent, 1e-9)
+
+    def step(self, radius: float) -> tuple[FloatArray, float]:
+        """Step in coordinates of least Σ r² in the box and the trust region, and what it would gain."""
+        lower = np.expm1(self.powers * np.maximum(-self.point, -radius)) / self.powers
+        upper = np.expm1(self.powers * np.minimum(1.0 - self.point, radius)) / self.powers
+        # What no residual sees stays where it is.
+        weak = 1e-6 * max(float(np.linalg.norm(self.jacobian, ord=2)), 1e-300)
+        n = self.point.size
+        q, r = np.linalg.qr(np.concatenate([self.jacobian, weak * np.eye(n)]))
+        target = -q[: len(self.residuals)].T @ self.residuals
+        free = upper > lower
+        bent = np.zeros(n)
+        if free.any():
+            found = lsq_linear(r[:, free], target, bounds=(lower[free], upper[free]), method="bvls")
+            bent[free] = np.clip(found.x, lower[free], upper[free])
+        gain = float(self._gains(bent[None])[0])
+        if not self._accepts(bent[None])[0]:
+            bent, gain = self._accepted(np.linalg.inv(r) * np.sqrt(max(gain, 0.0)), lower, upper)
+        return np.log1p(self.powers * bent) / self.powers, gain
+
+    def _accepted(self, axes: FloatArray, lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, float]:
+        """Step that gains most of many that filters accept, along axes that are as long as they matter."""
+        spread = 2.0 * qmc.Sobol(len(axes), scramble=False).random(256) - 1.0
+        best, gain = np.zeros(len(axes)), 0.0
+        for width in 0.5 ** np.arange(8):
+            steps = np.clip(best + width * spread @ axes.T, lower, upper)
+            gains = np.where(self._accepts(steps), self._gains(steps), 0.0)
+            if gains.max() > gain:
+                best, gain = steps[np.argmax(gains)], float(gains.max())
+        return best, gain
+
+    def _accepts(self, bent: FloatArray) -> BoolArray:
+        points = self.point + np.log1p(self.powers * bent) / self.powers
+        return self.space.accepts(np.clip(points, 0.0, 1.0))
+
+    def _gains(self, bent: FloatArray) -> FloatArray:
+        """What steps (n, n_parameters) would gain."""
+        left = self.residuals + bent @ self.jacobian.T
+        gains: FloatArray = self.residuals @ self.residuals - (left**2).sum(axis=1)
+        return gains

@@ -183,9 +183,9 @@ class Problem:
         accepted = np.ones(len(points), dtype=np.bool_)
         for term in self.terms:
             rows = np.full((len(points), sum(len(r.searched) for r in self.study.space.regions)), np.nan)
-            for i, point in enumerate(points):
+            for i in np.flatnonzero(accepted):
                 try:
-                    rows[i] = self._row(self._inputs(term, point))
+                    rows[i] = self._row(self._inputs(term, points[i]))
                 except PalpateError:
                     accepted[i] = False
             accepted[accepted] = accepted_by_all(self.study.filters, self.study.space, rows[accepted])

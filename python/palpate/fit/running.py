@@ -108,6 +108,7 @@ def _space(fit: Fit, seed: int) -> SearchSpace:
         exact_slopes=solver.gives_slopes,
         accuracy=solver.accuracy,
         seed=seed,
+        accepts=fit.problem.accepts,
     )
 
 

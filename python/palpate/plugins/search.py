@@ -7,12 +7,18 @@ space comes to the same end without simulating anything twice. It must therefore
 """
 
 from abc import abstractmethod
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from palpate.domain import FloatArray, Parameter
+import numpy as np
+
+from palpate.domain import BoolArray, FloatArray, Parameter
 from palpate.plugins.interfaces import Component, SettingsT
+
+
+def _all(points: FloatArray) -> BoolArray:
+    return np.ones(len(points), dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,6 +38,8 @@ class SearchSpace:
     accuracy : float
         Scatter of simulated curves, relative to their size: smaller differences mean nothing.
     seed : int
+    accepts : callable
+        Which points (n, n_parameters) no filter of the study refuses, as (n,) booleans; costs no simulation.
     """
 
     parameters: tuple[Parameter, ...]
@@ -40,6 +48,7 @@ class SearchSpace:
     exact_slopes: bool
     accuracy: float
     seed: int
+    accepts: Callable[[FloatArray], BoolArray] = _all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
