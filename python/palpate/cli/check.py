@@ -85,6 +85,9 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
     )
     for name, tie in study.space.ties.items():
         session.say(f"{name} = {tie.factor:g} * {tie.source}")
+    every = study.parametrisation.parameters(study.space, study.spot_names)
+    if own := {p.name.partition("@")[0] for p in every} - {p.name for p in study.space.parameters}:
+        session.say(f"searched by the fit alone: {', '.join(sorted(own))}")
     session.table(
         "Spots",
         ["spot", "channels and peaks", "nodes"],

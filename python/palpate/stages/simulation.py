@@ -14,7 +14,7 @@ from palpate.domain import (
     Response,
     Simulation,
 )
-from palpate.errors import StudyError
+from palpate.errors import PluginError, StudyError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import IsotropicMaterial, Solver
 from palpate.progress import SILENT, Progress
@@ -113,6 +113,13 @@ def _check_fields(solver: Solver, job: Job, limb: Limb | None) -> None:
 
 def _check_searched(study: Study) -> None:
     """Refuse to search what the solver does not use, nor what is tied to it: every value would fit."""
+    with answering_for(study.parametrisation, "asking what it searches"):
+        names = [p.name for p in study.parametrisation.parameters(study.space, study.spot_names)]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise PluginError(
+            f"parametrisation '{study.parametrisation.name}' searches {', '.join(sorted(twice))} twice; "
+            "correct the plugin, or name another one under [fit]"
+        )
     used: set[str] = set()
     for region in study.space.regions:
         with answering_for(study.solver, f"naming what it ignores of '{region.material.name}'"):

@@ -13,7 +13,7 @@ from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
 from palpate.units import convert_factor
 
-_NAME = re.compile(r"[^\W\d][\w-]*(\.[^\W\d]\w*)?")
+_NAME = re.compile(r"([\w-]+\.)?[^\W\d]\w*")
 _NUMBER = re.compile(r"[+-]?[\d.]+([eE][+-]?\d+)?|[+-]?(nan|inf)")
 
 

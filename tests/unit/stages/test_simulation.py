@@ -6,8 +6,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.domain import HomogeneousTests, Indentation, Limb, Mesh, Spot, Status
-from palpate.errors import MeshError, ParameterError, StudyError
+from palpate.domain import HomogeneousTests, Indentation, Limb, Mesh, ParameterSpace, Spot, Status, Tie
+from palpate.errors import MeshError, ParameterError, PluginError, StudyError
+from palpate.fit.parametrisation import StandardParametrisation
 from palpate.run import keys
 from palpate.run.ledger import Entry, Ledger
 from palpate.stages import simulation
@@ -231,3 +232,25 @@ def test_a_search_for_what_the_solver_cannot_see_is_refused(make_study, tissue):
         StudyError, match=r"study.toml: region.soft_tissue.parameters.\w+ is searched.*fix it"
     ):
         simulation.check_jobs(study, [], {})
+
+
+def test_what_the_solver_uses_through_a_tie_may_be_searched(make_study, tissue, space):
+    class SeesGrip(tissue.Analytic):
+        def ignored(self, material):
+            return ("stiffness",)
+
+    (region,) = space.regions
+    (stiffness, _) = region.searched
+    tied = replace(
+        region, searched=(stiffness,), tied={"grip": Tie(source="soft_tissue.stiffness", factor=50.0)}
+    )
+    simulation.check_jobs(make_study(solver=SeesGrip(), space=ParameterSpace(regions=(tied,))), [], {})
+
+
+def test_a_parametrisation_that_names_a_value_twice_is_refused(make_study):
+    class Twice(StandardParametrisation):
+        def parameters(self, space, spots):
+            return (*space.parameters, *space.parameters)
+
+    with pytest.raises(PluginError, match=r"searches soft_tissue.grip, soft_tissue.stiffness twice"):
+        simulation.check_jobs(make_study(parametrisation=Twice()), [], {})

@@ -9,6 +9,7 @@ from hypothesis import given, strategies as st
 from palpate.domain import ParameterSpace, Prior, RegionMaterial, Tie
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
+from palpate.run.manifest import manifest
 from palpate.run.stage_records import design_from
 from palpate.study.reading import read_study
 
@@ -60,6 +61,12 @@ def test_a_tie_may_be_to_one_that_is_tied(read):
     space = read(skin='k = "0.5 * rubber.k"\na = "0.1 MPa^-1 * k"\n').space
     np.testing.assert_allclose(space.thetas(np.array([2.0]))["skin"], [1.0, 0.1])
     assert space.columns_of("skin") == (0,)
+
+
+def test_the_manifest_has_the_ties(read, plugins):
+    study = read(skin='k = "0.5 * rubber.k"\na = 0.1\n')
+    (_, skin) = manifest(study, plugins.channels)["materials"]
+    assert skin["tied"] == {"k": {"source": "rubber.k", "factor": 0.5}}
 
 
 @given(data=st.data())
