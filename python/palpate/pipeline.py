@@ -18,10 +18,11 @@ from palpate.fit.searches import BestSet
 from palpate.fit.stage import FitStage
 from palpate.fit.tables import fit_result
 from palpate.plugins.catalogue import Plugins
-from palpate.progress import SILENT, Progress
+from palpate.progress import SILENT, Progress, ShowsPlace
 from palpate.report import ReportData, by_spot, contact_along, draw_presses, write_report
 from palpate.report.result import Report, RunResult
 from palpate.run.directory import RunDirectory
+from palpate.run.fit_state import FitState, write_fit_state
 from palpate.run.keys import answers_key
 from palpate.run.ledger import Ledger
 from palpate.run.manifest import manifest
@@ -393,6 +394,12 @@ def _fit(
     if isinstance(study.search, BestSet):  # what the selection holds already
         run.write_fit(found, fit_from(study, run.records))
         return found
+
+    def follow(state: FitState) -> None:
+        write_fit_state(run.folder, state)
+        if isinstance(simulations.progress, ShowsPlace):
+            simulations.progress.at(str(state))
+
     abscissae = {name: channel.abscissa for name, channel in plugins.channels.items()}
     stage = FitStage(
         study=study,
@@ -402,6 +409,7 @@ def _fit(
         simulations=simulations,
         abscissae=abscissae,
         progress=simulations.progress,
+        follow=follow,
     )
     found = fit_result(stage.run(), simulations)
     run.write_fit(found, fit_from(study, run.records))

@@ -27,6 +27,14 @@ class CountsRunning(Protocol):
         """Take notice of how many simulations have begun and not ended."""
 
 
+@runtime_checkable
+class ShowsPlace(Protocol):
+    """A :class:`Progress` that also shows where in its stage the work is."""
+
+    def at(self, text: str) -> None:
+        """Show where the work is, such as a step of a search."""
+
+
 class Silent:
     """A :class:`Progress` that prints nothing."""
 

@@ -64,6 +64,31 @@ def test_a_log_hears_of_a_slow_sweep_every_minute(follow, monkeypatch):
     assert len(text.getvalue().splitlines()) > 3
 
 
+def test_a_log_hears_of_a_fit_whose_simulations_take_long(follow, monkeypatch):
+    session, text = follow(is_terminal=False)
+    monkeypatch.setattr(shown, "LINE_S", 0.0)
+    monkeypatch.setattr(shown, "LOOK_S", 0.02)
+    with StageProgress(session) as following:
+        following.begin("fit", 0)
+        following.at("all spots, scenario I: step 4, Fopt 0.002; 0 of 9 fits ended, 12 simulations")
+        deadline = time.monotonic() + 20.0
+        while text.getvalue().count("\n") < 3 and time.monotonic() < deadline:
+            time.sleep(0.02)
+    lines = text.getvalue().splitlines()
+    assert lines[0] == "fit …"
+    assert lines[1].startswith("fit: 0; all spots, scenario I: step 4, Fopt 0.002; 0 of 9 fits ended")
+
+
+def test_a_terminal_shows_where_a_fit_is(follow):
+    session, text = follow(is_terminal=True)
+    with StageProgress(session) as following:
+        following.begin("fit", 0)
+        following.at("p1, scenario II: step 2, Fopt 0.01; 3 of 9 fits ended, 20 simulations")
+        following.step("ok")
+    assert "1/?" in text.getvalue()
+    assert "p1, scenario II: step 2, Fopt 0.01; 3 of 9 fits ended" in text.getvalue()
+
+
 def test_a_terminal_gets_a_bar_and_respects_no_color(follow):
     session, text = follow(is_terminal=True)
     with StageProgress(session) as following:

@@ -75,8 +75,23 @@ class RunnerOutput(Closed):
     since: str
 
 
+class FitStateOutput(Closed):
+    """The search that has taken a step last, and how many fits have ended."""
+
+    fit: str
+    scenario: str
+    step: int
+    fopt: Number
+    n_ended: int
+    n_fits: int
+    n_simulations: int
+
+
 class StatusOutput(Closed):
-    """How far a run is; ``states`` counts simulations by how they ended."""
+    """How far a run is; ``states`` counts simulations of the sweep by how they ended.
+
+    ``fit`` is null before a fit begins, and once it has ended.
+    """
 
     folder: str
     running: RunnerOutput | None
@@ -86,6 +101,7 @@ class StatusOutput(Closed):
     seconds_left: Number
     failures: list[Row]
     best: list[Row]
+    fit: FitStateOutput | None
 
 
 class SampleOutput(Closed):

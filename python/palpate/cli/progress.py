@@ -21,8 +21,11 @@ if TYPE_CHECKING:
 _ASKING = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask to stop; batch systems send the second before they kill."""
 
-LINE_S = 60.0
-"""Longest time that a log is without a line while simulations end."""
+SIMULATING = ("simulate", "fit")
+"""Stages of simulations: asked to stop, they finish those that are running."""
+
+LINE_S = 50.0
+"""Time after which a log gets a line at the next look, so that it gets one every minute."""
 
 WARNING = "warning: "
 """How a note begins that also goes to ``--json``."""
@@ -56,13 +59,14 @@ class StageProgress:
         self.warnings: list[str] = []
         """Every note so far that begins with ``warning:``, without that."""
         self._notes: Counter[str] = Counter()
+        self._place = ""
         self._stopping = False
         self._handlers: dict[signal.Signals, Any] = {}
-        self._side = _Side(folder)
+        self._side = _Side(folder, self._look_at_clock)
 
     def __enter__(self) -> "StageProgress":
         if self._console.is_terminal:
-            self._bars = _bars(self._console, lambda: self._side.text)
+            self._bars = _bars(self._console, self._side_line)
             self._bars.start()
         if threading.current_thread() is threading.main_thread():
             self._handlers = {each: signal.signal(each, self._stop) for each in _ASKING}
@@ -91,12 +95,12 @@ class StageProgress:
         # Of a sweep the pace counts from its first simulation: what is done before was done by another run.
         self._last_line = time.monotonic()
         self._first = None if stage == "simulate" else (self._last_line, 0)
-        self._notes = Counter()
+        self._notes, self._place = Counter(), ""
         if self._bars is not None:
-            self._task = self._bars.add_task(stage, total=total, left="", notes="")
+            self._task = self._bars.add_task(stage, total=total or None, left="", notes="")
         else:
             self._console.print(f"{stage}: {total} steps" if total > 1 else f"{stage} …", markup=False)
-        if stage == "simulate":
+        if stage in SIMULATING:
             self._side.begin()
 
     def step(self, note: str = "") -> None:
@@ -108,10 +112,7 @@ class StageProgress:
         if self._bars is not None and self._task is not None:
             self._bars.update(self._task, advance=1, left=self._left(), notes=self._counts())
         elif self._is_line_due():
-            self._last_line = time.monotonic()
-            line = f"{self._stage}: {self._done} of {self._total} {self._counts()}"
-            parts = [line.rstrip(), self._left(), self._side.text]
-            self._console.print("; ".join(part for part in parts if part), markup=False)
+            self._print_line()
 
     def running(self, n_running: int) -> None:
         """Show how many simulations are running."""
@@ -120,6 +121,10 @@ class StageProgress:
             self._first = (time.monotonic(), self._done)
         if self._bars is not None and self._task is not None:
             self._bars.update(self._task, notes=self._counts())
+
+    def at(self, text: str) -> None:
+        """Show where in the stage the work is."""
+        self._place = text
 
     def note(self, text: str) -> None:
         """Print a message during a stage."""
@@ -130,6 +135,21 @@ class StageProgress:
     def should_continue(self) -> bool:
         """Go on until the user asks to stop."""
         return not self._stopping
+
+    def _look_at_clock(self) -> None:
+        """Print a line where nothing has ended for a while."""
+        if self._bars is None and self._stage in SIMULATING and self._is_late():
+            self._print_line()
+
+    def _print_line(self) -> None:
+        self._last_line = time.monotonic()
+        of = f" of {self._total}" if self._total else ""
+        line = f"{self._stage}: {self._done}{of} {self._counts()}"
+        parts = [line.rstrip(), self._left(), self._side_line()]
+        self._console.print("; ".join(part for part in parts if part), markup=False)
+
+    def _side_line(self) -> str:
+        return "; ".join(part for part in (self._place, self._side.text) if part)
 
     def _counts(self) -> str:
         """Counts by how steps ended: failures first, since a narrow terminal cuts the end."""
@@ -143,7 +163,7 @@ class StageProgress:
 
         begun, n_before = self._first or (time.monotonic(), self._done)
         n_left, n_done = self._total - self._done, self._done - n_before
-        if not n_left or not n_done:
+        if n_left <= 0 or not n_done:
             return ""
         return f"about {duration((time.monotonic() - begun) / n_done * n_left)} left"
 
@@ -151,11 +171,14 @@ class StageProgress:
         tenth = max(1, self._total // 10)
         if self._total >= 10 and (self._done % tenth == 0 or self._done == self._total):
             return True
+        return self._is_late()
+
+    def _is_late(self) -> bool:
         return time.monotonic() - self._last_line > LINE_S
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         """Finish what runs when asked once, stop at once when asked again."""
-        if self._stopping or self._stage != "simulate":
+        if self._stopping or self._stage not in SIMULATING:
             self._session.interrupts.append(number)
             raise KeyboardInterrupt
         self._stopping = True
@@ -165,10 +188,11 @@ class StageProgress:
 
 
 class _Side:
-    """Thread that reads processor load, memory and the best sets during a sweep."""
+    """Thread that reads processor load, memory and the best sets, and then calls ``looked``."""
 
-    def __init__(self, folder: Path | None) -> None:
+    def __init__(self, folder: Path | None, looked: Callable[[], None]) -> None:
         self.text = ""
+        self._looked = looked
         self._folder = folder
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
@@ -188,16 +212,19 @@ class _Side:
         from palpate.stages.status import Watcher
 
         watcher = None if self._folder is None else Watcher(self._folder)
-        before, pause_s = (time.monotonic(), usage()), LOOK_S
-        while not self._ended.wait(pause_s):
+        before, next_s = (time.monotonic(), usage()), 0.0
+        while not self._ended.wait(LOOK_S):
+            self._looked()
             now = (time.monotonic(), usage())
+            if now[0] < next_s:
+                continue
             parts = [_use(before, now)]
             before = now
             # The sweep itself reports what is wrong with the folder.
             with contextlib.suppress(PalpateError, OSError):
                 parts.append(best(watcher.look().best) if watcher else "")
             self.text = "; ".join(part for part in parts if part)
-            pause_s = max(LOOK_S, 20.0 * (time.monotonic() - now[0]))
+            next_s = time.monotonic() + 20.0 * (time.monotonic() - now[0])
 
 
 _Use = tuple[float, tuple[float, float] | None]

@@ -1,8 +1,9 @@
 """``palpate status``: how far a run is, from another terminal or after the fact."""
 
 import time
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -11,7 +12,7 @@ from palpate.cli.runs import find_run
 from palpate.cli.session import Session
 
 if TYPE_CHECKING:
-    from palpate.cli.output import StatusOutput
+    from palpate.cli.output import FitStateOutput, StatusOutput
     from palpate.stages.status import RunStatus, Watcher
 
 INTERVAL_S = 2.0
@@ -70,7 +71,7 @@ def _show(session: Session, seen: "RunStatus") -> None:
     for title, frame in (("Best so far", seen.best), ("Failures", seen.failures)):
         if not frame.is_empty():
             session.frame(title, frame)
-    if seen.runner is None and seen.n_finished < seen.n_simulations:
+    if seen.is_unfinished:
         session.next(f"resume {seen.folder}")
 
 
@@ -80,14 +81,15 @@ def _line(seen: "RunStatus") -> str:
         line += f"; about {duration(seen.seconds_left)} left"
     if seen.runner is not None:
         line += f"; running: {seen.runner}"
-    elif seen.n_finished < seen.n_simulations:
+    elif seen.is_unfinished:
         line += "; not running"
     return line
 
 
 def _counts(seen: "RunStatus") -> str:
     states = ", ".join(f"{n} {state}" for state, n in seen.states.items()) or "none finished"
-    return f"{seen.n_finished} of {seen.n_simulations} simulations ({states})"
+    sweep = f"{seen.n_finished} of {seen.n_simulations} simulations ({states})"
+    return sweep if seen.fit is None else f"{sweep}; fit: {seen.fit}"
 
 
 def duration(seconds: float) -> str:
@@ -111,4 +113,5 @@ def _as_json(seen: "RunStatus") -> "StatusOutput":
         "seconds_left": seen.seconds_left,
         "failures": seen.failures.to_dicts(),
         "best": seen.best.to_dicts(),
+        "fit": cast("FitStateOutput | None", seen.fit and asdict(seen.fit)),
     }

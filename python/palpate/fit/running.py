@@ -85,7 +85,7 @@ def run_searches(
     asking: list[tuple[Fit, Asking]] = []
     wanted: list[Sequence[Trial]] = []
     for fit in fits:
-        asked = search.search(_space(fit, seed))
+        asked = _asking(search, _space(fit, seed))
         _next(search, fit, asked, None, asking, wanted)
     while asking:
         jobs: list[Job] = []
@@ -95,8 +95,13 @@ def run_searches(
         for (fit, asked), finish in zip(going_on, finishing, strict=True):
             evaluations = finish(simulations)
             fit.take(evaluations)
-            stepped(fit)
             _next(search, fit, asked, evaluations, asking, wanted)
+            stepped(fit)
+
+
+def _asking(search: Search, space: SearchSpace) -> Asking:
+    """Call a search with its first step, where whatever it raises is caught."""
+    return (yield from search.search(space))
 
 
 def _space(fit: Fit, seed: int) -> SearchSpace:

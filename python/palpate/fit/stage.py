@@ -5,7 +5,7 @@ scenarios start where it ends, and each spot where the joint fit of its scenario
 finer mesh, its answers correct the curves of the coarse one until that changes nothing any more.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from palpate.fit.spot_term import NotRankedError, SpotTerm
 from palpate.fit.starts import basins, point_of, scaled_start
 from palpate.plugins.parametrisation import SpotInputs
 from palpate.progress import SILENT, Progress
+from palpate.run.fit_state import FitState
 from palpate.run.result import ALL_SPOTS
 from palpate.stages.selection import objectives
 from palpate.stages.simulation import homogeneous_tests
@@ -82,6 +83,8 @@ class FitStage:
         Where jobs are simulated and kept.
     abscissae : mapping of channel name to str
     progress : Progress
+    follow : callable
+        Called with how far the fit is, after each step.
     """
 
     study: Study
@@ -91,6 +94,9 @@ class FitStage:
     simulations: Simulations
     abscissae: Mapping[str, str]
     progress: Progress = SILENT
+    follow: Callable[[FitState], None] = lambda state: None
+    _cases: list[Case] = field(default_factory=list)
+    _n_known: int = 0
     _fine: dict[str, list[FineRun]] = field(default_factory=dict)
 
     def run(self) -> list[Case]:
@@ -101,6 +107,7 @@ class FitStage:
         spots = study.spot_names
         label = ALL_SPOTS if len(spots) > 1 else spots[0]
         self.progress.begin("fit", 0)
+        self._n_known = len(self.simulations.known)
         first = Case(label, self._weighed_spots(main), main)
         self._search([first], {id(first): self._starts(first)})
         cases = [first, *(Case(label, self._weighed_spots(scenario), scenario) for scenario in others)]
@@ -155,11 +162,27 @@ class FitStage:
         fits = []
         for case in cases:
             problem = self.problem(case, {spot: self._nearest(spot) for spot in case.spots})
+            self._cases.append(case)
             for start in starts[id(case)] or [{}]:
                 point = point_of(problem, start)
                 case.fits.append(Fit(problem, point if start else scaled_start(problem, point)))
             fits += case.fits
-        run_searches(self.study.search, fits, self.simulations.of, self.study.seed)
+        run_searches(self.study.search, fits, self.simulations.of, self.study.seed, self._stepped)
+
+    def _stepped(self, fit: Fit) -> None:
+        case = next(case for case in self._cases if fit in case.fits)
+        n_of_spots = len(self.study.spot_names) if len(self.study.spot_names) > 1 else 0
+        self.follow(
+            FitState(
+                fit=case.label,
+                scenario=case.scenario.name,
+                step=len(fit.trace),
+                fopt=None if fit.best is None else fit.best.fopt,
+                n_ended=sum(all(fit.message for fit in case.fits) for case in self._cases),
+                n_fits=len(self.study.scenarios) * (1 + n_of_spots),
+                n_simulations=len(self.simulations.known) - self._n_known,
+            )
+        )
 
     def _starts(self, case: Case) -> list[dict[str, float]]:
         if self.scores.is_empty():
@@ -186,7 +209,7 @@ class FitStage:
             if not again:
                 break
             fits = [case.fits[-1] for case in again]
-            run_searches(self.study.search, fits, self.simulations.of, self.study.seed)
+            run_searches(self.study.search, fits, self.simulations.of, self.study.seed, self._stepped)
         for case in active:
             ends = [end for end in self._ends(case) if f"{end.spot}/fine" in self.simulations.limbs]
             case.is_settled = all(end.error <= NEAR * end.misfit for end in ends)

@@ -202,7 +202,13 @@ def cost_of_one_set(data: ReportData) -> pl.DataFrame:
 def distance_to_truth(data: ReportData) -> pl.DataFrame:
     """How far the found coefficients are from the known ones of a simulated experiment."""
     all_spots = data.generalisation.head(1).with_columns(spot=pl.lit("all spots"))
-    found = {"sweep": data.selection, "fit": data.fit.table, "generalised": all_spots}
+    joint = pl.concat([data.fit.joint(scenario.name) for scenario in data.study.scenarios], how="diagonal")
+    found = {
+        "sweep": data.selection,
+        "generalised": all_spots,
+        "joint fit": joint,
+        "fit": data.fit.of_each_spot,
+    }
     rows = [
         {
             "search": search,

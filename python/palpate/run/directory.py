@@ -9,6 +9,7 @@
     ledger.sqlite  curves/  simulations: states, attempts, timings, reasons, and their curves
     scores.parquet  selection.parquet  generalisation.parquet
     fit.parquet  fit_trace.parquet  fit_mesh.parquet  fit_curves.parquet
+    fit.json                how far the fit is, while it goes on
     stiffness_scaling.parquet  verification.parquet
     stages.json             checksums of these files, and what each stage was made from
     report/
@@ -32,6 +33,7 @@ import polars as pl
 from palpate.domain import Channel, Design, Parameter, Response
 from palpate.errors import StudyError
 from palpate.executors.answers import plain
+from palpate.run.fit_state import remove_fit_state
 from palpate.run.lock import locked
 from palpate.run.manifest import checked_manifest, finite, infinite, manifest
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
@@ -65,6 +67,7 @@ class RunDirectory:
         """
         before = self.manifest() if self.exists else {}
         now, earlier = fingerprints(study), before.get("fingerprints", {})
+        remove_fit_state(self.folder)
         if not simulating:
             now |= {name: earlier[name] for name in now if name.startswith(IN_KEYS) and name in earlier}
         content = manifest(study, channels) | {
@@ -244,6 +247,7 @@ class RunDirectory:
             "fit_curves": pl.concat(curves) if curves else pl.DataFrame(),
         }
         self._write("fit", frames, made_from)
+        remove_fit_state(self.folder)
 
     def fit(self) -> FitResult:
         """Read the fit; empty where there is none."""

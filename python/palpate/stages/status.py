@@ -10,6 +10,7 @@ import polars as pl
 
 from palpate.domain import Scenario, SimulationId, Status
 from palpate.run.directory import RunDirectory
+from palpate.run.fit_state import FitState, read_fit_state
 from palpate.run.ledger import Ledger
 from palpate.run.lock import Runner, living_runner_of
 from palpate.run.manifest import scoring_rules
@@ -34,6 +35,8 @@ class RunStatus:
         status, reason, n, example, remedy; most frequent first.
     best : DataFrame
         spot, scenario, set_id, fopt: least so far.
+    fit : FitState or None
+        How far the fit is; None before it begins, and once it has ended.
     """
 
     folder: Path
@@ -43,11 +46,17 @@ class RunStatus:
     seconds_left: float | None
     failures: pl.DataFrame
     best: pl.DataFrame
+    fit: FitState | None
 
     @property
     def n_finished(self) -> int:
         """Simulations that are finished, however they ended."""
         return sum(self.states.values())
+
+    @property
+    def is_unfinished(self) -> bool:
+        """Whether nobody works on what is left."""
+        return self.runner is None and (self.n_finished < self.n_simulations or self.fit is not None)
 
 
 @dataclass
@@ -87,6 +96,7 @@ class Watcher:
             seconds_left=_seconds_left(rows, n_left, runner),
             failures=failures(rows),
             best=self._best(manifest),
+            fit=read_fit_state(self.folder),
         )
 
     def _score(

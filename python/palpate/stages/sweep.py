@@ -50,6 +50,11 @@ class Simulations:
     progress : Progress
     check : callable
         Raises where the lock on the folder is lost.
+
+    Attributes
+    ----------
+    known : mapping of key to Simulation
+        Every one that was asked for so far.
     """
 
     def __init__(
@@ -66,7 +71,7 @@ class Simulations:
         self.progress = progress
         self._check = check
         self._keys = JobKeys(study.solver, limbs, study.trusted)
-        self._known: dict[str, Simulation] = {}
+        self.known: dict[str, Simulation] = {}
         self._opened = contextlib.ExitStack()
 
     def __enter__(self) -> "Simulations":
@@ -92,7 +97,7 @@ class Simulations:
         self._writer.plan(keys, jobs)
         self.progress.begin("simulate", len(jobs))
         final, _ = self._kept
-        self._warn_of_full_disk(len(set(keys) - final - self._known.keys()))
+        self._warn_of_full_disk(len(set(keys) - final - self.known.keys()))
 
     def of(self, jobs: Sequence[Job]) -> list[Simulation]:
         """Return the simulation of each job; each is a step of the running stage.
@@ -111,22 +116,22 @@ class Simulations:
             by_key.setdefault(key, job)
         for source in (self._in_memory, self._in_ledger, self._in_cache, self._simulated):
             for key, simulation in source(by_key):
-                self._known[key] = simulation
+                self.known[key] = simulation
                 for _ in range(n_jobs[key]):
                     self.progress.step(simulation.status.value)
-            by_key = {key: job for key, job in by_key.items() if key not in self._known}
+            by_key = {key: job for key, job in by_key.items() if key not in self.known}
         writer.flush()
         if by_key:
             raise StoppedError(
                 f"stopped with {len(n_jobs) - len(by_key)} of {len(n_jobs)} simulations finished and kept; "
                 f"`palpate resume {self.folder}` continues the run"
             )
-        return [of_job(self._known[key], job) for key, job in zip(keys, jobs, strict=True)]
+        return [of_job(self.known[key], job) for key, job in zip(keys, jobs, strict=True)]
 
     # -------------------------------------------------------- where they come from
 
     def _in_memory(self, by_key: Mapping[str, Job]) -> _Found:
-        return ((key, self._known[key]) for key in by_key if key in self._known)
+        return ((key, self.known[key]) for key in by_key if key in self.known)
 
     def _in_ledger(self, by_key: Mapping[str, Job]) -> _Found:
         final, gone = self._kept

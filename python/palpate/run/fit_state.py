@@ -1,0 +1,67 @@
+"""How far a fit is: kept in the run directory while it goes on, for whoever looks."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from palpate.errors import LedgerError
+from palpate.run.ownership import KEPT, reason
+from palpate.run.result_files import write_whole
+
+_FILE = "fit.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitState:
+    """How far a fit is.
+
+    Parameters
+    ----------
+    fit, scenario : str
+        The search that has taken a step last: "all spots" or a spot, and its scenario.
+    step : int
+        Its evaluations so far.
+    fopt : float or None
+        Least Fopt of that search so far; None where every evaluation failed.
+    n_ended, n_fits : int
+        Fits that have ended, of all. One may go on again with the answers of finer meshes.
+    n_simulations : int
+        Simulations so far, besides those of the sweep.
+    """
+
+    fit: str
+    scenario: str
+    step: int
+    fopt: float | None
+    n_ended: int
+    n_fits: int
+    n_simulations: int
+
+    def __str__(self) -> str:
+        fopt = "no evaluation succeeded" if self.fopt is None else f"Fopt {self.fopt:.3g}"
+        return (
+            f"{self.fit}, scenario {self.scenario}: step {self.step}, {fopt}; "
+            f"{self.n_ended} of {self.n_fits} fits ended, {self.n_simulations} simulations"
+        )
+
+
+def write_fit_state(folder: Path, state: FitState) -> None:
+    """Keep how far the fit is in a run directory; not worth waiting for a disk."""
+    path = folder / _FILE
+    try:
+        write_whole(path, json.dumps(asdict(state)).encode(), durable=False)
+    except OSError as error:
+        raise LedgerError(f"{path}: {reason(error)}; {KEPT}") from error
+
+
+def read_fit_state(folder: Path) -> FitState | None:
+    """How far the fit is; None where none has begun, or it has ended."""
+    try:
+        return FitState(**json.loads((folder / _FILE).read_bytes()))
+    except (OSError, ValueError, TypeError, RecursionError):
+        return None
+
+
+def remove_fit_state(folder: Path) -> None:
+    """Forget how far a fit was: it has ended, or a new run begins."""
+    (folder / _FILE).unlink(missing_ok=True)
