@@ -124,8 +124,8 @@ def _check_searched(study: Study) -> None:
     for region in study.space.regions:
         with answering_for(study.solver, f"naming what it ignores of '{region.material.name}'"):
             ignored = study.solver.ignored(region.material)
-        names = (p.name for p in region.material.parameters if p.name not in ignored)
-        used |= {study.space.root(f"{region.region}.{name}") for name in names}
+        seen = (p.name for p in region.material.parameters if p.name not in ignored)
+        used |= {study.space.root(f"{region.region}.{name}") for name in seen}
     for parameter in study.space.parameters:
         if parameter.name not in used:
             region_name, _, name = parameter.name.partition(".")
