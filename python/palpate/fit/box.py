@@ -31,7 +31,8 @@ class Box:
         lower, upper = np.where(self.log, self.lower, 1.0), np.where(self.log, self.upper, 1.0)
         linear = self.lower + point * (self.upper - self.lower)
         values = np.where(self.log, lower * (upper / lower) ** point, linear)
-        return np.clip(values, self.lower, self.upper)  # rounding may carry them past a bound
+        # Rounding may carry them past a bound, or leave them short of the upper one.
+        return np.where(point >= 1.0, self.upper, np.clip(values, self.lower, self.upper))
 
     def point(self, values: FloatArray) -> FloatArray:
         """Point (n_parameters,) of the box where these values are; on its edge where they are outside."""

@@ -22,7 +22,8 @@ Fails = Callable[[int, FloatArray], bool]
 """Whether a trial fails, by its number and its point."""
 
 
-def _space(start: FloatArray, *, exact_slopes: bool, seed: int = 1) -> SearchSpace:
+def toy_space(start: FloatArray, *, exact_slopes: bool, seed: int = 1) -> SearchSpace:
+    """What a search is given: parameters from 0 to 1, as many as coordinates of the start."""
     parameters = tuple(
         Parameter(name=f"p{i}", unit="1", lower=0.0, upper=1.0, kind="shape", description="of a toy")
         for i in range(start.size)
@@ -69,7 +70,7 @@ class Rehearsal:
         self.points: list[FloatArray] = []
         self.objectives: list[float] = []
         self.message: object = None
-        self._asking = self.search.search(_space(self.start, exact_slopes=self.exact_slopes))
+        self._asking = self.search.search(toy_space(self.start, exact_slopes=self.exact_slopes))
         self._answers: list[Evaluation] | None = None
 
     def run(self) -> "Rehearsal":

@@ -142,7 +142,7 @@ class Here:
     def _of(self, job: Job) -> Simulation:
         key = (job.spot, *(theta.tobytes() for theta in job.thetas.values()), job.slopes, job.fine)
         if key not in self.known:
-            self.known[key] = self.solver.simulate(job, None)
+            self.known[key] = self.solver.simulate(job, self.limbs.get(job.limb_name))
             self.n_fine += job.fine
             self.n_coarse += not job.fine
         return self.known[key]
