@@ -8,7 +8,7 @@ RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test dist docs chaos lint format hooks bench bench-core bench-logs bench-ledger bench-solver bench-sparse clean
+.PHONY: help demo test dist docs chaos lint format hooks bench bench-core bench-logs bench-ledger bench-search bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -66,7 +66,7 @@ hooks: $(VENV)/installed ## write the reference of hooks into plugins/README.md
 bench: $(VENV)/installed ## timings, each with a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py
 	$(BIN)/python tests/benchmarks/bench_elements.py
-	@echo "more: make bench-core, bench-logs, bench-ledger, bench-solver, bench-sparse"
+	@echo "more: make bench-core, bench-logs, bench-ledger, bench-search, bench-solver, bench-sparse"
 
 bench-core: $(VENV)/installed ## the core's kernels with their peers, and their instruction counts
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py
@@ -80,6 +80,10 @@ bench-ledger: $(VENV)/installed ## the ledger and Optuna's storages: cost of a r
 bench-logs: $(VENV)/installed ## a robot's log of a million rows, read and processed, with polars and NumPy as peers
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_reading.py
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_robot_log.py
+
+bench-search: $(VENV)/installed ## how many simulations a search needs, with CMA-ES and SciPy's differential evolution
+	$(BIN)/python -m pip install --quiet --group bench
+	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_search.py
 
 bench-solver: $(VENV)/installed ## whole simulations: by size, many sets together, with derivatives
 	$(BIN)/python tests/benchmarks/bench_solver.py
