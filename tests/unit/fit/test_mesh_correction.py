@@ -1,0 +1,139 @@
+"""A coarse mesh with a known error, corrected by a few runs of a finer one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.domain import Simulation, Status
+from palpate.fit.mesh_correction import FineRun, error_of, fine_run
+from palpate.fit.spot_term import NotRankedError
+from palpate.progress import SILENT
+from palpate_materials.ogden import Ogden
+
+TRUTH = np.array([0.08, 4.0])
+NAMES = ("tissue.c1", "tissue.m1")
+
+
+class Notes:
+    def __init__(self):
+        self.texts = []
+
+    def note(self, text):
+        self.texts.append(text)
+
+    def __getattr__(self, name):
+        return getattr(SILENT, name)
+
+
+@pytest.fixture
+def fit(pressed, stage_of):
+    """Fit curves of a fine mesh with a coarse one that is 5 to 10 % stiffer; returns stage and cases."""
+
+    def made(spots=("p1",), fine=("p1",), solver=None, noise=0.0, **changes):
+        coarse = solver or pressed.Pressed(pressed.PressedSettings(stiffer=0.05))
+        study = pressed.study_of(Ogden(), ("c1", "m1"), solver=coarse, spots=spots, **changes)
+        exact = replace(study, solver=pressed.Pressed(pressed.PressedSettings(stiffer=0.05)))
+        measured = pressed.measured_at(exact, TRUTH, noise=noise, fine=True)
+        stage = stage_of(study, measured, {f"{spot}/fine": None for spot in fine})
+        stage.progress = Notes()
+        return stage, stage.run()
+
+    return made
+
+
+def errors(values):
+    return np.abs(np.array([values[name] for name in NAMES]) / TRUTH - 1.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_the_corrected_fit_has_the_truth_of_the_fine_mesh(fit, noise):
+    stage, (case,) = fit(noise=noise)
+    assert errors(case.coarse).max() > 0.05
+    assert errors(case.values()).max() < (0.02 if noise else 1e-3)
+    assert case.n_fine == stage.simulations.n_fine <= 3
+    assert case.is_settled or not noise
+
+
+def test_what_is_fitted_is_the_fine_residual(fit):
+    stage, (case,) = fit(noise=0.01)
+    end = case.end
+    (term,) = end.problem.terms
+    inputs = end.problem.inputs("p1", end.best.point)
+    (fine,) = stage.simulations.of([term.job(inputs, -1, slopes=False, fine=True)])
+    bare = replace(term, corrections={})
+    residuals = bare.residuals(fine, inputs)
+    assert residuals @ residuals == pytest.approx(end.best.fopt, rel=0.02)
+
+
+def test_without_a_finer_mesh_nothing_is_corrected(fit):
+    stage, (case,) = fit(fine=())
+    assert (stage.simulations.n_fine, case.n_fine, case.coarse) == (0, 0, {})
+    assert errors(case.values()).max() > 0.05
+
+
+def test_as_many_fine_runs_as_the_study_allows(fit):
+    stage, (case,) = fit(fine_runs=1)
+    assert stage.simulations.n_fine == 1
+    assert errors(case.values()).max() < 0.5 * errors(case.coarse).max()
+    assert fit(fine_runs=0)[0].simulations.n_fine == 0
+
+
+def test_only_spots_with_a_finer_mesh_are_corrected(fit):
+    stage, cases = fit(spots=("p1", "p2"), fine=("p2",))
+    ends = {case.label: errors(case.values()).max() for case in cases}
+    assert ends["p2"] < 1e-3 < ends["all spots"] < ends["p1"]
+    assert {job for job, *_ in stage._fine.items()} == {"p2"}
+
+
+def test_fits_of_spots_use_the_fine_runs_of_the_joint_one(fit):
+    stage, cases = fit(spots=("p1", "p2"), fine=("p1", "p2"), noise=0.01)
+    assert max(errors(case.values()).max() for case in cases) < 0.02
+    assert stage.simulations.n_fine <= 6
+    # Both spots have the same curves, so their own optimum is the joint one.
+    assert sum(case.n_fine for case in cases if case.label != "all spots") <= 2
+
+
+def test_a_fine_simulation_that_fails_leaves_the_coarse_fit_with_a_warning(fit, pressed):
+    class Coarse(pressed.Pressed):
+        def simulate(self, job, limb):
+            if job.fine:
+                return Simulation(job=job, status=Status.DIVERGED, response=None, message="no equilibrium")
+            return super().simulate(job, limb)
+
+    stage, (case,) = fit(solver=Coarse(pressed.PressedSettings(stiffer=0.05)))
+    assert case.values() == case.coarse
+    assert not case.is_settled
+    assert stage.simulations.n_fine == 1
+    assert stage.progress.texts == ["warning: no correction by the finer mesh: p1: diverged: no equilibrium"]
+
+
+def test_a_correction_is_as_wrong_as_the_curves_have_changed(fit, pressed):
+    stage, (case,) = fit(noise=0.01)
+    (term,) = case.end.problem.terms
+    run = stage._fine["p1"][0]
+    assert error_of(run, term, run.coarse) == 0.0
+    near, far = ({n: share * y for n, y in run.coarse.items()} for share in (1.01, 1.02))
+    assert 0.0 < error_of(run, term, near) == pytest.approx(error_of(run, term, far) / 2.0)
+    same = FineRun(coarse=run.coarse, fine=run.coarse)
+    assert error_of(same, term, far) == 0.0
+
+
+def test_a_curve_that_misses_points_corrects_nothing_there(fit):
+    stage, (case,) = fit(noise=0.01)
+    (term,) = case.end.problem.terms
+    inputs = case.end.problem.inputs("p1", case.end.best.point)
+    job = term.job(inputs, -1, slopes=False, fine=True)
+    (fine,) = stage.simulations.of([job])
+    part = {
+        name: replace(c, abscissa=c.abscissa[:-2], ordinate=c.ordinate[:-2])
+        for name, c in fine.response.curves.items()
+    }
+    short = replace(fine, response=replace(fine.response, curves=part))
+    some = replace(term, rules=replace(term.rules, minimum_coverage=0.5))
+    run = fine_run(some, inputs, fine, short)
+    for correction in run.corrections.values():
+        assert np.isfinite(correction).all()
+        assert correction[-1] == 0.0
+    with pytest.raises(NotRankedError, match="covers"):
+        fine_run(replace(term, rules=replace(term.rules, minimum_coverage=1.0)), inputs, fine, short)
