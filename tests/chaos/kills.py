@@ -197,9 +197,8 @@ def no_orphans(trials: Trials, name: str, moment: random.Random) -> None:
     """Kill a run once it has worker processes, and wait for them to end by themselves."""
     before = finished(trials.home / name)
     pid = forked(lambda: trials.run(name))
-    until(lambda: n_workers_alive() > 0)
+    trials.counts["workers seen"] += until(n_workers_alive)
     time.sleep(moment.uniform(0.0, 0.5) * trials.seconds)
-    trials.counts["workers seen"] += n_workers_alive()
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
     until(lambda: n_workers_alive() == 0)
@@ -207,11 +206,12 @@ def no_orphans(trials: Trials, name: str, moment: random.Random) -> None:
     trials._count("with workers", before, name)
 
 
-def until(reached: Callable[[], bool]) -> None:
-    """Wait for something, but not forever."""
-    deadline = time.monotonic() + 30.0
-    while not reached() and time.monotonic() < deadline:
+def until(reached: Callable[[], int]) -> int:
+    """Wait until a value is not 0, at most two minutes; returns it."""
+    deadline = time.monotonic() + 120.0
+    while not (value := reached()) and time.monotonic() < deadline:
         time.sleep(0.02)
+    return value
 
 
 def n_workers_alive() -> int:
