@@ -33,6 +33,7 @@ from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
+from palpate.report import figures, page  # noqa: F401 - forks inherit what is imported
 from palpate.run import result_files as results
 from palpate.run.ledger import writer
 from palpate.stages.samplers import LatinHypercube
@@ -236,6 +237,8 @@ def main() -> int:
     asked = parser.parse_args()
     moment, counts = random.Random(asked.seed), Counter()
     os.environ[MARK] = str(os.getpid())
+    # What a run imports and compiles before it writes a page is inherited by every fork.
+    page.template(), page.library()
     # A kill leaves what the kernel has taken: no disk has to be waited for.
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:

@@ -8,6 +8,7 @@ import base64
 import hashlib
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -54,23 +55,12 @@ def render(
     files : sequence of Path
         Files that the page links to, relative to it.
     """
-    from plotly.offline import get_plotlyjs
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_FOLDER),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    environment.filters |= {"shown": shown, "heading": _heading}
     style, script = ((_FOLDER / name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
-    library: str = get_plotlyjs()
+    source, packed = library()
     by_stem: dict[str, list[Path]] = {}
     for file in files:
         by_stem.setdefault(file.stem, []).append(file)
-    return environment.get_template("index.html.jinja").render(
+    return template().render(
         report=data,
         convergence=data.convergence,
         study=data.study,
@@ -87,9 +77,33 @@ def render(
         # These come from palpate's own files and hold no name of anybody's study.
         style=Markup(style),
         script=Markup(script),
-        library=base64.b64encode(zlib.compress(library.encode(), 9)).decode(),
-        policy=_policy(script, library),
+        library=packed,
+        policy=_policy(script, source),
     )
+
+
+@cache
+def template() -> jinja2.Template:
+    """Return the page, compiled once in a process."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_FOLDER),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    environment.filters |= {"shown": shown, "heading": _heading}
+    return environment.get_template("index.html.jinja")
+
+
+@cache
+def library() -> tuple[str, str]:
+    """Return the library that draws figures, and the same compressed."""
+    from plotly.offline import get_plotlyjs
+
+    source: str = get_plotlyjs()
+    return source, base64.b64encode(zlib.compress(source.encode(), 9)).decode()
 
 
 def _policy(*scripts: str) -> str:
