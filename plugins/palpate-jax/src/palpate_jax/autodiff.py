@@ -5,7 +5,7 @@ Piola–Kirchhoff stress and tangent at F̄ = s F; index letters i k space, J L
 reference, a b nodes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -24,8 +24,8 @@ T = TypeVar("T", bound=np.generic)
 _Geometry = tuple[Jax, Jax, Jax, dict[str, Jax]]
 """Gradients, volumes, the deformation at rest (3, 3) and fields of a block."""
 
-PADDING = 512
-"""Blocks are padded to a multiple of this many elements."""
+CHUNK = 512
+"""Elements evaluated at a time: one size, so that every mesh shares the compilation."""
 
 
 def _deformation(displacements: Jax, gradients: Jax, rest: Jax) -> Jax:
@@ -101,7 +101,7 @@ def _mean_dilatation_tangent(k: _Kinematics, P: Jax, A: Jax, volumes: Jax) -> tu
 def _block_force(
     material: Material, mean: bool, displacements: Jax, geometry: _Geometry, parameters: Jax
 ) -> tuple[Jax, Jax]:
-    """Nodal forces (e, n, 3) [N] and the least J of the block."""
+    """Nodal forces (e, n, 3) [N] and the least J (e,) of each element."""
     gradients, volumes, rest, fields = geometry
     k = _kinematics(displacements, gradients, volumes, rest)
     if mean:
@@ -111,19 +111,19 @@ def _block_force(
     else:
         P = stress(material, k.F, parameters, fields)
     force = jnp.einsum("eq,eqiJ,eqaJ->eai", volumes, P, gradients)
-    return force, k.J.min()
+    return force, k.J.min(axis=1)
 
 
 def _block_tangent(
     material: Material, mean: bool, displacements: Jax, geometry: _Geometry, parameters: Jax
 ) -> tuple[Jax, Jax, Jax]:
-    """Nodal forces (e, n, 3), stiffness (e, 3n, 3n) [N/mm] and the least J of the block."""
+    """Nodal forces (e, n, 3), stiffness (e, 3n, 3n) [N/mm] and the least J (e,) of each element."""
     gradients, volumes, rest, fields = geometry
     k = _kinematics(displacements, gradients, volumes, rest)
     n = gradients.shape[2]
     if not mean:
         P, A = stress_and_tangent(material, k.F, parameters, fields)
-        return _contract(gradients, volumes, P), _stiffness(gradients, volumes, A), k.J.min()
+        return _contract(gradients, volumes, P), _stiffness(gradients, volumes, A), k.J.min(axis=1)
     P, A = stress_and_tangent(material, k.s[..., None, None] * k.F, parameters, fields)
     tangent, total, mixed, curvature = _mean_dilatation_tangent(k, P, A, volumes)
     stiffness = _stiffness(gradients, volumes, tangent)
@@ -135,7 +135,7 @@ def _block_tangent(
         + g[:, :, None] * b[:, None, :]
         + curvature[..., None] * g[:, :, None] * g[:, None, :]
     )
-    return _contract(gradients, volumes, total), stiffness, k.J.min()
+    return _contract(gradients, volumes, total), stiffness, k.J.min(axis=1)
 
 
 def _contract(gradients: Jax, volumes: Jax, P: Jax) -> Jax:
@@ -152,13 +152,13 @@ def _stiffness(gradients: Jax, volumes: Jax, A: Jax) -> Jax:
 
 def _block_rates(
     material: Material, mean: bool, displacements: Jax, geometry: _Geometry, parameters: Jax
-) -> Jax:
+) -> tuple[Jax]:
     """Derivatives (e, n, 3, m) of the nodal forces in the parameters."""
 
     def force(p: Jax) -> Jax:
         return _block_force(material, mean, displacements, geometry, p)[0]
 
-    return jax.jacfwd(force)(parameters)
+    return (jax.jacfwd(force)(parameters),)
 
 
 _force_kernel = jax.jit(_block_force, static_argnums=(0, 1))
@@ -166,18 +166,19 @@ _tangent_kernel = jax.jit(_block_tangent, static_argnums=(0, 1))
 _rates_kernel = jax.jit(_block_rates, static_argnums=(0, 1))
 
 
-def _padded(array: NDArray[T]) -> NDArray[T]:
-    """Repeat the last element up to a multiple of the padding, so that block sizes recur."""
-    missing = -len(array) % PADDING
-    return np.concatenate([array, np.repeat(array[-1:], missing, axis=0)])
+def _chunks(array: NDArray[T]) -> NDArray[T]:
+    """Chunks (c, e, …) of a block; the last element is repeated to fill the last one."""
+    missing = -len(array) % CHUNK
+    padded = np.concatenate([array, np.repeat(array[-1:], missing, axis=0)])
+    return padded.reshape(-1, CHUNK, *array.shape[1:])
 
 
 class AutodiffKernel:
     """Forces and stiffness of a block, differentiated and compiled by JAX.
 
-    Kernels are compiled once per material and padded block size, and parameters
-    are arguments, so every set of a sweep, and every spot of about the same
-    size, shares the compilation.
+    Kernels are compiled once per material and element kind, for chunks of one
+    size, and parameters are arguments, so that every set of a sweep and every
+    mesh shares the compilation.
 
     Parameters
     ----------
@@ -207,13 +208,13 @@ class AutodiffKernel:
     ) -> None:
         axes = np.eye(3) if axes is None else axes
         self._nodes = nodes
-        self._padded_nodes = _padded(nodes)
-        self._geometry: _Geometry = (
-            jnp.asarray(_padded(gradients @ axes.T)),
-            jnp.asarray(_padded(volumes)),
-            jnp.asarray(axes.T),
-            {name: jnp.asarray(_padded(values)) for name, values in fields.items()},
-        )
+        arrays = (gradients @ axes.T, volumes, *fields.values())
+        self._chunks = [
+            (own, (own_gradients, own_volumes, jnp.asarray(axes.T), dict(zip(fields, values, strict=True))))
+            for own, own_gradients, own_volumes, *values in zip(
+                _chunks(nodes), *(jnp.asarray(_chunks(array)) for array in arrays), strict=True
+            )
+        ]
         self._force = partial(_force_kernel, material, mean_dilatation)
         self._tangent = partial(_tangent_kernel, material, mean_dilatation)
         self._rates = partial(_rates_kernel, material, mean_dilatation)
@@ -225,13 +226,13 @@ class AutodiffKernel:
 
     def add_force(self, displacements: FloatArray, theta: FloatArray, total: FloatArray) -> float:
         """Add nodal forces to ``total`` (n_nodes, 3) [N]; the least J."""
-        forces, least = self._force(displacements[self._padded_nodes], self._geometry, theta)
+        forces, least = self._evaluate(self._force, displacements, theta)
         self._scatter(forces, total)
-        return float(least)
+        return float(least.min())
 
     def add_rates(self, displacements: FloatArray, theta: FloatArray, totals: FloatArray) -> None:
         """Add the derivatives of the nodal forces in the parameters to ``totals`` (m, n_nodes, 3)."""
-        rates = self._rates(displacements[self._padded_nodes], self._geometry, np.asarray(theta))
+        (rates,) = self._evaluate(self._rates, displacements, np.asarray(theta))
         for k, total in enumerate(totals):
             self._scatter(rates[..., k], total)
 
@@ -239,14 +240,20 @@ class AutodiffKernel:
         self, displacements: FloatArray, theta: FloatArray, total: FloatArray, values: FloatArray
     ) -> float:
         """Add nodal forces, and stiffness to ``values`` [N/mm] at the places; the least J."""
-        results = self._tangent(displacements[self._padded_nodes], self._geometry, theta)
-        forces, stiffness, least = results
+        forces, stiffness, least = self._evaluate(self._tangent, displacements, theta)
         self._scatter(forces, total)
-        own = np.asarray(stiffness)[: len(self._nodes)]
-        values += np.bincount(self._places, own.ravel(), minlength=len(values))
-        return float(least)
+        values += np.bincount(self._places, stiffness.ravel(), minlength=len(values))
+        return float(least.min())
 
-    def _scatter(self, forces: Jax, total: FloatArray) -> None:
-        flat, columns = self._nodes.ravel(), np.asarray(forces)[: len(self._nodes)].reshape(-1, 3)
+    def _evaluate(
+        self, kernel: Callable[..., tuple[Jax, ...]], displacements: FloatArray, theta: FloatArray
+    ) -> tuple[FloatArray, ...]:
+        """Evaluate at every element; all chunks are dispatched before the first result is needed."""
+        parts = [kernel(displacements[nodes], geometry, theta) for nodes, geometry in self._chunks]
+        arrays = (np.concatenate([np.asarray(a) for a in column]) for column in zip(*parts, strict=True))
+        return tuple(a[: len(self._nodes)] for a in arrays)
+
+    def _scatter(self, forces: FloatArray, total: FloatArray) -> None:
+        flat, columns = self._nodes.ravel(), forces.reshape(-1, 3)
         for k in range(3):
             total[:, k] += np.bincount(flat, columns[:, k], minlength=len(total))
