@@ -48,9 +48,11 @@ if TYPE_CHECKING:
         StudyTemplate as StudyTemplate,
     )
     from palpate.errors import PalpateError as PalpateError
+    from palpate.fit.problem import Problem as Problem
     from palpate.notebook import (
         generalise as generalise,
         measure as measure,
+        open_problem as open_problem,
         sample as sample,
         score as score,
         select as select,

@@ -7,7 +7,7 @@ the same tables (:mod:`palpate.pipeline`).
 
 import contextlib
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,8 @@ import polars as pl
 
 from palpate.domain import Design, RecordedSimulation, Response, Simulation, SimulationId, Status
 from palpate.errors import StudyError
+from palpate.fit.problem import Problem
+from palpate.fit.spot_term import term_of
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.run.lock import locked
@@ -25,6 +27,7 @@ from palpate.stages.experiment import load_measured
 from palpate.stages.generalisation import generalise as generalise_design
 from palpate.stages.limb import load_limbs
 from palpate.stages.study_design import draw_study
+from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study
 
 _SIMULATED = ("spot", "set_id", "status", "message", "seconds", "channel", "point", "abscissa", "ordinate")
@@ -166,6 +169,65 @@ def generalise(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.D
     scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
     drawn, rows = _design(study, design), _by_row(scores, design)
     return _by_id(generalise_design(rows, scenario, drawn, study.spot_names), design)
+
+
+@contextlib.contextmanager
+def open_problem(
+    study: Study,
+    *,
+    scenario: str | None = None,
+    spots: Sequence[str] | None = None,
+    folder: Path | None = None,
+    plugins: Plugins | None = None,
+    progress: Progress = SILENT,
+) -> Iterator[Problem]:
+    """Open the study as residuals over its searched values, for an optimiser of your own.
+
+    Parameters
+    ----------
+    study : Study
+    scenario : str, optional
+        Whose Fopt is Σ r²; when left out the one that generalises.
+    spots : sequence of str, optional
+        Spots that are fitted together; all of the study when left out.
+    folder : Path, optional
+        Run directory where every simulation is kept, so that none is computed twice; nowhere when left out.
+    plugins : Plugins, optional
+        The installed ones when left out.
+    progress : Progress
+
+    Yields
+    ------
+    Problem
+        With ``names``, ``bounds``, ``start``, ``residuals(values)``, ``jacobian(values)`` and
+        ``fopt(values)``; it simulates until the context ends.
+
+    Raises
+    ------
+    PalpateError
+        The study has no such scenario or spot, or cannot be simulated.
+    """
+    plugins = plugins or Plugins.load(study.plugin_files)
+    scenarios = {each.name: each for each in study.scenarios}
+    chosen = study.spot_names if spots is None else tuple(spots)
+    for kind, given, known in (
+        ("scenario", [scenario or study.generalise_by], list(scenarios)),
+        ("spot", chosen, list(study.spot_names)),
+    ):
+        for name in given:
+            if name not in known:
+                raise StudyError(f"{study.file}: no {kind} '{name}'; name one of {', '.join(known)}")
+    measured, limbs = load_measured(study, plugins.channels), load_limbs(study)
+    scoring.check_scorable(measured, study.scoring)
+    simulation.check_jobs(study, simulation.middle_jobs(study, measured), limbs)
+    by = scenarios[scenario or study.generalise_by]
+    abscissae = {name: channel.abscissa for name, channel in plugins.channels.items()}
+    terms = [term_of(study, spot, by, measured[spot], abscissae) for spot in dict.fromkeys(chosen)]
+    if without := [term.spot for term in terms if not term.weights]:
+        raise StudyError(f"spot '{without[0]}' measures no channel of scenario '{by.name}'; leave it out")
+    with _kept_in(folder) as kept, Simulations(study, kept, limbs, progress) as simulations:
+        progress.begin("fit", 0)
+        yield Problem(study, terms, simulations.of, study.parametrisation, noise=study.noise)
 
 
 # ------------------------------------------------------------------ frames and values

@@ -8,9 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.domain import BoolArray, FloatArray, Job, Parameter, Simulation
-from palpate.errors import PalpateError
+from palpate.errors import PalpateError, ParameterError
 from palpate.fit.box import Box
 from palpate.fit.spot_term import (
     NotRankedError,
@@ -30,6 +31,9 @@ Simulate = Callable[[Sequence[Job]], Sequence[Simulation]]
 
 Finish = Callable[[Sequence[Simulation]], list[Evaluation]]
 """From the simulations of all jobs of a round to the evaluations of a problem's trials."""
+
+ROUNDING = 1e-9
+"""Share of a range by which values may leave it, as those of optimisers do."""
 
 SMALL_STEP = 1e-6
 """Step in the box for what the slopes of a simulation, or no simulation, answer."""
@@ -102,6 +106,8 @@ class Problem:
             )
         self.box = Box(self.parameters)
         self.asked: list[Job] = []
+        self._last: Evaluation | None = None
+        self._has_slopes = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -115,23 +121,82 @@ class Problem:
 
     # ------------------------------------------------------------------ in values
 
-    def residuals(self, values: FloatArray) -> FloatArray:
+    @property
+    def start(self) -> FloatArray:
+        """Values (n_parameters,) to start from: priors, the study's own, else the middle of the ranges."""
+        return self.box.values(self.point_of({}))
+
+    @property
+    def failure(self) -> str:
+        """Why the values asked for last have no residuals, or no slopes; empty where they have."""
+        return "" if self._last is None else self._last.failure
+
+    def residuals(self, values: ArrayLike) -> FloatArray:
         """Residuals (n_points,) at values (n_parameters,); all NaN where they cannot be simulated."""
-        (found,) = self.evaluate([Trial(point=self.box.point(np.asarray(values, dtype=np.float64)))])
+        # With slopes where they are exact, so that `jacobian` at the same values costs no other simulation.
+        found = self._at(values, slopes=self.study.solver.gives_slopes)
         return np.full(self.n_points, np.nan) if found.residuals is None else found.residuals
 
-    def jacobian(self, values: FloatArray) -> FloatArray:
+    def jacobian(self, values: ArrayLike) -> FloatArray:
         """Slopes (n_points, n_parameters) of the residuals per unit of each value; NaN as above."""
-        point = self.box.point(np.asarray(values, dtype=np.float64))
-        (found,) = self.evaluate([Trial(point=point, slopes=True)])
+        found = self._at(values, slopes=True)
         if found.jacobian is None:
             return np.full((self.n_points, len(self.parameters)), np.nan)
-        return found.jacobian / self.box.rates(point)
+        return found.jacobian / self.box.rates(found.point)
 
-    def fopt(self, values: FloatArray) -> float:
+    def fopt(self, values: ArrayLike) -> float:
         """Fopt at values (n_parameters,), priors aside; infinite where they cannot be simulated."""
-        (found,) = self.evaluate([Trial(point=self.box.point(np.asarray(values, dtype=np.float64)))])
-        return found.fopt
+        return self._at(values, slopes=False).fopt
+
+    def _at(self, values: ArrayLike, *, slopes: bool) -> Evaluation:
+        """Evaluate values, unless they are those of the last time.
+
+        Raises
+        ------
+        ParameterError
+            They are not one finite number for each parameter, within its range.
+        """
+        given = np.asarray(values, dtype=np.float64)
+        point = self.box.point(self._checked(given))
+        last = self._last
+        if last is None or not np.array_equal(last.point, point) or (slopes and not self._has_slopes):
+            (self._last,) = self.evaluate([Trial(point=point, slopes=slopes)])
+            self._has_slopes, last = slopes, self._last
+        return last
+
+    def _checked(self, values: FloatArray) -> FloatArray:
+        if values.shape != self.box.lower.shape:
+            raise ParameterError(
+                f"values of shape {values.shape}; give one for each of {', '.join(self.names)}"
+            )
+        slack = ROUNDING * (self.box.upper - self.box.lower)
+        inside = (values >= self.box.lower - slack) & (values <= self.box.upper + slack)
+        for parameter, value, is_inside in zip(self.parameters, values.tolist(), inside, strict=True):
+            if not is_inside:
+                raise ParameterError(
+                    f"{parameter.name} = {value:g} {parameter.unit} is not within its range, "
+                    f"{parameter.lower:g} to {parameter.upper:g}; give the optimiser `problem.bounds`"
+                )
+        return values
+
+    def point_of(self, known: Mapping[str, float]) -> FloatArray:
+        """Point of the box from values by name.
+
+        What is not known is at its prior, where the parametrisation starts, or in the middle.
+        """
+        with answering_for(self.parametrisation, "asking where to start"):
+            usual = self.parametrisation.start({term.spot: term.protocol for term in self.terms})
+        point = np.full(len(self.parameters), 0.5)
+        for i, parameter in enumerate(self.parameters):
+            head = parameter.name.partition("@")[0]
+            prior = {} if parameter.prior is None else {parameter.name: parameter.prior.value}
+            for given in (known, prior, usual):
+                if parameter.name in given or head in given:
+                    values = self.box.lower.copy()
+                    values[i] = given.get(parameter.name, given.get(head, np.nan))
+                    point[i] = self.box.point(values)[i]
+                    break
+        return point
 
     def residuals_of_nothing(self) -> FloatArray:
         """Residuals (n_points,) where every simulated ordinate is zero; zero for the priors."""
@@ -172,11 +237,6 @@ class Problem:
         """
         (term,) = (term for term in self.terms if term.spot == spot)
         return self._inputs(term, point)
-
-    def start(self) -> Mapping[str, float]:
-        """Values by name where a search starts that knows nothing better."""
-        with answering_for(self.parametrisation, "asking where to start"):
-            return self.parametrisation.start({term.spot: term.protocol for term in self.terms})
 
     def accepts(self, points: FloatArray) -> BoolArray:
         """Which points (n, n_parameters) materials and filters accept at every spot; nothing is simulated."""

@@ -18,6 +18,7 @@ from palpate.domain import (
     Job,
     Protocol,
     Response,
+    Scenario,
     ScoringRules,
     Simulation,
     channel_of,
@@ -25,6 +26,8 @@ from palpate.domain import (
 from palpate.plugins.interfaces import Material
 from palpate.plugins.parametrisation import SpotInputs
 from palpate.stages.scoring import compare, point_weights, residual_scale
+from palpate.stages.simulation import homogeneous_tests
+from palpate.study.reading import Study
 
 FRICTION = "friction"
 """Name of the friction coefficient among the slopes of a curve."""
@@ -168,6 +171,27 @@ class SpotTerm:
             counted, ordinate = self.counted(name), self.measured[channel_of(name)].ordinate
             parts.append((-ordinate * self.scale(name, weight, counted))[counted])
         return np.concatenate(parts)
+
+
+def term_of(
+    study: Study,
+    spot: str,
+    scenario: Scenario,
+    measured: Response,
+    abscissae: Mapping[str, str],
+    corrections: Mapping[str, FloatArray] | None = None,
+) -> SpotTerm:
+    """State a spot of a study in a scenario; without a weight where it measures no channel of that."""
+    return SpotTerm(
+        spot=spot,
+        measured=measured,
+        weights={n: w for n, w in scenario.weighed.items() if channel_of(n) in measured.curves},
+        protocol=study.protocol_at(spot) or homogeneous_tests(measured),
+        materials={region.region: region.material for region in study.space.regions},
+        rules=study.scoring,
+        abscissae=abscissae,
+        corrections=corrections or {},
+    )
 
 
 def is_along_slopes(one: SpotInputs, other: SpotInputs) -> bool:

@@ -15,14 +15,13 @@ from palpate.domain import Design, FloatArray, Response, Scenario, Simulation, c
 from palpate.fit.mesh_correction import NEAR, FineRun, error_of, fine_run
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
-from palpate.fit.spot_term import NotRankedError, SpotTerm
-from palpate.fit.starts import basins, point_of, scaled_start
+from palpate.fit.spot_term import NotRankedError, SpotTerm, term_of
+from palpate.fit.starts import basins, scaled_start
 from palpate.plugins.parametrisation import SpotInputs
 from palpate.progress import SILENT, Progress
 from palpate.run.fit_state import FitState
 from palpate.run.result import ALL_SPOTS
 from palpate.stages.selection import objectives
-from palpate.stages.simulation import homogeneous_tests
 from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study
 
@@ -135,26 +134,23 @@ class FitStage:
 
     def problem(self, case: Case, corrections: Mapping[str, Mapping[str, FloatArray]]) -> Problem:
         """State a case with corrections by spot and channel."""
-        terms = [self._term(spot, case.scenario, corrections.get(spot, {})) for spot in case.spots]
+        terms = [
+            term_of(
+                self.study,
+                spot,
+                case.scenario,
+                self.measured[spot],
+                self.abscissae,
+                corrections.get(spot, {}),
+            )
+            for spot in case.spots
+        ]
         return Problem(
             self.study,
             terms,
             self.simulations.of,
             self.study.parametrisation,
             noise=self.study.noise,
-        )
-
-    def _term(self, spot: str, scenario: Scenario, corrections: Mapping[str, FloatArray]) -> SpotTerm:
-        measured = self.measured[spot]
-        return SpotTerm(
-            spot=spot,
-            measured=measured,
-            weights={n: w for n, w in scenario.weighed.items() if channel_of(n) in measured.curves},
-            protocol=self.study.protocol_at(spot) or homogeneous_tests(measured),
-            materials={region.region: region.material for region in self.study.space.regions},
-            rules=self.study.scoring,
-            abscissae=self.abscissae,
-            corrections=corrections,
         )
 
     def _search(self, cases: Sequence[Case], starts: Mapping[int, Sequence[Mapping[str, float]]]) -> None:
@@ -164,7 +160,7 @@ class FitStage:
             problem = self.problem(case, {spot: self._nearest(spot) for spot in case.spots})
             self._cases.append(case)
             for start in starts[id(case)] or [{}]:
-                point = point_of(problem, start)
+                point = problem.point_of(start)
                 case.fits.append(Fit(problem, point if start else scaled_start(problem, point)))
             fits += case.fits
         run_searches(self.study.search, fits, self.simulations.of, self.study.seed, self._stepped)

@@ -1,7 +1,5 @@
 """Where searches start: in the basins of the sweep, or in the middle of the ranges."""
 
-from collections.abc import Mapping
-
 import numpy as np
 import polars as pl
 from scipy.stats import qmc
@@ -43,25 +41,6 @@ def basins(design: Design, fopt: pl.DataFrame, most: int) -> list[dict[str, floa
         if not (near < i).any() and values[i] <= WORST * values[0]:
             chosen.append(dict(zip(box.names, design.values[sets[i]].tolist(), strict=True)))
     return chosen[:most]
-
-
-def point_of(problem: Problem, known: Mapping[str, float]) -> FloatArray:
-    """Point of a problem's box from values by name.
-
-    What is not known is at its prior, where the parametrisation starts, or in the middle.
-    """
-    point = np.full(len(problem.parameters), 0.5)
-    start = problem.start()
-    for i, parameter in enumerate(problem.parameters):
-        head = parameter.name.partition("@")[0]
-        prior = {} if parameter.prior is None else {parameter.name: parameter.prior.value}
-        for given in (known, prior, start):
-            if parameter.name in given or head in given:
-                values = problem.box.lower.copy()
-                values[i] = given.get(parameter.name, given.get(head, np.nan))
-                point[i] = problem.box.point(values)[i]
-                break
-    return point
 
 
 def accepted_start(problem: Problem, start: FloatArray) -> FloatArray:

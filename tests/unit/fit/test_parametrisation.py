@@ -25,7 +25,7 @@ from palpate.fit.parametrisation import StandardParametrisation, StandardSetting
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
 from palpate.fit.spot_term import SpotTerm
-from palpate.fit.starts import point_of, scaled_start
+from palpate.fit.starts import scaled_start
 from palpate.plugins.interfaces import Solver
 from palpate.testing import LinearMaterial
 
@@ -158,7 +158,7 @@ def state(make_study):
 
 
 def fitted(problem, known=None):
-    fit = Fit(problem, point_of(problem, known or {}))
+    fit = Fit(problem, problem.point_of(known or {}))
     run_searches(LeastSquares(), [fit], problem._simulate, seed=1)
     return fit, dict(zip(problem.names, problem.box.values(fit.best.point).tolist(), strict=True))
 
@@ -233,7 +233,7 @@ def test_a_search_starts_at_the_studys_own_friction_without_offset_at_gains_of_o
     problem = state(
         {**ALL_TRUE, "skin.e": 0.5}, {**EVERYTHING, "depth_offset": {"lower": "-1 mm", "upper": "3 mm"}}
     )
-    start = dict(zip(problem.names, problem.box.values(point_of(problem, {"skin.e": 0.8})), strict=True))
+    start = dict(zip(problem.names, problem.box.values(problem.point_of({"skin.e": 0.8})), strict=True))
     assert start["friction"] == pytest.approx(press().friction)
     assert start["depth_offset_mm@p2"] == pytest.approx(0.0, abs=1e-12)
     assert start["gain.force@p1"] == start["gain.torque"] == pytest.approx(1.0)
@@ -244,7 +244,7 @@ def test_a_search_starts_at_the_studys_own_friction_without_offset_at_gains_of_o
 def test_a_prior_is_where_a_search_starts(state):
     searched = {"friction": {**EVERYTHING["friction"], "prior": {"value": 0.3, "sd": 0.1}}}
     problem = state({**BASE, "friction": 0.4}, searched)
-    assert problem.box.values(point_of(problem, {}))[2] == pytest.approx(0.3)
+    assert problem.box.values(problem.point_of({}))[2] == pytest.approx(0.3)
 
 
 @settings(max_examples=5)
@@ -276,7 +276,7 @@ def _state(truth, of):
 def test_one_run_gives_the_scale_where_all_moduli_are_tied(state):
     of = space(Tie(source="skin.e", factor=0.6))
     problem = state({"skin.e": 0.83}, of=of)
-    start = scaled_start(problem, point_of(problem, {}))
+    start = scaled_start(problem, problem.point_of({}))
     assert problem.box.values(start) == pytest.approx([0.83], rel=1e-5)
 
 
