@@ -99,7 +99,7 @@ def test_the_study_is_marked_as_simulated_and_is_small():
     assert study().data == "simulated"
     assert "(simulated)" in plugins().studies["robot-log"].summary
     assert all("simulated" in file.name for spot in study().spots for file in spot.files)
-    assert sum(file.stat().st_size for file in folder().rglob("*") if file.is_file()) < 1_000_000
+    assert sum(file.stat().st_size for file in folder().rglob("*") if file.is_file()) < 2_000_000
     with np.load(DATA / "robot_p3.npz") as stored:
         decimals = dict(zip([n for n in stored.files if n != "decimals"], stored["decimals"], strict=True))
         moment = np.cumsum(stored["tz_Nm"], dtype=np.int64) / 10.0 ** decimals["tz_Nm"]
@@ -111,7 +111,8 @@ def test_the_sphere_may_touch_every_mesh_at_its_spot():
     for limb in load_limbs(study()).values():
         points = limb.mesh.points_mm
         nearest = int(np.linalg.norm(points, axis=1).argmin())
-        assert np.abs(points[nearest]).max() < 1e-6
+        assert np.abs(points[nearest]).max() < 1.0
+        assert abs(points[nearest, 2]) < 0.05
         assert nearest in limb.mesh.node_sets["contact"]
 
 
