@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-import palpate
+from palpate import api
 from palpate.cli.app import main
 from palpate.cli.session import Session
 from palpate.report.convergence import CONTACT
@@ -32,11 +32,15 @@ def test_the_code_runs_from_top_to_bottom():
 
 @pytest.mark.parametrize("name", [name for name in TABLES if name != "Session"])
 def test_the_fields_are_those_of_the_value(name):
-    assert TABLES[name] == [field.name for field in dataclasses.fields(getattr(palpate, name))]
+    assert TABLES[name] == [field.name for field in dataclasses.fields(getattr(api, name))]
 
 
 def test_every_value_that_a_solver_meets_has_its_table():
     assert {"Job", "Limb", "Mesh", "Simulation", "Spot", "Curve", "Response", "Channel"} <= set(TABLES)
+
+
+def test_every_value_that_a_search_meets_has_its_table():
+    assert {"SearchSpace", "Trial", "Evaluation"} <= set(TABLES)
 
 
 def test_a_session_has_the_methods_of_the_page():
