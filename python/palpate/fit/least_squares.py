@@ -1,5 +1,7 @@
 """The default search: least squares within the box, in trust regions."""
 
+from dataclasses import replace
+
 import numpy as np
 from pydantic import Field
 from scipy.optimize import lsq_linear
@@ -15,11 +17,12 @@ class LeastSquaresSettings(Settings):
 
     max_steps: int = Field(30, ge=1, description="most trial steps from one start")
     first_step: float = Field(0.3, gt=0.0, le=1.0, description="largest first step, as a share of each range")
-    tolerance: float = Field(
-        1e-3,
+    tolerance: float | None = Field(
+        None,
         gt=0.0,
         lt=1.0,
-        description="relative gain of Fopt below which a step is not worth its simulations",
+        description="relative gain of Fopt below which a step is not worth its simulations; "
+        "by default 100 times the solver's accuracy",
     )
 
 
@@ -34,13 +37,14 @@ class LeastSquares(Search[LeastSquaresSettings]):
         (here,) = yield [Trial(point=space.start, slopes=True)]
         if here.residuals is None:
             return f"the start cannot be simulated ({here.failure})"
+        if here.jacobian is None:
+            return f"stopped at the start: {here.failure}"
         radius: float = self.settings.first_step
         floor = (0.1 * space.accuracy) ** 2
+        tolerance = self.settings.tolerance or min(100.0 * space.accuracy, 0.1)
         for _ in range(self.settings.max_steps):
-            if here.jacobian is None:
-                return f"stopped: {here.failure}"
             step, expected = _Model(space, here).step(radius)
-            if expected < max(self.settings.tolerance * here.objective, floor):
+            if expected < max(tolerance * here.objective, floor):
                 return "converged"
             (trial,) = yield [Trial(point=np.clip(here.point + step, 0.0, 1.0), slopes=space.exact_slopes)]
             gain = here.objective - trial.objective
@@ -50,9 +54,9 @@ class LeastSquares(Search[LeastSquaresSettings]):
             elif gain > 0.75 * expected and length > 0.99 * radius:
                 radius = min(1.0, 2.0 * radius)
             if gain > 0.0:
-                here = trial
-                if here.jacobian is None and not here.failure:
-                    (here,) = yield [Trial(point=here.point, slopes=True)]
+                if trial.jacobian is None and not trial.failure:
+                    (trial,) = yield [Trial(point=trial.point, slopes=True)]
+                here = trial if trial.jacobian is not None else _secant(here, trial)
             elif radius < SHORTEST:
                 return "no step gains any more"
         return f"stopped after {self.settings.max_steps} steps"
@@ -60,6 +64,16 @@ class LeastSquares(Search[LeastSquaresSettings]):
 
 SHORTEST = 1e-5
 """Trust region, as a share of each range, at which a search gives up."""
+
+
+def _secant(before: Evaluation, after: Evaluation) -> Evaluation:
+    """Slopes for an evaluation that has none: those before it, changed along the step (Broyden 1965)."""
+    assert before.residuals is not None
+    assert before.jacobian is not None
+    assert after.residuals is not None
+    step = after.point - before.point
+    missed = after.residuals - before.residuals - before.jacobian @ step
+    return replace(after, jacobian=before.jacobian + np.outer(missed, step) / (step @ step))
 
 
 class _Model:

@@ -209,7 +209,13 @@ def is_same_job(one: SpotInputs, other: SpotInputs) -> bool:
 
 
 def along_slopes(simulation: Simulation, base: SpotInputs, inputs: SpotInputs) -> Simulation:
-    """Curves at ``inputs`` by the slopes of the simulation at ``base``."""
+    """Curves at ``inputs`` by the slopes of the simulation at ``base``.
+
+    Raises
+    ------
+    NotRankedError
+        A curve has no slopes.
+    """
     steps = {FRICTION: _friction(inputs.protocol) - _friction(base.protocol)}
     for region, material in simulation.job.materials.items():
         moved = (inputs.thetas[region] - base.thetas[region]).tolist()
@@ -217,6 +223,11 @@ def along_slopes(simulation: Simulation, base: SpotInputs, inputs: SpotInputs) -
     taken = {name: step for name, step in steps.items() if step}
     if simulation.response is None or not taken:
         return simulation
+    for name, curve in simulation.response.curves.items():
+        if missing := taken.keys() - curve.slopes.keys():
+            why = simulation.diagnostics.get("slopes", "")
+            lacking = ", ".join(sorted(missing))
+            raise NotRankedError(f"{simulation.job.spot}: '{name}' has no slope in {lacking} ({why})")
     curves = {
         name: replace(
             curve, ordinate=curve.ordinate + sum(step * curve.slopes[at] for at, step in taken.items())

@@ -249,17 +249,19 @@ class FitStage:
             bare = replace(term, corrections={})
             channels = map(channel_of, term.weights)
             curves = {channel: bare.values(coarse, inputs, channel) for channel in channels}
-            runs = [
-                (error_of(run, bare, curves), i, run) for i, run in enumerate(self._fine.get(term.spot, []))
-            ]
-            error, _, run = min(runs, default=(np.inf, 0, None), key=lambda each: each[:2])
-            ends.append(_End(bare, inputs, coarse, run, error=error, misfit=float(np.sqrt(end.best.fopt))))
+            runs = [(error_of(run, bare, curves), run) for run in self._fine.get(term.spot, [])]
+            misfit = float(np.sqrt(end.best.fopt))
+            used = [each for each in runs if _same(each[1].corrections, term.corrections)]
+            # A correction that is near enough is kept: another one would be one more search.
+            near = [each for each in used if each[0] <= NEAR * misfit] or runs
+            error, run = min(near, default=(np.inf, None), key=lambda each: each[0])
+            ends.append(_End(bare, inputs, coarse, run, error=error, misfit=misfit))
         return ends
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _End:
-    """Where a case has ended at one spot, and how wrong the nearest correction may be there."""
+    """Where a case has ended at one spot, and how wrong its correction, or the nearest, may be there."""
 
     term: SpotTerm
     inputs: SpotInputs

@@ -23,6 +23,7 @@ class Answers:
     accepts: object = None
     accuracy: float = 1e-4
     fails: object = staticmethod(lambda point: False)
+    has_slopes: object = staticmethod(lambda n: True)
     asked: list = field(default_factory=list)
     objectives: list = field(default_factory=list)
     message: str = ""
@@ -58,14 +59,19 @@ class Answers:
         r = np.asarray(self.residuals(trial.point))
         self.objectives.append(float(r @ r))
         slopes = None
-        if trial.slopes:
+        if trial.slopes and self.has_slopes(len(self.asked) - 1):
             steps = 1e-7 * np.eye(trial.point.size)
             slopes = np.stack(
                 [(self.residuals(trial.point + s) - self.residuals(trial.point - s)) / 2e-7 for s in steps],
                 axis=1,
             )
         return Evaluation(
-            point=trial.point, objective=float(r @ r), fopt=float(r @ r), residuals=r, jacobian=slopes
+            point=trial.point,
+            objective=float(r @ r),
+            fopt=float(r @ r),
+            residuals=r,
+            jacobian=slopes,
+            failure="no slopes" if trial.slopes and slopes is None else "",
         )
 
     @property
@@ -156,6 +162,31 @@ def test_where_simulations_fail_the_step_shrinks():
     assert 0.6 < run.best[0] <= 0.7
 
 
+def test_where_slopes_are_missing_a_secant_leads_on():
+    """Slopes at the start alone: a curved problem is still solved to its end."""
+    curved = Answers(
+        lambda p: np.array([np.exp(p[0]) - np.exp(0.6), p[1] ** 2 - 0.25, 0.01]),
+        (0.3, 0.3),
+        has_slopes=lambda n: n == 0,
+    ).run()
+    np.testing.assert_allclose(curved.best, [0.6, 0.5], atol=2e-3)
+    assert curved.message == "converged"
+
+
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-9])
+def test_what_is_left_to_gain_fits_the_solvers_accuracy(accuracy):
+    def missed(point):
+        return np.sin(3.0 * point[0]) - np.sin(2.4)
+
+    run = Answers(lambda p: np.array([missed(p), 0.1]), (0.7,), accuracy=accuracy).run()
+    assert missed(run.best) ** 2 <= 100.0 * accuracy * 0.01
+    steps = [
+        len(Answers(lambda p: np.array([missed(p), 0.1]), (0.7,), accuracy=accuracy).run(**more).asked)
+        for more in ({}, {"tolerance": 0.5})
+    ]
+    assert steps[0] >= steps[1]
+
+
 def test_why_it_ends_is_in_its_message():
     assert Answers(linear, (0.5, 0.5), fails=lambda p: True).run().message == (
         "the start cannot be simulated (diverged)"
@@ -163,4 +194,4 @@ def test_why_it_ends_is_in_its_message():
     hill = Answers(lambda p: np.array([10.0 * (p[1] - p[0] ** 2), 0.9 - p[0]]), (0.1, 0.9)).run(max_steps=2)
     assert hill.message == "stopped after 2 steps"
     lost = Rehearsal(LeastSquares(), has_slopes=False).run()
-    assert lost.message == "stopped: no slopes: diverged"
+    assert lost.message == "stopped at the start: no slopes: diverged"

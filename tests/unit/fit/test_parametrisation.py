@@ -241,6 +241,21 @@ def test_a_search_starts_at_the_studys_own_friction_without_offset_at_gains_of_o
     assert start["fat.e"] == pytest.approx(np.sqrt(0.1))  # the middle of its logarithm
 
 
+def test_a_simulation_without_slopes_is_no_jacobian_but_a_reason(state):
+    class Lost(ExactPress):
+        def simulate(self, job, limb):
+            bare = super().simulate(replace(job, slopes=False), limb)
+            return replace(bare, diagnostics={"slopes": "none: the tangent is singular"})
+
+    problem = state(ALL_TRUE, EVERYTHING, space(None, by_spot=True), Lost)
+    values = problem.box.values(np.full(len(problem.names), 0.5))
+    assert np.isnan(problem.jacobian(values)).all()
+    assert problem.failure == (
+        "no slopes: p1: 'force' has no slope in skin.e (none: the tangent is singular)"
+    )
+    assert np.isfinite(problem.residuals(values)).all()
+
+
 def test_a_prior_is_where_a_search_starts(state):
     searched = {"friction": {**EVERYTHING["friction"], "prior": {"value": 0.3, "sd": 0.1}}}
     problem = state({**BASE, "friction": 0.4}, searched)

@@ -242,6 +242,7 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
     needs_limb = False
     homogeneous = True
     gives_slopes = True
+    accuracy = 1e-10
     channels = MODES
 
     def __init__(self, settings: HomogeneousSettings | None = None) -> None:
