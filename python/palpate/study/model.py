@@ -246,6 +246,7 @@ class SamplingTable(Table):
     n_sets: Annotated[int, AfterValidator(_none_or_two)] = Field(
         ge=0,
         le=MOST_SETS,
+        json_schema_extra={"not": {"const": 1}},
         description="Number of accepted parameter sets; 0: no sweep, a fit starts from the ranges.",
     )
     max_draws: int = Field(

@@ -138,7 +138,7 @@ def test_a_byte_order_mark_is_skipped(tmp_path: Path, plugins: Plugins) -> None:
     (tmp_path / "study.toml").write_text(text, encoding="utf-8", newline="")
     assert read_study(tmp_path, plugins).name == "toy"
     (tmp_path / "study.toml").write_text(text.replace("= 20", "= 1"), encoding="utf-8", newline="")
-    with pytest.raises(StudyError, match=r"study\.toml:\d+: sampling\.n_sets: 1: must be greater"):
+    with pytest.raises(StudyError, match=r"study\.toml:\d+: sampling\.n_sets: one set is no sweep"):
         read_study(tmp_path, plugins)
 
 
