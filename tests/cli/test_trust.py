@@ -41,11 +41,17 @@ def scores(folder):
     return pl.read_parquet(folder / "scores.parquet")
 
 
+def n_simulated(folder):
+    """Count the simulations of a run: of its sweep and its fit."""
+    with Ledger(folder) as ledger:
+        return ledger.frame("simulations").height
+
+
 @quick
 def test_changed_code_is_named_and_its_results_are_made_again(call, study, tmp_path, plugin):
     run = tmp_path / "runs" / "toy"
     assert call("run", study, plugin=plugin()).code == 0
-    before = scores(run)
+    before, n_first = scores(run), n_simulated(run)
     refused = call("run", study, plugin=plugin(2.0))
     assert refused.code == 2
     assert "material:spring: code changed, source " in refused.err
@@ -54,25 +60,25 @@ def test_changed_code_is_named_and_its_results_are_made_again(call, study, tmp_p
     assert "--trust material:spring --trust solver:closed_form keeps them" in refused.err
     assert call("run", study, "--go-on", plugin=plugin(2.0)).code == 0
     assert not scores(run).equals(before)
+    n_other = n_simulated(run)
+    assert n_other >= n_first + 20, "every set of the sweep, and a fit"
     back = call("run", study, "--go-on", plugin=plugin())
     assert back.code == 0
     assert scores(run).equals(before)
-    with Ledger(run) as ledger:
-        assert ledger.frame("simulations").height == 40
+    assert n_simulated(run) == n_other
 
 
 def test_trusted_results_stay_in_every_later_stage_and_are_on_record(call, study, tmp_path, plugin):
     run = tmp_path / "runs" / "toy"
     call("run", study, plugin=plugin())
-    before = scores(run)
+    before, n_first = scores(run), n_simulated(run)
     assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0
     assert scores(run).equals(before)
     for again in (("resume", run), ("score", study), ("report", study)):
         done = call(*again, plugin=plugin(2.0))
         assert done.code == 0, done.err
     assert scores(run).equals(before)
-    with Ledger(run) as ledger:
-        assert ledger.frame("simulations").height == 20
+    assert n_simulated(run) == n_first
     manifest = json.loads((run / "manifest.json").read_text())
     (origin,) = manifest["trusted"]["material:spring"]
     assert manifest["trusted"]["material:spring"][origin] == [manifest["fingerprints"]["material:spring"]]
@@ -99,18 +105,17 @@ def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, 
     assert call("run", study, "--fork", "copy", *BOTH, plugin=plugin(2.0)).code == 0
     assert call("resume", "copy", plugin=plugin(2.0)).code == 0
     assert scores(tmp_path / "copy").equals(scores(tmp_path / "runs" / "toy"))
-    with Ledger(tmp_path / "copy") as ledger:
-        assert ledger.frame("simulations").height == 20
+    assert n_simulated(tmp_path / "copy") == n_simulated(tmp_path / "runs" / "toy")
 
 
 @quick
 def test_stages_after_the_sweep_use_the_same_results(call, study, tmp_path, plugin):
     run = tmp_path / "runs" / "toy"
     call("run", study, plugin=plugin())
+    n_first = n_simulated(run)
     assert call("sample", study, plugin=plugin(2.0)).code == 0
     assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0
-    with Ledger(run) as ledger:
-        assert ledger.frame("simulations").height == 20
+    assert n_simulated(run) == n_first
 
 
 @quick
@@ -119,7 +124,7 @@ def test_results_under_a_trusted_key_are_not_shared(call, study, tmp_path, plugi
     path.write_text(path.read_text().replace('name = "in_process"', 'name = "in_process"\ncache = "cache"'))
     call("run", study, "--sets", "10", plugin=plugin())
     shared = sorted((study / "cache").rglob("*.simulation"))
-    assert len(shared) == 10
+    assert len(shared) >= 10, "every set of the sweep, and a fit"
     assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0
     assert sorted((study / "cache").rglob("*.simulation")) == shared
 

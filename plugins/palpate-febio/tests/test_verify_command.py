@@ -40,6 +40,8 @@ facet_mm = 1.5
 [selection]
 scenarios = ["I"]
 generalise_by = "I"
+[fit]
+search = "sweep"
 """
 
 

@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 
 from palpate.domain import Design, Parameter
-from palpate.fit.starts import WORST, basins, point_of, scaled_start
+from palpate.fit.starts import WORST, basins, scaled_start
 from palpate_materials.yeoh import Yeoh
 
 AXES = tuple(
@@ -55,8 +55,8 @@ def problem(pressed, stage_of):
 
 def test_known_values_are_taken_and_the_others_are_in_the_middle(problem):
     upper = problem.parameters[0].upper
-    assert point_of(problem, {"tissue.c1": upper, "unknown": 3.0}).tolist() == [1.0, 0.5, 0.5]
-    assert point_of(problem, {}).tolist() == [0.5, 0.5, 0.5]
+    assert problem.point_of({"tissue.c1": upper, "unknown": 3.0}).tolist() == [1.0, 0.5, 0.5]
+    assert problem.point_of({}).tolist() == [0.5, 0.5, 0.5]
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.8, 1.5])
