@@ -4,12 +4,14 @@
 
 Each victim is a fork of this process, so that a trial costs milliseconds. After each kill the
 simulations that were on the disk must still be there; after the last one an undisturbed
-run must leave the same bytes in every table as a run that was never killed. The last line
-counts what was tried and what was lost; the exit code is 1 if anything was.
+run must leave the same bytes in every table as a run that was never killed, and have repeated
+no finished simulation. The last line counts what was tried and what was lost; the exit code
+is 1 if anything was.
 """
 
 import argparse
 import contextlib
+import itertools
 import json
 import os
 import random
@@ -29,13 +31,14 @@ from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 from palpate import pipeline
 from palpate.domain import Indentation, ParameterSpace, RegionMaterial, Sphere, Spot
 from palpate.executors import InProcess
+from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
-from palpate.fit.searches import BestSet
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.report import figures, page  # noqa: F401 - forks inherit what is imported
 from palpate.run import result_files as results
-from palpate.run.ledger import writer
+from palpate.run.fit_state import FitState
+from palpate.run.ledger import Ledger, writer
 from palpate.stages.samplers import LatinHypercube
 from palpate.study.reading import Study, StudySpot
 
@@ -68,7 +71,7 @@ def make_study(folder: Path, n_sets: int, n_workers: int) -> Study:
         space=ParameterSpace(regions=(region,)), sampler=LatinHypercube(), n_sets=n_sets, seed=1, filters=(),
         solver=solver, scenarios=SCENARIOS,
         generalise_by="I", truth={}, n_workers=n_workers, time_limit_s=60.0,
-        search=BestSet(),
+        search=LeastSquares(),
         parametrisation=StandardParametrisation(),
         plugin_files=(TISSUE_FILE,), executor=InProcess() if n_workers == 1 else None,
     )  # fmt: skip
@@ -161,11 +164,31 @@ class Trials:
         self._count("at writes", before, name)
         return os.WIFSIGNALED(status)
 
+    def kill_in_fit(self, name: str, step: int) -> None:
+        """Kill a run in its fit, after so many steps."""
+        before = finished(self.home / name)
+
+        def act() -> None:
+            keep, steps = pipeline.write_fit_state, itertools.count(1)
+
+            def killing(folder: Path, state: FitState) -> None:
+                keep(folder, state)
+                if next(steps) == step:
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+            pipeline.write_fit_state = killing
+            self.run(name)
+
+        _, status = os.waitpid(forked(act), 0)
+        self._count("in the fit" if os.WIFSIGNALED(status) else "too late", before, name)
+
     def check_end(self, name: str) -> None:
         """Let a run end, and compare its tables with those of one never killed."""
         self.run_to_the_end(name)
         if tables(self.home / name) != self.expected:
             self.counts["other bytes"] += 1
+        with Ledger(self.home / name) as ledger:
+            self.counts["twice"] += int((ledger.frame("simulations")["n_attempts"] > 1).sum())
 
     def _count(self, kind: str, before: dict[str, str], name: str) -> None:
         now = finished(self.home / name)
@@ -257,9 +280,11 @@ def main() -> int:
             spread = Trials(Path(folder) / "spread", n_sets=60, n_workers=2)
             for i in range(asked.workers):
                 no_orphans(spread, f"workers{i}", moment)
+            for step in (1, 4):
+                spread.kill_in_fit(f"workers{asked.workers - 1}", step)
             spread.check_end(f"workers{asked.workers - 1}")
             counts += spread.counts
-    bad = {name: counts[name] for name in ("lost", "other bytes", "orphans")}
+    bad = {name: counts[name] for name in ("lost", "twice", "other bytes", "orphans")}
     sys.stdout.write(json.dumps({**counts, **bad}) + "\n")
     return int(any(bad.values()))
 
