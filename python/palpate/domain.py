@@ -412,6 +412,12 @@ def weighed_phases(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in names if name != channel_of(name)))
 
 
+def weighed_channels(scenarios: Iterable[Scenario], measured: Iterable[str]) -> list[str]:
+    """Those of the measured channels that a scenario weighs, each once."""
+    weighed = {channel_of(name) for scenario in scenarios for name in scenario.weighed}
+    return [name for name in dict.fromkeys(measured) if name in weighed]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyTemplate:
     """A ready study that ``palpate init`` copies: a directory with a study.toml and its data."""

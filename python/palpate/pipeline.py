@@ -14,6 +14,7 @@ import polars as pl
 from palpate.domain import Design, Response, Simulation
 from palpate.errors import StudyError
 from palpate.executors.attempts import simulate_alone
+from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import FitStage
 from palpate.fit.tables import fit_result
@@ -64,6 +65,8 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     design = draw_study(study, earlier)
     to_do = simulation.jobs(study, design, measured) or simulation.middle_jobs(study, measured)
     simulation.check_jobs(study, to_do, limbs)
+    if not isinstance(study.search, BestSet):
+        check_fit(study, measured, _abscissae(plugins))
     warnings = (*odd_settings(study), *measured_warnings(measured), *limb_warnings(study, limbs))
     return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings)
 
@@ -387,6 +390,10 @@ def _select(
     )
 
 
+def _abscissae(plugins: Plugins) -> dict[str, str]:
+    return {name: channel.abscissa for name, channel in plugins.channels.items()}
+
+
 def _fit(
     simulations: Simulations, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, scores: pl.DataFrame
 ) -> FitResult:
@@ -400,14 +407,13 @@ def _fit(
         if isinstance(simulations.progress, ShowsPlace):
             simulations.progress.at(str(state))
 
-    abscissae = {name: channel.abscissa for name, channel in plugins.channels.items()}
     stage = FitStage(
         study=study,
         design=inputs.design,
         measured=inputs.measured,
         scores=scores,
         simulations=simulations,
-        abscissae=abscissae,
+        abscissae=_abscissae(plugins),
         progress=simulations.progress,
         follow=follow,
     )

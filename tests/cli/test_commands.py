@@ -76,6 +76,19 @@ def test_check_as_json(call: Call) -> None:
     assert found["spots"] == {"s1": ["pull"], "s2": ["pull"]}
     assert found["searched"] == [{"name": "rubber.k", "lower": 1.0, "upper": 3.0, "unit": "MPa"}]
     assert (found["data"], found["n_sets"]) == ("simulated", 20)
+    assert found["fit"] == {"search": "least_squares", "searched": []}
+
+
+def test_check_lists_what_only_the_fit_searches(call: Call, study: Path) -> None:
+    edit(study, "[truth]", "[fit]\nsearched.gains.pull = { lower = 0.5, upper = 2 }\n\n[truth]")
+    edit(study, '"3 MPa"', '"3 MPa", prior = { value = "2 MPa", sd = "500 kPa" }')
+    shown = call("check", study).out
+    assert re.search(r"rubber.k +1 +3 +MPa +2 ± 0.5 ", shown)
+    assert re.search(r"gain.pull +0.5 +2 +1 +– +factor on 'pull'; a value for each spot", shown)
+    assert "fit: search 'least_squares', from the best sets" in shown
+    assert call("check", study, "--json").json["fit"]["searched"] == [
+        {"name": "gain.pull", "lower": 0.5, "upper": 2.0, "unit": "1"}
+    ]
 
 
 def test_tables_of_curves_have_units_and_peaks(call: Call, study: Path) -> None:

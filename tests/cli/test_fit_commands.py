@@ -119,3 +119,87 @@ def tables(folder):
 def attempts(folder):
     with Ledger(folder) as ledger:
         return ledger.frame("attempts").rows()
+
+
+PLUGIN = """
+import numpy as np
+from palpate import hookimpl
+from palpate.plugins.parametrisation import Parametrisation, SpotInputs
+from palpate.plugins.search import Search, Trial
+
+class Wrong(Search):
+    name, summary = "wrong", "of a test"
+    def search(self, space):
+        {asks}
+
+class Bare(Parametrisation):
+    name, summary = "bare", "of a test"
+    def parameters(self, space, spots):
+        {searches}
+    def inputs(self, space, spot, protocol, values):
+        {gives}
+
+@hookimpl
+def palpate_searches():
+    return [Wrong]
+
+@hookimpl
+def palpate_parametrisations():
+    return [Bare]
+"""
+RIGHT = {
+    "asks": "yield [Trial(point=space.start)]",
+    "searches": "return space.parameters",
+    "gives": "return SpotInputs(thetas=space.thetas(np.array(list(values.values()))), protocol=protocol)",
+}
+MID = "yield [Trial(point=space.start)]; yield [Trial(point=0.9 * space.start)]; raise KeyError('gone')"
+
+
+@pytest.fixture
+def with_plugin(without_sweep):
+    """Toy study with a search and a parametrisation of its own."""
+
+    def write(**wrong):
+        (without_sweep / "own.py").write_text(PLUGIN.format(**{**RIGHT, **wrong}))
+        path = without_sweep / "study.toml"
+        text = path.read_text().replace("[study]", '[study]\nplugins = ["own.py"]')
+        path.write_text(f'{text}\n[fit]\nsearch = "wrong"\nparametrisation = "bare"\n')
+        return without_sweep
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("wrong", "key", "message"),
+    [
+        ({"asks": "yield from self.gone"}, "search", "raised AttributeError"),
+        ({"asks": "return 5"}, "search", "raised TypeError"),
+        ({"asks": "return 'bored'\n        yield"}, "search", "no trial"),
+        ({"asks": "yield [Trial(point=space.start + 1.0)]"}, "search", "which is no point of the unit box"),
+        ({"asks": "yield 'middle'"}, "search", "raised AttributeError"),
+        ({"searches": "return self.gone"}, "parametrisation", "raised AttributeError"),
+        ({"searches": "return space.parameters * 2"}, "parametrisation", "rubber.a, rubber.k twice"),
+        ({"gives": "return self.gone"}, "parametrisation", "what it gives spot 's1': 'bare'"),
+        ({"gives": "return None"}, "parametrisation", "it gave None, not SpotInputs"),
+    ],
+)
+def test_a_plugin_that_fails_at_the_start_is_refused_before_the_first_run(
+    call, with_plugin, tmp_path, wrong, key, message
+):
+    study = with_plugin(**wrong)
+    lines = (study / "study.toml").read_text().splitlines()
+    line = 1 + next(i for i, text in enumerate(lines) if text.startswith(f"{key} = "))
+    refused = call("run", study)
+    assert refused.code == 2
+    assert f"study.toml:{line}: fit.{key}: " in refused.err
+    assert message in refused.err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_search_that_raises_later_leaves_its_best(call, with_plugin):
+    ran = call("run", with_plugin(asks=MID), "--json")
+    assert ran.code == 0, ran.err
+    row = ran.json["fit"][0]
+    assert row["rubber.k"] > 0.0
+    assert "'wrong' (" in row["message"]
+    assert "raised KeyError: 'gone'" in row["message"]

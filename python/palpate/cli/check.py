@@ -12,8 +12,8 @@ from palpate.cli.session import Session
 from palpate.errors import StudyError
 
 if TYPE_CHECKING:
-    from palpate.cli.output import CheckOutput
-    from palpate.domain import Curve
+    from palpate.cli.output import CheckOutput, Searched
+    from palpate.domain import Curve, Parameter
     from palpate.run.result import StudyInputs
     from palpate.study.reading import Study
 
@@ -62,10 +62,8 @@ def _as_json(study: "Study", checked: "StudyInputs") -> "CheckOutput":
         "study": study.name,
         "data": study.data,
         "spots": {spot: list(response) for spot, response in checked.measured.items()},
-        "searched": [
-            {"name": p.name, "lower": p.lower, "upper": p.upper, "unit": p.unit}
-            for p in study.space.parameters
-        ],
+        "searched": list(map(_limits, study.space.parameters)),
+        "fit": {"search": study.search.name, "searched": list(map(_limits, _by_fit_alone(study)))},
         "tied": {name: f"{tie.factor:g} * {tie.source}" for name, tie in study.space.ties.items()},
         "n_drawn": checked.design.n_drawn,
         "n_sets": checked.design.n_sets,
@@ -80,14 +78,14 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
     session.say(f"{study.name}: no mistakes found{odd}; {data_notice(study)}")
     session.table(
         "Searched parameters",
-        ["name", "lower", "upper", "unit", "description"],
-        [[p.name, p.lower, p.upper, p.unit, p.description] for p in study.space.parameters],
+        ["name", "lower", "upper", "unit", "prior", "description"],
+        [
+            [p.name, p.lower, p.upper, p.unit, _prior(p), f"{p.description}{_where(p)}"]
+            for p in (*study.space.parameters, *_by_fit_alone(study))
+        ],
     )
     for name, tie in study.space.ties.items():
         session.say(f"{name} = {tie.factor:g} * {tie.source}")
-    every = study.parametrisation.parameters(study.space, study.spot_names)
-    if own := {p.name.partition("@")[0] for p in every} - {p.name for p in study.space.parameters}:
-        session.say(f"searched by the fit alone: {', '.join(sorted(own))}")
     session.table(
         "Spots",
         ["spot", "channels and peaks", "nodes"],
@@ -105,6 +103,29 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
         f"{checked.design.n_drawn} sets drawn, {n_sets} kept by the filters; "
         f"{n_sets * len(checked.measured)} simulations with solver '{study.solver.name}'"
     )
+    starts = "the best sets" if n_sets else "the priors, else the middle of the ranges"
+    session.say(f"fit: search '{study.search.name}', from {starts}")
+
+
+def _by_fit_alone(study: "Study") -> list["Parameter"]:
+    """What the fit searches besides the parameters of the sweep, as at a single spot."""
+    swept = {p.name for p in study.space.parameters}
+    every = study.parametrisation.parameters(study.space, study.spot_names[:1])
+    return [p for p in every if p.name not in swept]
+
+
+def _limits(parameter: "Parameter") -> "Searched":
+    p = parameter
+    return {"name": p.name, "lower": p.lower, "upper": p.upper, "unit": p.unit}
+
+
+def _prior(parameter: "Parameter") -> str:
+    prior = parameter.prior
+    return f"{prior.value:g} ± {prior.sd:g}" if prior else "–"
+
+
+def _where(parameter: "Parameter") -> str:
+    return "; a value for each spot" if parameter.by_spot else ""
 
 
 def _nodes(checked: "StudyInputs", spot: str) -> str:

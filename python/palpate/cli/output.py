@@ -33,6 +33,13 @@ class Searched(Closed):
     unit: str
 
 
+class SearchOutput(Closed):
+    """How a study is fitted: the search, and what it searches besides the parameters of the sweep."""
+
+    search: str
+    searched: list[Searched]
+
+
 class CheckOutput(Closed):
     """A study without mistakes; ``spots`` has the channels of each, ``warnings`` what is odd."""
 
@@ -40,6 +47,7 @@ class CheckOutput(Closed):
     data: str
     spots: dict[str, list[str]]
     searched: list[Searched]
+    fit: SearchOutput
     tied: dict[str, str]
     n_drawn: int
     n_sets: int

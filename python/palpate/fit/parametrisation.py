@@ -130,14 +130,15 @@ class StandardParametrisation(Parametrisation[StandardSettings]):
         return {name: value for name, value in start.items() if name.partition("@")[0] in searched}
 
     def unusable(self, channels: Sequence[str], *, indents: bool) -> Iterator[tuple[tuple[str, ...], str]]:
-        """Friction and onset of homogeneous tests, and gains of channels that no spot measures."""
+        """Friction and onset of homogeneous tests, and gains of channels that no curve shows."""
         for key in ("friction", "depth_offset") if not indents else ():
             if getattr(self.settings, key) is not None:
                 yield (key,), "homogeneous tests have none; remove the table, or give the study a [protocol]"
         for channel in self.settings.gains.keys() - set(channels) if channels else ():
             yield (
                 ("gains", channel),
-                f"no spot measures '{channel}' (they measure {', '.join(channels)}); correct the name",
+                f"no spot measures '{channel}', or no scenario weighs it (searched may be "
+                f"{', '.join(channels)}); correct the name, or remove it",
             )
 
     def _own(self) -> Iterator[Parameter]:

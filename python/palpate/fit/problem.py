@@ -260,7 +260,10 @@ class Problem:
     def _inputs(self, term: SpotTerm, point: FloatArray) -> SpotInputs:
         values = dict(zip(self.names, self.box.values(point).tolist(), strict=True))
         with answering_for(self.parametrisation, f"what it gives spot '{term.spot}'"):
-            return self.parametrisation.inputs(self.study.space, term.spot, term.protocol, values)
+            found = self.parametrisation.inputs(self.study.space, term.spot, term.protocol, values)
+            if not isinstance(found, SpotInputs):
+                raise TypeError(f"it gave {found!r:.100}, not SpotInputs")
+            return found
 
     def _planned(self, trial: Trial, jobs: list[Job]) -> _Plan:
         plan = _Plan(trial, {}, {}, {})

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.domain import FloatArray, Job, Simulation
-from palpate.errors import PalpateError
+from palpate.errors import PalpateError, PluginError
 from palpate.fit.problem import Problem
 from palpate.plugins.guard import answering_for
 from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Trial
@@ -97,6 +97,20 @@ def run_searches(
             fit.take(evaluations)
             _next(search, fit, asked, evaluations, asking, wanted)
             stepped(fit)
+
+
+def first_asked(search: Search, fit: Fit, seed: int) -> None:
+    """Ask a search for its first trials, to see that it can.
+
+    Raises
+    ------
+    PluginError
+        It raises, ends without a trial, or asks for what is no point of the box.
+    """
+    wanted: list[Sequence[Trial]] = []
+    _next(search, fit, _asking(search, _space(fit, seed)), None, [], wanted)
+    if not wanted:
+        raise PluginError(f"it asks for no trial: {fit.message}")
 
 
 def _asking(search: Search, space: SearchSpace) -> Asking:

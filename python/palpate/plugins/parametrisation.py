@@ -72,7 +72,7 @@ class Parametrisation(Component[SettingsT]):
         Parameters
         ----------
         channels : sequence of str
-            Those that its spots measure; empty where that is not known yet.
+            Those that its spots measure and its scenarios weigh; empty where that is not known yet.
         indents : bool
             Whether it has a protocol, and not homogeneous tests.
 

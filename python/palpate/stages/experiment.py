@@ -15,6 +15,7 @@ from palpate.domain import (
     Response,
     channel_of,
     moving_span,
+    weighed_channels,
     weighed_phases,
 )
 from palpate.errors import CurveError, PalpateError, StudyError
@@ -228,12 +229,12 @@ def _check_known(name: str, channels: Mapping[str, Channel]) -> None:
 
 
 def _check_parametrisation(study: Study, every: Mapping[str, Presses]) -> None:
-    """Refuse to search what no measured curve has, such as the gain of a channel."""
-    channels = list(dict.fromkeys(name for presses in every.values() for name in presses.channels))
+    """Refuse to search what no curve shows, such as the gain of a channel that is not measured."""
+    channels = weighed_channels(study.scenarios, (name for each in every.values() for name in each.channels))
     with answering_for(study.parametrisation, "checking its settings"):
         refused = list(study.parametrisation.unusable(channels, indents=study.protocol is not None))
     for key, reason in refused:
-        raise StudyError(f"{study.file.name}: {'.'.join(('fit.searched', *key))}: {reason}")
+        raise StudyError(f"{study.place('fit', 'searched', *key)}: {reason}")
 
 
 def _check_phases(study: Study, every: Mapping[str, Presses], channels: Mapping[str, Channel]) -> None:
@@ -243,8 +244,8 @@ def _check_phases(study: Study, every: Mapping[str, Presses], channels: Mapping[
         curves = [curve for presses in every.values() for curve in presses.curves(channel).values()]
         if channels[channel].abscissa == "stretch" and any(curve.abscissa.min() < 1.0 for curve in curves):
             raise CurveError(
-                f"{study.file.name}: a scenario weighs '{name}', but the stretch of '{channel}' is below 1, "
-                "where it falls under load; weigh the whole channel"
+                f"{study.place('selection', 'scenarios')}: a scenario weighs '{name}', but the stretch of "
+                f"'{channel}' is below 1, where it falls under load; weigh the whole channel"
             )
 
 
@@ -258,8 +259,9 @@ def _checked_weights(study: Study, every: Mapping[str, Presses]) -> dict[str, Pr
             if len(without) == len(every):
                 found = dict.fromkeys(name for presses in every.values() for name in presses.channels)
                 raise CurveError(
-                    f"{study.file.name}: no spot has a channel '{channel}', which scenario '{scenario.name}' "
-                    f"weights (found: {', '.join(found) or 'none'}); measure it or leave the scenario out"
+                    f"{study.place('selection', 'scenarios')}: no spot has a channel '{channel}', which "
+                    f"scenario '{scenario.name}' weights (found: {', '.join(found) or 'none'}); measure it "
+                    "or leave the scenario out"
                 )
             for spot in without:
                 left = " + ".join(c for c in weighted if c in every[spot].channels) or "nothing"

@@ -113,12 +113,13 @@ def _check_fields(solver: Solver, job: Job, limb: Limb | None) -> None:
 
 def _check_searched(study: Study) -> None:
     """Refuse to search what the solver does not use, nor what is tied to it: every value would fit."""
-    with answering_for(study.parametrisation, "asking what it searches"):
+    place = study.place("fit", "parametrisation")
+    with answering_for(study.parametrisation, f"{place}: asking what it searches"):
         names = [p.name for p in study.parametrisation.parameters(study.space, study.spot_names)]
     if twice := {name for name in names if names.count(name) > 1}:
         raise PluginError(
-            f"parametrisation '{study.parametrisation.name}' searches {', '.join(sorted(twice))} twice; "
-            "correct the plugin, or name another one under [fit]"
+            f"{place}: '{study.parametrisation.name}' searches {', '.join(sorted(twice))} twice; correct the "
+            "plugin, or name another parametrisation"
         )
     used: set[str] = set()
     for region in study.space.regions:
@@ -130,7 +131,7 @@ def _check_searched(study: Study) -> None:
         if parameter.name not in used:
             region_name, _, name = parameter.name.partition(".")
             raise StudyError(
-                f"{study.file.name}: region.{region_name}.parameters.{name} is searched, but "
+                f"{study.place('region', region_name, 'parameters', name)}: is searched, but "
                 f"solver '{study.solver.name}' with these settings does not use this parameter; "
                 f'fix it, e.g. {name} = "{parameter.lower:g} {parameter.unit}"'
             )

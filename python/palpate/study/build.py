@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from palpate.domain import ParameterSpace, Scenario, channel_of
+from palpate.domain import ParameterSpace, Scenario, channel_of, weighed_channels
 from palpate.errors import PalpateError
 from palpate.plugins.catalogue import Catalogue, Plugins
 from palpate.plugins.execution import Executor
@@ -209,10 +209,11 @@ def check_parametrisation(
     parametrisation: Parametrisation,
     tables: Tables,
     measured: Mapping[str, Collection[str | None]],
+    scenarios: Sequence[Scenario],
 ) -> None:
     """Refuse what a parametrisation cannot search in this study, as far as the file shows it."""
     found = [channel for spot in measured.values() for channel in spot]
-    channels = [] if None in found else list(dict.fromkeys(filter(None, found)))
+    channels = [] if None in found else weighed_channels(scenarios, filter(None, found))
     with context.problems.at("fit", "searched"), answering_for(parametrisation, "checking its settings"):
         for key, reason in parametrisation.unusable(channels, indents="protocol" in tables.written):
             context.problems.add(("fit", "searched", *key), reason)

@@ -29,7 +29,7 @@ from palpate.study.model import ExecutorTable, Tables
 from palpate.study.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
 from palpate.study.problems import Problems, read_tables, require
 from palpate.study.regions import build_space, build_truth
-from palpate.study.source_positions import KeyLines
+from palpate.study.source_positions import KeyLines, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
 
 __all__ = ["Study", "StudySpot", "read_study", "relative", "with_study_plugins"]
@@ -150,6 +150,14 @@ class Study:
     def protocol_at(self, spot: str) -> Protocol | None:
         """What is done at a spot; None for homogeneous tests."""
         return self._at(spot).protocol or self.protocol
+
+    def place(self, *key: str | int) -> str:
+        """File, line and name of a key, as messages start; without the line where the file is gone."""
+        try:
+            text, raw = _parse(self.file)
+        except StudyError:
+            return f"{self.file}: {dotted(key)}"
+        return Problems(self.file, KeyLines(text), raw).place(key)
 
     def _at(self, name: str) -> StudySpot:
         return next(spot for spot in self.spots if spot.spot.name == name)
@@ -277,7 +285,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     truth = build_truth(context, tables, space)
     _check_together(context, tables, parts, space)
     if parts.parametrisation:
-        check_parametrisation(context, parts.parametrisation, tables, measured)
+        check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
     if parts.solver and selection:
         check_solver_channels(context, parts.solver, selection, scenarios)
     context.problems.raise_if_any()
