@@ -106,12 +106,23 @@ class Tie:
     ----------
     source : str
         Full name, ``region.parameter``.
-    factor : float
-        Between the numbers as their regions write them, each in its unit.
+    factor : float or Parameter
+        Between the numbers as their regions write them, each in its unit. A ratio that is searched
+        is a parameter of the region, named after the one that follows: ``E_ratio``.
     """
 
     source: str
-    factor: float
+    factor: float | Parameter
+
+    def __str__(self) -> str:
+        factor = self.plain["factor"]
+        return f"{factor if isinstance(factor, str) else f'{factor:g}'} * {self.source}"
+
+    @property
+    def plain(self) -> dict[str, str | float]:
+        """Source and factor, or name of the ratio, for records."""
+        factor = self.factor.name if isinstance(self.factor, Parameter) else self.factor
+        return {"source": self.source, "factor": factor}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,6 +152,12 @@ class RegionMaterial:
         object.__setattr__(self, "fixed", MappingProxyType(dict(self.fixed)))
         object.__setattr__(self, "tied", MappingProxyType(dict(self.tied)))
 
+    @property
+    def columns(self) -> tuple[Parameter, ...]:
+        """What of the region a design has columns for: parameters and ratios of ties."""
+        ratios = (tie.factor for tie in self.tied.values() if isinstance(tie.factor, Parameter))
+        return (*self.searched, *ratios)
+
     def theta(self, values: Mapping[str, float]) -> FloatArray:
         """Textbook parameters in the order of ``material.parameters``, shape (n_parameters,)."""
         numbers = [
@@ -157,8 +174,13 @@ class ParameterSpace:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Searched parameters with their full names, in design column order."""
-        return tuple(replace(p, name=f"{r.region}.{p.name}") for r in self.regions for p in r.searched)
+        """Searched parameters and ratios with their full names, in design column order."""
+        return tuple(replace(p, name=f"{r.region}.{p.name}") for r in self.regions for p in r.columns)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Full names of the parameters."""
+        return tuple(f"{r.region}.{p.name}" for r in self.regions for p in r.columns)
 
     @property
     def ties(self) -> dict[str, Tie]:
@@ -178,16 +200,22 @@ class ParameterSpace:
 
     def root(self, name: str) -> str:
         """Full name at the end of the ties of a parameter: its own where it follows none."""
-        ties = self.ties
+        return self.roots(name)[0]
+
+    def roots(self, name: str) -> tuple[str, ...]:
+        """Full names that decide a parameter: the end of its ties, then the searched ratios on the way."""
+        ties, ratios = self.ties, []
         while name in ties:
+            if isinstance(ties[name].factor, Parameter):
+                ratios.append(ratio_of(name))
             name = ties[name].source
-        return name
+        return (name, *ratios)
 
     def columns_of(self, region: str) -> tuple[int, ...]:
         """Design columns that the material of a region depends on."""
         (material,) = (r.material for r in self.regions if r.region == region)
-        roots = {self.root(f"{region}.{p.name}") for p in material.parameters}
-        return tuple(i for i, p in enumerate(self.parameters) if p.name in roots)
+        roots = {root for p in material.parameters for root in self.roots(f"{region}.{p.name}")}
+        return tuple(i for i, name in enumerate(self.names) if name in roots)
 
     def complete(self, known: Mapping[str, float]) -> dict[str, float]:
         """Values of all parameters by full name, from those of the searched ones at least.
@@ -200,7 +228,10 @@ class ParameterSpace:
         def value(name: str) -> float:
             if name in given or name not in ties:
                 return given.get(name, np.nan)
-            return ties[name].factor * value(ties[name].source)
+            factor = ties[name].factor
+            if isinstance(factor, Parameter):
+                factor = given.get(ratio_of(name), np.nan)
+            return factor * value(ties[name].source)
 
         return {
             name: value(name)
@@ -210,7 +241,7 @@ class ParameterSpace:
 
     def thetas(self, row: FloatArray) -> dict[str, FloatArray]:
         """Textbook parameters by region for one design row of shape (n_parameters,)."""
-        names = [f"{r.region}.{p.name}" for r in self.regions for p in r.searched]
+        names = self.names
         if len(row) != len(names):
             raise SamplingError(f"a design row of {len(row)} values for {len(names)} searched parameters")
         values = self.complete(dict(zip(names, row.tolist(), strict=True)))
@@ -218,3 +249,27 @@ class ParameterSpace:
             r.region: r.theta({p.name: values[f"{r.region}.{p.name}"] for p in r.material.parameters})
             for r in self.regions
         }
+
+    def written(self, thetas: Mapping[str, FloatArray]) -> dict[str, float]:
+        """Values of all parameters and ratios by full name, as regions write them; undoes :meth:`thetas`."""
+        values = {
+            f"{r.region}.{p.name}": float(value)
+            for r in self.regions
+            for p, value in zip(
+                r.material.parameters,
+                r.material.from_textbook(thetas[r.region], r.convention),
+                strict=True,
+            )
+        }
+        return values | self.ratios(values)
+
+    def ratios(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Searched ratios, by their full names, of the parameters whose values are known."""
+        pairs = {name: tie.source for name, tie in self.ties.items() if isinstance(tie.factor, Parameter)}
+        known = {name: source for name, source in pairs.items() if name in values and values.get(source)}
+        return {ratio_of(name): values[name] / values[source] for name, source in known.items()}
+
+
+def ratio_of(name: str) -> str:
+    """Name of the searched ratio of a tied parameter to the one that it follows."""
+    return f"{name}_ratio"

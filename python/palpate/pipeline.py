@@ -372,9 +372,10 @@ def _select(
 ) -> SelectionResult:
     study, progress = simulations.study, simulations.progress
     design, limbs, measured = inputs.design, inputs.limbs, inputs.measured
-    chosen = selection.select(scores, study.scenarios, design)
+    chosen = selection.with_tied(selection.select(scores, study.scenarios, design), study.space)
     for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
-    generalisation = generalise(scores, for_all, design, study.spot_names)
+    general = generalise(scores, for_all, design, study.spot_names)
+    generalisation = selection.with_tied(general, study.space)
     scaled = pl.DataFrame()
     if study.stiffness_scaling:
         scaled = best_scaled_sets(simulations, swept, design, measured)

@@ -64,7 +64,7 @@ def _as_json(study: "Study", checked: "StudyInputs") -> "CheckOutput":
         "spots": {spot: list(response) for spot, response in checked.measured.items()},
         "searched": list(map(_limits, study.space.parameters)),
         "fit": {"search": study.search.name, "searched": list(map(_limits, _by_fit_alone(study)))},
-        "tied": {name: f"{tie.factor:g} * {tie.source}" for name, tie in study.space.ties.items()},
+        "tied": {name: str(tie) for name, tie in study.space.ties.items()},
         "n_drawn": checked.design.n_drawn,
         "n_sets": checked.design.n_sets,
         "solver": study.solver.name,
@@ -85,7 +85,7 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
         ],
     )
     for name, tie in study.space.ties.items():
-        session.say(f"{name} = {tie.factor:g} * {tie.source}")
+        session.say(f"{name} = {tie}")
     session.table(
         "Spots",
         ["spot", "channels and peaks", "nodes"],

@@ -242,7 +242,7 @@ class Problem:
         """Which points (n, n_parameters) materials and filters accept at every spot; nothing is simulated."""
         accepted = np.ones(len(points), dtype=np.bool_)
         for term in self.terms:
-            rows = np.full((len(points), sum(len(r.searched) for r in self.study.space.regions)), np.nan)
+            rows = np.full((len(points), len(self.study.space.names)), np.nan)
             for i in np.flatnonzero(accepted):
                 try:
                     rows[i] = self._row(self._inputs(term, points[i]))
@@ -296,14 +296,11 @@ class Problem:
 
     def _row(self, inputs: SpotInputs) -> FloatArray:
         """Searched values (n_searched,) of the regions as filters take them, if no material refuses them."""
-        row = []
-        for region in self.study.space.regions:
-            theta = inputs.thetas[region.region]
-            region.material.check(theta)
-            written = region.material.from_textbook(theta, region.convention)
-            by_name = {p.name: v for p, v in zip(region.material.parameters, written, strict=True)}
-            row += [by_name[p.name] for p in region.searched]
-        return np.array(row)
+        space = self.study.space
+        for region in space.regions:
+            region.material.check(inputs.thetas[region.region])
+        written = space.written(inputs.thetas)
+        return np.array([written[name] for name in space.names])
 
     def _shifts(
         self, term: SpotTerm, base: SpotInputs, point: FloatArray, i: int, jobs: list[Job]

@@ -11,6 +11,7 @@ from palpate.domain import FloatArray, Limb, Response, channel_of, weighed_phase
 from palpate.fit.running import Fit
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
+from palpate.plugins.parametrisation import at_spot
 from palpate.run.result import FitResult
 from palpate.stages.scoring import relative_variance
 from palpate.stages.sweep import Simulations
@@ -96,18 +97,16 @@ def _row(
         curve = term.measured[channel_of(name)]
         r2 = 1.0 - error / relative_variance(curve, term.rules, name)
         row |= {f"nmse_{name}": error, f"r2_{name}": r2 if np.isfinite(r2) else None}
-    searched = case.values()
     row |= {
         "n_evaluations": sum(len(fit.trace) for fit in case.fits),
         "n_fine": case.n_fine,
         "at_bound": ", ".join(_at_bound(end)),
         "message": _message(case),
     }
-    return row | {
-        name.partition("@")[0]: value
-        for name, value in searched.items()
-        if name.partition("@")[2] in ("", term.spot)
-    }
+    assert end.best is not None
+    space = end.problem.study.space
+    written = space.written(end.problem.inputs(term.spot, end.best.point).thetas)
+    return row | at_spot(case.values(), term.spot) | {name: written[name] for name in space.ties}
 
 
 def _at_bound(end: Fit) -> Iterator[str]:

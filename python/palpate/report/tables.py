@@ -75,7 +75,7 @@ def _with_simulated(table: pl.DataFrame, found: Completeness) -> pl.DataFrame:
 
 
 def coefficients(data: ReportData) -> pl.DataFrame:
-    """Table 1: coefficients by material, spot and scenario, each in its region's convention."""
+    """Table 1: searched and tied coefficients by material, spot and scenario, in the region's convention."""
     rows = [
         {
             "region": region.region,
@@ -88,7 +88,8 @@ def coefficients(data: ReportData) -> pl.DataFrame:
             "unit": parameter.unit,
         }
         for region in data.study.space.regions
-        for parameter in region.searched
+        for parameter in region.material.parameters
+        if parameter.name not in region.fixed
         for row in data.selection.iter_rows(named=True)
     ]
     return pl.DataFrame(rows)

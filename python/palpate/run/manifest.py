@@ -49,9 +49,9 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
                 "region": region.region,
                 **_component(region.material),
                 "convention": region.convention,
-                "searched": [finite(asdict(p)) for p in region.searched],
+                "searched": [finite(asdict(p)) for p in region.columns],
                 "fixed": plain(region.fixed),
-                "tied": {name: asdict(tie) for name, tie in region.tied.items()},
+                "tied": {name: tie.plain for name, tie in region.tied.items()},
             }
             for region in study.space.regions
         ],

@@ -154,7 +154,7 @@ def design_from(study: Study) -> dict[str, str]:
 
 
 def _not_searched(region: RegionMaterial) -> dict[str, object]:
-    return {**region.fixed, **{name: asdict(tie) for name, tie in region.tied.items()}}
+    return {**region.fixed, **{name: tie.plain for name, tie in region.tied.items()}}
 
 
 def scores_from(study: Study, records: StageRecords, simulations: str) -> dict[str, str]:

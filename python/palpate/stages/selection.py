@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import polars as pl
 
-from palpate.domain import Design, Scenario, Status
+from palpate.domain import Design, ParameterSpace, Scenario, Status
 from palpate.errors import NothingSelectableError, ScoringError
 
 
@@ -166,6 +166,14 @@ def with_parameters(frame: pl.DataFrame, design: Design) -> pl.DataFrame:
     }
     values = pl.DataFrame(columns, schema_overrides={"set_id": pl.Int64})
     return frame.join(values, on="set_id", how="left", maintain_order="left")
+
+
+def with_tied(frame: pl.DataFrame, space: ParameterSpace) -> pl.DataFrame:
+    """Add a column <region.parameter> for each parameter that is tied to those of the row."""
+    rows = [space.complete(row) for row in frame.iter_rows(named=True)]
+    return frame.with_columns(
+        pl.Series(name, [row[name] for row in rows], dtype=pl.Float64) for name in space.ties
+    )
 
 
 def unranked(scores: pl.DataFrame) -> pl.DataFrame:

@@ -126,7 +126,7 @@ def _check_searched(study: Study) -> None:
         with answering_for(study.solver, f"naming what it ignores of '{region.material.name}'"):
             ignored = study.solver.ignored(region.material)
         seen = (p.name for p in region.material.parameters if p.name not in ignored)
-        used |= {study.space.root(f"{region.region}.{name}") for name in seen}
+        used |= {root for name in seen for root in study.space.roots(f"{region.region}.{name}")}
     for parameter in study.space.parameters:
         if parameter.name not in used:
             region_name, _, name = parameter.name.partition(".")

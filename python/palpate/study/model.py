@@ -229,7 +229,8 @@ class RegionTable(Table):
     ] = Field(
         default={},
         description='A fixed quantity, lower and upper, or a tie to another parameter, such as "20 * c1" '
-        'or "0.3 * skin.E". A parameter not named is searched over the material\'s own range.',
+        'or "0.3 * skin.E"; lower and upper of a searched ratio are ties. '
+        "A parameter not named is searched over the material's own range.",
     )
 
 

@@ -11,7 +11,7 @@ from palpate.study.build import Context, build_component
 from palpate.study.model import ParameterTable, RegionTable, Tables
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
-from palpate.study.ties import split_tie, with_ties
+from palpate.study.ties import ties_in, with_ties
 from palpate.units import convert
 
 
@@ -22,6 +22,7 @@ def build_space(context: Context, tables: Mapping[str, RegionTable]) -> Paramete
     space = ParameterSpace(regions=regions)
     space = with_ties(context.problems, tables, space, _every(space))
     given = all(len(r.fixed) + len(r.tied) == len(r.material.parameters) for r in space.regions)
+    given = given and not space.names
     if regions and len(regions) == len(built) and given:
         context.problems.add(
             ("region",), 'no parameter is searched; give at least one as { lower = "…", upper = "…" }'
@@ -61,9 +62,11 @@ def _split(
     for name, default in defaults.items():
         if name not in given:
             searched.append(default)
+        elif ties_in(given[name], defaults):
+            continue
         elif given[name].value is None:
             searched.extend(_range(problems, (*key, name), default, given[name]))
-        elif not split_tie(given[name].value, defaults):
+        else:
             with problems.at(*key, name):
                 fixed[name] = _value(default, given[name].value)
     return fixed, tuple(searched)
@@ -134,7 +137,7 @@ def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict
             continue
         with context.problems.at(*key):
             truth[name] = _value(known[name], value)
-    return truth
+    return truth | space.ratios(truth)
 
 
 def _leaves(key: Key, table: Mapping[str, object]) -> Iterator[tuple[Key, object]]:

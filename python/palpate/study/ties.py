@@ -1,14 +1,19 @@
-"""Ties: parameters that follow another one, such as ``kappa = "20 * c1"`` or ``E = "0.3 * skin.E"``."""
+"""Ties: parameters that follow another one, such as ``kappa = "20 * c1"`` or ``E = "0.3 * skin.E"``.
+
+A range of factors, ``E = { lower = "0.1 * skin.E", upper = "0.5 * skin.E" }``, is a ratio that is searched.
+"""
 
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
-from palpate.domain import Parameter, ParameterSpace, Tie
+from palpate.domain import Parameter, ParameterSpace, Prior, Tie
 from palpate.errors import PalpateError
-from palpate.study.model import RegionTable
+from palpate.parameters import ratio_of
+from palpate.study.model import ParameterTable, RegionTable
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
 from palpate.units import convert_factor
@@ -28,6 +33,14 @@ def split_tie(given: object, names: Collection[str]) -> tuple[str, str] | None:
     return (factor, name) if factor and is_tie and _NAME.fullmatch(name) else None
 
 
+def ties_in(table: ParameterTable, names: Collection[str]) -> dict[str, tuple[str, str]]:
+    """Factor and name of each tie that a parameter is written with, by key; ``names`` as above."""
+    given = {"value": table.value, "lower": table.lower, "upper": table.upper}
+    if table.prior:
+        given |= {f"prior.{key}": value for key, value in table.prior}
+    return {key: tie for key, each in given.items() if (tie := split_tie(each, names))}
+
+
 def with_ties(
     problems: Problems,
     tables: Mapping[str, RegionTable],
@@ -42,14 +55,14 @@ def with_ties(
     for region in space.regions:
         names = [p.name for p in region.material.parameters]
         for name, table in tables[region.region].parameters.items():
-            tie = split_tie(table.value, names) if name in names else None
-            if tie is not None:
-                full = f"{region.region}.{name}"
-                source = tie[1] if "." in tie[1] else f"{region.region}.{tie[1]}"
-                if source.partition(".")[0] in tables.keys() - {r.region for r in space.regions}:
-                    continue  # the mistake in that region is reported already
-                with problems.at(*_key(full)):
-                    ties[full] = _tie(tie[0], source, every, full)
+            full, written = f"{region.region}.{name}", {}
+            for key, (factor, source) in (ties_in(table, names) if name in names else {}).items():
+                written[key] = factor, source if "." in source else f"{region.region}.{source}"
+            sources = {source.partition(".")[0] for _, source in written.values()}
+            if not written or sources & (tables.keys() - {r.region for r in space.regions}):
+                continue  # no tie, or the mistake in that region is reported already
+            with problems.at(*_key(full)):
+                ties[full] = _tie(table, written, every, full)
     regions = [
         replace(r, tied={n.partition(".")[2]: t for n, t in ties.items() if n.partition(".")[0] == r.region})
         for r in space.regions
@@ -69,7 +82,41 @@ def _key(full: str) -> Key:
     return ("region", region, "parameters", name)
 
 
-def _tie(factor: str, source: str, every: Mapping[str, Parameter], follower: str) -> Tie:
+def _tie(
+    table: ParameterTable,
+    written: Mapping[str, tuple[str, str]],
+    every: Mapping[str, Parameter],
+    follower: str,
+) -> Tie:
+    factors = {key: _factor(factor, source, every, follower) for key, (factor, source) in written.items()}
+    sources = [source for _, source in written.values()]
+    n_ends = 1 if table.value is not None else 2 if table.prior is None else 4
+    if len(set(sources)) > 1 or len(written) < n_ends:
+        raise ValueError(
+            "the ends of a ratio, and its prior, are factors of one parameter; write "
+            f'{{ lower = "0.1 * {sources[0]}", upper = "0.5 * {sources[0]}" }}'
+        )
+    if table.value is not None:
+        return Tie(source=sources[0], factor=factors["value"])
+    per, own, name = every[sources[0]], every[follower], follower.partition(".")[2]
+    if ratio_of(follower) in every:
+        raise ValueError(f"the material has a parameter '{ratio_of(name)}' of its own; fix the ratio")
+    prior = Prior(value=factors["prior.value"], sd=factors["prior.sd"]) if table.prior else None
+    ratio = Parameter(
+        name=ratio_of(name),
+        unit="1" if own.unit == per.unit else own.unit if per.unit == "1" else f"{own.unit}/({per.unit})",
+        lower=factors["lower"],
+        upper=factors["upper"],
+        kind="shape",
+        description=f"{name} over {sources[0]}",
+        scale=table.scale,
+        prior=prior,
+        by_spot=table.by == "spot",
+    )
+    return Tie(source=sources[0], factor=ratio)
+
+
+def _factor(factor: str, source: str, every: Mapping[str, Parameter], follower: str) -> float:
     if source not in every:
         raise ValueError(choice(source, every, "parameter"))
     per, unit = every[source].unit, every[follower].unit
@@ -79,7 +126,7 @@ def _tie(factor: str, source: str, every: Mapping[str, Parameter], follower: str
         raise ValueError(f"no factor from '{source}' [{per}] to '{follower}' [{unit}]: {error}") from None
     if number == 0.0:
         raise ValueError(f"a factor of {factor} ties it to nothing; write a quantity to fix the parameter")
-    return Tie(source=source, factor=number)
+    return number
 
 
 def _followed(name: str, ties: Mapping[str, Tie]) -> list[str]:
@@ -91,16 +138,17 @@ def _followed(name: str, ties: Mapping[str, Tie]) -> list[str]:
 
 
 def _check_ranges(problems: Problems, space: ParameterSpace, every: Mapping[str, Parameter]) -> None:
-    """Refuse ties that leave the physical range where a searched parameter is at an end of its own."""
+    """Refuse ties that leave the physical range where what they follow is at an end of its own range."""
     searched = {p.name: p for p in space.parameters}
     for name, tie in space.ties.items():
-        root = searched.get(space.root(name))
-        for known in [{root.name: root.lower}, {root.name: root.upper}] if root else [{}]:
-            value = space.complete(known)[name]
+        roots = [searched[root] for root in space.roots(name) if root in searched]
+        for ends in product(*((p.lower, p.upper) for p in roots)):
+            value = space.complete({p.name: end for p, end in zip(roots, ends, strict=True)})[name]
             if np.isnan(value):
                 continue  # what it follows has no value, which is reported already
             try:
                 every[name].check(value)
             except PalpateError as error:
-                at = "".join(f" where {name} = {end:g} {root.unit}" for name, end in known.items() if root)
-                problems.add(_key(name), f"{tie.factor:g} * {tie.source} leaves its range{at}: {error}")
+                at = [f"{p.name} = {end:g} {p.unit}" for p, end in zip(roots, ends, strict=True)]
+                where = f" where {', '.join(at)}" if at else ""
+                problems.add(_key(name), f"{tie} leaves its range{where}: {error}")

@@ -9,6 +9,7 @@ import pytest
 from palpate import pipeline
 from palpate.domain import (
     Curve,
+    Parameter,
     ParameterSpace,
     Prior,
     RegionMaterial,
@@ -138,7 +139,27 @@ def test_what_is_tied_follows_in_sweep_and_fit(run):
     assert result.design.values.shape == (4, 1)
     for simulation in result.simulations:
         assert simulation.job.thetas["fat"] == pytest.approx(0.6 * simulation.job.thetas["skin"])
-    assert row(result, "all spots", "p1")["skin.e"] == pytest.approx(0.5, rel=1e-3)
+    joint = row(result, "all spots", "p1")
+    assert (joint["skin.e"], joint["fat.e"]) == pytest.approx((0.5, 0.3), rel=1e-3)
+    for table in (result.selected.selection, result.selected.generalisation):
+        np.testing.assert_allclose(table["fat.e"], 0.6 * table["skin.e"])
+
+
+@pytest.mark.parametrize("by_spot", [False, True])
+def test_a_ratio_is_found(run, by_spot):
+    ratio = Parameter(
+        name="e_ratio", unit="1", lower=0.1, upper=2.0, kind="shape", description="of a test", by_spot=by_spot
+    )
+    truth = {"p1": (0.5, 0.3), "p2": (0.5, 0.0)}
+    result = run(truth, space(tied=Tie(source="skin.e", factor=ratio)), n_sets=6, reported=True)
+    joint = row(result, "all spots", "p1")
+    found = [joint[name] for name in ("skin.e", "fat.e_ratio", "fat.e")]
+    assert found == pytest.approx([0.5, 0.6, 0.3], rel=1e-3)
+    selected = result.selected.selection
+    np.testing.assert_allclose(selected["fat.e"], selected["fat.e_ratio"] * selected["skin.e"])
+    coefficients = result.report.tables["table1_coefficients"]
+    assert coefficients["parameter"].unique(maintain_order=True).to_list() == ["e"]
+    assert coefficients["region"].unique(maintain_order=True).to_list() == ["skin", "fat"]
 
 
 def test_a_gain_is_found_and_a_prior_counts(run):

@@ -1,5 +1,6 @@
 """Parameters that follow others: read from a study file, and the same as if they were written out."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +28,12 @@ def plugins():
 def read(tmp_path, plugins):
     """Read the toy study with these parameters of its region, and these of a second region."""
 
-    def read_with(rubber=RANGE, skin="", more=""):
+    def read_with(rubber=RANGE, skin="", more="", truth=""):
         for name in ("s1.txt", "s2.txt"):
             (tmp_path / name).write_bytes((TOY / name).read_bytes())
         text = (TOY / "study.toml").read_text().replace(RANGE, rubber)
+        if truth:
+            text = text[: text.index("[truth]")] + truth
         if skin:
             text = text.replace("\n[sampling]", SKIN + skin + "\n[sampling]")
         (tmp_path / "study.toml").write_text(text.replace("[selection]", f"[selection]\n{more}"))
@@ -80,8 +83,12 @@ def test_a_tie_is_as_if_written_out(data):
     ties, values = {}, {}
     for i, name in enumerate(order):
         if i and data.draw(st.booleans()):
-            ties[name] = Tie(source=data.draw(st.sampled_from(order[:i])), factor=data.draw(numbers))
-            values[name] = ties[name].factor * values[ties[name].source]
+            source, factor = data.draw(st.sampled_from(order[:i])), data.draw(numbers)
+            values[name] = factor * values[source]
+            if data.draw(st.booleans()):
+                values[f"{name}_ratio"] = factor
+                factor = replace(spring.parameters[1], name=f"{name.partition('.')[2]}_ratio")
+            ties[name] = Tie(source=source, factor=factor)
         else:
             values[name] = data.draw(numbers)
 
@@ -105,6 +112,61 @@ def test_a_tie_is_as_if_written_out(data):
     )
     for region in ("one", "two"):
         np.testing.assert_allclose(tied[region], written[region], rtol=1e-14)
+    assert space(ties).written(tied) == pytest.approx(values, rel=1e-12)
+
+
+def test_a_ratio_is_searched_between_factors(read):
+    prior = 'prior = { value = "0.3 * rubber.k", sd = "0.1 * rubber.k" }'
+    study = read(
+        skin=f'k = {{ lower = "0.1 * rubber.k", upper = "0.5 * rubber.k", by = "spot", {prior} }}\na = 0.1\n',
+        more="stiffness_scaling = true",
+    )
+    _, ratio = study.space.parameters
+    assert (ratio.name, ratio.unit, ratio.lower, ratio.upper) == ("skin.k_ratio", "1", 0.1, 0.5)
+    assert (ratio.kind, ratio.by_spot, ratio.prior) == ("shape", True, Prior(value=0.3, sd=0.1))
+    np.testing.assert_allclose(study.space.thetas(np.array([2.0, 0.4]))["skin"], [0.8, 0.1])
+    assert study.space.columns_of("skin") == (0, 1)
+
+
+def test_the_range_of_a_ratio_decides_the_design_and_is_in_the_manifest(read, plugins):
+    narrow, wide = (
+        read(skin=f'k = {{ lower = "0.1 * rubber.k", upper = "{upper} * rubber.k" }}\na = 0.1\n')
+        for upper in (0.5, 0.6)
+    )
+    assert design_from(narrow)["materials"] == design_from(wide)["materials"]
+    assert design_from(narrow)["ranges"] != design_from(wide)["ranges"]
+    (_, skin) = manifest(narrow, plugins.channels)["materials"]
+    assert skin["tied"] == {"k": {"source": "rubber.k", "factor": "k_ratio"}}
+    assert [p["name"] for p in skin["searched"]] == ["k_ratio"]
+
+
+def test_the_true_ratio_is_that_of_the_true_values(read):
+    text = '\n[truth]\n"rubber.k" = "2 MPa"\n"skin.k" = "500 kPa"\n'
+    ranges = 'k = { lower = "0.1 * rubber.k", upper = "0.5 * rubber.k" }\na = 0.1\n'
+    assert read(skin=ranges, truth=text).truth["skin.k_ratio"] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("ends", "message"),
+    [
+        ('lower = "0.1 * rubber.k", upper = "3 MPa"', "factors of one parameter; write"),
+        ('lower = "0.1 * rubber.k", upper = "0.5 MPa * rubber.a"', "factors of one parameter; write"),
+        (
+            'lower = "0.1 * rubber.k", upper = "1 * rubber.k", prior = { value = "1 MPa", sd = "1 MPa" }',
+            "factors of one parameter; write",
+        ),
+        ('lower = "0.5 * rubber.k", upper = "0.1 * rubber.k"', "swap them"),
+        ('lower = "-1 * rubber.k", upper = "1 * rubber.k"', "where rubber.k = 1 MPa, skin.k_ratio = -1 1: "),
+        ('lower = "1 * skin.k", upper = "2 * skin.k"', "the ties go round in a circle"),
+    ],
+)
+def test_a_ratio_that_means_nothing_is_refused_with_its_line(read, tmp_path, ends, message):
+    with pytest.raises(StudyError) as caught:
+        read(skin=f"k = {{ {ends} }}\na = 0.1\n")
+    text = (tmp_path / "study.toml").read_text()
+    line = text[: text.index(ends)].count("\n") + 1
+    assert f"study.toml:{line}: region.skin.parameters.k: " in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(
