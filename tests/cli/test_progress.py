@@ -76,7 +76,7 @@ def test_a_log_hears_of_a_fit_whose_simulations_take_long(follow, monkeypatch):
             time.sleep(0.02)
     lines = text.getvalue().splitlines()
     assert lines[0] == "fit …"
-    assert lines[1].startswith("fit: 0; all spots, scenario I: step 4, Fopt 0.002; 0 of 9 fits ended")
+    assert lines[1].startswith("fit; all spots, scenario I: step 4, Fopt 0.002; 0 of 9 fits ended")
 
 
 def test_a_terminal_shows_where_a_fit_is(follow):

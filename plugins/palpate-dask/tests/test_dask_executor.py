@@ -13,13 +13,16 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import polars as pl
 import psutil
 import pytest
 
 from palpate.domain import (
+    Curve,
     Indentation,
     ParameterSpace,
     RegionMaterial,
+    Response,
     Scenario,
     Sphere,
     Spot,
@@ -27,14 +30,19 @@ from palpate.domain import (
 )
 from palpate.errors import ExecutorError, PluginError
 from palpate.executors import Batch, InProcess, Limits, Processes
+from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
+from palpate.fit.stage import FitStage
+from palpate.fit.tables import fit_result
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger
 from palpate.stages import simulation
 from palpate.stages.samplers import LatinHypercube
 from palpate.stages.sampling import draw_design
+from palpate.stages.study_design import draw_study
+from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study, StudySpot
 from palpate_dask import cluster as dask_cluster, worker_runtime
 from palpate_dask.executor import DaskExecutor
@@ -149,6 +157,28 @@ def test_a_cluster_of_this_machine_holds_limits_and_gives_the_same_bits(study, t
     for _, pid in started(tmp_path):
         with pytest.raises(ProcessLookupError):
             os.kill(int(pid), 0)
+
+
+def test_a_fit_takes_the_same_steps_on_a_cluster(study, tmp_path):
+    x = np.linspace(0.0, 9.0, 19)
+    force = Curve(channel="force", abscissa=x, ordinate=0.5 * x**1.5)
+    found = []
+    for executor in (InProcess(), DaskExecutor()):
+        of_kind = replace(study, executor=executor, search=LeastSquares(), n_sets=0)
+        with Simulations(of_kind, tmp_path / executor.name, {}) as simulations:
+            stage = FitStage(
+                study=of_kind,
+                design=draw_study(of_kind, None),
+                measured={"p1": Response(curves={"force": force})},
+                scores=pl.DataFrame(),
+                simulations=simulations,
+                abscissae={"force": "depth_mm"},
+            )
+            found.append(fit_result(stage.run(), simulations))
+    here, there = found
+    assert here.table["n_runs"][0] > 2
+    assert here.trace.equals(there.trace)
+    assert here.table.equals(there.table)
 
 
 def test_a_cluster_of_this_machine_opens_no_port():

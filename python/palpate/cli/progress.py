@@ -143,9 +143,9 @@ class StageProgress:
 
     def _print_line(self) -> None:
         self._last_line = time.monotonic()
-        of = f" of {self._total}" if self._total else ""
-        line = f"{self._stage}: {self._done}{of} {self._counts()}"
-        parts = [line.rstrip(), self._left(), self._side_line()]
+        done = f"{self._done} of {self._total} " if self._total else ""
+        line = f"{self._stage}: {done}{self._counts()}"
+        parts = [line.rstrip(" :"), self._left(), self._side_line()]
         self._console.print("; ".join(part for part in parts if part), markup=False)
 
     def _side_line(self) -> str:

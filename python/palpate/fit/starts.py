@@ -65,7 +65,8 @@ def accepted_start(problem: Problem, start: FloatArray) -> FloatArray:
 def scaled_start(problem: Problem, start: FloatArray) -> FloatArray:
     """Multiply all moduli so that the curves at a start fit best: they are in proportion to them.
 
-    Where a modulus is fixed or a bound in the way, the start is only nearer to the measured curves.
+    Where a modulus is fixed or a bound in the way, the start is only nearer to the measured curves. It
+    stays as it is where the scaled one cannot be simulated, or a filter refuses it.
     """
     start = accepted_start(problem, start)
     (found,) = problem.evaluate([Trial(point=start)])
@@ -79,4 +80,7 @@ def scaled_start(problem: Problem, start: FloatArray) -> FloatArray:
         return start
     is_modulus = np.array([p.kind == "modulus" for p in problem.parameters])
     values = problem.box.values(start)
-    return problem.box.point(np.where(is_modulus, scale * values, values))
+    scaled = problem.box.point(np.where(is_modulus, scale * values, values))
+    # As a search asks for it, so that it costs nothing more.
+    (found,) = problem.evaluate([Trial(point=scaled, slopes=problem.study.solver.gives_slopes)])
+    return start if found.residuals is None else scaled

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import polars as pl
 import pytest
 
 from palpate import pipeline
@@ -14,7 +13,6 @@ from palpate.domain import (
     Prior,
     RegionMaterial,
     Response,
-    Scenario,
     Simulation,
     Sphere,
     Status,
@@ -73,7 +71,6 @@ def run(make_study, plugins, tmp_path, monkeypatch):
             space=space,
             search=LeastSquares(),
             parametrisation=StandardParametrisation(StandardSettings(**(searched or {}))),
-            scenarios=(Scenario(name="I", weights={"force": 1.0, "torque": 1.0}),),
             **{"n_sets": 0, **changes},
         )
         press = replace(study.protocol, path=np.array(ROWS))
@@ -113,14 +110,18 @@ def space(**changes):
     )
 
 
-def row(result, fit, spot):
-    return result.fit.table.filter(pl.col("fit") == fit, pl.col("spot") == spot).row(0, named=True)
+def row(result, fit, spot, scenario="I"):
+    (found,) = result.fit.table.filter(fit=fit, spot=spot, scenario=scenario).iter_rows(named=True)
+    return found
 
 
-def test_both_layers_are_found_where_one_spot_lacks_one(run):
-    result = run({"p1": (0.5, 0.3), "p2": (0.5, 0.0)}, space())
-    joint = row(result, "all spots", "p1")
-    assert (joint["skin.e"], joint["fat.e"]) == pytest.approx((0.5, 0.3), rel=1e-3)
+@pytest.mark.parametrize("first", ["I", "II", "III"])
+def test_both_layers_are_found_where_one_spot_lacks_one(run, first):
+    """By both channels and by each alone, whichever scenario is searched first."""
+    result = run({"p1": (0.5, 0.3), "p2": (0.5, 0.0)}, space(), generalise_by=first)
+    for scenario in ("I", "II", "III"):
+        joint = row(result, "all spots", "p1", scenario)
+        assert (joint["skin.e"], joint["fat.e"]) == pytest.approx((0.5, 0.3), rel=1e-3)
     alone = row(result, "p2", "p2")
     assert alone["skin.e"] == pytest.approx(0.5, rel=1e-3)
     assert "no curve depends on fat.e" in alone["message"]

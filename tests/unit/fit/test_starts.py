@@ -1,5 +1,7 @@
 """Where searches start: basins of a sweep, values that are known, the right stiffness."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -71,3 +73,14 @@ def test_a_start_that_cannot_be_simulated_stays(problem, monkeypatch):
     start = problem.box.point(problem.truth)
     monkeypatch.setattr(problem, "evaluate", lambda trials: [type("E", (), {"residuals": None})()])
     assert np.array_equal(scaled_start(problem, start), start)
+
+
+def test_a_start_stays_where_the_scaled_one_cannot_be_simulated(problem, monkeypatch):
+    wrong, evaluate = problem.box.point(0.5 * problem.truth), problem.evaluate
+
+    def failing(trials):
+        (found,) = evaluate(trials)
+        return [found if np.array_equal(found.point, wrong) else replace(found, residuals=None)]
+
+    monkeypatch.setattr(problem, "evaluate", failing)
+    assert np.array_equal(scaled_start(problem, wrong), wrong)
