@@ -59,7 +59,8 @@ def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
     with Ledger(tmp_path / "run") as ledger:  # both spots have the same simulations of the sweep
         assert spent == len(ledger.entries()) - 60
     assert set(result.report.tables) == {
-        "table1_coefficients", "table2_nmse", "unfitted_channels", "cross_channel", "generalised", "fit",
+        "table1_fit", "table2_fit", "table1_coefficients", "table2_nmse", "unfitted_channels",
+        "cross_channel", "generalised", "fit",
         "distance_to_truth", "identifiability", "cost_of_one_set",
     }  # fmt: skip
     assert all(path.exists() for path in result.report.files)

@@ -65,7 +65,7 @@ def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
     """One row per spot and scenario, with a column per parameter, as the paper prints them."""
     import polars as pl
 
-    if name == "table1_coefficients":
+    if name.startswith("table1_"):
         heads = pl.format("{}.{} [{}]", "region", "parameter", "unit")
         index = ["spot", "scenario"]
         return frame.with_columns(head=heads).pivot("head", index=index, values="value")

@@ -34,6 +34,8 @@ class Fit:
         That with the least objective; None where every one failed.
     trace : list of Evaluation
         Every one, in the order asked.
+    n_asked : list of int
+        How many jobs the problem had asked for by each of them.
     message : str
         Why the search ended.
     """
@@ -42,6 +44,7 @@ class Fit:
     start: FloatArray
     best: Evaluation | None = None
     trace: list[Evaluation] = field(default_factory=list)
+    n_asked: list[int] = field(default_factory=list)
     message: str = ""
 
     @property
@@ -60,6 +63,7 @@ class Fit:
     def take(self, evaluations: Sequence[Evaluation]) -> None:
         """Keep what was evaluated."""
         self.trace.extend(evaluations)
+        self.n_asked += [len(self.problem.asked)] * len(evaluations)
         for each in evaluations:
             if each.objective < self.objective:
                 self.best = each

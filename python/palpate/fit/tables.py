@@ -12,7 +12,7 @@ from palpate.fit.running import Fit
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
 from palpate.plugins.parametrisation import at_spot
-from palpate.run.result import FitResult
+from palpate.run.result import UNSETTLED, FitResult
 from palpate.stages.scoring import relative_variance
 from palpate.stages.sweep import Simulations
 
@@ -37,28 +37,37 @@ def fit_result(cases: Sequence[Case], simulations: Simulations) -> FitResult:
     for case in cases:
         end = case.end
         if end is None or end.best is None:
-            spent = {"n_runs": n_runs[id(case)], "n_fine": case.n_fine}
+            spent = {"n_runs": _spent(case, n_runs), "n_fine": case.n_fine}
             rows.append(_about(case) | {"message": _message(case)} | spent)
             continue
         for term in end.problem.terms:
             values = fitted_values(end, term)
-            rows.append(_row(case, end, term, values, phases) | {"n_runs": n_runs[id(case)]})
+            rows.append(_row(case, end, term, values, phases) | {"n_runs": _spent(case, n_runs)})
             responses[case.label, case.scenario.name, term.spot] = _response(term, values)
-    traces = [row for case in cases for row in _trace(case)]
+    traces = [row for case in cases for row in _trace(case, n_runs)]
     meshes = [row for case in cases for row in _mesh(case, simulations.limbs)]
     return FitResult(table=_frame(rows), trace=_frame(traces), mesh=_frame(meshes), responses=responses)
 
 
-def _n_runs(cases: Sequence[Case], simulations: Simulations) -> dict[int, int]:
-    """Count the simulations of each case that no case before it had asked for."""
+def _n_runs(cases: Sequence[Case], simulations: Simulations) -> dict[int, list[int]]:
+    """Count the simulations that no case before had asked for, after each job that a problem asked for.
+
+    By problem: the first number is 0, or what the earlier problems of the case have cost.
+    """
     seen: set[str] = set()
     counts = {}
     for case in cases:
         n_before = len(seen)
-        problems = {id(fit.problem): fit.problem for fit in case.fits}
-        seen |= {simulations.key(job) for problem in problems.values() for job in problem.asked}
-        counts[id(case)] = len(seen) - n_before
+        for problem in {id(fit.problem): fit.problem for fit in case.fits}.values():
+            counts[id(problem)] = [len(seen) - n_before]
+            for job in problem.asked:
+                seen.add(simulations.key(job))
+                counts[id(problem)].append(len(seen) - n_before)
     return counts
+
+
+def _spent(case: Case, n_runs: Mapping[int, Sequence[int]]) -> int:
+    return n_runs[id(case.fits[-1].problem)][-1] if case.fits else 0
 
 
 def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
@@ -74,7 +83,7 @@ def _message(case: Case) -> str:
     last = case.fits[-1].problem
     messages = dict.fromkeys(fit.message for fit in case.fits if fit.problem is last)
     if not case.is_settled:
-        messages["the correction by finer meshes has not settled"] = None
+        messages[UNSETTLED] = None
     return "; ".join(messages)
 
 
@@ -136,7 +145,7 @@ def _response(term: SpotTerm, values: Mapping[str, FloatArray]) -> Response:
     return Response(curves=curves)
 
 
-def _trace(case: Case) -> Iterator[dict[str, Any]]:
+def _trace(case: Case, n_runs: Mapping[int, Sequence[int]]) -> Iterator[dict[str, Any]]:
     problems = list(dict.fromkeys(id(fit.problem) for fit in case.fits))
     for number, fit in enumerate(case.fits):
         for step, each in enumerate(fit.trace):
@@ -147,6 +156,7 @@ def _trace(case: Case) -> Iterator[dict[str, Any]]:
                 "search": number,
                 "correction": problems.index(id(fit.problem)),
                 "step": step,
+                "n_runs": n_runs[id(fit.problem)][fit.n_asked[step]],
                 "fopt": each.fopt if finite else None,
                 "objective": each.objective if finite else None,
                 "message": each.failure,

@@ -2,22 +2,29 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
+import numpy as np
+
+from palpate import mechanics
 from palpate.domain import weighed_phases
+from palpate.errors import PalpateError
 from palpate.report.report_data import ReportData
 from palpate.report.tables import weighted_channels
+from palpate.run.result import ALL_SPOTS
 from palpate.stages.identifiability import UNCLEAR
 
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """One parameter of a best set, with the fitted optimum and the interval around that.
+    """One parameter of a best set, with the optimum between the sets and the interval around that.
 
-    These are None where they are unknown; the set need not be in the interval.
+    These are None where they are unknown, and the value where it differs from spot to spot; a set of
+    the sweep need not be in the interval.
     """
 
-    value: float
+    value: float | None
     optimum: float | None
     lower: float | None
     upper: float | None
@@ -26,7 +33,7 @@ class Value:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Best:
-    """The best set of one spot in one scenario.
+    """The best set of one spot in one scenario, or of a joint fit.
 
     Parameters
     ----------
@@ -34,9 +41,14 @@ class Best:
         Channels that the scenario weights.
     found : str
         ``set 12`` of the sweep, or ``fit`` where a search went on from there.
+    fopt : float
+        Of a joint fit the mean over its spots.
     values : tuple of Value
-        In the order of the design's parameters.
+        In the order of ``ReportData.searched``.
     r2 : mapping of channel or phase to number or None
+        Of a joint fit the least of its spots.
+    moduli : mapping of region to (shear modulus, Young's modulus) [MPa]
+        At rest, where the searched parameters decide them and the material has them.
     """
 
     spot: str
@@ -46,6 +58,7 @@ class Best:
     fopt: float
     values: tuple[Value, ...]
     r2: Mapping[str, float | None]
+    moduli: Mapping[str, tuple[float, float]]
 
     @property
     def where(self) -> str:
@@ -54,26 +67,54 @@ class Best:
 
 
 def best_sets(data: ReportData) -> Iterator[Best]:
-    """Best set by spot and scenario: the fitted one, where there is one."""
-    fitted = data.fit.of_spots()
+    """Best set by spot and scenario, the fitted one where there is one; the joint fits come first."""
     names = (*data.measured_channels, *weighed_phases(data.study.scenarios))
-    fits = {(r["spot"], r["scenario"], r["parameter"]): r for r in data.identifiability.iter_rows(named=True)}
-    for row in data.selection.iter_rows(named=True):
-        key = row["spot"], row["scenario"]
-        best, found = row, f"set {row['set_id']}{', unfinished' if row.get('partial') else ''}"
-        if key in fitted:
-            best, found = fitted[key], "fit"
+    intervals = {
+        (r["spot"], r["scenario"], r["parameter"]): r for r in data.identifiability.iter_rows(named=True)
+    }
+    chosen = (*data.selection.iter_rows(named=True), *data.fit.ends.iter_rows(named=True))
+    rows = {(row["spot"], row["scenario"]): row for row in chosen}
+    every = product((ALL_SPOTS, *data.spots), (s.name for s in data.study.scenarios))
+    for spot, scenario in every:
+        if (best := rows.get((spot, scenario))) is None:
+            continue
+        values = (_value(best, name, intervals.get((spot, scenario, name), {})) for name in data.searched)
+        unfinished = ", unfinished" if best.get("partial") else ""
         yield Best(
-            spot=key[0],
-            scenario=key[1],
-            fitted_to=weighted_channels(data.scenario(key[1])),
-            found=found,
+            spot=spot,
+            scenario=scenario,
+            fitted_to=weighted_channels(data.scenario(scenario)),
+            found="fit" if "fit" in best else f"set {best['set_id']}{unfinished}",
             fopt=best["fopt"],
-            values=tuple(_value(best[p.name], fits.get((*key, p.name), {})) for p in data.design.parameters),
+            values=tuple(values),
             r2={name: best.get(f"r2_{name}") for name in names},
+            moduli=dict(initial_moduli(data, best)),
         )
 
 
-def _value(value: float, fit: Mapping[str, Any]) -> Value:
-    word = fit.get("identifiability", UNCLEAR)
-    return Value(value, fit.get("optimum"), fit.get("lower"), fit.get("upper"), word)
+def _value(best: Mapping[str, Any], name: str, interval: Mapping[str, Any]) -> Value:
+    word = interval.get("identifiability", UNCLEAR)
+    optimum = None if "fit" in best else interval.get("optimum")
+    return Value(best.get(name), optimum, interval.get("lower"), interval.get("upper"), word)
+
+
+def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Initial shear and Young's modulus [MPa] of each region that is searched, where its material has them.
+
+    Parameters
+    ----------
+    best : mapping
+        Searched values among others, by full name; None where it differs from spot to spot.
+    """
+    space = data.study.space
+    every = space.complete(
+        {p.name: value for p in space.parameters if (value := best.get(p.name)) is not None}
+    )
+    for region in space.regions:
+        values = {p.name: every[f"{region.region}.{p.name}"] for p in region.material.parameters}
+        if space.columns_of(region.region) and np.isfinite(list(values.values())).all():
+            try:
+                mu, kappa = mechanics.initial_moduli(region.material, region.theta(values))
+            except PalpateError:
+                continue
+            yield region.region, (mu, 9.0 * kappa * mu / (3.0 * kappa + mu))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,7 +12,10 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from palpate import _core
 from palpate.domain import Channel, Curve, FloatArray, Response
+from palpate.errors import CurveError
+from palpate.report.fit_path import least_of_sweep, paths
 from palpate.report.report_data import ReportData
 from palpate.report.space import parameter_space
 from palpate.report.style import (
@@ -28,6 +32,7 @@ from palpate.report.style import (
     sized,
 )
 from palpate.run.directory import file_name
+from palpate.run.result import ALL_SPOTS
 from palpate.stages.experiment import Presses
 from palpate.stages.selection import objectives
 
@@ -38,11 +43,15 @@ DISTRIBUTION_LIMIT = 4.0
 def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     """Draw every figure as SVG, PDF and PNG."""
     folder.mkdir(parents=True, exist_ok=True)
-    drawings: dict[str, Callable[[], Figure]] = {"nmse_distribution": partial(nmse_distribution, data)}
+    drawings: dict[str, Callable[[], Figure]] = {}
+    if data.design.n_sets:
+        drawings["nmse_distribution"] = partial(nmse_distribution, data)
+    if not data.fit.trace.is_empty():
+        drawings["fit_trace"] = partial(fit_trace, data)
     for spot in data.spots:
         drawings[f"parameter_space_{file_name(spot)}"] = partial(parameter_space, data, spot)
         drawings[f"response_{file_name(spot)}"] = partial(responses, data, spot)
-    if not data.generalisation.is_empty():
+    if data.is_fitted or not data.generalisation.is_empty():
         drawings["generalised"] = partial(generalised, data)
     files: list[Path] = []
     for name, draw in drawings.items():
@@ -60,20 +69,50 @@ def _saved(draw: Callable[[], Figure], stem: Path) -> list[Path]:
 
 
 def responses(data: ReportData, spot: str) -> Figure:
-    """Measured curves of a spot, and the best simulated ones of each scenario."""
+    """Measured curves of a spot, and the best simulated ones of each scenario; below, what these miss."""
     measured = data.measured[spot].curves
-    figure = sized(DOUBLE_MM if len(measured) > 1 else SINGLE_MM, 70.0)
-    axes = figure.subplots(1, len(measured), squeeze=False)[0]
-    for axis, (channel, curve) in zip(axes, measured.items(), strict=True):
+    figure = sized(DOUBLE_MM if len(measured) > 1 else SINGLE_MM, 90.0)
+    grid = figure.subplots(2, len(measured), squeeze=False, sharex="col", height_ratios=(3, 1))
+    fits = fits_at(data, spot)
+    for (axis, below), (channel, curve) in zip(grid.T, measured.items(), strict=True):
         _draw_measured(axis, data, curve)
-        for i, scenario in enumerate(data.study.scenarios):
-            colour, dash = LINES[i % len(LINES)]
-            label, fit = fit_of(data, spot, scenario.name)
+        for (label, fit), (colour, dash) in zip(fits, cycle(LINES), strict=False):
             if channel in fit:
                 _draw(axis, fit[channel], colour, dash, label)
-    legend_below(figure, list(axes))
+                below.plot(curve.abscissa, residuals(curve, fit[channel]), color=colour, linestyle=dash)
+        axis.set_xlabel("")
+        below.axhline(0.0, color="0.4", linewidth=0.6)
+        below.set(xlabel=data.channels[channel].abscissa_label, ylabel="sim. − exp.")
+    legend_below(figure, list(grid[0]))
     entitle(figure, f"{data.study.name}, spot {spot}: least NMSE by scenario", data.notice)
     return figure
+
+
+def residuals(measured: Curve, simulated: Curve) -> FloatArray:
+    """Simulated minus measured ordinates (n,) at the measured abscissae, NaN where there are none."""
+    try:
+        values, _ = _core.interpolate(simulated.abscissa, simulated.ordinate, measured.abscissa)
+    except CurveError:
+        return np.full(measured.abscissa.size, np.nan)
+    left: FloatArray = values - measured.ordinate
+    return left
+
+
+def fits_at(data: ReportData, spot: str) -> list[tuple[str, Mapping[str, Curve]]]:
+    """Label and curves at a spot: the best of each scenario, then those for all of several spots."""
+    fits = [fit_of(data, spot, scenario.name) for scenario in data.study.scenarios]
+    return [*fits, for_all_spots(data, spot)] if len(data.spots) > 1 else fits
+
+
+def for_all_spots(data: ReportData, spot: str) -> tuple[str, Mapping[str, Curve]]:
+    """Label and curves at a spot of the joint fit, else of the set for all spots."""
+    joint = data.fit.responses.get((ALL_SPOTS, data.generalising.name, spot))
+    if joint is not None:
+        return f"all spots, scenario {data.generalising.name}, fit", joint.curves
+    for set_id in data.generalisation["set_id"][:1]:
+        response = data.responses.get((spot, set_id))
+        return f"one set for all spots, set {set_id}", response.curves if response else {}
+    return "", {}
 
 
 def fit_of(data: ReportData, spot: str, scenario: str) -> tuple[str, Mapping[str, Curve]]:
@@ -131,30 +170,54 @@ def _draw_band(axis: Axes, curve: Curve) -> None:
 
 
 def generalised(data: ReportData) -> Figure:
-    """Show the one set for all spots on the measured curves of every spot."""
+    """Show the joint fit, or the one set for all spots, on the measured curves of every spot."""
     channels, spots = data.measured_channels, data.spots
     figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
     axes = figure.subplots(len(channels), len(spots), squeeze=False)
-    row, fopt = (
-        data.generalisation.row(0, named=True),
-        dict(data.generalisation.select("spot", "fopt").rows()),
-    )
+    rows = data.fit.joint(data.generalising.name)
+    found = "one set for all spots" if rows.is_empty() else "one material for all spots"
+    rows = data.generalisation if rows.is_empty() else rows
+    fopt = {row["spot"]: float(row["fopt"]) for row in rows.iter_rows(named=True)}
     colour, dash = LINES[0]
     for j, spot in enumerate(spots):
-        simulated = data.responses.get((spot, row["set_id"]))
+        label, simulated = for_all_spots(data, spot)
         for i, channel in enumerate(channels):
             axis = axes[i, j]
             if channel in data.measured[spot].curves:
                 _draw_measured(axis, data, data.measured[spot][channel])
             else:
                 axis.set_axis_off()
-            if simulated is not None and channel in simulated.curves:
-                _draw(axis, simulated[channel], colour, dash, f"set {row['set_id']}")
-        axes[0, j].set_title(f"spot {spot}: Fopt {fopt[spot]:.3g}")
+            if channel in simulated:
+                _draw(axis, simulated[channel], colour, dash, label)
+        axes[0, j].set_title(f"spot {spot}: Fopt {fopt[spot]:.3g}" if spot in fopt else f"spot {spot}")
     legend_below(figure, list(axes.flat))
-    spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
-    title = f"{data.study.name}: one set for all spots, mean Fopt {row['fopt_mean']:.4g}{spread}"
+    spread = f" ± {np.std(list(fopt.values()), ddof=1):.2g}" if len(fopt) > 1 else ""
+    title = f"{data.study.name}: {found}, mean Fopt {np.mean(list(fopt.values())):.4g}{spread}"
     entitle(figure, title, data.notice)
+    return figure
+
+
+# ---------------------------------------------------------------- the searches
+
+
+def fit_trace(data: ReportData) -> Figure:
+    """Draw Fopt of the fits against the simulations that they spent, with the least of the sweep."""
+    figure = sized(SINGLE_MM, 75.0)
+    axis = figure.subplots()
+    scenario = data.generalising
+    for fit, (colour, dash) in zip(dict.fromkeys((data.together, *data.spots)), cycle(LINES), strict=False):
+        for k, path in enumerate(paths(data, fit, scenario.name, fit)):
+            label = "_" if k else fit
+            axis.plot(path["n_runs"], path["fopt"], color=colour, linestyle=dash, marker=".", label=label)
+    if (least := least_of_sweep(data, data.together, scenario)) is not None:
+        axis.axhline(
+            least, color=MEASURED_COLOUR, linestyle="--", label=f"{data.together}: least of the sweep"
+        )
+    axis.set_yscale("log")
+    axis.set_xlabel("simulations of the fit")
+    axis.set_ylabel(f"Fopt (NMSE), scenario {scenario.name}")
+    legend_below(figure, [axis])
+    entitle(figure, f"{data.study.name}: searches", data.notice)
     return figure
 
 

@@ -4,7 +4,9 @@
   const DASHES = ["solid", "dash", "dashdot", "dot", "longdash", "longdashdot"];
   const MOST_LISTED = 12;
   const GOLDEN = 0.6180339887;
-  const state = { spot: 0, scenario: data.generalising, hidden: new Set([String(data.scenarios.length)]), selected: null };
+  // Of a joint fit the curves are shown from the start, those of one set for all spots on request.
+  const hidden = new Set(data.is_fitted ? [] : [String(data.scenarios.length)]);
+  const state = { spot: 0, scenario: data.generalising, hidden, selected: null };
   const element = (id) => document.getElementById(id);
   // The library reads some marks in its texts as HTML; a name is a name.
   const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
@@ -78,6 +80,7 @@
       if (!fit || !fit.curves[c] || state.hidden.has(String(s))) return;
       const { x, y } = fit.curves[c], look = { color: colour(`line${s % 6}`), dash: DASHES[s % 6], width: 2.2 };
       traces.push(line(fit.label, x, y, look));
+      if (fit.missed[c]) traces.push(Object.assign(line(fit.label, measured.x, fit.missed[c], look), { yaxis: "y2" }));
     });
     return traces;
   }
@@ -87,9 +90,46 @@
       const there = data.measured[state.spot][c] !== null;
       element(`curve-${c}`).hidden = !there;
       if (!there) return;
-      const shape = { xaxis: axis(channel.x), yaxis: axis(channel.y), dragmode: "zoom", uirevision: state.spot };
+      const shape = { xaxis: axis(channel.x, { anchor: "y2" }), yaxis: axis(channel.y, { domain: [0.34, 1] }),
+        yaxis2: axis("sim. − exp.", { domain: [0, 0.26], nticks: 4 }), dragmode: "zoom", uirevision: state.spot };
       draw(`curve-${c}`, curveTraces(c), layout(shape));
     });
+  }
+
+  // ------------------------------------------------------------------ searches
+
+  const searches = () => data.searches[state.spot][state.scenario];
+
+  /** One line of all ways of a search, with gaps between them. */
+  const joined = (search, of) => search.ways.flatMap((way) => [...of(way), null]);
+
+  /** Of the joint fit, which comes first, and of the one at the spot: the colours of their curves. */
+  function searchLook(k) {
+    const s = k || data.spots.length === 1 ? state.scenario : data.scenarios.length;
+    return { color: colour(`line${s % 6}`), dash: DASHES[k], width: 2 };
+  }
+
+  /** Ways of the searches along two of their numbers, and a diamond where each has ended. */
+  function wayTraces(x, y, axes) {
+    return searches().flatMap((search, k) => {
+      const last = search.ways[search.ways.length - 1], name = `${search.fit}: fit`;
+      const end = { mode: "markers", marker: { symbol: "diamond", size: 11, color: searchLook(k).color, line: { width: 1, color: colour("paper") } } };
+      return [Object.assign(line(name, joined(search, x), joined(search, y), searchLook(k)), axes),
+        Object.assign(line(`${name}, end`, x(last).slice(-1), y(last).slice(-1)), end, axes)];
+    });
+  }
+
+  function drawTrace() {
+    if (!element("trace")) return;
+    const least = searches().flatMap((search, k) => {
+      if (search.least === null) return [];
+      const most = Math.max(...search.ways.flatMap((way) => way.runs));
+      const look = Object.assign(searchLook(k), { dash: "dot", width: 1.4 });
+      return [line(`${search.fit}: least of the sweep`, [0, most], [search.least, search.least], look)];
+    });
+    const shape = { xaxis: axis("simulations of the fit"), showlegend: true, legend: { orientation: "h", y: -0.22 }, uirevision: state.spot,
+      yaxis: axis(`Fopt (NMSE), scenario ${data.scenarios[state.scenario].name}`, { type: "log" }), height: 380 };
+    draw("trace", [...wayTraces((way) => way.runs, (way) => way.fopt), ...least], layout(shape));
   }
 
   // ------------------------------------------------------------------ sets
@@ -166,6 +206,9 @@
       const x = data.sets.values[i], y = q ? data.sets.values[j] : capped;
       traces.push(points(x, y, values, axes));
       if (best >= 0 && y[best] !== null) traces.push(star(x[best], y[best], axes));
+      const shown = (v) => (v > data.limits.distribution ? null : v);
+      const along = (n) => (way) => (n < 0 ? way.fopt.map(shown) : way.values[n]);
+      traces.push(...wayTraces(along(i), along(j), axes));
     });
     element("pairs").style.height = `${shape.height}px`;
     draw("pairs", traces, layout(Object.assign(shape, { margin: { l: 56, r: isNarrow() ? 8 : 70, t: isNarrow() ? 64 : 32, b: 48 } })));
@@ -177,6 +220,7 @@
   }
 
   function drawStrip() {
+    if (!element("strip")) return;
     const limit = data.limits.distribution, traces = [], annotations = [], shapes = [];
     data.spots.forEach((name, spot) => {
       const values = fopts(spot), best = least(values), middle = median(values);
@@ -235,6 +279,7 @@
   }
 
   function listen(id) {
+    if (!element(id)) return;
     const own = (event) => event.points.map((p) => p.customdata).filter((i) => i !== undefined);
     const on = (name, then) => element(id).on(name, (event) => { if (!drawing) then(event); });
     on("plotly_selected", (event) => { if (event) select(own(event)); });
@@ -301,10 +346,10 @@
 
   // ------------------------------------------------------------------ the page
 
-  function drawAll() { drawCurves(); drawPairs(); drawStrip(); drawScene(); }
+  function drawAll() { drawCurves(); drawTrace(); drawPairs(); drawStrip(); drawScene(); }
 
   function reset() {
-    ["strip", "pairs", ...data.channels.map((_, c) => `curve-${c}`), "scene"].forEach((id) => {
+    ["strip", "pairs", "trace", ...data.channels.map((_, c) => `curve-${c}`), "scene"].forEach((id) => {
       if (element(id) && element(id).data) Plotly.purge(element(id));
     });
     Object.assign(eye, { turn: -0.9, tilt: 0.45, far: 2.3 });
@@ -325,8 +370,8 @@
       drawCurves();
     }));
     element("reset").addEventListener("click", reset);
-    element("clear").addEventListener("click", () => select(null));
-    element("pick").addEventListener("submit", (event) => {
+    element("clear")?.addEventListener("click", () => select(null));
+    element("pick")?.addEventListener("submit", (event) => {
       event.preventDefault();
       const most = Number(element("most").value), values = fopts(state.spot);
       select(values.flatMap((v, i) => (v !== null && v <= most ? [i] : [])));

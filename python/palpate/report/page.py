@@ -17,6 +17,7 @@ import polars as pl
 from markupsafe import Markup
 
 from palpate.domain import Parameter
+from palpate.report.best_sets import initial_moduli
 from palpate.report.page_data import page_data
 from palpate.report.report_data import ReportData
 from palpate.report.table_files import shown
@@ -67,6 +68,7 @@ def render(
         verdict=verdict,
         tables=tables,
         titles=TITLES,
+        known_moduli=dict(initial_moduli(data, data.study.truth)),
         intervals=list(_intervals(data)),
         data=page_data(data),
         generalising=data.generalising.name,

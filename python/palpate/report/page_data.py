@@ -8,9 +8,10 @@ import matplotlib as mpl
 import numpy as np
 import polars as pl
 
-from palpate.domain import Curve, FloatArray, Indentation, IntArray
+from palpate.domain import Curve, FloatArray, Indentation, IntArray, Scenario
 from palpate.report.convergence import CONTACT
-from palpate.report.figures import DISTRIBUTION_LIMIT, fit_of
+from palpate.report.figures import DISTRIBUTION_LIMIT, fits_at, residuals
+from palpate.report.fit_path import least_of_sweep, paths
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.scene import edge_of_contact, scene
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, colours
@@ -40,6 +41,7 @@ def page_data(data: ReportData) -> dict[str, Any]:
     sets = _shown_sets(data)
     return {
         "notice": data.notice,
+        "is_fitted": data.is_fitted,
         "spots": list(data.spots),
         "scenarios": [{"name": s.name, "fitted": weighted_channels(s)} for s in data.study.scenarios],
         "generalising": [s.name for s in data.study.scenarios].index(data.generalising.name),
@@ -55,6 +57,7 @@ def page_data(data: ReportData) -> dict[str, Any]:
         "colours": [mpl.colors.to_hex(c) for c in colours()(np.linspace(0.0, 1.0, N_COLOURS))],
         "measured": [_curves(data, data.measured[spot].curves) for spot in data.spots],
         "fits": [_fits(data, spot) for spot in data.spots],
+        "searches": [[_searches(data, spot, s) for s in data.study.scenarios] for spot in data.spots],
         "sets": _sets(data, sets),
         "swept": _swept(data, sets),
         "limbs": _limbs(data),
@@ -92,13 +95,46 @@ def _curve(curve: Curve) -> dict[str, Any]:
 
 
 def _fits(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
-    """Best curves of each scenario, then those of the set for all spots."""
-    fits = [fit_of(data, spot, scenario.name) for scenario in data.study.scenarios]
-    if not data.generalisation.is_empty():
-        set_id = data.generalisation["set_id"][0]
-        response = data.responses.get((spot, set_id))
-        fits.append((f"one set for all spots, set {set_id}", response.curves if response else {}))
-    return [{"label": label, "curves": _curves(data, curves)} if curves else None for label, curves in fits]
+    """Best curves of each scenario, then those for all spots; with what they miss at measured points."""
+    measured = data.measured[spot].curves
+
+    def missed(curves: Mapping[str, Curve]) -> list[list[float | None] | None]:
+        both = (name in curves and name in measured for name in data.measured_channels)
+        return [
+            _digits(
+                residuals(measured[name], curves[name])[
+                    _spread_out(measured[name].abscissa.size, MOST_POINTS)
+                ]
+            )
+            if is_there
+            else None
+            for name, is_there in zip(data.measured_channels, both, strict=True)
+        ]
+
+    return [
+        {"label": label, "curves": _curves(data, curves), "missed": missed(curves)} if curves else None
+        for label, curves in fits_at(data, spot)
+    ]
+
+
+def _searches(data: ReportData, spot: str, scenario: Scenario) -> list[dict[str, Any]]:
+    """Ways of the joint fit and of that of a spot, and the least Fopt of the sweep for each."""
+    return [
+        {
+            "fit": fit,
+            "least": least_of_sweep(data, fit, scenario),
+            "ways": [
+                {
+                    "runs": way["n_runs"].to_list(),
+                    "fopt": _digits(way["fopt"].to_numpy()),
+                    "values": [_digits(way[p.name].to_numpy()) for p in data.design.parameters],
+                }
+                for way in ways
+            ],
+        }
+        for fit in dict.fromkeys((data.together, spot))
+        if (ways := paths(data, fit, scenario.name, spot))
+    ]
 
 
 # ---------------------------------------------------------------------- sets

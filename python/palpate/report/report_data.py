@@ -89,6 +89,29 @@ class ReportData:
         names = (p.name for p in self.design.parameters)
         return dict(zip(names, named_briefly(self.design.parameters), strict=True))
 
+    @property
+    def searched(self) -> dict[str, Parameter]:
+        """:attr:`brief`, and what a fit has searched besides, such as friction."""
+        study, fitted = self.study, set(self.fit.table.columns)
+        every = study.parametrisation.parameters(study.space, self.spots) if fitted else ()
+        heads = {p.name.partition("@")[0]: p for p in every}
+        more = {name: replace(p, name=name) for name, p in heads.items() if name in fitted}
+        return self.brief | {name: p for name, p in more.items() if name not in self.brief}
+
+    @property
+    def together(self) -> str:
+        """What leads: all spots together, or the only one."""
+        return ALL_SPOTS if len(self.spots) > 1 else self.spots[0]
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether a fit of all spots together, or of the only one, has a result where it generalises."""
+        ends = self.fit.ends
+        return (
+            not ends.is_empty()
+            and not ends.filter(fit=self.together, scenario=self.generalising.name).is_empty()
+        )
+
     def scenario(self, name: str) -> Scenario:
         """Scenario of the study by its name."""
         return next(s for s in self.study.scenarios if s.name == name)

@@ -9,6 +9,7 @@ from palpate.domain import FloatArray, Parameter
 from palpate.report.best_sets import Best, Value
 from palpate.report.report_data import ReportData
 from palpate.report.tables import cost_of_one_set, finding
+from palpate.run.result import UNSETTLED
 from palpate.stages.completeness import described
 from palpate.stages.experiment import measured_warnings
 from palpate.stages.identifiability import UNCLEAR, share_of_range
@@ -36,7 +37,10 @@ CAUSES = (
 """Why force and torque of a press may disagree."""
 
 EDGE = 0.01
-"""Share of a range within which a value is at its end."""
+"""Share of a range within which the best set of a sweep is at its end."""
+
+MESH_SHARE = 0.05
+"""Change of a fitted value from finer meshes to meshes without error beyond which it is a warning."""
 
 FAILED_SHARE = 0.1
 """Share of simulations without a rank from which it is a warning."""
@@ -75,6 +79,7 @@ def report_warnings(
         poor,
         "The material, the mesh or the contact may not be what was pressed.",
     )
+    yield from _about_fits(data)
     yield from _listed(
         "A best set is of a simulation that did not finish",
         [best.where for best in bests if "unfinished" in best.found],
@@ -84,6 +89,7 @@ def report_warnings(
     yield from _about_failures(data)
     yield from _about_disagreement(data)
     yield from _about_ends(data, bests)
+    yield from _about_meshes(data)
     yield from _about_identifiability(data)
     yield from _about_searches(data)
     yield from _about_comparisons(data)
@@ -131,6 +137,43 @@ def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
     )
 
 
+def _about_fits(data: ReportData) -> Iterator[ReportWarning]:
+    failed = [f"{fit}, scenario {scenario}: {why}" for (fit, scenario), why in data.fit.failures.items()]
+    yield from _listed(
+        f"{len(failed)} of the fits {'has' if len(failed) == 1 else 'have'} no result",
+        failed,
+        "What is shown there is the best set of the sweep, if there is one.",
+    )
+
+
+def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
+    ends = list(data.fit.ends.iter_rows(named=True))
+    yield from _listed(
+        "The correction by finer meshes has not settled",
+        (f"{row['fit']}, scenario {row['scenario']}" for row in ends if UNSETTLED in row["message"]),
+        "The values there still have part of the mesh's error; raise fine_runs, or refine the meshes.",
+    )
+    if ends and data.study.solver.needs_limb and data.fit.mesh.is_empty():
+        yield ReportWarning(
+            "How far the mesh moves the parameters is unknown",
+            "No finer mesh corrected the fit; make finer ones with `palpate limb --fine`.",
+        )
+    moved = []
+    for row in data.fit.mesh.iter_rows(named=True):
+        left = abs(row["extrapolated"] / row["fine"] - 1.0) if row["fine"] else 0.0
+        if (row["fit"], row["scenario"]) == (data.together, data.generalising.name) and left > MESH_SHARE:
+            name = data.searched[row["parameter"].partition("@")[0]].name
+            moved.append(
+                f"{name} from {row['coarse']:.4g} by the coarse meshes to {row['fine']:.4g} by the finer "
+                f"ones, extrapolated {row['extrapolated']:.4g}"
+            )
+    yield from _listed(
+        f"Finer meshes may move a parameter by more than {100 * MESH_SHARE:g} %",
+        moved,
+        "Refine the meshes before the value is read as the tissue's.",
+    )
+
+
 def _about_measured(data: ReportData) -> Iterator[ReportWarning]:
     yield from _listed("Something is odd about the measured curves", measured_warnings(data.measured))
     curves = [curve for response in data.measured.values() for curve in response.curves.values()]
@@ -161,32 +204,42 @@ def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_ends(data: ReportData, bests: Sequence[Best]) -> Iterator[ReportWarning]:
+    of_sweep = (
+        f"{parameter.name} at {best.where}"
+        for best in bests
+        if best.found != "fit"
+        for i, parameter in enumerate(data.brief.values())
+        if _at_end(parameter, best.values[i], data.design.values[:, i])
+    )
+    of_fit = (
+        f"{data.searched[name.partition('@')[0]].name} at {row['fit']}, scenario {row['scenario']}"
+        for row in data.fit.ends.iter_rows(named=True)
+        for name in row["at_bound"].split(", ")
+        if name
+    )
     return _listed(
         "Best values are at the end of their range",
-        (
-            f"{parameter.name} at {best.where}"
-            for best in bests
-            for i, parameter in enumerate(data.brief.values())
-            if _at_end(parameter, best.values[i], data.design.values[:, i], best.found == "fit")
-        ),
+        dict.fromkeys([*of_fit, *of_sweep]),
         "Widen the range: the minimum may be outside.",
     )
 
 
-def _at_end(parameter: Parameter, value: Value, drawn: FloatArray, is_fitted: bool) -> bool:
+def _at_end(parameter: Parameter, value: Value, drawn: FloatArray) -> bool:
     """Whether a best set is the outermost of the design, or within a spacing of the range's end.
 
     Not where the curves show that the optimum is inside, or do not depend on the parameter.
     """
-    if value.identifiability == "not":
+    if value.identifiability == "not" or value.value is None:
         return False
     if value.lower is not None and value.upper is not None:
         ends = [share_of_range(parameter, end) for end in (value.lower, value.upper)]
         if ends[0] > EDGE and ends[1] < 1.0 - EDGE:
             return False
-    spacing = EDGE if is_fitted else max(EDGE, 1.0 / drawn.size)
-    is_outermost = not is_fitted and value.value in (drawn.min(), drawn.max())
-    return is_outermost or not spacing < share_of_range(parameter, value.value) < 1.0 - spacing
+    spacing = max(EDGE, 1.0 / drawn.size)
+    return (
+        value.value in (drawn.min(), drawn.max())
+        or not spacing < share_of_range(parameter, value.value) < 1.0 - spacing
+    )
 
 
 def _about_trust(data: ReportData) -> Iterator[ReportWarning]:
@@ -225,10 +278,10 @@ def _about_one_set(data: ReportData) -> Iterator[ReportWarning]:
     if len(data.spots) < 2:
         return
     costs = cost_of_one_set(data)
-    if costs.is_empty():
+    if costs.is_empty() and not data.is_fitted:
         yield ReportWarning("No set for all spots", "No set could be ranked at every spot.")
         return
-    costly = costs.filter(pl.col("times") >= COSTLY).select("spot", "times").rows()
+    costly = [] if data.is_fitted else costs.filter(pl.col("times") >= COSTLY).select("spot", "times").rows()
     if costly:
         times = _some([f"{spot} ({times:.3g} times)" for spot, times in costly])
         yield ReportWarning(
@@ -255,7 +308,8 @@ def _about_coarseness(data: ReportData, bests: Sequence[Best]) -> Iterator[Repor
             for best in bests
             if best.scenario == data.generalising.name and best.found != "fit"
             for parameter, value in zip(data.brief.values(), best.values, strict=True)
-            if value.optimum is not None and value.lower is not None and value.upper is not None
+            if value.value is not None and value.optimum is not None
+            if value.lower is not None and value.upper is not None
             if not value.lower <= value.value <= value.upper
         ),
         'Search from the best sets ([fit] search = "least_squares"), or raise n_sets.',
@@ -277,11 +331,11 @@ def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
 
 def _about_searches(data: ReportData) -> Iterator[ReportWarning]:
     for table, expected, what in (
-        (data.fit.table, "converged", "Not every search converged"),
+        (data.fit.ends, "converged", "Not every search converged"),
         (data.stiffness_scaling, "as expected", "Not every multiple of a set is as expected"),
     ):
-        messages = dict.fromkeys(row["message"] for row in table.iter_rows(named=True))
-        yield from _listed(what, [message for message in messages if message != expected])
+        messages = (part for row in table.iter_rows(named=True) for part in row["message"].split("; "))
+        yield from _listed(what, dict.fromkeys(m for m in messages if m not in (expected, UNSETTLED)))
     failed = [row for row in data.verification.iter_rows(named=True) if not row["passed"]]
     yield from _listed(
         f"{len(failed)} of {len(data.verification)} selected sets failed verification",

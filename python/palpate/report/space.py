@@ -13,10 +13,12 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from palpate.domain import FloatArray, Parameter
+from palpate.report.fit_path import paths
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.style import (
     DOUBLE_MM,
     LEAST_COLOUR,
+    LINES,
     MEASURED_COLOUR,
     SINGLE_MM,
     entitle,
@@ -44,21 +46,25 @@ def colours() -> Colormap:
 def parameter_space(data: ReportData, spot: str) -> Figure:
     """Show sets in the space of their parameters: coloured by NMSE, black above the limit, red the least.
 
-    Three parameters are shown in space and in pairs, more in pairs (at most
-    ``MOST_PAIRS``), one over its own axis.
+    The ways of the joint fit and of the spot's own are drawn over them, each to a diamond at its end.
+    Three parameters are shown in space and in pairs, more in pairs (at most ``MOST_PAIRS``), one over
+    its own axis.
     """
     values, fopt = _sets_at(data, spot)
     parameters = tuple(data.brief.values())
     n = len(parameters)
     if n == 1:
         figure, flat = _one_parameter(values[:, 0], fopt, parameters[0])
+        _draw_paths(data, spot, flat[0], [data.design.parameters[0].name, "fopt"])
     else:
         pairs = list(combinations(range(n), 2))[:MOST_PAIRS]
         figure, flat = _pair_grid(len(pairs) + (n == 3))
         if n == 3:
             _draw_space(figure, flat, values, fopt, parameters)
+            _draw_paths(data, spot, flat[0], [p.name for p in data.design.parameters])
         for axis, (i, j) in zip(flat[n == 3 :], pairs, strict=True):
             _scatter(axis, (values[:, i], values[:, j]), fopt)
+            _draw_paths(data, spot, axis, [data.design.parameters[k].name for k in (i, j)])
             axis.set_xlabel(label_of(parameters[i]))
             axis.set_ylabel(label_of(parameters[j]))
             axis.locator_params(nbins=5)
@@ -66,7 +72,8 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
         _colour_bar(figure, flat, data)
     legend_below(figure, flat[-1:])
     n_sets = int(np.isfinite(values[:, 0]).sum())
-    entitle(figure, f"{data.study.name}, spot {spot}: {n_sets} sets and their NMSE", data.notice)
+    shown = f"{n_sets} sets and their NMSE" if data.design.n_sets else "the way of the fit"
+    entitle(figure, f"{data.study.name}, spot {spot}: {shown}", data.notice)
     return figure
 
 
@@ -150,6 +157,18 @@ def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
         scatter(*(x[least : least + 1] for x in at), color=LEAST_COLOUR, marker="*", s=70,
                 edgecolors="white", linewidths=0.4, zorder=5,
                 label=f"least: set {least}, {fopt[least]:.3g}")  # fmt: skip
+
+
+def _draw_paths(data: ReportData, spot: str, axis: Axes, names: Sequence[str]) -> None:
+    """Draw the ways of the joint fit and of that of a spot along their columns of these names."""
+    draw: Any = axis.plot
+    for fit, (colour, dash) in zip(dict.fromkeys((data.together, spot)), LINES, strict=False):
+        ways = paths(data, fit, data.generalising.name, spot)
+        for way in ways:
+            draw(*(way[name] for name in names), color=colour, linestyle=dash, linewidth=0.9, zorder=4)
+        for way in ways[-1:]:
+            end, label = [way[name][-1:] for name in names], f"{fit}: fit, {way['fopt'][-1]:.3g}"
+            draw(*end, "D", color=colour, markersize=4, markeredgecolor="white", zorder=6, label=label)
 
 
 def _colour_bar(figure: Figure, axes: Sequence[Axes], data: ReportData) -> None:

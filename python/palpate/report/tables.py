@@ -7,20 +7,23 @@ import polars as pl
 
 from palpate.domain import Scenario
 from palpate.report.report_data import ReportData
+from palpate.run.result import ALL_SPOTS
 from palpate.stages.completeness import Completeness
 from palpate.stages.selection import by_reason, failures, unranked
 
 TITLES: Mapping[str, str] = MappingProxyType(
     {
-        "table1_coefficients": "Coefficients by spot and scenario",
-        "table2_nmse": "NMSE by spot and scenario",
+        "table1_fit": "Coefficients of the fit by spot and scenario",
+        "table2_fit": "NMSE of the fit by spot and scenario",
+        "fit_mesh": "What the meshes do to the fit",
+        "table1_coefficients": "Coefficients of the sweep by spot and scenario",
+        "table2_nmse": "NMSE of the sweep by spot and scenario",
         "unfitted_channels": "Misfit of the channels left out of the fit",
         "cross_channel": "Error in every channel, fitted or not",
         "identifiability": "How well each parameter is identified",
         "generalised": "One set for all spots",
         "cost_of_one_set": "What one set for all spots costs at each",
-        "fit": "Parameters of the fit",
-        "fit_mesh": "What the meshes do to the fit",
+        "fit": "The fits: errors, simulations, and why they ended",
         "stiffness_scaling": "Best multiple of a set, all moduli scaled together",
         "distance_to_truth": "Distance to the known answer",
         "convergence": "How the simulations ended",
@@ -37,22 +40,25 @@ EXACT = 1e-6
 def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
     """Every table that has a row, by name.
 
-    ``table1_coefficients`` and ``table2_nmse`` are the paper's; ``unfitted_channels``
-    shows what a fit to some channels costs in the others, ``cross_channel`` the errors
-    behind it; the others come where there is something to say. ``TITLES`` names them all.
+    ``table1_fit`` and ``table2_fit`` are the paper's for the fit, ``table1_coefficients`` and
+    ``table2_nmse`` for the sweep; ``unfitted_channels`` shows what a fit to some channels costs in
+    the others, ``cross_channel`` the errors behind it; the others come where there is something to
+    say. ``TITLES`` names them all.
     What simulations cost is not among them: the same study gives the same tables.
     In an incomplete sweep each has a column ``simulated``, of how many sets its rows are.
     """
     tables = {
-        "table1_coefficients": coefficients(data),
-        "table2_nmse": nmse_by_scenario(data),
+        "table1_fit": coefficients(data, data.fit.ends),
+        "table2_fit": nmse_by_scenario(data, data.fit.ends),
+        "fit_mesh": data.fit.mesh,
+        "table1_coefficients": coefficients(data, data.selection),
+        "table2_nmse": nmse_by_scenario(data, data.selection),
         "unfitted_channels": unfitted_channels(data),
         "cross_channel": cross_channel(data),
         "identifiability": data.identifiability,
         "generalised": generalised(data),
         "cost_of_one_set": cost_of_one_set(data),
         "fit": data.fit.table,
-        "fit_mesh": data.fit.mesh,
         "stiffness_scaling": data.stiffness_scaling,
         "distance_to_truth": distance_to_truth(data),
         "verification": data.verification.drop("key", strict=False),
@@ -74,8 +80,14 @@ def _with_simulated(table: pl.DataFrame, found: Completeness) -> pl.DataFrame:
     return table.with_columns(simulated=pl.col("spot").replace_strict(by_spot, default=everywhere))
 
 
-def coefficients(data: ReportData) -> pl.DataFrame:
-    """Table 1: searched and tied coefficients by material, spot and scenario, in the region's convention."""
+def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
+    """Table 1: searched and tied coefficients by material, spot and scenario, in the region's convention.
+
+    Parameters
+    ----------
+    best : DataFrame
+        The selection, or the ends of the fit.
+    """
     rows = [
         {
             "region": region.region,
@@ -90,14 +102,16 @@ def coefficients(data: ReportData) -> pl.DataFrame:
         for region in data.study.space.regions
         for parameter in region.material.parameters
         if parameter.name not in region.fixed
-        for row in data.selection.iter_rows(named=True)
+        for row in best.iter_rows(named=True)
     ]
     return pl.DataFrame(rows)
 
 
-def nmse_by_scenario(data: ReportData) -> pl.DataFrame:
-    """Table 2: Fopt by spot, with one column per scenario."""
-    wide = data.selection.pivot("scenario", index="spot", values="fopt")
+def nmse_by_scenario(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
+    """Table 2: Fopt by spot, with one column per scenario; of a joint fit the mean over the spots."""
+    if best.is_empty():
+        return pl.DataFrame()
+    wide = best.pivot("scenario", index="spot", values="fopt")
     names = [s.name for s in data.study.scenarios if s.name in wide.columns]
     return wide.select("spot", *names)
 
@@ -203,11 +217,11 @@ def cost_of_one_set(data: ReportData) -> pl.DataFrame:
 def distance_to_truth(data: ReportData) -> pl.DataFrame:
     """How far the found coefficients are from the known ones of a simulated experiment."""
     all_spots = data.generalisation.head(1).with_columns(spot=pl.lit("all spots"))
-    joint = pl.concat([data.fit.joint(scenario.name) for scenario in data.study.scenarios], how="diagonal")
+    ends = data.fit.ends
     found = {
         "sweep": data.selection,
         "generalised": all_spots,
-        "joint fit": joint,
+        "joint fit": ends if ends.is_empty() else ends.filter(spot=ALL_SPOTS),
         "fit": data.fit.of_each_spot,
     }
     rows = [

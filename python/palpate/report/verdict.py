@@ -1,13 +1,15 @@
 """What a run amounts to: the best parameters, how well they are identified, and its warnings."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import polars as pl
 
+from palpate.domain import Parameter
 from palpate.report.best_sets import Best, best_sets
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.report_warnings import CHECK, NO_FIT_R2, ReportWarning, report_warnings
+from palpate.run.result import ALL_SPOTS
 from palpate.stages.identifiability import UNCLEAR, WORDS
 
 _ORDER = [*(word for _, word in WORDS), UNCLEAR]
@@ -20,13 +22,16 @@ class Verdict:
     Parameters
     ----------
     parameters : tuple of str
-        Labels of the columns.
+        Labels of the values of each best set.
     bests : tuple of Best
+        Joint fits first.
     lead : str
-        Sentence on the set for all spots, or on the best set of the only spot; empty where
-        there is none. Where it does not fit, that is the sentence.
+        Sentence on the joint fit, or on the set for all spots, or on the best set of the only spot;
+        empty where there is none. Where it does not fit, that is the sentence.
     identifiability : tuple of str
         A sentence on each parameter; none where the set does not fit.
+    spent : str
+        Sentence on the simulations of the sweep and of the fit; empty where there was no fit.
     warnings : tuple of ReportWarning
         The most severe first.
     without_result : mapping of (spot, scenario) to str
@@ -37,13 +42,14 @@ class Verdict:
     bests: tuple[Best, ...]
     lead: str
     identifiability: tuple[str, ...]
+    spent: str
     warnings: tuple[ReportWarning, ...]
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was found, and how well each parameter is identified."""
-        return tuple(sentence for sentence in (self.lead, *self.identifiability) if sentence)
+        """What was found, how well each parameter is identified, and what it cost."""
+        return tuple(sentence for sentence in (self.lead, *self.identifiability, self.spent) if sentence)
 
 
 def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdict:
@@ -51,10 +57,11 @@ def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdic
     bests = tuple(best_sets(data))
     no_fit = _no_fit(data, bests)
     return Verdict(
-        parameters=tuple(map(label_of, data.brief.values())),
+        parameters=tuple(map(label_of, data.searched.values())),
         bests=bests,
         lead=no_fit or _lead(data, bests),
         identifiability=() if no_fit else tuple(_identifiability(data, name) for name in data.brief),
+        spent=_spent(data),
         warnings=tuple(report_warnings(data, bests, tables)),
         without_result=data.without_result,
     )
@@ -62,8 +69,10 @@ def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdic
 
 def _no_fit(data: ReportData, bests: Sequence[Best]) -> str:
     """Sentence in place of parameters where the set that they would be of does not fit."""
+    joint = data.fit.joint(data.generalising.name)
     if len(data.spots) > 1:
-        rows = [(row["spot"], row) for row in data.generalisation.iter_rows(named=True)]
+        of_all = data.generalisation if joint.is_empty() else joint
+        rows = [(row["spot"], row) for row in of_all.iter_rows(named=True)]
     else:
         own = (best for best in bests if best.scenario == data.generalising.name)
         rows = [(best.spot, {f"r2_{name}": r2 for name, r2 in best.r2.items()}) for best in own]
@@ -81,12 +90,21 @@ def _no_fit(data: ReportData, bests: Sequence[Best]) -> str:
 
 
 def _lead(data: ReportData, bests: Sequence[Best]) -> str:
-    if len(data.spots) == 1:
-        best = next((b for b in bests if b.scenario == data.generalising.name), None)
-        return "" if best is None else (
-            f"At {best.spot}, fitted to {best.fitted_to} (scenario {best.scenario}): "
-            f"{_listed(data, (v.value for v in best.values))}; Fopt {best.fopt:.4g} ({best.found})."
-        )  # fmt: skip
+    where = data.together
+    best = next((b for b in bests if b.scenario == data.generalising.name and b.spot == where), None)
+    if best is not None:
+        values = [*_listed(data.searched, (v.value for v in best.values)), *_moduli(best)]
+        of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
+        mean = "mean Fopt" if where == ALL_SPOTS else "Fopt"
+        r2 = [
+            f"R² {name} {at:.4g}"
+            for name in data.generalising.weighed
+            if (at := best.r2.get(name)) is not None
+        ]
+        return (
+            f"{of}, fitted to {best.fitted_to} (scenario {best.scenario}): {', '.join(values)}; "
+            f"{', '.join([f'{mean} {best.fopt:.4g}', *r2])} ({best.found})."
+        )
     if data.generalisation.is_empty():
         return ""
     row = data.generalisation.row(0, named=True)
@@ -95,16 +113,35 @@ def _lead(data: ReportData, bests: Sequence[Best]) -> str:
     of = "" if found.is_complete else f", of {found.n_everywhere} sets simulated at each"
     return (
         f"One set for all {len(data.spots)} spots{of}: set {row['set_id']}, "
-        f"{_listed(data, (row[name] for name in data.brief))}; "
+        f"{', '.join(_listed(data.brief, (row[name] for name in data.brief)))}; "
         f"mean Fopt {row['fopt_mean']:.4g}{spread} (scenario {row['scenario']})."
     )
 
 
-def _listed(data: ReportData, values: Iterable[float]) -> str:
-    pairs = zip(data.brief.values(), values, strict=True)
-    return ", ".join(
-        f"{p.name} = {value:.4g} {p.unit if p.unit != '1' else ''}".rstrip() for p, value in pairs
-    )
+def _listed(parameters: Mapping[str, Parameter], values: Iterable[float | None]) -> Iterator[str]:
+    for p, value in zip(parameters.values(), values, strict=True):
+        yield f"{p.name} by spot" if value is None else f"{p.name} = {value:.4g}{_unit(p)}"
+
+
+def _unit(parameter: Parameter) -> str:
+    return "" if parameter.unit == "1" else f" {parameter.unit}"
+
+
+def _moduli(best: Best) -> Iterator[str]:
+    for region, (shear, young) in best.moduli.items():
+        of = f" of {region}" if len(best.moduli) > 1 else ""
+        yield f"initial shear modulus{of} {shear:.4g} MPa"
+        yield f"Young's modulus{of} {young:.4g} MPa"
+
+
+def _spent(data: ReportData) -> str:
+    """Sentence on what was simulated."""
+    if data.fit.table.is_empty():
+        return ""
+    fits = data.fit.table.unique(["fit", "scenario"])
+    n_sweep = sum(data.completeness.simulated.values())
+    fine = f" and {n_fine} of finer meshes" if (n_fine := fits["n_fine"].sum()) else ""
+    return f"Simulations: {n_sweep} of the sweep, {fits['n_runs'].sum()} of the fit{fine}."
 
 
 def _identifiability(data: ReportData, parameter: str) -> str:
@@ -129,18 +166,15 @@ def _identifiability(data: ReportData, parameter: str) -> str:
 
 
 def _together(data: ReportData, parameter: str) -> str:
-    """Fitted optimum and interval by all spots together; empty where they cannot be given."""
+    """Value and interval by all spots together; empty where they cannot be given."""
     rows = data.identified(together=True).filter(parameter=parameter).drop_nulls("lower")
     if rows.is_empty():
         return ""
-    row, unit = rows.row(0, named=True), data.brief[parameter].unit
-    unit, where = "" if unit == "1" else f" {unit}", ""
+    row, unit, where = rows.row(0, named=True), _unit(data.brief[parameter]), ""
+    best = f"{row['value']:.4g}{unit}" if data.is_fitted else f"fitted optimum {row['optimum']:.4g}{unit}"
     if len(data.spots) > 1:
         where = f"{_phrase(row['identifiability'])} by all spots together; spot by spot: "
-    return (
-        f"fitted optimum {row['optimum']:.4g}{unit}, {row['lower']:.4g} to {row['upper']:.4g}{unit} "
-        f"fits about as well; {where}"
-    )
+    return f"{best}, {row['lower']:.4g} to {row['upper']:.4g}{unit} fits about as well; {where}"
 
 
 def _phrase(word: str) -> str:

@@ -63,6 +63,9 @@ class SelectionResult:
 ALL_SPOTS = "all spots"
 """Label of a joint fit."""
 
+UNSETTLED = "the correction by finer meshes has not settled"
+"""Message of a fit whose corrections were not near enough to its end."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitResult:
@@ -78,9 +81,9 @@ class FitResult:
         one row with its message.
     trace : DataFrame
         One row per evaluation: fit, scenario, search, correction (0 for the searches from the starts;
-        each later one goes on from their end with other answers of the finer meshes), step, fopt (null
-        where it failed), objective (with priors), message and what was searched, under the names of
-        the search.
+        each later one goes on from their end with other answers of the finer meshes), step, n_runs
+        (by then, counted as in the table), fopt (null where it failed), objective (with priors),
+        message and what was searched, under the names of the search.
     mesh : DataFrame
         Where finer meshes were simulated: fit, scenario, parameter, coarse (value by the coarse meshes
         alone), fine (corrected by the finer ones) and extrapolated to meshes without error.
@@ -103,6 +106,22 @@ class FitResult:
     def of_spots(self) -> dict[tuple[str, str], dict[str, Any]]:
         """Rows of :attr:`of_each_spot` by spot and scenario."""
         return {(row["spot"], row["scenario"]): row for row in self.of_each_spot.iter_rows(named=True)}
+
+    @property
+    def ends(self) -> pl.DataFrame:
+        """One row per fit and scenario that has a result, with the fit as its spot.
+
+        Of a joint fit the mean Fopt and NMSE and the least R² of its spots; null where else they differ.
+        """
+        if "spot" not in self.table.columns:
+            return pl.DataFrame()
+        rows = self.table.drop_nulls("fopt").with_columns(spot=pl.col("fit"))
+        shared = pl.all().exclude("fit", "scenario", "fopt", "^nmse_.*$", "^r2_.*$")
+        return rows.group_by("fit", "scenario", maintain_order=True).agg(
+            pl.col("fopt", "^nmse_.*$").mean(),
+            pl.col("^r2_.*$").min(),
+            pl.when(shared.n_unique() == 1).then(shared.first()),
+        )
 
     def joint(self, scenario: str) -> pl.DataFrame:
         """Rows of the joint fit in a scenario, one per spot; empty where there is none."""
@@ -138,11 +157,17 @@ class FitResult:
         return next(whys, "")
 
     def mesh_errors(self, fit: str, scenario: str) -> dict[str, float]:
-        """How far each parameter may change from the finer meshes to meshes without error."""
+        """How far the finer meshes moved each parameter, or meshes without error would, whichever is more.
+
+        A fit that began with corrections found by another one has no values of its coarse meshes: then
+        those of the joint fit count, or the most of all.
+        """
         if self.mesh.is_empty():
             return {}
+        of_scenario = self.mesh.filter(scenario=scenario)
+        every = (of_scenario.filter(fit=fit), of_scenario.filter(fit=ALL_SPOTS), self.mesh)
         errors: dict[str, float] = {}
-        for row in self.mesh.filter(fit=fit, scenario=scenario).iter_rows(named=True):
-            name, error = row["parameter"].partition("@")[0], abs(row["extrapolated"] - row["fine"])
-            errors[name] = max(error, errors.get(name, 0.0))
+        for row in next(rows for rows in every if not rows.is_empty()).iter_rows(named=True):
+            name, moved = row["parameter"].partition("@")[0], (row["coarse"], row["extrapolated"])
+            errors[name] = max(errors.get(name, 0.0), *(abs(value - row["fine"]) for value in moved))
         return errors

@@ -24,6 +24,7 @@ class Bowl:
     least: tuple
     fails: object = staticmethod(lambda point: False)
     batches: list = field(default_factory=list)
+    asked = ()
     study = SimpleNamespace(solver=SimpleNamespace(gives_slopes=True, accuracy=1e-4))
     box = SimpleNamespace(log=(False, False))
     parameters = tuple(

@@ -14,7 +14,8 @@ from matplotlib.image import imread
 from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario, ScoringRules
 from palpate.fit.least_squares import LeastSquares
 from palpate.report import ReportData, figures, finding, make_tables, write_report
-from palpate.report.figures import generalised, nmse_distribution, responses
+from palpate.report.figures import fit_trace, generalised, nmse_distribution, responses
+from palpate.report.fit_path import paths
 from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, parameter_space
 from palpate.report.style import STYLE, save
 from palpate.run.ownership import keep_only
@@ -171,21 +172,71 @@ def test_every_figure_of_simulated_data_is_marked(content):
 def test_a_response_has_the_experiment_and_a_curve_per_scenario(content):
     made = content()
     axes = responses(made, "p2").axes
-    assert [a.get_xlabel() for a in axes] == ["indentation depth [mm]", "rotation [°]"]
+    assert [a.get_xlabel() for a in axes[2:]] == ["indentation depth [mm]", "rotation [°]"]
     lines = axes[0].get_lines()
-    assert len(lines) == 4
+    assert len(lines) == 5
     assert np.array_equal(lines[0].get_ydata(), made.measured["p2"]["force"].ordinate)
     chosen = made.selection.row(3, named=True)
     shown = made.responses["p2", chosen["set_id"]]["force"]
     assert np.array_equal(lines[1].get_ydata(), shown.ordinate)
     styles = {(line.get_color(), line.get_linestyle()) for line in lines[1:]}
-    assert len(styles) == 3
+    assert len(styles) == 4
+    left = axes[2].get_lines()[0].get_ydata()
+    np.testing.assert_allclose(left, shown.ordinate - lines[0].get_ydata(), atol=1e-12)
 
 
-def test_a_fitted_curve_takes_the_place_of_the_sweeps(content):
-    axes = responses(content(search=LeastSquares()), "p1").axes
-    labels = [line.get_label() for line in axes[0].get_lines()[1:]]
-    assert labels == [f"scenario {name}, fit" for name in ("I", "II", "III")]
+def test_fitted_curves_take_the_place_of_the_sweeps_those_of_the_joint_fit_beside_them(content):
+    made = content(search=LeastSquares())
+    lines = responses(made, "p1").axes[0].get_lines()[1:]
+    joint = "all spots, scenario I, fit"
+    assert [line.get_label() for line in lines] == [
+        *(f"scenario {n}, fit" for n in ("I", "II", "III")),
+        joint,
+    ]
+    curve = made.fit.responses["all spots", "I", "p1"]["force"]
+    assert np.array_equal(lines[-1].get_ydata(), curve.ordinate)
+    assert "one material for all spots" in generalised(made).get_suptitle()
+    assert np.array_equal(generalised(made).axes[0].get_lines()[-1].get_ydata(), curve.ordinate)
+
+
+def test_the_trace_is_of_better_and_better_steps_against_simulations(content):
+    made = content(search=LeastSquares())
+    axis = fit_trace(made).axes[0]
+    lines = {line.get_label(): line for line in axis.get_lines() if not line.get_label().startswith("_")}
+    assert set(lines) == {"all spots", "p1", "p2", "all spots: least of the sweep"}
+    assert set(lines["all spots: least of the sweep"].get_ydata()) == {made.generalisation["fopt_mean"][0]}
+    table = made.fit.table.filter(scenario="I")
+    for fit in ("all spots", "p1", "p2"):
+        rows = table.filter(fit=fit)
+        way = paths(made, fit, "I", "p1")[-1]
+        assert way["fopt"][-1] == pytest.approx(rows["fopt"].mean(), rel=1e-9)
+        assert (np.diff(way["objective"]) < 0.0).all()
+        assert (np.diff(way["n_runs"]) > 0).all()
+        assert way["n_runs"][-1] <= rows["n_runs"][0]
+        assert way["soft_tissue.grip"][-1] == rows["soft_tissue.grip"][0]
+
+
+def test_the_way_of_the_fit_is_in_the_parameter_space(content):
+    panel = parameter_space(content(search=LeastSquares()), "p1").axes[0]
+    ends = [line for line in panel.get_lines() if line.get_marker() == "D"]
+    assert [line.get_label().partition(":")[0] for line in ends] == ["all spots", "p1"]
+    assert ends[1].get_xdata()[0] == pytest.approx(0.4, rel=1e-4)
+
+
+def test_the_fit_has_the_papers_tables_too(content):
+    made = content(search=LeastSquares())
+    tables = make_tables(made)
+    assert list(tables)[:2] == ["table1_fit", "table2_fit"]
+    first, second = tables["table1_fit"], tables["table2_fit"]
+    assert first.columns == tables["table1_coefficients"].columns
+    assert second["spot"].to_list() == ["all spots", "p1", "p2"]
+    joint = made.fit.joint("II")
+    assert second["II"][0] == pytest.approx(joint["fopt"].mean())
+    value = first.filter(spot="all spots", scenario="II", parameter="stiffness")["value"]
+    assert value.to_list() == [joint["soft_tissue.stiffness"][0]]
+    distances = make_tables(replace(made, study=replace(made.study, truth={"soft_tissue.grip": 20.0})))
+    by_search = distances["distance_to_truth"]["search"].value_counts()
+    assert dict(by_search.iter_rows())["joint fit"] == 3
 
 
 def test_the_distribution_is_cut_with_the_number_above(content):
@@ -275,8 +326,8 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
         identifiability=pl.DataFrame(schema=["spot", "scenario", "parameter", "identifiability", "lower"]),
     )  # fmt: skip
     assert len(write_report(made, tmp_path / "report").files) == 3 * 6 + 3 * 6 + 1
-    assert len(responses(made, "p1").axes) == 3
-    assert len(responses(made, "p2").axes) == 1
+    assert len(responses(made, "p1").axes) == 2 * 3
+    assert len(responses(made, "p2").axes) == 2
     of_p2 = make_tables(made)["table2_nmse"].row(1, named=True)
     assert of_p2["all"] == of_p2["UT"] > 0.0
 

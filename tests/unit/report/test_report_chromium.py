@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 
 from palpate.domain import Response
+from palpate.fit.least_squares import LeastSquares
 from palpate.report import make_tables
 from palpate.report.page import render
 from palpate.report.verdict import make_verdict
@@ -37,11 +38,11 @@ def as_it_is(content):
 def page(content, folder):
     """Path of a page of two spots, with limbs; made once of each kind."""
 
-    def made(change=as_it_is):
-        path = folder / f"{change.__name__}.html"
+    def made(change=as_it_is, **changes):
+        path = folder / f"{change.__name__}{len(changes)}.html"
         if not path.exists():
             limb = block("tet4", n_across=4, n_down=3)
-            shown = change(replace(content(), limbs={"p1": limb, "p2": limb}))
+            shown = change(replace(content(**changes), limbs={"p1": limb, "p2": limb}))
             tables = make_tables(shown)
             path.write_text(render(shown, tables, make_verdict(shown, tables), []))
         return path
@@ -68,29 +69,59 @@ def test_it_is_drawn_at_every_width_in_light_and_dark_without_an_error_or_a_requ
         assert browser.value("document.documentElement.scrollWidth") <= width
         # Of the parameters' plane each set, and the least again.
         assert count(browser, "#pairs .subplot.xy .point") >= 41
-        assert count(browser, "#curve-0 .scatterlayer .js-line") == 3
+        assert count(browser, "#curve-0 .xy .scatterlayer .js-line") == 3
         ink = browser.value("getComputedStyle(document.querySelector('#curve-0 .xtitle')).fill")
         assert ink == ("rgb(232, 235, 238)" if dark else "rgb(27, 31, 35)")
 
 
 def test_what_is_ticked_and_chosen_is_what_is_shown(browser, page):
     browser.open(page())
-    lines = "#curve-0 .scatterlayer .js-line"
+    lines = "#curve-0 .xy .scatterlayer .js-line"
     browser.value("document.querySelector('[data-shown=\"1\"]').click()")
     assert count(browser, lines) == 2
     browser.value("document.querySelector('[data-shown=\"3\"]').click()")
     assert count(browser, lines) == 3
-    first = browser.value("document.querySelector('#curve-0').data.at(-1).y.at(-1)")
+    first = browser.value("document.querySelector('#curve-0').data.at(-2).y.at(-1)")
     browser.value(
         "(s => {s.value = '1'; s.dispatchEvent(new Event('change'))})(document.getElementById('spot'))"
     )
     assert (
-        browser.value("document.querySelector('#curve-0').data.at(-1).y.at(-1)") == first
+        browser.value("document.querySelector('#curve-0').data.at(-2).y.at(-1)") == first
     )  # one set for all
     assert browser.value("document.querySelector('#curve-0').data[0].y.at(-1)") == pytest.approx(
         0.5 * 10**1.5, rel=1e-4
     )
     assert browser.complaints() == []
+
+
+@pytest.mark.parametrize("changes", [{}, {"n_sets": 0}])
+def test_a_fit_is_drawn_with_and_without_a_sweep(browser, page, changes):
+    path = page(search=LeastSquares(), **changes)
+    for width in (1100, 400):
+        browser.open(path, width)
+        assert browser.complaints() == []
+        assert browser.value("document.documentElement.scrollWidth") <= width
+        # Three scenarios and the joint fit, and what each misses below.
+        for panel in ("xy", "xy2"):
+            assert count(browser, f"#curve-0 .{panel} .scatterlayer .js-line") == 4
+        # Ways of the joint fit and of the spot's own, their ends, and the least of the sweep for each.
+        assert browser.value("document.getElementById('trace').data.length") == (4 if changes else 6)
+        ends = "document.getElementById('pairs').data.filter(t => t.marker?.symbol === 'diamond')"
+        assert browser.value(f"{ends}.length") == 2 * 3
+        assert browser.value(f"{ends}[1].x[0]") == pytest.approx(0.4, rel=1e-3)
+        browser.value(
+            "(s => {s.value = '1'; s.dispatchEvent(new Event('change'))})(document.getElementById('spot'))"
+        )
+        assert browser.value("document.getElementById('trace').data[2].name") == "p2: fit"
+        browser.value("document.getElementById('reset').click()")
+        assert browser.complaints() == []
+    assert "NaN" not in attributes_of_pictures(browser)
+
+
+def attributes_of_pictures(browser):
+    return browser.value(
+        "[...document.querySelectorAll('svg *')].flatMap(e => [...e.attributes].map(a => a.value)).join(' ')"
+    )
 
 
 def banded(content):
@@ -141,9 +172,7 @@ def test_a_scenario_without_a_ranked_set_is_drawn_without_an_error(browser, page
             "(document.getElementById('scenario'))"
         )
         assert browser.complaints() == []
-    assert "NaN" not in browser.value(
-        "[...document.querySelectorAll('svg *')].flatMap(e => [...e.attributes].map(a => a.value)).join(' ')"
-    )
+    assert "NaN" not in attributes_of_pictures(browser)
 
 
 def test_zooming_and_resetting(browser, page):
@@ -177,7 +206,7 @@ def test_a_selection_is_the_same_everywhere(browser, page):
     )
     listed = min(chosen, 12)
     assert count(browser, "#selected tbody tr") == listed
-    assert count(browser, "#curve-0 .scatterlayer .js-line") == 3 + listed
+    assert count(browser, "#curve-0 .xy .scatterlayer .js-line") == 3 + listed
     browser.value("document.getElementById('clear').click()")
     assert browser.value("document.getElementById('selected').hidden")
     browser.value("document.getElementById('pairs').scrollIntoView()")
@@ -207,7 +236,7 @@ def test_the_keyboard_reaches_every_control_in_the_order_of_the_page(browser, pa
     assert count(browser, ".plot .main-svg:not([aria-hidden=true])") == 0
     browser.value("document.querySelector('[data-shown=\"0\"]').focus()")
     browser.press(" ")
-    assert count(browser, "#curve-0 .scatterlayer .js-line") == 2
+    assert count(browser, "#curve-0 .xy .scatterlayer .js-line") == 2
 
 
 def test_the_limb_turns(browser, page):

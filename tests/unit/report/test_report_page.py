@@ -177,7 +177,11 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
     verification = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [True], "message": [""]})
     failed = made.scores.with_columns(nmse=pl.when(pl.col("set_id") > 1).then("nmse"))
     scaled = made.fit.table.head(1).select("spot", "scenario", "message")
-    fit = replace(made.fit, mesh=pl.DataFrame({"fit": ["all spots"], "fine": [0.4]}))
+    row = {
+        "fit": "all spots", "scenario": "I", "parameter": "soft_tissue.stiffness",
+        "coarse": 0.3, "fine": 0.4, "extrapolated": 0.42,
+    }  # fmt: skip
+    fit = replace(made.fit, mesh=pl.DataFrame([row]))
     made = replace(made, fit=fit, verification=verification, scores=failed, stiffness_scaling=scaled)
     tables = make_tables(made)
     assert set(tables) == set(TITLES) - {"convergence"}
@@ -188,6 +192,45 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
     ]
     shown = {"identifiability": "Intervals in scenario I"}
     assert {shown.get(name, TITLES[name]) for name in TITLES} <= set(captions)
+
+
+def test_the_page_leads_with_the_joint_fit_and_its_spots_beside_it(content):
+    made = content(search=LeastSquares(), truth={"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0})
+    tables = make_tables(made)
+    shown = Page(render(made, tables, make_verdict(made, tables), []))
+    heads = [text for _, a, text in shown.all("th") if a.get("scope") == "col"]
+    assert heads[:5] == ["parameter", "all spots", "p1", "p2", "known answer"]
+    rows = [text for _, a, text in shown.all("th") if a.get("scope") == "row"]
+    assert rows[:8] == [
+        "stiffness [MPa]", "grip [MPa]", "initial shear modulus [MPa]", "Young's modulus [MPa]",
+        "Fopt (all spots: mean)", "R² force (all spots: least)", "R² torque (all spots: least)", "found",
+    ]  # fmt: skip
+    cells = [text.strip() for tag, _, text in shown.all("td")]
+    joint = made.fit.joint("I")["soft_tissue.stiffness"][0]
+    assert [cells[0], cells[3], cells[11]] == [f"{joint:.4g}", "0.4", "0.4"]
+    data = shown.data()
+    ((first, second),) = (data["searches"][0][0],)
+    assert (first["fit"], second["fit"]) == ("all spots", "p1")
+    assert first["least"] == made.generalisation["fopt_mean"][0]
+    missed = data["fits"][0][-1]["missed"][0]
+    curve = (
+        made.fit.responses["all spots", "I", "p1"]["force"].ordinate - made.measured["p1"]["force"].ordinate
+    )
+    assert missed == pytest.approx(curve, rel=1e-4, abs=1e-6)
+
+
+def test_a_fit_without_a_sweep_has_a_page_without_its_sections(page):
+    made = page(n_sets=0, search=LeastSquares())
+    ids = {a.get("id") for _, a, _ in made.elements}
+    assert not ids & {"distribution", "generalisation", "pick", "strip"}
+    assert {"fit", "trace", "space", "pairs", "curves"} <= ids
+    assert "No sweep" in made.text()
+    assert "One material for all 2 spots" in made.text()
+
+
+def test_a_sweep_without_a_fit_has_no_section_on_one(page):
+    ids = {a.get("id") for _, a, _ in page().elements}
+    assert not ids & {"fit", "trace"}
 
 
 def test_what_a_run_lacks_has_no_section(page):

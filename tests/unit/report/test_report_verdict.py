@@ -13,6 +13,7 @@ from palpate.report import make_tables, report_warnings
 from palpate.report.style import DOUBLE_MM, SINGLE_MM, STYLE
 from palpate.report.tables import cost_of_one_set, weighted_channels
 from palpate.report.verdict import make_verdict
+from palpate.run.result import UNSETTLED
 from palpate.stages.selection import by_reason, failures, unranked
 
 
@@ -49,12 +50,75 @@ def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
     )
 
 
-def test_a_fitted_set_replaces_the_sweeps(content):
+def test_the_joint_fit_leads_and_those_of_spots_replace_the_sweeps_sets(content):
     made = content(search=LeastSquares())
-    best = verdict(made).bests[0]
-    assert best.found == "fit"
-    assert best.values[0].value == made.fit.of_each_spot["soft_tissue.stiffness"][0]
-    assert best.fopt < made.selection["fopt"][0]
+    found = verdict(made)
+    assert [best.where for best in found.bests[2:5]] == [
+        "all spots, scenario III", "p1, scenario I", "p1, scenario II",
+    ]  # fmt: skip
+    assert {best.found for best in found.bests} == {"fit"}
+    joint, own = found.bests[0], found.bests[3]
+    rows = made.fit.joint("I")
+    assert (joint.fopt, joint.r2["torque"]) == (rows["fopt"].mean(), rows["r2_torque"].min())
+    assert joint.values[0].value == rows["soft_tissue.stiffness"][0]
+    assert own.values[0].value == made.fit.of_each_spot["soft_tissue.stiffness"][0]
+    assert own.fopt < made.selection["fopt"][0]
+    # Energy θ0 Σ(λ − 1)²: shear modulus θ0, bulk modulus 2 θ0 / 3.
+    assert own.moduli["soft_tissue"] == pytest.approx((own.values[0].value, 2.0 * own.values[0].value))
+    assert found.lead.startswith(
+        f"One material for all 2 spots, fitted to force + torque (scenario I): "
+        f"stiffness = {joint.values[0].value:.4g} MPa, grip = "
+    )
+    assert "initial shear modulus" in found.lead
+    assert found.spent in found.sentences
+    n_runs = made.fit.table.unique(["fit", "scenario"])["n_runs"].sum()
+    assert found.spent == f"Simulations: 80 of the sweep, {n_runs} of the fit."
+
+
+def test_a_fit_of_some_spots_alone_stands_beside_sets_of_the_sweep(content):
+    made = content(search=LeastSquares())
+    table = made.fit.table
+    reason = {"spot": None, "fopt": None, "message": "the start cannot be simulated"}
+    gone = {name: pl.when(pl.col("fit") != "p1").then(pl.lit(value)).otherwise(pl.col(name)).alias(name)
+            for name, value in reason.items()}  # fmt: skip
+    part = replace(made, fit=replace(made.fit, table=table.with_columns(**gone)))
+    found = verdict(part)
+    assert [best.found.partition(" ")[0] for best in found.bests] == ["fit"] * 3 + ["set"] * 3
+    assert found.lead.startswith("One set for all 2 spots: set ")
+    why = about(part, "of the fits have no result")
+    assert why.startswith("all spots, scenario I: the start cannot be simulated; ")
+
+
+def test_a_fit_that_ends_at_a_bound_or_is_not_settled_is_named(content):
+    made = content(search=LeastSquares())
+
+    def ended(**columns):
+        table = made.fit.table.with_columns(**{name: pl.lit(value) for name, value in columns.items()})
+        return replace(made, fit=replace(made.fit, table=table.with_columns(n_fine=2)))
+
+    assert about(made, "end of their range") is None
+    at_bound = about(ended(at_bound="soft_tissue.grip, soft_tissue.stiffness"), "end of their range")
+    assert at_bound.startswith("grip at all spots, scenario I; stiffness at all spots, scenario I; ")
+    unsettled = ended(message=f"converged; {UNSETTLED}")
+    assert about(unsettled, "has not settled").startswith("all spots, scenario I; all spots, scenario II; ")
+    assert about(unsettled, "Not every search") is None
+    assert " of the fit and 18 of finer meshes." in verdict(unsettled).spent
+
+
+@pytest.mark.parametrize(("extrapolated", "is_named"), [(0.43, True), (0.401, False)])
+def test_what_finer_meshes_leave_open_is_named(content, extrapolated, is_named):
+    made = content(search=LeastSquares())
+    row = {
+        "fit": "all spots", "scenario": "I", "parameter": "soft_tissue.stiffness",
+        "coarse": 0.3, "fine": 0.4, "extrapolated": extrapolated,
+    }  # fmt: skip
+    corrected = replace(made, fit=replace(made.fit, mesh=pl.DataFrame([row])))
+    why = about(corrected, "Finer meshes may move")
+    assert (why is not None) is is_named
+    if is_named:
+        assert why.startswith("stiffness from 0.3 by the coarse meshes to 0.4 by the finer ones, ")
+    elsewhere = replace(corrected, fit=replace(made.fit, mesh=pl.DataFrame([row | {"scenario": "II"}])))
+    assert about(elsewhere, "Finer meshes") is None
 
 
 def test_with_one_spot_its_set_leads_and_nothing_is_generalised(content):

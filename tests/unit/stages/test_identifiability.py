@@ -105,17 +105,19 @@ def test_a_joint_fit_is_the_centre_for_all_spots(identified):
     assert rows["fopt_threshold"].to_list() == pytest.approx([0.6, 0.6])
 
 
-def test_no_interval_is_narrower_than_what_the_mesh_leaves_open(identified):
+@pytest.mark.parametrize(("coarse", "moved"), [(21.0, 3.0), (15.0, 5.0)])
+@pytest.mark.parametrize("known_of", [{}, {"fit": "all spots"}, {"fit": "p2", "scenario": "II"}])
+def test_no_interval_is_narrower_than_finer_meshes_moved_the_value(identified, coarse, moved, known_of):
     values = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
     about = {"fit": "p1", "scenario": "I"}
     table = pl.DataFrame([about | values | {"spot": "p1", "fopt": 1e-6}])
-    grip = about | {"parameter": "soft_tissue.grip", "coarse": 25.0, "fine": 20.0, "extrapolated": 17.0}
+    grip = {"parameter": "soft_tissue.grip", "coarse": coarse, "fine": 20.0, "extrapolated": 17.0}
     alone, meshed = (
         identified(fit=FitResult(table=table, mesh=pl.DataFrame(mesh))).filter(spot="p1", scenario="I")
-        for mesh in ([], [grip])
+        for mesh in ([], [about | grip | known_of])
     )
-    assert meshed["lower"].to_list() == [alone["lower"][0], pytest.approx(17.0)]
-    assert meshed["upper"].to_list() == [alone["upper"][0], pytest.approx(23.0)]
+    assert meshed["lower"].to_list() == [alone["lower"][0], pytest.approx(20.0 - moved)]
+    assert meshed["upper"].to_list() == [alone["upper"][0], pytest.approx(20.0 + moved)]
     assert alone["relative_width"][1] < meshed["relative_width"][1]
 
 
