@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 PLUGINS := $(dir $(wildcard plugins/*/pyproject.toml))
 EDITABLE := $(addprefix -e ,$(PLUGINS))
+# One interpreter for every build, or PyO3 and all that depends on it is compiled for each of them.
+export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
@@ -18,7 +20,8 @@ $(VENV)/installed: $(RUST) $(PYPROJECTS)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "CPython 3.11 or newer is needed: make PYTHON=python3.11"; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --group dev -e . $(EDITABLE)
+	$(BIN)/python -m pip install --quiet --group dev
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install --quiet --no-build-isolation -e . $(EDITABLE)
 	touch $@
 
 demo: $(VENV)/installed ## identify the material of a simulated forearm, end to end
@@ -28,13 +31,13 @@ demo: $(VENV)/installed ## identify the material of a simulated forearm, end to 
 test: dist lint $(VENV)/installed ## every check: lint, types, Rust and Python tests
 	cargo nextest run --workspace --release || { command -v cargo-nextest >/dev/null && exit 1 || cargo test --workspace --release; }
 	cargo test --workspace --release --doc
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile
 
 # The wheel is not built from the source distribution: cargo would take its files, dated 2006, for unchanged.
 dist: $(VENV)/installed ## wheels and source distributions of every package, in dist/
 	rm -rf dist
 	$(BIN)/maturin sdist --out dist
-	$(BIN)/maturin build --release --locked --out dist
+	$(BIN)/maturin build --release --locked --interpreter $(PYO3_PYTHON) --out dist
 	set -e; for folder in $(PLUGINS); do $(BIN)/python -m build --no-isolation --outdir dist $$folder >/dev/null; done
 
 docs: $(VENV)/installed ## the site in target/docs, with a gallery of studies that are run here
