@@ -132,8 +132,12 @@ def test_every_plugin_is_found_and_none_is_broken(away: Path) -> None:
         assert folder.name.removeprefix("palpate-") in listed
 
 
-def test_the_demo_runs(away: Path) -> None:
-    run(away, "palpate", "demo", "--sets", "2")
+def test_the_study_of_the_demo_runs(away: Path) -> None:
+    """Without its fit, which costs minutes and is tested elsewhere."""
+    run(away, "palpate", "init", "--study", "forearm-demo", "demo")
+    with (away / "demo" / "study.toml").open("a", encoding="utf-8") as study:
+        study.write('[fit]\nsearch = "sweep"\n')
+    run(away, "palpate", "run", "demo", "--sets", "2")
     assert (away / "runs" / "forearm-demo" / "report" / "index.html").is_file()
 
 
