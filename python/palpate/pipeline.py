@@ -378,7 +378,7 @@ def _select(
     generalisation = selection.with_tied(general, study.space)
     scaled = pl.DataFrame()
     if study.stiffness_scaling:
-        scaled = best_scaled_sets(simulations, swept, design, measured)
+        scaled = selection.with_tied(best_scaled_sets(simulations, swept, design, measured), study.space)
     run.write_selection(chosen, generalisation, scaled, selection_from(study, run.records))
     return SelectionResult(
         selection=chosen,

@@ -39,6 +39,19 @@ def test_limbs_stay_prepared():
     assert solver._prepared(moved, JOB.materials) not in prepared
 
 
+def test_limbs_used_last_stay_as_far_as_there_is_room(monkeypatch):
+    solver, limbs = JaxSolver(), [block(n_across=n, n_down=1) for n in (2, 3, 4)]
+    small, middle, large = (solver._prepared(limb, JOB.materials) for limb in limbs)
+    assert solver._prepared(limbs[0], JOB.materials) is small
+    room = limbs[0].mesh.n_nodes + limbs[1].mesh.n_nodes
+    monkeypatch.setattr("palpate_jax.solver.NODES_KEPT", room)
+    assert solver._prepared(limbs[1], JOB.materials) is middle
+    assert solver._prepared(limbs[0], JOB.materials) is small
+    assert solver._prepared(limbs[1], JOB.materials) is middle
+    assert solver._prepared(limbs[2], JOB.materials) is not large
+    assert solver._prepared(limbs[0], JOB.materials) is not small
+
+
 @pytest.mark.parametrize(("offset", "word"), [(2.0, "off"), (-2.0, "inside")])
 def test_a_spot_off_the_surface_is_refused(offset, word):
     limb = block()

@@ -39,8 +39,11 @@ from palpate_jax.shapes import shape_of
 TOUCH_TOLERANCE_MM = 0.05
 """Largest gap or overlap of the surface and the sphere at depth 0."""
 
-LIMBS_KEPT = 8
-"""Limbs that stay prepared: a fit goes from spot to spot, and between their coarse and finer meshes."""
+NODES_KEPT = 40_000
+"""Nodes of the limbs that stay prepared, at about 25 kB each and more in large meshes.
+
+A fit goes from spot to spot, and between their coarse and finer meshes.
+"""
 
 
 class JaxSettings(Settings):
@@ -245,7 +248,9 @@ class JaxSolver(Solver[JaxSettings]):
         own = {region: self._own(material) for region, material in materials.items()}
         known = (p for p in self._recent if p.materials == own and _same(p.limb, limb))
         found = next(known, None) or _Prepared(limb, own, Model(limb, own, self.settings.mean_dilatation))
-        self._recent = [found, *(p for p in self._recent if p is not found)][:LIMBS_KEPT]
+        every = [found, *(p for p in self._recent if p is not found)]
+        n_nodes = np.cumsum([p.limb.mesh.n_nodes for p in every])
+        self._recent = [p for p, n in zip(every, n_nodes, strict=True) if p is found or n <= NODES_KEPT]
         return found
 
     def _own(self, material: Material) -> Material:
