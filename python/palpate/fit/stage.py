@@ -167,7 +167,7 @@ class FitStage:
 
     def _stepped(self, fit: Fit) -> None:
         case = next(case for case in self._cases if fit in case.fits)
-        n_of_spots = len(self.study.spot_names) if len(self.study.spot_names) > 1 else 0
+        n_spots = [len(self._weighed_spots(scenario)) for scenario in self.study.scenarios]
         self.follow(
             FitState(
                 fit=case.label,
@@ -175,7 +175,7 @@ class FitStage:
                 step=len(fit.trace),
                 fopt=None if fit.best is None else fit.best.fopt,
                 n_ended=sum(all(fit.message for fit in case.fits) for case in self._cases),
-                n_fits=len(self.study.scenarios) * (1 + n_of_spots),
+                n_fits=len(n_spots) + (sum(n_spots) if len(self.study.spot_names) > 1 else 0),
                 n_simulations=len(self.simulations.known) - self._n_known,
             )
         )

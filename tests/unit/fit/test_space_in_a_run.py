@@ -32,12 +32,14 @@ DEPTH, TURN = (
 ROWS = [(0.0, 0.0), (10.0, 0.0), (10.0, -22.5), (10.0, 0.0)]
 
 
-def layered(skin, fat):
-    """Curves of a press on skin and fat; a spot without fat has zero of it."""
+def layered(skin, fat, muscle=0.0):
+    """Curves of a press on skin, fat and perhaps muscle; a spot without fat has zero of it."""
     return Response(
         curves={
             "force": Curve(
-                channel="force", abscissa=DEPTH, ordinate=skin * DEPTH**1.5 + 0.1 * fat * DEPTH**2.5
+                channel="force",
+                abscissa=DEPTH,
+                ordinate=skin * DEPTH**1.5 + 0.1 * fat * DEPTH**2.5 + 0.02 * muscle * DEPTH**3.5,
             ),
             "torque": Curve(
                 channel="torque", abscissa=TURN, ordinate=(3.0 * skin + 2.0 * fat) * np.tanh(TURN / 9)
@@ -54,9 +56,10 @@ class Layers(Solver):
     needs_limb = False
 
     def simulate(self, job, limb):
-        skin, fat = (float(job.thetas[region][0]) for region in ("skin", "fat"))
-        is_small = job.protocol.indenter.radius_mm < 7.5
-        return Simulation(job=job, status=Status.OK, response=layered(skin, 0.0 if is_small else fat))
+        by_region = {region: float(theta[0]) for region, theta in job.thetas.items()}
+        if job.protocol.indenter.radius_mm < 7.5:
+            by_region["fat"] = 0.0
+        return Simulation(job=job, status=Status.OK, response=layered(**by_region))
 
 
 @pytest.fixture
@@ -92,22 +95,23 @@ def run(make_study, plugins, tmp_path, monkeypatch):
     return runs
 
 
-def space(**changes):
+def space(*, tied=None, muscle=None, **changes):
+    """Skin, fat, and muscle where a tie of it is given; ``tied`` is that of the fat."""
     material = LinearMaterial()
     (e,) = material.parameters
-    tied = changes.pop("tied", None)
-    return ParameterSpace(
-        regions=(
-            RegionMaterial(region="skin", material=material, searched=(replace(e, **changes),), fixed={}),
-            RegionMaterial(
-                region="fat",
-                material=material,
-                searched=() if tied else (e,),
-                fixed={},
-                tied={"e": tied} if tied else {},
-            ),
+    skin = RegionMaterial(region="skin", material=material, searched=(replace(e, **changes),), fixed={})
+    followers = [
+        RegionMaterial(
+            region=region,
+            material=material,
+            searched=() if tie else (e,),
+            fixed={},
+            tied={"e": tie} if tie else {},
         )
-    )
+        for region, tie in (("fat", tied), ("muscle", muscle))
+        if region == "fat" or tie
+    ]
+    return ParameterSpace(regions=(skin, *followers))
 
 
 def row(result, fit, spot, scenario="I"):
@@ -144,6 +148,14 @@ def test_what_is_tied_follows_in_sweep_and_fit(run):
     assert (joint["skin.e"], joint["fat.e"]) == pytest.approx((0.5, 0.3), rel=1e-3)
     for table in (result.selected.selection, result.selected.generalisation):
         np.testing.assert_allclose(table["fat.e"], 0.6 * table["skin.e"])
+
+
+def test_three_layers_of_which_two_are_tied(run):
+    ties = {"tied": Tie(source="skin.e", factor=0.6), "muscle": Tie(source="fat.e", factor=0.5)}
+    result = run({"p1": (0.5, 0.3, 0.15), "p2": (0.5, 0.0, 0.15)}, space(**ties))
+    for fit, spot in (("all spots", "p1"), ("p1", "p1"), ("p2", "p2")):
+        found = [row(result, fit, spot)[f"{region}.e"] for region in ("skin", "fat", "muscle")]
+        assert found == pytest.approx([0.5, 0.3, 0.15], rel=1e-3)
 
 
 @pytest.mark.parametrize("by_spot", [False, True])

@@ -3,7 +3,9 @@
 import pytest
 
 from palpate import pipeline
+from palpate.domain import Response, Scenario
 from palpate.fit.least_squares import LeastSquares
+from palpate_materials.yeoh import Yeoh
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
 
@@ -18,3 +20,15 @@ def test_a_fit_without_a_sweep_finds_the_tissue_and_is_reported(make_study, plug
     assert fitted["soft_tissue.grip"] == pytest.approx(20.0, rel=1e-5)
     assert not result.report.verdict.without_result
     assert all(path.exists() for path in result.report.files)
+
+
+def test_at_the_end_no_fit_is_left(pressed, stage_of):
+    """Also where a scenario weighs nothing that a spot measures."""
+    scenarios = (pressed.SCENARIO, Scenario(name="II", weights={"torque": 1.0}))
+    study = pressed.study_of(Yeoh(), ("c1", "c2", "c3"), spots=("p1", "p2"), scenarios=scenarios)
+    whole = pressed.measured_at(study, next(pressed.truths(study, 1, seed=3)))
+    pressed_only = Response(curves={"force": whole["force"]})
+    stage, states = stage_of(study, {"p1": whole, "p2": pressed_only}), []
+    stage.follow = states.append
+    assert len(stage.run()) == 5
+    assert (states[-1].n_ended, states[-1].n_fits) == (5, 5)
