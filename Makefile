@@ -4,13 +4,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 PLUGINS := $(dir $(wildcard plugins/*/pyproject.toml))
 EDITABLE := $(addprefix -e ,$(PLUGINS))
-# One interpreter for every build, or PyO3 and all that depends on it is compiled for each of them.
-export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test dist docs chaos lint format hooks bench bench-core bench-logs bench-ledger bench-search bench-solver bench-sparse clean
+.PHONY: help demo test test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-logs bench-ledger bench-search bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -28,16 +26,22 @@ demo: $(VENV)/installed ## identify the material of a simulated forearm, end to 
 	$(BIN)/palpate demo
 
 # Packages before lint: clippy has the build script of PyO3 run again, and what depends on it built again.
-test: dist lint $(VENV)/installed ## every check: lint, types, Rust and Python tests
+# Then Rust next to Python, whose checks use one core.
+test: dist ## every check: lint, types, Rust and Python tests
+	$(MAKE) -j2 test-rust test-python
+
+test-rust: lint-rust
 	cargo nextest run --workspace --release || { command -v cargo-nextest >/dev/null && exit 1 || cargo test --workspace --release; }
 	cargo test --workspace --release --doc
+
+test-python: lint-python
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile
 
 # The wheel is not built from the source distribution: cargo would take its files, dated 2006, for unchanged.
 dist: $(VENV)/installed ## wheels and source distributions of every package, in dist/
 	rm -rf dist
 	$(BIN)/maturin sdist --out dist
-	$(BIN)/maturin build --release --locked --interpreter $(PYO3_PYTHON) --out dist
+	$(BIN)/maturin build --release --locked --interpreter $(BIN)/python --out dist
 	set -e; for folder in $(PLUGINS); do $(BIN)/python -m build --no-isolation --outdir dist $$folder >/dev/null; done
 
 docs: $(VENV)/installed ## the site in target/docs, with a gallery of studies that are run here
@@ -47,7 +51,9 @@ docs: $(VENV)/installed ## the site in target/docs, with a gallery of studies th
 chaos: $(VENV)/installed ## kill runs 200 times at random and at every write, and count what was lost
 	OMP_NUM_THREADS=1 $(BIN)/python tests/chaos/kills.py --random 200 --workers 20
 
-lint: $(VENV)/installed ## ruff, mypy --strict, imports, dead code, clippy pedantic, rustfmt
+lint: lint-python lint-rust ## ruff, mypy --strict, imports, dead code, clippy pedantic, rustfmt
+
+lint-python: $(VENV)/installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -55,6 +61,8 @@ lint: $(VENV)/installed ## ruff, mypy --strict, imports, dead code, clippy pedan
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/vulture python plugins
 	$(BIN)/python tests/unused_exports.py
+
+lint-rust: $(VENV)/installed
 	cargo fmt --check
 	cargo clippy --workspace --all-targets --release -- -D warnings
 
