@@ -132,15 +132,20 @@ def test_every_plugin_is_found_and_none_is_broken(away: Path) -> None:
         assert folder.name.removeprefix("palpate-") in listed
 
 
+def leave_out_the_fit(study: Path) -> None:
+    """Keep to the sweep: a fit takes up to minutes, and is tested elsewhere."""
+    with (study / "study.toml").open("a", encoding="utf-8") as file:
+        file.write('[fit]\nsearch = "sweep"\n')
+
+
 def test_the_study_of_the_demo_runs(away: Path) -> None:
-    """Without its fit, which costs minutes and is tested elsewhere."""
     run(away, "palpate", "init", "--study", "forearm-demo", "demo")
-    with (away / "demo" / "study.toml").open("a", encoding="utf-8") as study:
-        study.write('[fit]\nsearch = "sweep"\n')
+    leave_out_the_fit(away / "demo")
     run(away, "palpate", "run", "demo", "--sets", "2")
     assert (away / "runs" / "forearm-demo" / "report" / "index.html").is_file()
 
 
 def test_a_study_of_a_third_party_runs(away: Path) -> None:
+    leave_out_the_fit(away / "fibre" / "study")
     found = json.loads(run(away, "palpate", "run", "fibre/study", "--sets", "8", "--json"))
     assert found["n_sets"] == 8
