@@ -76,6 +76,18 @@ def convert(given: object, unit: str) -> float:
         return _finite(float("inf"), given, unit)
 
 
+def unit_of(given: str) -> str:
+    """Unit of a quantity as it is written; empty for a plain number.
+
+    Examples
+    --------
+    >>> unit_of("20 kPa")
+    'kPa'
+    """
+    match = _QUANTITY.fullmatch(given)
+    return match.group(2) if match else ""
+
+
 def convert_factor(given: str, per: str, unit: str) -> float:
     """Convert a factor on quantities in ``per`` to what it is worth in ``unit``.
 

@@ -73,6 +73,8 @@ def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
         heads = pl.format("{} [%]", "parameter")
         index = ["search", "spot", "scenario"]
         return frame.with_columns(head=heads).pivot("head", index=index, values="difference_percent")
+    if name == "fit":
+        return frame.select(pl.col("^(fit|scenario|spot|fopt|n_runs|n_fine|at_bound|message)$"))
     if name == "identifiability":
         return frame.pivot("parameter", index=["spot", "scenario"], values="identifiability")
     return frame

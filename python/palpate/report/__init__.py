@@ -13,6 +13,7 @@ from palpate.report.result import Report
 from palpate.report.table_files import write_tables
 from palpate.report.tables import finding, make_tables
 from palpate.report.verdict import make_verdict
+from palpate.report.written_units import in_written_units
 from palpate.run.ownership import keep_only
 from palpate.stages.experiment import Presses
 
@@ -28,12 +29,13 @@ __all__ = [
 
 
 def write_report(data: ReportData, folder: Path) -> Report:
-    """Write ``tables/*.csv|tex|md``, ``figures/*.svg|pdf|png`` and ``index.html``.
+    """Write ``tables/*.csv|tex|md``, ``figures/*.svg|pdf|png`` and ``index.html``, in the study's units.
 
     Files of an earlier report that this one does not have are removed afterwards.
     """
     from palpate.report.page import write_page
 
+    data = in_written_units(data)
     tables = make_tables(data)
     verdict = make_verdict(data, tables)
     files = (*write_tables(tables, folder / "tables"), *write_figures(data, folder / "figures"))

@@ -14,6 +14,7 @@ from palpate.report.report_data import ReportData
 from palpate.report.tables import weighted_channels
 from palpate.run.result import ALL_SPOTS
 from palpate.stages.identifiability import UNCLEAR
+from palpate.units import convert
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,7 @@ class Value:
     lower: float | None
     upper: float | None
     identifiability: str
+    is_at_bound: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,8 +49,8 @@ class Best:
         In the order of ``ReportData.searched``.
     r2 : mapping of channel or phase to number or None
         Of a joint fit the least of its spots.
-    moduli : mapping of region to (shear modulus, Young's modulus) [MPa]
-        At rest, where the searched parameters decide them and the material has them.
+    moduli : mapping of region to (shear modulus, Young's modulus)
+        At rest, in ``ReportData.modulus_unit``; of those that are searched, where the material has them.
     """
 
     spot: str
@@ -95,21 +97,25 @@ def best_sets(data: ReportData) -> Iterator[Best]:
 def _value(best: Mapping[str, Any], name: str, interval: Mapping[str, Any]) -> Value:
     word = interval.get("identifiability", UNCLEAR)
     optimum = None if "fit" in best else interval.get("optimum")
-    return Value(best.get(name), optimum, interval.get("lower"), interval.get("upper"), word)
+    at_bound = {each.partition("@")[0] for each in (best.get("at_bound") or "").split(", ")}
+    return Value(
+        best.get(name), optimum, interval.get("lower"), interval.get("upper"), word, name in at_bound
+    )
 
 
 def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Initial shear and Young's modulus [MPa] of each region that is searched, where its material has them.
+    """Initial shear and Young's modulus of each region that is searched, where its material has them.
+
+    They are in ``data.modulus_unit``.
 
     Parameters
     ----------
     best : mapping
         Searched values among others, by full name; None where it differs from spot to spot.
     """
-    space = data.study.space
-    every = space.complete(
-        {p.name: value for p in space.parameters if (value := best.get(p.name)) is not None}
-    )
+    space, unit = data.study.space, convert(f"1 {data.modulus_unit}", "MPa")
+    known = {name: best[name] for name in space.names if best.get(name) is not None}
+    every = space.complete({name: value / data.factors.get(name, 1.0) for name, value in known.items()})
     for region in space.regions:
         values = {p.name: every[f"{region.region}.{p.name}"] for p in region.material.parameters}
         if space.columns_of(region.region) and np.isfinite(list(values.values())).all():
@@ -117,4 +123,4 @@ def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[
                 mu, kappa = mechanics.initial_moduli(region.material, region.theta(values))
             except PalpateError:
                 continue
-            yield region.region, (mu, 9.0 * kappa * mu / (3.0 * kappa + mu))
+            yield region.region, (mu / unit, 9.0 * kappa * mu / (3.0 * kappa + mu) / unit)

@@ -51,6 +51,8 @@ class ReportData:
         As :func:`palpate.stages.verification.verify` returns it; empty where the solver has none.
     comparisons : mapping of file name to its content
         What ``palpate certify`` has written to the run directory.
+    factors : mapping of full parameter name to number
+        From the material's unit to that of the values here, where they are not the same.
     """
 
     study: Study
@@ -72,6 +74,7 @@ class ReportData:
     manifest: Mapping[str, Any] = field(default_factory=dict)
     verification: pl.DataFrame = field(default_factory=pl.DataFrame)
     comparisons: Mapping[str, Any] = field(default_factory=dict)
+    factors: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def spots(self) -> tuple[str, ...]:
@@ -88,6 +91,12 @@ class ReportData:
         """Parameters of the design by name, each under its brief name."""
         names = (p.name for p in self.design.parameters)
         return dict(zip(names, named_briefly(self.design.parameters), strict=True))
+
+    @property
+    def modulus_unit(self) -> str:
+        """Unit in which moduli are shown: that of the first one that the study writes in another."""
+        written = (p.unit for p in self.design.parameters if p.name in self.factors and p.kind == "modulus")
+        return next(written, "MPa")
 
     @property
     def searched(self) -> dict[str, Parameter]:

@@ -212,14 +212,14 @@ def _about_ends(data: ReportData, bests: Sequence[Best]) -> Iterator[ReportWarni
         if _at_end(parameter, best.values[i], data.design.values[:, i])
     )
     of_fit = (
-        f"{data.searched[name.partition('@')[0]].name} at {row['fit']}, scenario {row['scenario']}"
-        for row in data.fit.ends.iter_rows(named=True)
-        for name in row["at_bound"].split(", ")
-        if name
+        f"{parameter.name} at {best.where}"
+        for best in bests
+        for parameter, value in zip(data.searched.values(), best.values, strict=True)
+        if value.is_at_bound
     )
     return _listed(
         "Best values are at the end of their range",
-        dict.fromkeys([*of_fit, *of_sweep]),
+        [*of_fit, *of_sweep],
         "Widen the range: the minimum may be outside.",
     )
 

@@ -50,7 +50,7 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
     tables = {
         "table1_fit": coefficients(data, data.fit.ends),
         "table2_fit": nmse_by_scenario(data, data.fit.ends),
-        "fit_mesh": data.fit.mesh,
+        "fit_mesh": _with_units(data, data.fit.mesh),
         "table1_coefficients": coefficients(data, data.selection),
         "table2_nmse": nmse_by_scenario(data, data.selection),
         "unfitted_channels": unfitted_channels(data),
@@ -65,11 +65,21 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
         "failures": by_reason(failures(unranked(data.scores))),
     }
     found = data.completeness
+    # A column without a unit is in that of the material.
+    written = {p.name: f"{p.name} [{p.unit}]" for p in data.design.parameters if p.name in data.factors}
     return {
-        name: table if found.is_complete else _with_simulated(table, found)
+        name: (table if found.is_complete else _with_simulated(table, found)).rename(written, strict=False)
         for name, table in tables.items()
         if not table.is_empty()
     }
+
+
+def _with_units(data: ReportData, mesh: pl.DataFrame) -> pl.DataFrame:
+    if mesh.is_empty():
+        return mesh
+    units = {name: p.unit for name, p in data.searched.items()}
+    heads = pl.col("parameter").str.split("@").list.first()
+    return mesh.with_columns(unit=heads.replace_strict(units, default="1", return_dtype=pl.String))
 
 
 def _with_simulated(table: pl.DataFrame, found: Completeness) -> pl.DataFrame:
@@ -88,6 +98,7 @@ def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
     best : DataFrame
         The selection, or the ends of the fit.
     """
+    units = {name: p.unit for name, p in data.brief.items()}
     rows = [
         {
             "region": region.region,
@@ -97,7 +108,7 @@ def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
             "scenario": row["scenario"],
             "parameter": parameter.name,
             "value": row[f"{region.region}.{parameter.name}"],
-            "unit": parameter.unit,
+            "unit": units.get(f"{region.region}.{parameter.name}", parameter.unit),
         }
         for region in data.study.space.regions
         for parameter in region.material.parameters
@@ -224,6 +235,7 @@ def distance_to_truth(data: ReportData) -> pl.DataFrame:
         "joint fit": ends if ends.is_empty() else ends.filter(spot=ALL_SPOTS),
         "fit": data.fit.of_each_spot,
     }
+    units = {name: p.unit for name, p in data.brief.items()}
     rows = [
         {
             "search": search,
@@ -232,6 +244,7 @@ def distance_to_truth(data: ReportData) -> pl.DataFrame:
             "parameter": name,
             "value": row[name],
             "truth": truth,
+            "unit": units.get(name, ""),
             "difference_percent": 100.0 * (row[name] - truth) / abs(truth) if truth else None,
         }
         for search, table in found.items()

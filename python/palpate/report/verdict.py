@@ -93,11 +93,12 @@ def _lead(data: ReportData, bests: Sequence[Best]) -> str:
     where = data.together
     best = next((b for b in bests if b.scenario == data.generalising.name and b.spot == where), None)
     if best is not None:
-        values = [*_listed(data.searched, (v.value for v in best.values)), *_moduli(best)]
+        values = [*_listed(data.searched, (v.value for v in best.values)), *_moduli(best, data.modulus_unit)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
         mean = "mean Fopt" if where == ALL_SPOTS else "Fopt"
+        least = "at least " if where == ALL_SPOTS else ""
         r2 = [
-            f"R² {name} {at:.4g}"
+            f"R² {name} {least}{at:.4g}"
             for name in data.generalising.weighed
             if (at := best.r2.get(name)) is not None
         ]
@@ -127,11 +128,11 @@ def _unit(parameter: Parameter) -> str:
     return "" if parameter.unit == "1" else f" {parameter.unit}"
 
 
-def _moduli(best: Best) -> Iterator[str]:
+def _moduli(best: Best, unit: str) -> Iterator[str]:
     for region, (shear, young) in best.moduli.items():
         of = f" of {region}" if len(best.moduli) > 1 else ""
-        yield f"initial shear modulus{of} {shear:.4g} MPa"
-        yield f"Young's modulus{of} {young:.4g} MPa"
+        yield f"initial shear modulus{of} {shear:.4g} {unit}"
+        yield f"Young's modulus{of} {young:.4g} {unit}"
 
 
 def _spent(data: ReportData) -> str:

@@ -28,7 +28,7 @@ from palpate.study.build import (
 from palpate.study.model import ExecutorTable, Tables
 from palpate.study.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
 from palpate.study.problems import Problems, read_tables, require
-from palpate.study.regions import build_space, build_truth
+from palpate.study.regions import build_space, build_truth, written_units
 from palpate.study.source_positions import KeyLines, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
 
@@ -56,6 +56,8 @@ class Study:
         Whether the best multiple of each set is found too.
     truth : mapping of full parameter name to value
         Known answer of a simulated experiment, in the region's convention; empty otherwise.
+    units : mapping of full parameter name to unit
+        In which its range is written, where that is not the material's; reports have it.
     n_workers : int
         Local worker processes; 0: one per core, as far as there is memory for them.
     time_limit_s : float
@@ -116,6 +118,7 @@ class Study:
     unscaled: frozenset[str] = frozenset()
     search: Search
     parametrisation: Parametrisation
+    units: Mapping[str, str] = field(default_factory=dict)
     noise: float = 0.01
     fine_runs: int = 3
     n_total: int = 0
@@ -314,6 +317,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         fine_runs=require(tables.fit).fine_runs,
         stiffness_scaling=require(selection).stiffness_scaling,
         truth=truth,
+        units=written_units(tables.region, space),
         n_workers=require(tables.solver).n_workers,
         time_limit_s=require(tables.solver).time_limit,
         plugin_files=context.plugins.files,

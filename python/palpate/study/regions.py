@@ -12,7 +12,7 @@ from palpate.study.model import ParameterTable, RegionTable, Tables
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
 from palpate.study.ties import ties_in, with_ties
-from palpate.units import convert
+from palpate.units import convert, unit_of
 
 
 def build_space(context: Context, tables: Mapping[str, RegionTable]) -> ParameterSpace:
@@ -120,6 +120,18 @@ def _every(space: ParameterSpace) -> dict[str, Parameter]:
     return {
         f"{r.region}.{p.name}": p for r in space.regions for p in _in_convention(r.material, r.convention)
     }
+
+
+def written_units(tables: Mapping[str, RegionTable], space: ParameterSpace) -> dict[str, str]:
+    """Units in which ranges are written, by full name, where they are not the material's."""
+    ranges = {
+        (region.region, p): tables[region.region].parameters[p.name].lower
+        for region in space.regions
+        for p in region.searched
+        if p.name in tables[region.region].parameters
+    }
+    units = {at: unit_of(lower) for at, lower in ranges.items() if isinstance(lower, str)}
+    return {f"{region}.{p.name}": unit for (region, p), unit in units.items() if unit not in ("", p.unit)}
 
 
 def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict[str, float]:

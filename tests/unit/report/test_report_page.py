@@ -24,6 +24,7 @@ from palpate.report.page_data import MOST_NUMBERS, MOST_SETS, page_data
 from palpate.report.scene import edge_of_contact, scene
 from palpate.report.tables import TITLES
 from palpate.report.verdict import make_verdict
+from palpate.run.result import FitResult
 from palpate.specimens import block
 
 from .hostile import ATTACK, NAMES, REASON, renamed
@@ -226,6 +227,24 @@ def test_a_fit_without_a_sweep_has_a_page_without_its_sections(page):
     assert {"fit", "trace", "space", "pairs", "curves"} <= ids
     assert "No sweep" in made.text()
     assert "One material for all 2 spots" in made.text()
+
+
+def test_fits_that_all_failed_without_a_sweep_have_a_whole_page(page):
+    reason = "the start cannot be simulated (p1: diverged)"
+
+    def failed(content):
+        about = [{"fit": "all spots", "scenario": name} for name in ("I", "II", "III")]
+        table = pl.DataFrame([row | {"message": reason, "n_runs": 2, "n_fine": 0} for row in about])
+        trace = content.fit.trace.with_columns(fopt=pl.lit(None), objective=pl.lit(None))
+        return replace(content, fit=FitResult(table=table, trace=trace))
+
+    made = page(failed, n_sets=0, search=LeastSquares())
+    text = made.text()
+    assert "3 of the fits have no result" in text
+    assert f"all spots, scenario I: {reason}" in text
+    assert "No result for 6 of 6 spots and scenarios" in text
+    assert {"fit", "curves", "space", "provenance"} <= (ids := {a.get("id") for _, a, _ in made.elements})
+    assert "trace" not in ids
 
 
 def test_a_sweep_without_a_fit_has_no_section_on_one(page):

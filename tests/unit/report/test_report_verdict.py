@@ -97,8 +97,10 @@ def test_a_fit_that_ends_at_a_bound_or_is_not_settled_is_named(content):
         return replace(made, fit=replace(made.fit, table=table.with_columns(n_fine=2)))
 
     assert about(made, "end of their range") is None
+    at_grip = verdict(ended(at_bound="soft_tissue.grip@p1")).bests[0]
+    assert [value.is_at_bound for value in at_grip.values] == [False, True]
     at_bound = about(ended(at_bound="soft_tissue.grip, soft_tissue.stiffness"), "end of their range")
-    assert at_bound.startswith("grip at all spots, scenario I; stiffness at all spots, scenario I; ")
+    assert at_bound.startswith("stiffness at all spots, scenario I; grip at all spots, scenario I; ")
     unsettled = ended(message=f"converged; {UNSETTLED}")
     assert about(unsettled, "has not settled").startswith("all spots, scenario I; all spots, scenario II; ")
     assert about(unsettled, "Not every search") is None

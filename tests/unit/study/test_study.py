@@ -81,6 +81,8 @@ def test_a_folder_is_read_as_its_study_toml(plugins: Plugins) -> None:
 def test_a_parameter_is_searched_in_its_unit_or_fixed(read: Edit) -> None:
     (k,) = read().space.parameters
     assert (k.name, k.lower, k.upper, k.unit) == ("rubber.k", 1.0, 3.0, "MPa")
+    assert read().units == {"rubber.k": "kPa"}
+    assert read(('"1000 kPa"', '"1 MPa"')).units == {}
     assert read().space.regions[0].fixed == {"a": 0.5}
     assert read(("a = 0.5", "a = { value = 0.25 }")).space.regions[0].fixed == {"a": 0.25}
 

@@ -1,0 +1,78 @@
+"""Results in the units in which a study gives its ranges; the stages have those of the materials."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import polars as pl
+
+from palpate.domain import Design, Parameter
+from palpate.report.report_data import ReportData
+from palpate.run.result import FitResult
+from palpate.units import convert
+
+
+def in_written_units(data: ReportData) -> ReportData:
+    """Convert every value of a parameter; the study's space alone stays as it is."""
+    units, parameters = data.study.units, data.design.parameters
+    factors = {p.name: 1.0 / convert(f"1 {units[p.name]}", p.unit) for p in parameters if p.name in units}
+    if not factors:
+        return data
+    fit, every = data.fit, [factors.get(p.name, 1.0) for p in parameters]
+    converted = tuple(
+        _converted(p, units[p.name], factors[p.name]) if p.name in factors else p for p in parameters
+    )
+    truth = {name: value * factors.get(name, 1.0) for name, value in data.study.truth.items()}
+    ends = ("value", "optimum", "lower", "upper")
+    optima = ("first_optimum", "second_optimum")
+    return replace(
+        data,
+        factors=factors,
+        study=replace(data.study, truth=truth),
+        design=Design(
+            parameters=converted,
+            values=data.design.values * every,
+            seed=data.design.seed,
+            n_drawn=data.design.n_drawn,
+            n_kept=data.design.n_kept,
+        ),
+        selection=_wide(data.selection, factors),
+        generalisation=_wide(data.generalisation, factors),
+        stiffness_scaling=_wide(data.stiffness_scaling, factors),
+        fit=FitResult(
+            table=_wide(fit.table, factors),
+            trace=_wide(fit.trace, factors),
+            mesh=_long(fit.mesh, ("coarse", "fine", "extrapolated"), factors),
+            responses=fit.responses,
+        ),
+        identifiability=_long(data.identifiability, ends, factors, units),
+        disagreements=_long(data.disagreements, optima, factors, units),
+    )
+
+
+def _converted(parameter: Parameter, unit: str, factor: float) -> Parameter:
+    ends = ("lower", "upper", "physical_lower", "physical_upper")
+    scaled = {end: getattr(parameter, end) * factor for end in ends}
+    return replace(parameter, unit=unit, prior=None, **scaled)
+
+
+def _wide(frame: pl.DataFrame, factors: Mapping[str, float]) -> pl.DataFrame:
+    """Convert columns of parameters, those by spot too."""
+    heads = {column: column.partition("@")[0] for column in frame.columns}
+    return frame.with_columns(pl.col(c) * factors[head] for c, head in heads.items() if head in factors)
+
+
+def _long(
+    frame: pl.DataFrame,
+    columns: tuple[str, ...],
+    factors: Mapping[str, float],
+    units: Mapping[str, str] | None = None,
+) -> pl.DataFrame:
+    """Convert columns of rows that each name their parameter."""
+    if frame.is_empty():
+        return frame
+    names = pl.col("parameter").str.split("@").list.first()
+    factor = names.replace_strict(factors, default=1.0, return_dtype=pl.Float64)
+    changed = {column: pl.col(column) * factor for column in columns}
+    if units:
+        changed["unit"] = names.replace_strict(units, default=pl.col("unit"), return_dtype=pl.String)
+    return frame.with_columns(**changed)
