@@ -17,6 +17,9 @@ MOST_EVALUATIONS = 100_000
 SEEN = 1e-9
 """Slope of the residuals in a coordinate, over the largest one, below which no curve depends on it."""
 
+APART = 1e-6
+"""Least singular value of the slopes, over the largest, below which no curve separates some values."""
+
 
 @dataclass(slots=True, eq=False)
 class Fit:
@@ -59,6 +62,27 @@ class Fit:
         seen = most > SEEN * most.max()
         searched = zip(self.problem.parameters, seen, strict=True)
         return [p.name for p, is_seen in searched if p.prior is None and not is_seen]
+
+    def inseparable(self) -> list[str]:
+        """Names of the values that can change together without any residual, by the latest slopes."""
+        slopes = [each.jacobian for each in self.trace if each.jacobian is not None]
+        sizes = np.linalg.norm(slopes[-1], axis=0) if slopes else np.zeros(1)
+        seen = np.flatnonzero(sizes > SEEN * sizes.max())
+        if len(seen) < 2:
+            return []
+        _, strengths, axes = np.linalg.svd(slopes[-1][:, seen] / sizes[seen], full_matrices=False)
+        if strengths[-1] >= APART * strengths[0]:
+            return []
+        return [self.problem.parameters[i].name for i in seen[np.abs(axes[-1]) > 0.1]]
+
+    def remarks(self) -> str:
+        """What the slopes say of the values, behind why the search ended."""
+        said = ""
+        if unseen := self.unseen():
+            said += f"; no curve depends on {', '.join(unseen)}, left where the search started"
+        if inseparable := self.inseparable():
+            said += f"; no curve separates {', '.join(inseparable)}: fix one or give it a prior"
+        return said
 
     def take(self, evaluations: Sequence[Evaluation]) -> None:
         """Keep what was evaluated."""
@@ -149,9 +173,7 @@ def _next(
             try:
                 trials = next(asked) if evaluations is None else asked.send(evaluations)
             except StopIteration as end:
-                fit.message = str(end.value or "ended")
-                if unseen := fit.unseen():
-                    fit.message += f"; no curve depends on {', '.join(unseen)}, left where the search started"
+                fit.message = str(end.value or "ended") + fit.remarks()
                 return
             trials = [_sound(trial, fit.start.size) for trial in _some(trials)]
             if len(fit.trace) + len(trials) > MOST_EVALUATIONS:

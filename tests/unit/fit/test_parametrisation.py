@@ -308,3 +308,17 @@ def test_what_no_curve_depends_on_is_reported_and_stays(state):
         "no curve depends on gain.lateral@p1, gain.lateral@p2, left where the search started"
     )
     assert found["gain.lateral@p1"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("solver", [ExactPress, Press])
+def test_what_no_curve_separates_is_reported(state, solver):
+    """All moduli and all gains: only their products are in the curves, unless a prior holds one."""
+    both = {name: {"lower": 0.5, "upper": 2.0, "by": "all"} for name in ("force", "torque")}
+    truth = {**BASE, "gain.force": 1.1, "gain.torque": 0.9}
+    fit, _ = fitted(state(truth, {"gains": both}, solver=solver))
+    names = "skin.e, fat.e, gain.force, gain.torque"
+    assert fit.message.endswith(f"no curve separates {names}: fix one or give it a prior")
+    both["force"]["prior"] = {"value": 1.1, "sd": 0.01}
+    fit, found = fitted(state(truth, {"gains": both}, solver=solver))
+    assert fit.message == "converged"
+    assert found == pytest.approx(truth, rel=2e-3)
