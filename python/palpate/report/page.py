@@ -17,7 +17,7 @@ import polars as pl
 from markupsafe import Markup
 
 from palpate.domain import Parameter
-from palpate.report.best_sets import initial_moduli
+from palpate.report.best_sets import Best, initial_moduli
 from palpate.report.page_data import page_data
 from palpate.report.report_data import ReportData
 from palpate.report.table_files import shown
@@ -58,6 +58,7 @@ def render(
     """
     style, script = ((_FOLDER / name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
     source, packed = library()
+    leading = [best for best in verdict.bests if best.scenario == data.generalising.name]
     by_stem: dict[str, list[Path]] = {}
     for file in files:
         by_stem.setdefault(file.stem, []).append(file)
@@ -68,7 +69,8 @@ def render(
         verdict=verdict,
         tables=tables,
         titles=TITLES,
-        known_moduli=dict(initial_moduli(data, data.study.truth)),
+        leading=leading,
+        moduli=list(_moduli(data, leading)),
         intervals=list(_intervals(data)),
         data=page_data(data),
         generalising=data.generalising.name,
@@ -128,6 +130,18 @@ def _heading(column: str) -> str:
         if column.endswith(suffix):
             plain, unit = column.removesuffix(suffix), brackets
     return plain.replace("_", " ") + unit
+
+
+def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list[float | None]]]:
+    """Rows of the initial moduli of each best set, and of the known answer if there is one."""
+    columns = [best.moduli for best in bests]
+    if data.study.truth:
+        columns.append(dict(initial_moduli(data, data.study.truth)))
+    for region in dict.fromkeys(region for column in columns for region in column):
+        of = f" of {region}" if len(data.study.space.regions) > 1 else ""
+        for i, name in enumerate(("initial shear modulus", "Young's modulus")):
+            values = [column[region][i] if region in column else None for column in columns]
+            yield f"{name}{of} [{data.modulus_unit}]", values
 
 
 def _intervals(data: ReportData) -> Iterator[dict[str, Any]]:

@@ -93,7 +93,7 @@ def _lead(data: ReportData, bests: Sequence[Best]) -> str:
     where = data.together
     best = next((b for b in bests if b.scenario == data.generalising.name and b.spot == where), None)
     if best is not None:
-        values = [*_listed(data.searched, (v.value for v in best.values)), *_moduli(best, data.modulus_unit)]
+        values = [*_listed(data.searched, (v.value for v in best.values)), *_moduli(data, best)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
         mean = "mean Fopt" if where == ALL_SPOTS else "Fopt"
         least = "at least " if where == ALL_SPOTS else ""
@@ -128,9 +128,10 @@ def _unit(parameter: Parameter) -> str:
     return "" if parameter.unit == "1" else f" {parameter.unit}"
 
 
-def _moduli(best: Best, unit: str) -> Iterator[str]:
+def _moduli(data: ReportData, best: Best) -> Iterator[str]:
+    unit = data.modulus_unit
     for region, (shear, young) in best.moduli.items():
-        of = f" of {region}" if len(best.moduli) > 1 else ""
+        of = f" of {region}" if len(data.study.space.regions) > 1 else ""
         yield f"initial shear modulus{of} {shear:.4g} {unit}"
         yield f"Young's modulus{of} {young:.4g} {unit}"
 

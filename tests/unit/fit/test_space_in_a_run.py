@@ -173,6 +173,10 @@ def test_a_ratio_is_found(run, by_spot):
     coefficients = result.report.tables["table1_coefficients"]
     assert coefficients["parameter"].unique(maintain_order=True).to_list() == ["e"]
     assert coefficients["region"].unique(maintain_order=True).to_list() == ["skin", "fat"]
+    lead = result.report.verdict.lead
+    assert ("fat.e_ratio by spot" if by_spot else "fat.e_ratio = 0.6,") in lead
+    assert "initial shear modulus of skin " in lead
+    assert ("initial shear modulus of fat " in lead) is not by_spot
 
 
 def test_a_gain_is_found_and_a_prior_counts(run):
@@ -180,3 +184,4 @@ def test_a_gain_is_found_and_a_prior_counts(run):
     truth = {"p1": (0.5, 0.3), "p2": (0.5, 0.0)}
     result = run(truth, space(prior=Prior(value=0.5, sd=0.1)), searched, torque_gain=1.3, reported=True)
     assert row(result, "all spots", "p1")["gain.torque"] == pytest.approx(1.3, rel=1e-3)
+    assert "gain.torque = 1.3" in result.report.verdict.lead
