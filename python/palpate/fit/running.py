@@ -10,6 +10,7 @@ from palpate.errors import PalpateError, PluginError
 from palpate.fit.problem import Problem
 from palpate.plugins.guard import answering_for
 from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Trial
+from palpate.run.result import UNSEEN
 
 MOST_EVALUATIONS = 100_000
 """Evaluations after which a search that does not end is stopped."""
@@ -79,9 +80,9 @@ class Fit:
         """What the slopes say of the values, behind why the search ended."""
         said = ""
         if unseen := self.unseen():
-            said += f"; no curve depends on {', '.join(unseen)}, left where the search started"
+            said += f"; {UNSEEN} depends on {', '.join(unseen)}, left where the search started"
         if inseparable := self.inseparable():
-            said += f"; no curve separates {', '.join(inseparable)}: fix one or give it a prior"
+            said += f"; {UNSEEN} separates {', '.join(inseparable)}: fix one or give it a prior"
         return said
 
     def take(self, evaluations: Sequence[Evaluation]) -> None:

@@ -9,7 +9,7 @@ from palpate.domain import FloatArray, Parameter
 from palpate.report.best_sets import Best, Value
 from palpate.report.report_data import ReportData
 from palpate.report.tables import cost_of_one_set, finding
-from palpate.run.result import UNSETTLED
+from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.stages.completeness import described
 from palpate.stages.experiment import measured_warnings
 from palpate.stages.identifiability import UNCLEAR, share_of_range
@@ -143,6 +143,15 @@ def _about_fits(data: ReportData) -> Iterator[ReportWarning]:
         f"{len(failed)} of the fits {'has' if len(failed) == 1 else 'have'} no result",
         failed,
         "What is shown there is the best set of the sweep, if there is one.",
+    )
+    yield from _listed(
+        "A fit has values that the curves do not decide",
+        (
+            f"{row['fit']}, scenario {row['scenario']}: {message}"
+            for row in data.fit.ends.iter_rows(named=True)
+            for message in row["message"].split("; ")
+            if message.startswith(UNSEEN)
+        ),
     )
 
 
@@ -335,7 +344,8 @@ def _about_searches(data: ReportData) -> Iterator[ReportWarning]:
         (data.stiffness_scaling, "as expected", "Not every multiple of a set is as expected"),
     ):
         messages = (part for row in table.iter_rows(named=True) for part in row["message"].split("; "))
-        yield from _listed(what, dict.fromkeys(m for m in messages if m not in (expected, UNSETTLED)))
+        known = (m for m in messages if m not in (expected, UNSETTLED) and not m.startswith(UNSEEN))
+        yield from _listed(what, dict.fromkeys(known))
     failed = [row for row in data.verification.iter_rows(named=True) if not row["passed"]]
     yield from _listed(
         f"{len(failed)} of {len(data.verification)} selected sets failed verification",

@@ -66,6 +66,9 @@ ALL_SPOTS = "all spots"
 UNSETTLED = "the correction by finer meshes has not settled"
 """Message of a fit whose corrections were not near enough to its end."""
 
+UNSEEN = "no curve"
+"""Beginning of messages on values that no curve decides."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitResult:

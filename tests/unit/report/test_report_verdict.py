@@ -13,7 +13,7 @@ from palpate.report import make_tables, report_warnings
 from palpate.report.style import DOUBLE_MM, SINGLE_MM, STYLE
 from palpate.report.tables import cost_of_one_set, weighted_channels
 from palpate.report.verdict import make_verdict
-from palpate.run.result import UNSETTLED
+from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.stages.selection import by_reason, failures, unranked
 
 
@@ -105,6 +105,10 @@ def test_a_fit_that_ends_at_a_bound_or_is_not_settled_is_named(content):
     assert about(unsettled, "has not settled").startswith("all spots, scenario I; all spots, scenario II; ")
     assert about(unsettled, "Not every search") is None
     assert " of the fit and 18 of finer meshes." in verdict(unsettled).spent
+    unseen = ended(message=f"converged; {UNSEEN} depends on soft_tissue.grip")
+    why = about(unseen, "that the curves do not decide")
+    assert why.startswith("all spots, scenario I: no curve depends on soft_tissue.grip; ")
+    assert about(unseen, "Not every search") is None
 
 
 @pytest.mark.parametrize(("extrapolated", "is_named"), [(0.43, True), (0.401, False)])
