@@ -91,6 +91,15 @@ def test_check_lists_what_only_the_fit_searches(call: Call, study: Path) -> None
     ]
 
 
+def test_what_only_a_fit_uses_gives_a_warning_without_one(call: Call, study: Path) -> None:
+    edit(study, "[truth]", "[fit]\nsearched.gains.pull = { lower = 0.5, upper = 2 }\n\n[truth]")
+    edit(study, '"3 MPa"', '"3 MPa", prior = { value = "2 MPa", sd = "500 kPa" }')
+    assert call("check", study, "--json").json["warnings"] == []
+    edit(study, "[fit]", '[fit]\nsearch = "sweep"')
+    warnings = call("check", study, "--json").json["warnings"]
+    assert [each.partition(":")[0] for each in warnings] == ["rubber.k", "gain.pull"]
+
+
 def test_tables_of_curves_have_units_and_peaks(call: Call, study: Path) -> None:
     assert "pull 3 MPa" in call("check", study).out
     assert re.search(r"s1 +pull +11 +1 +1 to 2 +0 to 3 MPa +–", call("experiment", study).out)

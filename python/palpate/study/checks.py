@@ -22,6 +22,13 @@ def odd_settings(study: Study) -> Iterator[str]:
     for spot, protocol in protocols.items():
         if isinstance(protocol, Indentation):
             yield from _depth(spot, protocol)
+    every = study.parametrisation.parameters(study.space, study.spot_names[:1])
+    for parameter in every if study.search.name == "sweep" else ():
+        if parameter.prior or parameter.by_spot or parameter.name not in study.space.names:
+            yield (
+                f"{parameter.name}: search 'sweep' uses no prior, no value by spot and nothing of [fit.searched]"
+                "; name another search, or remove it"
+            )
     for region in study.space.regions:
         for parameter in region.searched:
             name = f"{region.region}.{parameter.name}"
