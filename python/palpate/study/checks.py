@@ -26,8 +26,8 @@ def odd_settings(study: Study) -> Iterator[str]:
     for parameter in every if study.search.name == "sweep" else ():
         if parameter.prior or parameter.by_spot or parameter.name not in study.space.names:
             yield (
-                f"{parameter.name}: search 'sweep' uses no prior, no value by spot and nothing of [fit.searched]"
-                "; name another search, or remove it"
+                f"{parameter.name}: search 'sweep' uses no prior, no value by spot and nothing of "
+                "[fit.searched]; name another search, or remove it"
             )
     for region in study.space.regions:
         for parameter in region.searched:
