@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.domain import IntArray
+from palpate.domain import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -94,3 +94,11 @@ def outer_faces(kind: str, cells: IntArray, *, febio: bool = False) -> IntArray:
     _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
     outer = first[counts == 1]
     return np.asarray(faces[np.sort(outer) if febio else outer])
+
+
+def with_midpoints(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """Points (n + m, 3), quadratic tetrahedra (k, 10) and the ends (m, 2) of the edges that gained a node."""
+    edges = np.sort(tets[:, np.array(CELLS["tet10"].edges)], axis=2)
+    ends, inverse = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
+    middle = points[ends].mean(axis=1)
+    return np.vstack([points, middle]), np.hstack([tets, len(points) + inverse.reshape(-1, 6)]), ends

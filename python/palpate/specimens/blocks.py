@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
 from palpate.mesh.shape_functions import HEX_CORNERS
-from palpate.mesh.topology import CELLS
+from palpate.mesh.topology import with_midpoints
 
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
 """Name of the only region."""
@@ -78,11 +78,3 @@ def _grid(
     points = np.stack(np.meshgrid(x, x, z, indexing="ij"), axis=-1).reshape(-1, 3)
     corner = np.indices((n_across, n_across, n_down)).reshape(3, -1).T[:, None] + _HEX
     return points, np.ravel_multi_index(tuple(corner.transpose(2, 0, 1)), (len(x), len(x), len(z)))
-
-
-def with_midpoints(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
-    """Points (n + m, 3), quadratic tetrahedra (k, 10) and the ends (m, 2) of the edges that gained a node."""
-    edges = np.sort(tets[:, np.array(CELLS["tet10"].edges)], axis=2)
-    ends, inverse = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
-    middle = points[ends].mean(axis=1)
-    return np.vstack([points, middle]), np.hstack([tets, len(points) + inverse.reshape(-1, 6)]), ends

@@ -11,8 +11,7 @@ import numpy as np
 
 from palpate.domain import BoolArray, FloatArray, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError
-from palpate.mesh.topology import CELLS
-from palpate.specimens.blocks import with_midpoints
+from palpate.mesh.topology import CELLS, with_midpoints
 
 Kind = Literal["hex8", "tet10"]
 

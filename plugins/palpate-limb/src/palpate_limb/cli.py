@@ -93,13 +93,14 @@ def _mesh_plan(
     radius_mm: float, size: str, layers_mm: dict[str, float], linear: bool, mesher: str
 ) -> "MeshPlan":
     """Fine under the indenter, coarse away from it."""
+    from palpate.mesh.contact_edge import NEAR
     from palpate_limb.meshing import SizeField
     from palpate_limb.volume import MeshPlan
 
     fine_mm = options.length_mm("--size", size) if size else DEFAULT_SIZE * radius_mm
     coarse_mm = max(2.4 * radius_mm, fine_mm)
     return MeshPlan(
-        size=SizeField(fine_mm=fine_mm, coarse_mm=coarse_mm, radius_mm=1.2 * radius_mm),
+        size=SizeField(fine_mm=fine_mm, coarse_mm=coarse_mm, radius_mm=NEAR * radius_mm),
         kind="tet4" if linear else "tet10",
         layers_mm=layers_mm,
         mesher=mesher,

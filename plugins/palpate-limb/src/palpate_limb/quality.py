@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, MeshError
+from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.shape_functions import quadratic_simplex
 from palpate.mesh.topology import CELLS
 from palpate_limb.segment import Segment
@@ -73,7 +74,7 @@ def assess(limb: Limb, segment: Segment, near_mm: float) -> Quality:
         median_scaled_jacobian=float(np.median(scaled)),
         least_dihedral_deg=float(angles.min()),
         largest_dihedral_deg=float(angles.max()),
-        contact_edge_mm=_contact_edge(points, cells, mesh.node_sets["contact"], near_mm),
+        contact_edge_mm=contact_edge_mm(limb, near_mm),
         near_mm=near_mm,
         volume_mm3=float(volumes.sum()),
         volume_error=float(volumes.sum() / whole - 1.0),
@@ -157,16 +158,3 @@ def dihedral_angles_deg(points: FloatArray, cells: IntArray) -> FloatArray:
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-300)
     cosines = [-np.einsum("ij,ij->i", normals[:, i], normals[:, j]) for i in range(4) for j in range(i)]
     return np.asarray(np.rad2deg(np.arccos(np.clip(np.stack(cosines, axis=1), -1.0, 1.0))))
-
-
-def _contact_edge(points: FloatArray, cells: IntArray, contact: IntArray, near_mm: float) -> float:
-    """Mean length of the edges of contact faces near the spot."""
-    on = np.zeros(len(points), dtype=np.bool_)
-    on[contact] = True
-    ends = np.sort(cells[:, np.array(CELLS["tet4"].edges)].reshape(-1, 2), axis=1)
-    ends = np.unique(ends[on[ends].all(axis=1)], axis=0)
-    middles = points[ends].mean(axis=1)
-    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-    away = np.linalg.norm(middles, axis=1)
-    near = away <= near_mm
-    return float(lengths[near].mean() if near.any() else lengths[np.argsort(away)[:6]].mean())

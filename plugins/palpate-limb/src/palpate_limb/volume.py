@@ -8,8 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, Mesh, MeshError, Spot
-from palpate.mesh.topology import CELLS, outer_faces
-from palpate.specimens import with_midpoints
+from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
 from palpate_limb.layers import below_skin
 from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, run_mesher, run_mmg
 from palpate_limb.midside_nodes import curved
