@@ -232,7 +232,7 @@ def test_the_command_writes_a_mesh_a_note_and_a_picture(
     limb, fine = source.load(out / "p1.vtu", spot), source.load(out / "fine" / "p1.vtu", spot)
     assert f'mesh = "{out}/p1.vtu"\nfine_mesh = "{out}/fine/p1.vtu"\n' in printed
     check_limb(limb, ["soft_tissue"])
-    check_fine(limb, fine, "study.toml:9")
+    check_fine(limb, fine, 6.0, "study.toml:9")
     assert 2.0 < fine.mesh.n_nodes / limb.mesh.n_nodes < 4.5
     assert meshio.read(out / "p1.vtu").point_data["bone"].any()
     assert (out / "p1.png").read_bytes().startswith(b"\x89PNG")

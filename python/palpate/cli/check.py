@@ -88,12 +88,12 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
         session.say(f"{name} = {tie}")
     session.table(
         "Spots",
-        ["spot", "channels and peaks", "nodes"],
+        ["spot", "channels and peaks", "nodes (edge under the indenter)"],
         [
             [
                 spot,
                 ", ".join(_peak(session, curve) for curve in response.curves.values()),
-                _nodes(checked, spot),
+                _meshes(study, checked, spot),
             ]
             for spot, response in checked.measured.items()
         ],
@@ -128,10 +128,12 @@ def _where(parameter: "Parameter") -> str:
     return "; a value for each spot" if parameter.by_spot else ""
 
 
-def _nodes(checked: "StudyInputs", spot: str) -> str:
-    """Nodes of a spot's mesh, and of its finer one."""
-    names = [name for name in (spot, f"{spot}/fine") if name in checked.limbs]
-    return ", fine ".join(str(checked.limbs[name].mesh.n_nodes) for name in names)
+def _meshes(study: "Study", checked: "StudyInputs", spot: str) -> str:
+    """Nodes and edges of a spot's mesh, and of its finer one."""
+    from palpate.stages.limb import size_at_contact
+
+    limbs = [checked.limbs[name] for name in (spot, f"{spot}/fine") if name in checked.limbs]
+    return ", fine ".join(f"{limb.mesh.n_nodes} ({size_at_contact(study, limb):.2f} mm)" for limb in limbs)
 
 
 def _peak(session: Session, curve: "Curve") -> str:

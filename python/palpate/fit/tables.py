@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.domain import FloatArray, Limb, Response, channel_of, weighed_phases
+from palpate.domain import FloatArray, Response, channel_of, weighed_phases
 from palpate.fit.running import Fit
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
 from palpate.plugins.parametrisation import at_spot
 from palpate.run.result import UNSETTLED, FitResult
+from palpate.stages.limb import size_at_contact
 from palpate.stages.scoring import relative_variance
 from palpate.stages.sweep import Simulations
 
 ORDER = 2.0
-"""Power of the element size with which the error of the curves falls."""
+"""Power of the element size under the indenter with which the error of the curves falls."""
 
 
 def fit_result(cases: Sequence[Case], simulations: Simulations) -> FitResult:
@@ -45,7 +46,8 @@ def fit_result(cases: Sequence[Case], simulations: Simulations) -> FitResult:
             rows.append(_row(case, end, term, values, phases) | {"n_runs": _spent(case, n_runs)})
             responses[case.label, case.scenario.name, term.spot] = _response(term, values)
     traces = [row for case in cases for row in _trace(case, n_runs)]
-    meshes = [row for case in cases for row in _mesh(case, simulations.limbs)]
+    ratios = _refinement(simulations) if any(case.n_fine for case in cases) else {}
+    meshes = [row for case in cases for row in _mesh(case, ratios)]
     return FitResult(table=_frame(rows), trace=_frame(traces), mesh=_frame(meshes), responses=responses)
 
 
@@ -164,19 +166,25 @@ def _trace(case: Case, n_runs: Mapping[int, Sequence[int]]) -> Iterator[dict[str
             }
 
 
-def _mesh(case: Case, limbs: Mapping[str, Limb]) -> Iterator[dict[str, Any]]:
-    """What the coarse meshes, the finer ones, and meshes without error would give."""
-    ratios = [
-        (limbs[f"{spot}/fine"].mesh.n_nodes / limbs[spot].mesh.n_nodes) ** (ORDER / 3.0)
-        for spot in case.spots
+def _refinement(simulations: Simulations) -> dict[str, float]:
+    """Element size under the indenter over that of the finer mesh, of each spot that has one."""
+    limbs, study = simulations.limbs, simulations.study
+    return {
+        spot: size_at_contact(study, limbs[spot]) / size_at_contact(study, limbs[f"{spot}/fine"])
+        for spot in study.spot_names
         if f"{spot}/fine" in limbs
-    ]
+    }
+
+
+def _mesh(case: Case, ratios: Mapping[str, float]) -> Iterator[dict[str, Any]]:
+    """What the coarse meshes, the finer ones, and meshes without error would give."""
     fine = case.values()
-    if not case.n_fine or not fine or min(ratios) <= 1.0:
+    if not case.n_fine or not fine:
         return
+    ratio = np.mean([ratios[spot] ** ORDER for spot in case.spots if spot in ratios])
     for name, value in fine.items():
         coarse = case.coarse[name]
-        extrapolated = value + (value - coarse) / (float(np.mean(ratios)) - 1.0)
+        extrapolated = value + (value - coarse) / (float(ratio) - 1.0)
         yield {
             **_about(case),
             "parameter": name,

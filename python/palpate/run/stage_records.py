@@ -188,7 +188,9 @@ def fit_from(study: Study, records: StageRecords) -> dict[str, str]:
         "search": fingerprint(_described(study.search)),
         "parametrisation": fingerprint(_described(study.parametrisation)),
         "priors or values by spot": fingerprint([asdict(p) for p in study.space.parameters]),
-        "noise or fine_runs": fingerprint([study.noise, study.fine_runs]),
+        "noise, fine_runs or fine_edge": fingerprint(
+            [study.noise, study.fine_runs, [spot.fine_edge_mm for spot in study.spots]]
+        ),
     }
 
 

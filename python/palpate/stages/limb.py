@@ -8,6 +8,8 @@ import numpy as np
 
 from palpate.domain import FloatArray, Indentation, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError, StudyError
+from palpate.mesh.contact_edge import NEAR, contact_edge_mm
+from palpate.mesh.refinement import refined
 from palpate.mesh.shape_functions import HEX_CORNERS, linear_simplex, multilinear, quadratic_simplex
 from palpate.mesh.topology import CELLS, Cell
 from palpate.plugins.guard import answering_for
@@ -15,10 +17,13 @@ from palpate.plugins.interfaces import AnisotropicMaterial
 from palpate.stages.cell_fields import check_frames, with_fields
 from palpate.stages.mesh_joints import check_joints, holes
 from palpate.study.mesh_note import mesh_note
-from palpate.study.reading import Study
+from palpate.study.reading import Study, StudySpot
 
 SAME_FRAME = 0.25
 """Difference of the boxes around two meshes of one limb, over the element size, up to which frames agree."""
+
+FINER = 0.9
+"""Mean edge of a finer mesh under the indenter over the mesh's, at most."""
 
 SAME_HEIGHT = 0.1
 """Difference of their height at the spot, over the element size there, up to which two skins are one."""
@@ -52,12 +57,36 @@ def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
         for name, path in spot.meshes.items():
             if not missing_ok or path.is_file():
                 limbs[name] = _load(study, spot.spot, path)
-        here = [limbs[name] for name in spot.meshes if name in limbs]
-        if len(here) == 2:
-            check_fine(here[0], here[1], f"{spot.place}: {spot.fine_mesh}")
+        _add_fine(study, spot, limbs)
     if limbs.keys() >= set(study.spot_names):
         _check_every_region(study, limbs)
     return limbs
+
+
+def _add_fine(study: Study, spot: StudySpot, limbs: dict[str, Limb]) -> None:
+    """Check a spot's finer mesh, or make it."""
+    name, fine = spot.spot.name, f"{spot.spot.name}/fine"
+    if name not in limbs:
+        return
+    place, near_mm = f"{spot.place}: {spot.fine_mesh or ''}".removesuffix(": "), _near_mm(study, name)
+    if spot.fine_edge_mm:
+        try:
+            limbs[fine] = refined(limbs[name], near_mm, spot.fine_edge_mm)
+        except MeshError as error:
+            raise MeshError(f"{place}: {error}") from error
+    if fine in limbs:
+        check_fine(limbs[name], limbs[fine], near_mm, place)
+
+
+def _near_mm(study: Study, spot: str) -> float:
+    """Distance from a spot up to which its elements are under the indenter."""
+    protocol = study.protocol_at(spot)
+    return NEAR * protocol.indenter.radius_mm if isinstance(protocol, Indentation) else 0.0
+
+
+def size_at_contact(study: Study, limb: Limb) -> float:
+    """Mean edge [mm] of a limb's skin under the study's indenter."""
+    return contact_edge_mm(limb, _near_mm(study, limb.spot.name))
 
 
 def _load(study: Study, spot: Spot, path: Path) -> Limb:
@@ -76,13 +105,15 @@ def _load(study: Study, spot: Spot, path: Path) -> Limb:
         raise MeshError(f"{path}: {error}") from error
 
 
-def check_fine(coarse: Limb, fine: Limb, place: str) -> None:
-    """Refuse a finer mesh that is not finer, or not of the same limb in the same frame.
+def check_fine(coarse: Limb, fine: Limb, near_mm: float, place: str) -> None:
+    """Refuse a finer mesh that is not finer at the contact, or not of the same limb in the same frame.
 
     Parameters
     ----------
     coarse, fine : Limb
         Each passes :func:`check_limb`.
+    near_mm : float
+        Distance from the spot up to which elements are compared.
     place : str
         Where the study file names the finer mesh.
 
@@ -110,10 +141,12 @@ def check_fine(coarse: Limb, fine: Limb, place: str) -> None:
                 f"{place}: a fine mesh of another limb or frame: {part} ends {distance:.3g} mm from where it "
                 f"ends in the mesh, and {allowed:.2g} mm are allowed; mesh the same limb in the same frame"
             )
-    if other.n_nodes <= one.n_nodes:
+    sizes = [contact_edge_mm(limb, near_mm) for limb in (coarse, fine)]
+    if sizes[1] > FINER * sizes[0]:
         raise MeshError(
-            f"{place}: not finer: {other.n_nodes} nodes, and the mesh has {one.n_nodes}; name a finer one, "
-            "such as `palpate limb --fine` makes"
+            f"{place}: not finer under the indenter: edges of {sizes[1]:.2f} mm, where the mesh has "
+            f"{sizes[0]:.2f} mm; at most {FINER * sizes[0]:.2f} mm correct it. Set [fit] fine_edge to refine "
+            "the mesh itself, or name a finer one, such as `palpate limb --fine` makes"
         )
 
 

@@ -264,6 +264,8 @@ def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None
         problems.add(("limb",), f"{name} takes no mesh; remove the table")
     if solver.homogeneous and tables.protocol is not None:
         problems.add(("protocol",), f"{name} makes homogeneous tests and has no protocol; remove the table")
+    if not solver.needs_limb and tables.fit and tables.fit.fine_edge:
+        problems.add(("fit", "fine_edge"), f"{name} takes no mesh; remove the key")
     for index, spot in enumerate(tables.spot):
         if solver.needs_limb and spot.mesh is None:
             problems.add(("spot", index), f'{name} needs a mesh; add mesh = "…" to the spot')

@@ -347,6 +347,12 @@ class FitTable(Table):
     fine_runs: int = Field(
         default=3, ge=0, le=20, description="Most simulations of each spot's finer mesh that correct a fit."
     )
+    fine_edge: Length = Field(
+        default=0.0,
+        ge=0.0,
+        description="Longest edge under the indenter to which each spot's own mesh is refined, as the finer "
+        "mesh of spots without a fine_mesh; 0: none.",
+    )
 
 
 class ScenarioTable(Table):

@@ -26,6 +26,8 @@ class StudySpot:
         None for a specimen in homogeneous tests.
     fine_mesh : Path or None
         A finer mesh of the same limb.
+    fine_edge_mm : float
+        Longest edge under the indenter of the mesh refined, which is the finer one then; 0: none.
     place : str
         Where the study file names the finer mesh, as messages start.
     protocol : Protocol or None
@@ -38,6 +40,7 @@ class StudySpot:
     measured: Mapping[str | None, tuple[Path, ...]]
     mesh: Path | None
     fine_mesh: Path | None = None
+    fine_edge_mm: float = 0.0
     place: str = ""
     protocol: Protocol | None = None
     loader: ExperimentLoader | None = None
@@ -58,6 +61,7 @@ class StudySpot:
 def build_spots(context: Context, tables: Tables, need_measured: bool = True) -> tuple[StudySpot, ...]:
     """Build the spots; names are unique, files exist, channels are known."""
     spots = []
+    fine_edge = tables.fit.fine_edge if tables.fit else 0.0
     for index, table in enumerate(tables.spot):
         key: Key = ("spot", index)
         if table.name in [earlier.name for earlier in tables.spot[:index]]:
@@ -79,7 +83,8 @@ def build_spots(context: Context, tables: Tables, need_measured: bool = True) ->
                     measured=measured,
                     mesh=mesh,
                     fine_mesh=fine_mesh,
-                    place=context.problems.place((*key, "fine_mesh")),
+                    fine_edge_mm=0.0 if fine_mesh else fine_edge,
+                    place=context.problems.place((*key, "fine_mesh") if fine_mesh else ("fit", "fine_edge")),
                     protocol=protocol,
                     loader=loader,
                 )

@@ -8,6 +8,7 @@ import pytest
 from palpate.domain import Simulation, Status
 from palpate.fit.mesh_correction import FineRun, error_of, fine_run
 from palpate.fit.spot_term import NotRankedError
+from palpate.fit.tables import _mesh
 from palpate.progress import SILENT
 from palpate_materials.ogden import Ogden
 
@@ -53,6 +54,15 @@ def test_the_corrected_fit_has_the_truth_of_the_fine_mesh(fit, noise):
     assert errors(case.values()).max() < (0.02 if noise else 1e-3)
     assert case.n_fine == stage.simulations.n_fine <= 3
     assert case.is_settled or not noise
+
+
+def test_the_extrapolation_is_of_order_two_in_the_size_under_the_indenter(fit):
+    _, (case,) = fit()
+    rows = list(_mesh(case, {"p1": 1.5}))
+    assert [row["parameter"] for row in rows] == list(NAMES)
+    for row in rows:
+        share = (row["fine"] - row["coarse"]) / (row["extrapolated"] - row["coarse"])
+        assert share == pytest.approx(1.0 - 1.5**-2)
 
 
 def test_what_is_fitted_is_the_fine_residual(fit):

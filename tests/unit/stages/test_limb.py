@@ -12,7 +12,14 @@ from palpate.domain import Indentation, Limb, Mesh, Sphere, Spot
 from palpate.errors import MeshError, PluginError, StudyError
 from palpate.plugins.interfaces import LimbSource, Solver
 from palpate.specimens.blocks import block
-from palpate.stages.limb import check_depth, check_fine, check_limb, limb_warnings, load_limbs
+from palpate.stages.limb import (
+    check_depth,
+    check_fine,
+    check_limb,
+    limb_warnings,
+    load_limbs,
+    size_at_contact,
+)
 from palpate.stages.mesh_joints import holes
 
 CUBE = np.array(
@@ -300,14 +307,17 @@ FINE = block(n_across=12, n_down=6, layers_mm=LAYERS)
         (moved(FINE, by_mm=(5.0, 0.0, 0.0)), "another limb or frame: node set 'fixed' ends 5 mm from where"),
         (moved(FINE, times=1e-3), "another limb or frame"),
         (moved(FINE, by_mm=(0.0, 0.0, -0.7)), "the skin at the spot ends 0.7 mm from where it ends"),
-        (block(layers_mm=LAYERS), "not finer: 196 nodes, and the mesh has 196; name a finer one"),
+        (
+            block(n_across=6, n_down=12, layers_mm=LAYERS),
+            r"not finer under the indenter: edges of 6.00 mm, where the mesh has 6.00 mm; at most 5.40 mm",
+        ),
     ],
 )
 def test_a_fine_mesh_is_finer_and_of_the_same_limb_in_its_frame(fine, match):
     coarse = block(layers_mm=LAYERS)
-    check_fine(coarse, FINE, "study.toml:9: spot 'p1', fine_mesh: fine.vtu")
+    check_fine(coarse, FINE, 9.0, "study.toml:9: spot 'p1', fine_mesh: fine.vtu")
     with pytest.raises(MeshError, match=f"^study.toml:9: spot 'p1', fine_mesh: fine.vtu: .*{match}"):
-        check_fine(coarse, fine, "study.toml:9: spot 'p1', fine_mesh: fine.vtu")
+        check_fine(coarse, fine, 9.0, "study.toml:9: spot 'p1', fine_mesh: fine.vtu")
 
 
 def test_a_fine_mesh_is_a_limb_of_its_own(make_study, tissue, tmp_path):
@@ -329,8 +339,34 @@ def test_a_fine_mesh_is_a_limb_of_its_own(make_study, tissue, tmp_path):
     (tmp_path / "a.vtu").touch()
     assert list(load_limbs(study, missing_ok=True)) == ["p1"]
     swapped = [replace(s, mesh=s.fine_mesh, fine_mesh=s.mesh, place="study.toml:9") for s in spots]
-    with pytest.raises(MeshError, match=r"^study\.toml:9: .*a\.vtu: not finer: 196 nodes"):
+    with pytest.raises(MeshError, match=r"^study\.toml:9: .*a\.vtu: not finer under the indenter: edges of"):
         load_limbs(replace(study, spots=tuple(swapped)))
+
+
+def test_a_mesh_is_refined_where_the_study_asks_for_shorter_edges(make_study, tissue, tmp_path):
+    class Meshed(tissue.Analytic):
+        needs_limb = True
+
+    class Blocks(Source):
+        def load(self, path, spot):
+            return replace(block("hex8" if path.name == "hex.vtu" else "tet10"), spot=spot)
+
+    spot = replace(make_study().spots[0], spot=Spot(name="p1"), mesh=tmp_path / "a.vtu", place="study.toml:9")
+    pressed = Indentation(indenter=Sphere(radius_mm=7.5), path=[(0, 0), (5.0, 0)], friction=0.0)
+
+    def loaded(edge_mm, mesh="a.vtu"):
+        given = replace(spot, fine_edge_mm=edge_mm, mesh=tmp_path / mesh)
+        study = make_study(solver=Meshed(), limb_source=Blocks(), spots=(given,), protocol=pressed)
+        return study, load_limbs(study)
+
+    study, limbs = loaded(4.0)
+    assert limbs.keys() == {"p1", "p1/fine"}
+    assert size_at_contact(study, limbs["p1"]) == pytest.approx(6.8, abs=0.3)
+    assert size_at_contact(study, limbs["p1/fine"]) <= 4.0
+    with pytest.raises(MeshError, match=r"^study\.toml:9: not finer under the indenter: edges of"):
+        loaded(9.0)
+    with pytest.raises(MeshError, match=r"^study\.toml:9: elements of kind hex8 cannot be refined"):
+        loaded(4.0, "hex.vtu")
 
 
 def test_a_source_that_returns_no_limb_is_named(make_study, tissue, tmp_path):

@@ -357,6 +357,13 @@ CASES = {
         "spot 's2', fine_mesh",
         "remove the key",
     ),
+    "refinement of no use": (
+        "[sampling]",
+        '[fit]\nfine_edge = "3 mm"\n[sampling]',
+        "fine_edge",
+        "fit.fine_edge",
+        "remove the key",
+    ),
     "fine mesh missing": (
         'name = "s2"',
         'name = "s2"\nfine_mesh = "nowhere.vtu"',
