@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from palpate.domain import Indentation, Limb, Sphere, Spot
+from palpate.domain import Indentation, Limb, Mesh, Sphere, Spot
 from palpate.errors import MeshError
 from palpate.mesh import refinement
 from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import GROWTH, refined
 from palpate.mesh.shape_functions import linear_simplex, quadratic_simplex
-from palpate.mesh.topology import CELLS, outer_faces
+from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
 from palpate.specimens import block
 from palpate.stages.limb import check_depth, check_limb
 from palpate_limb.quality import scaled_jacobians
@@ -136,6 +136,35 @@ def test_node_sets_grow_with_their_surfaces_alone(kind):
         for each, ids in ((limb, field.astype(int)), (fine, numbers))
     )
     assert parts == pytest.approx(whole, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["tet4", "tet10"])
+@pytest.mark.parametrize("tets", ["around a diagonal", "around a tetrahedron"])
+def test_no_node_inside_of_the_limb_joins_its_surface(kind, tets):
+    """All nodes of the inner edge of one cube, and of the inner faces of the other, are on the surface."""
+    corners = 10.0 * np.array(list(np.ndindex(2, 2, 2)))
+    cells = {
+        "around a diagonal": [[0, *side, 7] for side in ([4, 6], [6, 2], [2, 3], [3, 1], [1, 5], [5, 4])],
+        "around a tetrahedron": [[0, 4, 2, 1], [6, 2, 4, 7], [5, 4, 1, 7], [3, 1, 2, 7], [1, 2, 4, 7]],
+    }[tets]
+    volume = np.linalg.det(corners[cells][:, 1:] - corners[cells][:, :1])[:, None]
+    cells = np.where(volume < 0, np.array(cells)[:, [0, 2, 1, 3]], cells)
+    points, ten, _ = with_midpoints(corners, cells)
+    points, cells = (corners, cells) if kind == "tet4" else (points, ten)
+
+    def skin(points):
+        return np.flatnonzero(((points == 0.0) | (points == 10.0)).any(axis=1))
+
+    mesh = Mesh(
+        points_mm=points,
+        cells={kind: cells},
+        cell_regions={kind: np.zeros(len(cells), dtype=int)},
+        regions=("soft_tissue",),
+        node_sets={"fixed": np.flatnonzero(points[:, 2] == 0.0), "contact": skin(points)},
+    )
+    fine = refined(Limb(spot=Spot(name="p1", position_mm=[5.0, 5.0, 10.0]), mesh=mesh), 30.0, 4.0).mesh
+    assert np.array_equal(fine.node_sets["contact"], skin(fine.points_mm))
+    assert np.array_equal(fine.node_sets["fixed"], np.flatnonzero(fine.points_mm[:, 2] == 0.0))
 
 
 def test_a_set_inside_of_the_limb_gains_inner_nodes():
