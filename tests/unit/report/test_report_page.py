@@ -226,6 +226,7 @@ def test_a_fit_without_a_sweep_has_a_page_without_its_sections(page):
     assert not ids & {"distribution", "generalisation", "pick", "strip"}
     assert {"fit", "trace", "space", "pairs", "curves"} <= ids
     assert "No sweep" in made.text()
+    assert "selected" not in [a.get("data-shown") for _, a, _ in made.all("input")]
     assert "One material for all 2 spots" in made.text()
 
 
