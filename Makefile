@@ -8,7 +8,7 @@ RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-fit bench-logs bench-ledger bench-search bench-solver bench-sparse clean
+.PHONY: coverage help demo test test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-fit bench-logs bench-ledger bench-search bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -77,7 +77,10 @@ hooks: $(VENV)/installed ## write the reference of hooks into plugins/README.md
 bench: $(VENV)/installed ## timings, each with a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py
 	$(BIN)/python tests/benchmarks/bench_elements.py
-	@echo "more: make bench-core, bench-fit, bench-logs, bench-ledger, bench-search, bench-solver, bench-sparse"
+	@echo "more: make coverage, bench-core, bench-fit, bench-logs, bench-ledger, bench-search, bench-solver, bench-sparse"
+
+coverage: $(VENV)/installed ## how often 95 % intervals hold the truth, over 600 simulated experiments
+	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_coverage.py
 
 bench-core: $(VENV)/installed ## the core's kernels with their peers, and their instruction counts
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py

@@ -7,17 +7,19 @@ checked before the first file is written.
 
 import contextlib
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
 
+from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Design, Response, Simulation
 from palpate.errors import StudyError
 from palpate.executors.attempts import simulate_alone
 from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import FitStage
-from palpate.fit.tables import fit_result
+from palpate.fit.tables import fit_result, refinement
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress, ShowsPlace
 from palpate.report import ReportData, by_spot, contact_along, draw_presses, write_report
@@ -418,7 +420,15 @@ def _fit(
         progress=simulations.progress,
         follow=follow,
     )
-    found = fit_result(stage.run(), simulations)
+    cases = stage.run()
+    found = fit_result(cases, simulations)
+    certainty = CertaintyStage(
+        study=study,
+        measured=inputs.measured,
+        refinement=refinement(simulations) if any(case.n_fine for case in cases) else {},
+        progress=simulations.progress,
+    )
+    found = replace(found, certainty=certainty.run(cases))
     run.write_fit(found, fit_from(study, run.records))
     return found
 

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.cli.app import main
 from palpate.run.ledger import Ledger
-from palpate.study.model import FitTable
+from palpate.study.model import BudgetTable, FitTable
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "fit.md").read_text(encoding="utf-8")
 
@@ -39,3 +39,12 @@ def test_two_optimisers_find_the_same_parameters(tmp_path: Path, monkeypatch: py
     assert by_cma == {name: pytest.approx(value, rel=0.05) for name, value in values.items()}
     with Ledger(tmp_path / "runs" / "notebook") as ledger:
         assert len(ledger.entries()) > 20
+
+
+def test_the_budget_has_the_keys_of_a_study() -> None:
+    guide = (Path(__file__).parents[2] / "docs" / "identifiability.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```toml\n(.*?)^```", guide, flags=re.MULTILINE | re.DOTALL)
+    given = BudgetTable.model_validate(tomllib.loads(text)["budget"])
+    assert given.model_fields_set == set(BudgetTable.model_fields)
+    shown = given.model_copy(update={"onset": None, "friction": None, "parameters": {}})
+    assert shown == BudgetTable()

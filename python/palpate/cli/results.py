@@ -65,6 +65,8 @@ def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
     """One row per spot and scenario, with a column per parameter, as the paper prints them."""
     import polars as pl
 
+    from palpate.run.result import ALL_SPOTS
+
     if name.startswith("table1_"):
         heads = pl.format("{}.{} [{}]", "region", "parameter", "unit")
         index = ["spot", "scenario"]
@@ -77,7 +79,30 @@ def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
         return frame.select(pl.col("^(fit|scenario|spot|fopt|n_runs|n_fine|at_bound|message)$"))
     if name == "identifiability":
         return frame.pivot("parameter", index=["spot", "scenario"], values="identifiability")
+    if name == "intervals":
+        return _intervals(frame)
+    if name in ("budget", "directions") and ALL_SPOTS in frame["fit"]:
+        frame = frame.filter(fit=ALL_SPOTS)
+    if name == "budget":
+        percent = frame.with_columns((pl.col("share") * 100.0).round(0), cause=pl.col("cause") + " [%]")
+        return percent.pivot("cause", index=["fit", "scenario", "parameter"], values="share")
     return frame
+
+
+def _intervals(frame: "pl.DataFrame") -> "pl.DataFrame":
+    """One row per fit and scenario: value, interval and word of each parameter."""
+    import polars as pl
+
+    rows = [
+        {
+            "fit": row["fit"],
+            "scenario": row["scenario"],
+            "parameter": f"{row['parameter']} [{row['unit']}]",
+            "text": f"{row['value']:.3g} ({row['lower']:.3g} to {row['upper']:.3g}) {row['identifiability']}",
+        }
+        for row in frame.iter_rows(named=True)
+    ]
+    return pl.from_dicts(rows).pivot("parameter", index=["fit", "scenario"], values="text")
 
 
 def _as_json(study: "Study", result: "RunResult") -> dict[str, Any]:

@@ -99,7 +99,7 @@ class Problem:
         fine: bool = False,
     ) -> None:
         self.study, self.terms, self.noise, self.fine = study, tuple(terms), noise, fine
-        self._simulate, self.parametrisation = simulate, parametrisation
+        self.simulate, self.parametrisation = simulate, parametrisation
         with answering_for(parametrisation, "asking what it searches"):
             self.parameters: tuple[Parameter, ...] = parametrisation.parameters(
                 study.space, [term.spot for term in terms]
@@ -214,7 +214,7 @@ class Problem:
         """Evaluate points of the box; whatever they need is simulated side by side."""
         jobs: list[Job] = []
         finish = self.begin(trials, jobs)
-        return finish(self._simulate(jobs))
+        return finish(self.simulate(jobs))
 
     def begin(self, trials: Sequence[Trial], jobs: list[Job]) -> Finish:
         """Add what the trials need to ``jobs``, perhaps next to another problem's.
@@ -254,7 +254,7 @@ class Problem:
     def simulated(self, term: SpotTerm, inputs: SpotInputs) -> Simulation:
         """Simulate these inputs, with slopes if the solver gives them, as a search has them."""
         slopes = self.study.solver.gives_slopes
-        (simulation,) = self._simulate([term.job(inputs, -1, slopes=slopes, fine=self.fine)])
+        (simulation,) = self.simulate([term.job(inputs, -1, slopes=slopes, fine=self.fine)])
         return simulation
 
     def _inputs(self, term: SpotTerm, point: FloatArray) -> SpotInputs:

@@ -46,7 +46,7 @@ def fit_result(cases: Sequence[Case], simulations: Simulations) -> FitResult:
             rows.append(_row(case, end, term, values, phases) | {"n_runs": _spent(case, n_runs)})
             responses[case.label, case.scenario.name, term.spot] = _response(term, values)
     traces = [row for case in cases for row in _trace(case, n_runs)]
-    ratios = _refinement(simulations) if any(case.n_fine for case in cases) else {}
+    ratios = refinement(simulations) if any(case.n_fine for case in cases) else {}
     meshes = [row for case in cases for row in _mesh(case, ratios)]
     return FitResult(table=_frame(rows), trace=_frame(traces), mesh=_frame(meshes), responses=responses)
 
@@ -166,7 +166,7 @@ def _trace(case: Case, n_runs: Mapping[int, Sequence[int]]) -> Iterator[dict[str
             }
 
 
-def _refinement(simulations: Simulations) -> dict[str, float]:
+def refinement(simulations: Simulations) -> dict[str, float]:
     """Element size under the indenter over that of the finer mesh, of each spot that has one."""
     limbs, study = simulations.limbs, simulations.study
     return {

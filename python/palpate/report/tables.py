@@ -24,6 +24,10 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "generalised": "One set for all spots",
         "cost_of_one_set": "What one set for all spots costs at each",
         "fit": "The fits: errors, simulations, and why they ended",
+        "intervals": "95 % intervals of the fit",
+        "budget": "Causes of the intervals, by their shares",
+        "directions": "Combinations of parameters, the best known first",
+        "inadequate": "Where the model does not describe the data",
         "stiffness_scaling": "Best multiple of a set, all moduli scaled together",
         "distance_to_truth": "Distance to the known answer",
         "convergence": "How the simulations ended",
@@ -59,6 +63,10 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
         "generalised": generalised(data),
         "cost_of_one_set": cost_of_one_set(data),
         "fit": data.fit.table,
+        "intervals": data.fit.certainty.intervals,
+        "budget": data.fit.certainty.budget,
+        "directions": data.fit.certainty.directions,
+        "inadequate": inadequate(data),
         "stiffness_scaling": data.stiffness_scaling,
         "distance_to_truth": distance_to_truth(data),
         "verification": data.verification.drop("key", strict=False),
@@ -88,6 +96,12 @@ def _with_simulated(table: pl.DataFrame, found: Completeness) -> pl.DataFrame:
         return table.with_columns(simulated=pl.lit(everywhere))
     by_spot = {spot: found.at(spot) for spot in found.simulated}
     return table.with_columns(simulated=pl.col("spot").replace_strict(by_spot, default=everywhere))
+
+
+def inadequate(data: ReportData) -> pl.DataFrame:
+    """Checks of the fits that failed."""
+    checks = data.fit.certainty.adequacy
+    return checks if checks.is_empty() else checks.filter("failed").drop("failed")
 
 
 def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:

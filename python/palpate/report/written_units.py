@@ -22,7 +22,7 @@ def in_written_units(data: ReportData) -> ReportData:
         _converted(p, units[p.name], factors[p.name]) if p.name in factors else p for p in parameters
     )
     truth = {name: value * factors.get(name, 1.0) for name, value in data.study.truth.items()}
-    ends = ("value", "optimum", "lower", "upper")
+    ends = ("value", "lower", "upper")
     optima = ("first_optimum", "second_optimum")
     return replace(
         data,
@@ -43,8 +43,15 @@ def in_written_units(data: ReportData) -> ReportData:
             trace=_wide(fit.trace, factors),
             mesh=_long(fit.mesh, ("coarse", "fine", "extrapolated"), factors),
             responses=fit.responses,
+            certainty=replace(
+                fit.certainty,
+                intervals=_long(
+                    fit.certainty.intervals, (*ends, "noise_lower", "noise_upper"), factors, units
+                ),
+                budget=_long(fit.certainty.budget, ("sd",), factors),
+            ),
         ),
-        identifiability=_long(data.identifiability, ends, factors, units),
+        identifiability=_long(data.identifiability, (*ends, "optimum"), factors, units),
         disagreements=_long(data.disagreements, optima, factors, units),
     )
 

@@ -9,6 +9,7 @@
     ledger.sqlite  curves/  simulations: states, attempts, timings, reasons, and their curves
     scores.parquet  selection.parquet  generalisation.parquet
     fit.parquet  fit_trace.parquet  fit_mesh.parquet  fit_curves.parquet
+    intervals.parquet  budget.parquet  directions.parquet  adequacy.parquet
     fit.json                how far the fit is, while it goes on
     stiffness_scaling.parquet  verification.parquet
     stages.json             checksums of these files, and what each stage was made from
@@ -22,7 +23,7 @@ import io
 import json
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -37,13 +38,14 @@ from palpate.run.fit_state import remove_fit_state
 from palpate.run.lock import locked
 from palpate.run.manifest import checked_manifest, finite, infinite, manifest
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
-from palpate.run.result import FitResult
+from palpate.run.result import CertaintyResult, FitResult
 from palpate.run.result_files import frame_of, response_of, write_atomically, write_frame
 from palpate.run.stage_records import COMMANDS, StageRecords
 from palpate.run.trust import IN_KEYS, fingerprints, recorded, trusting
 from palpate.study.reading import Study
 
-_OPTIONAL = ("stiffness_scaling", "verification", "fit", "fit_trace", "fit_mesh", "fit_curves")
+_CERTAINTY = tuple(each.name for each in fields(CertaintyResult))
+_OPTIONAL = ("stiffness_scaling", "verification", "fit", "fit_trace", "fit_mesh", "fit_curves", *_CERTAINTY)
 
 
 class RunDirectory:
@@ -245,6 +247,7 @@ class RunDirectory:
             "fit_trace": fit.trace,
             "fit_mesh": fit.mesh,
             "fit_curves": pl.concat(curves) if curves else pl.DataFrame(),
+            **{name: getattr(fit.certainty, name) for name in _CERTAINTY},
         }
         self._write("fit", frames, made_from)
         remove_fit_state(self.folder)
@@ -259,6 +262,7 @@ class RunDirectory:
             trace=self._optional("fit", "fit_trace"),
             mesh=self._optional("fit", "fit_mesh"),
             responses={(str(a), str(b), str(c)): response_of(part) for (a, b, c), part in parts.items()},
+            certainty=CertaintyResult(**{name: self._optional("fit", name) for name in _CERTAINTY}),
         )
 
     def comparisons(self) -> dict[str, Any]:

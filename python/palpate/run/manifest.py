@@ -68,6 +68,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "parametrisation": _component(study.parametrisation),
         "noise": study.noise,
         "fine_runs": study.fine_runs,
+        "budget": study.budget.model_dump(mode="json"),
         "stiffness_scaling": study.stiffness_scaling,
         "truth": plain(study.truth),
         "channels": {name: asdict(channel) for name, channel in channels.items() if name in weighted},

@@ -71,6 +71,34 @@ UNSEEN = "no curve"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CertaintyResult:
+    """How certain the parameters of the fits are; empty where there was no fit.
+
+    Parameters
+    ----------
+    intervals : DataFrame
+        One row per fit, scenario and parameter: fit, scenario, parameter (``<name>@<spot>`` where each spot
+        has its own), unit, value; lower and upper, the 95 % interval; noise_lower and noise_upper, that of
+        the noise alone; relative_width, its length over the value or over the range, whichever is more;
+        identifiability, the word for it ("unclear" where the model does not describe the data).
+    budget : DataFrame
+        One row per fit, scenario, parameter and cause, the largest first: share of the variance, which sum
+        to 1, and sd in the parameter's unit.
+    directions : DataFrame
+        One row per fit, scenario and principal direction, the best known first: combination (such as
+        ``c1 · m1^0.3``), relative_width of its 95 % interval, identifiability.
+    adequacy : DataFrame
+        One row per fit, scenario, check and channel: check, channel (null for all), probability of
+        residuals like these under a good model, failed, and message: what is wrong, empty where nothing is.
+    """
+
+    intervals: pl.DataFrame = field(default_factory=pl.DataFrame)
+    budget: pl.DataFrame = field(default_factory=pl.DataFrame)
+    directions: pl.DataFrame = field(default_factory=pl.DataFrame)
+    adequacy: pl.DataFrame = field(default_factory=pl.DataFrame)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FitResult:
     """Parameters for which the simulated curves fit the measured ones best.
 
@@ -92,12 +120,14 @@ class FitResult:
         alone), fine (corrected by the finer ones) and extrapolated to meshes without error.
     responses : mapping of (fit, scenario, spot) to Response
         Fitted curves at the measured abscissae.
+    certainty : CertaintyResult
     """
 
     table: pl.DataFrame = field(default_factory=pl.DataFrame)
     trace: pl.DataFrame = field(default_factory=pl.DataFrame)
     mesh: pl.DataFrame = field(default_factory=pl.DataFrame)
     responses: Mapping[tuple[str, str, str], Response] = field(default_factory=dict)
+    certainty: CertaintyResult = field(default_factory=CertaintyResult)
 
     @property
     def of_each_spot(self) -> pl.DataFrame:

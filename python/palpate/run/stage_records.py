@@ -191,6 +191,7 @@ def fit_from(study: Study, records: StageRecords) -> dict[str, str]:
         "noise, fine_runs or fine_edge": fingerprint(
             [study.noise, study.fine_runs, [spot.fine_edge_mm for spot in study.spots]]
         ),
+        "budget": fingerprint(study.budget.model_dump(mode="json")),
     }
 
 

@@ -22,7 +22,7 @@ from palpate.plugins.interfaces import (
 )
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.search import Search
-from palpate.study.model import ExecutorTable, ScenarioTable, SelectionTable, Tables
+from palpate.study.model import BudgetTable, ExecutorTable, ScenarioTable, SelectionTable, Tables
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
 
@@ -217,6 +217,19 @@ def check_parametrisation(
     with context.problems.at("fit", "searched"), answering_for(parametrisation, "checking its settings"):
         for key, reason in parametrisation.unusable(channels, indents="protocol" in tables.written):
             context.problems.add(("fit", "searched", *key), reason)
+
+
+def check_budget(context: Context, budget: BudgetTable, space: ParameterSpace) -> None:
+    """Refuse the spread of a parameter that is not fixed or tied, or not there at all."""
+    searched = {p.name for p in space.parameters}
+    every = (f"{r.region}.{p.name}" for r in space.regions for p in r.material.parameters)
+    known = {name: None for name in every if name not in searched}
+    for name in budget.parameters if space.regions else ():
+        if name in searched:
+            reason = "is searched, so that its spread is the result; remove the key"
+            context.problems.add(("budget", "parameters", name), reason)
+        elif name not in known:
+            context.problems.add(("budget", "parameters", name), choice(name, known, "parameter"))
 
 
 def check_stiffness_scaling(context: Context, space: ParameterSpace) -> None:

@@ -38,6 +38,7 @@ Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]
 Seconds = Annotated[float, Quantity("s")]
 Megabytes = Annotated[float, Quantity("MB")]
+Ratio = Annotated[float, Quantity("1")]
 
 
 class Table(BaseModel):
@@ -355,6 +356,47 @@ class FitTable(Table):
     )
 
 
+class BudgetTable(Table):
+    """What the curves and the model may be wrong by: standard deviations, from which intervals follow."""
+
+    onset: Length | None = Field(
+        default=None,
+        ge=0.0,
+        description="Of the depth where the measured curves begin; if left out, as the loader has found, "
+        "else 0.05 mm.",
+    )
+    radius: Length = Field(default=0.0, ge=0.0, description="Of the indenter's radius.")
+    friction: Ratio | None = Field(
+        default=None, ge=0.0, description="Of the Coulomb coefficient; if left out, a tenth of it."
+    )
+    gain: Ratio = Field(
+        default=0.01, ge=0.0, lt=1.0, description="Of the calibration of each channel, relative."
+    )
+    zero: Ratio = Field(
+        default=0.0,
+        ge=0.0,
+        lt=1.0,
+        description="Of what a channel drifts by along its curve, over its largest ordinate.",
+    )
+    mesh: Ratio = Field(
+        default=0.01,
+        ge=0.0,
+        lt=1.0,
+        description="Of the error of each channel by the mesh, relative, where no finer mesh shows it.",
+    )
+    parameters: dict[str, Annotated[Ratio, Field(ge=0.0, lt=1.0)]] = Field(
+        default={},
+        description="Of fixed and tied parameters, relative, by region.parameter; a tenth if left out.",
+    )
+    discrepancy: Ratio = Field(
+        default=0.005,
+        gt=0.0,
+        lt=1.0,
+        description="What a good model leaves unexplained, over the largest ordinate. One that leaves "
+        "twice as much does not describe the data.",
+    )
+
+
 class ScenarioTable(Table):
     """A scenario of this study."""
 
@@ -382,6 +424,7 @@ class StudyFile(Table):
     scoring: ScoringTable = ScoringTable()
     selection: SelectionTable
     fit: FitTable = FitTable()
+    budget: BudgetTable = BudgetTable()
     scenario: list[ScenarioTable] = Field(
         default=[], max_length=MOST_NAMED, description="Scenarios of this study's own."
     )
@@ -410,6 +453,7 @@ class Tables:
     scoring: ScoringTable | None = None
     selection: SelectionTable | None = None
     fit: FitTable | None = None
+    budget: BudgetTable | None = None
     scenario: Sequence[ScenarioTable] = ()
     truth: Mapping[str, Any] = field(default_factory=dict)
 

@@ -19,13 +19,14 @@ from palpate.study.build import (
     Context,
     build_components,
     build_scenarios,
+    check_budget,
     check_limits,
     check_parametrisation,
     check_solver_channels,
     check_solver_needs,
     check_stiffness_scaling,
 )
-from palpate.study.model import ExecutorTable, Tables
+from palpate.study.model import BudgetTable, ExecutorTable, Tables
 from palpate.study.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
 from palpate.study.problems import Problems, read_tables, require
 from palpate.study.regions import build_space, build_truth, written_units
@@ -80,6 +81,8 @@ class Study:
         Relative misfit (root of NMSE) that one standard deviation of a prior is worth.
     fine_runs : int
         Most simulations of each spot's finer mesh that correct a fit.
+    budget : BudgetTable
+        What the curves and the model may be wrong by.
     n_total : int
         Sets that the design of ``n_sets`` is extended, or cut, to; 0: neither.
     trusted : mapping of component to fingerprint
@@ -121,6 +124,7 @@ class Study:
     units: Mapping[str, str] = field(default_factory=dict)
     noise: float = 0.01
     fine_runs: int = 3
+    budget: BudgetTable = field(default_factory=BudgetTable)
     n_total: int = 0
     trusted: Mapping[str, str] = field(default_factory=dict)
 
@@ -287,6 +291,8 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
     truth = build_truth(context, tables, space)
     _check_together(context, tables, parts, space)
+    if tables.budget:
+        check_budget(context, tables.budget, space)
     if parts.parametrisation:
         check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
     if parts.solver and selection:
@@ -315,6 +321,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         parametrisation=require(parts.parametrisation),
         noise=require(tables.fit).noise,
         fine_runs=require(tables.fit).fine_runs,
+        budget=require(tables.budget),
         stiffness_scaling=require(selection).stiffness_scaling,
         truth=truth,
         units=written_units(tables.region, space),

@@ -39,7 +39,7 @@ STEP = 1e-30j
 """A complex step gives a first derivative without any loss of digits."""
 
 
-def energy(material, depth, rotation, theta):
+def energy(material, depth, rotation, theta, volumes=VOLUMES_MM3):
     """W of all strips, for each depth (mm) and rotation (radians)."""
     log = -COMPRESSED * depth[:, None]
     axial, lateral = np.exp(log), np.exp(-CONFINED * log)
@@ -47,7 +47,7 @@ def energy(material, depth, rotation, theta):
     mean = (lateral**2 + axial**2 + shear**2) / 2.0
     root = np.sqrt(mean**2 - (axial * lateral) ** 2)
     squares = np.stack([mean + root, mean - root, lateral**2], axis=-1)
-    return (VOLUMES_MM3 * material.energy(np.sqrt(squares), theta)).sum(axis=-1)
+    return (volumes * material.energy(np.sqrt(squares), theta)).sum(axis=-1)
 
 
 def answers(material, theta):

@@ -160,7 +160,7 @@ def state(make_study):
 
 def fitted(problem, known=None):
     fit = Fit(problem, problem.point_of(known or {}))
-    run_searches(LeastSquares(), [fit], problem._simulate, seed=1)
+    run_searches(LeastSquares(), [fit], problem.simulate, seed=1)
     return fit, dict(zip(problem.names, problem.box.values(fit.best.point).tolist(), strict=True))
 
 

@@ -36,6 +36,27 @@ RANGE = 'k = { lower = "1000 kPa", upper = "3 MPa" }'
 CASES = {
     "unknown table": ("[truth]", "[truht]\n[truth]", "[truht]", "truht", "did you mean 'truth'"),
     "unknown key": ("n_sets", "nsets = 3\nn_sets", "nsets", "sampling.nsets", "did you mean 'n_sets'"),
+    "spread of what is searched": (
+        "[truth]",
+        '[budget.parameters]\n"rubber.k" = "5 %"\n[truth]',
+        '"rubber.k" = "5 %"',
+        "budget.parameters.rubber.k",
+        "is searched",
+    ),
+    "spread of nothing": (
+        "[truth]",
+        '[budget.parameters]\n"rubber.b" = "5 %"\n[truth]',
+        '"rubber.b" = "5 %"',
+        "budget.parameters.rubber.b",
+        "no parameter 'rubber.b'",
+    ),
+    "spread in another unit": (
+        "[truth]",
+        '[budget]\nonset = "5 N"\n[truth]',
+        "onset",
+        "budget.onset",
+        "not of the kind of mm",
+    ),
     "missing key": ("n_sets = 20", "", "[sampling]", "sampling.n_sets", "add n_sets ="),
     "n_sets 1": ("= 20", "= 1", "n_sets", "sampling.n_sets", "one set is no sweep"),
     "n_sets text": ("= 20", '= "20"', "n_sets", "sampling.n_sets", "not a whole number"),

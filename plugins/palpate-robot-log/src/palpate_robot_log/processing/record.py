@@ -70,7 +70,9 @@ def with_record(
         }
         for phase in processed.phases
     ]
-    return replace(processed, record=plain({"units": UNITS, "steps": steps, "phases": phases}))
+    uncertainty = {"depth_mm": processed.onset.std_mm}
+    about = {"units": UNITS, "uncertainty": uncertainty, "steps": steps, "phases": phases}
+    return replace(processed, record=plain(about))
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a finding holds

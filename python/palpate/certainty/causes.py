@@ -1,0 +1,210 @@
+"""What the curves may be wrong by, cause by cause: a derivative of the curves, times a standard deviation.
+
+Each cause is a further value of the fit's problem, so its derivative comes from where those of the
+parameters come from: exact slopes, or differences of simulations that the run keeps.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.domain import FloatArray, Indentation, Parameter, ParameterSpace, Protocol, Response
+from palpate.errors import ParameterError
+from palpate.fit.parametrisation import FRICTION, GAIN, OFFSET
+from palpate.fit.problem import Problem
+from palpate.fit.running import Fit
+from palpate.plugins.parametrisation import Parametrisation, SpotInputs
+from palpate.plugins.search import Trial
+from palpate.study.reading import Study
+
+ONSET_MM = 0.05
+"""Standard deviation of the onset of contact where neither the study nor the loader gives one."""
+
+RELATIVE = 0.1
+"""That of friction and of fixed and tied parameters, over their values, where the study gives none."""
+
+STEPS = 10.0
+"""Range of a cause, in standard deviations to either side: differences step a twentieth of it."""
+
+Columns = Mapping[tuple[str, str], Mapping[str, FloatArray]]
+"""What one standard deviation of each cause adds to the ordinates (n,), by spot and channel."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """One thing that may be wrong.
+
+    Parameters
+    ----------
+    kind : str
+        ``onset``, ``gain``, ``friction``, ``indenter`` or ``fixed``.
+    of : str
+        Spot, channel, or full name of the parameter; empty for one that all curves share.
+    sd : float
+        Its standard deviation: in mm, that of the friction coefficient, or a share of a gain or parameter.
+    """
+
+    kind: str
+    of: str
+    sd: float
+
+    @property
+    def name(self) -> str:
+        """Name among the values of the problem."""
+        return f"{self.kind} {self.of}" if self.of else self.kind
+
+    @property
+    def label(self) -> str:
+        """Name in the budget: spots and channels of one kind are one cause."""
+        return self.of if self.kind == "fixed" else self.kind
+
+
+def causes_of(study: Study, measured: Mapping[str, Response], searched: Sequence[str]) -> list[Cause]:
+    """Causes of a study's budget whose derivatives are those of simulated curves.
+
+    Parameters
+    ----------
+    study : Study
+    measured : mapping of spot name to Response
+        A loader's ``record["uncertainty"]`` has the standard deviation of ``depth_mm``.
+    searched : sequence of str
+        Names of what is fitted: that is no cause.
+    """
+    heads = {name.partition("@")[0] for name in searched}
+    return [each for each in _causes(study, measured) if each.sd > 0.0 and _value(each) not in heads]
+
+
+def _value(cause: Cause) -> str:
+    """Name under which a fit would search what a cause varies."""
+    names = {"onset": OFFSET, "gain": f"{GAIN}.{cause.of}", "friction": FRICTION, "fixed": cause.of}
+    return names.get(cause.kind, cause.kind)
+
+
+def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[Cause]:
+    budget, protocol = study.budget, study.protocol
+    usual = RELATIVE if study.solver.gives_slopes else 0.0  # without slopes each would cost simulations
+    for channel in dict.fromkeys(name for response in measured.values() for name in response):
+        yield Cause(kind="gain", of=channel, sd=budget.gain)
+    if isinstance(protocol, Indentation):
+        for spot, response in measured.items():
+            onset = _onset_mm(response) if budget.onset is None else budget.onset
+            yield Cause(kind="onset", of=spot, sd=onset)
+        sd = usual * protocol.friction if budget.friction is None else budget.friction
+        yield Cause(kind="friction", of="", sd=sd)
+        yield Cause(kind="indenter", of="", sd=budget.radius)
+    searched = {p.name for p in study.space.parameters}
+    for region in study.space.regions:
+        for name in (f"{region.region}.{p.name}" for p in region.material.parameters):
+            if name not in searched:
+                yield Cause(kind="fixed", of=name, sd=budget.parameters.get(name, usual))
+
+
+def _onset_mm(response: Response) -> float:
+    """Standard deviation of the onset, as the loader found it in the files of a spot."""
+    files = response.record.get("files", {}).values()
+    found = [each["uncertainty"]["depth_mm"] for each in files if "uncertainty" in each]
+    return float(np.sqrt(np.mean(np.square(found)))) if found else ONSET_MM
+
+
+class WithCauses(Parametrisation):
+    """What a study searches, and each cause as one more value around zero."""
+
+    name, summary = "with_causes", "a study's parametrisation with the causes of its budget"
+
+    def __init__(self, base: Parametrisation, causes: Sequence[Cause]) -> None:
+        super().__init__()
+        self.base, self.causes = base, tuple(causes)
+
+    def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:
+        """The study's own, then the causes in standard deviations."""
+        own = [
+            Parameter(
+                name=cause.name, unit="1", lower=-STEPS, upper=STEPS, kind="shape", description=cause.kind
+            )
+            for cause in self.causes
+        ]
+        return (*self.base.parameters(space, spots), *own)
+
+    def inputs(
+        self, space: ParameterSpace, spot: str, protocol: Protocol, values: Mapping[str, float]
+    ) -> SpotInputs:
+        """The study's own, changed by each cause."""
+        names = {cause.name for cause in self.causes}
+        own = {name: value for name, value in values.items() if name not in names}
+        inputs = self.base.inputs(space, spot, protocol, own)
+        for cause in self.causes:
+            if values[cause.name] and (cause.kind != "onset" or cause.of == spot):
+                inputs = _changed(space, inputs, cause, cause.sd * values[cause.name])
+        return inputs
+
+
+def _changed(space: ParameterSpace, inputs: SpotInputs, cause: Cause, by: float) -> SpotInputs:
+    """Inputs with one cause other than they were by so much."""
+    protocol = inputs.protocol
+    if cause.kind == "gain":
+        return replace(inputs, gains={**inputs.gains, cause.of: inputs.gains.get(cause.of, 1.0) * (1.0 + by)})
+    if cause.kind == "fixed":
+        (region,) = (r for r in space.regions if cause.of.startswith(f"{r.region}."))
+        factors = [1.0 + by * (f"{region.region}.{p.name}" == cause.of) for p in region.material.parameters]
+        theta = inputs.thetas[region.region] * np.array(factors)
+        return replace(inputs, thetas={**inputs.thetas, region.region: theta})
+    assert isinstance(protocol, Indentation)
+    if cause.kind == "friction":
+        return replace(inputs, protocol=replace(protocol, friction=max(protocol.friction + by, 0.0)))
+    if cause.kind == "indenter":
+        radius = protocol.indenter.radius_mm + by
+        return replace(
+            inputs, protocol=replace(protocol, indenter=replace(protocol.indenter, radius_mm=radius))
+        )
+    path = protocol.path.copy()
+    path[path[:, 0] > 0.0, 0] += by
+    offsets = {**inputs.offsets, "depth_mm": inputs.offsets.get("depth_mm", 0.0) + by}
+    return replace(inputs, protocol=replace(protocol, path=path), offsets=offsets)
+
+
+def columns_of(fit: Fit, causes: Sequence[Cause], channels: Sequence[str]) -> Columns:
+    """What one standard deviation of each cause adds to the curves where a fit has ended.
+
+    Parameters
+    ----------
+    fit : Fit
+        Whose best evaluation is the point.
+    causes : sequence of Cause
+    channels : sequence of str
+        Those that any scenario weighs.
+
+    Raises
+    ------
+    PalpateError
+        A simulation that a difference needs has failed.
+    """
+    assert fit.best is not None
+    problem = fit.problem
+    terms = [
+        replace(term, weights={name: 1.0 for name in term.measured if name in channels})
+        for term in problem.terms
+    ]
+    wider = Problem(
+        problem.study,
+        terms,
+        problem.simulate,
+        WithCauses(problem.parametrisation, causes),
+        noise=problem.noise,
+    )
+    n_own = len(problem.parameters)
+    point = np.concatenate([fit.best.point, np.full(len(causes), 0.5)])
+    (found,) = wider.evaluate([Trial(point=point, slopes=True)])
+    if found.jacobian is None:
+        raise ParameterError(f"the error budget cannot be simulated: {found.failure}")
+    per_sd = found.jacobian[:, n_own:] / (2.0 * STEPS)
+    columns: dict[tuple[str, str], dict[str, FloatArray]] = {}
+    at = 0
+    for term in terms:
+        for channel in term.weights:
+            n = term.measured[channel].abscissa.size
+            scale = term.scale(channel, 1.0, np.ones(n, dtype=np.bool_)) / np.sqrt(len(terms))
+            part = per_sd[at : at + n] / scale[:, None]
+            columns[term.spot, channel] = {c.name: part[:, k] for k, c in enumerate(causes)}
+            at += n
+    return columns

@@ -1,0 +1,194 @@
+"""What residuals are made of besides the known causes: noise, and what the model leaves out.
+
+Noise of a curve has the correlation ρ^k between points k apart. The discrepancy of a curve is a
+Gaussian process along its path, times the largest ordinate reached so far, so that it is zero at first
+contact; half of its variance is common to all spots. Their sizes are those that make the residuals most
+likely once the parameters are fitted (restricted likelihood: Patterson & Thompson, Biometrika 58, 1971).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, null_space
+from scipy.optimize import minimize
+
+from palpate.certainty.rows import Rows
+from palpate.domain import FloatArray
+
+CORRELATIONS = (0.0, 0.5)
+"""Correlations of the noise of neighbouring points that are tried."""
+
+LENGTHS = (0.15, 0.35, 0.8)
+"""Correlation lengths of the discrepancy that are tried, in ranges of the abscissa."""
+
+LEAST_NOISE = 1e-5
+"""Least noise, over the largest ordinate: simulated curves are not exact."""
+
+SIZES = np.geomspace(0.02, 30.0, 25)
+"""Sizes of the discrepancy, over the one expected, among which it is averaged."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurveErrors:
+    """Noise and discrepancy of each channel, averaged over what the residuals leave open.
+
+    Parameters
+    ----------
+    noise, discrepancy : mapping of channel number to float
+        Standard deviations, over the largest ordinate.
+    noise_covariance, discrepancy_covariance : (n, n) array
+        Of the residuals.
+    exceeds : mapping of channel number to float
+        Probability that the discrepancy is larger than a model may have.
+    """
+
+    noise: Mapping[int, float]
+    discrepancy: Mapping[int, float]
+    noise_covariance: FloatArray
+    discrepancy_covariance: FloatArray
+    exceeds: Mapping[int, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mode:
+    """The most likely sizes for one correlation and one length."""
+
+    noise: list[FloatArray]
+    discrepancy: list[FloatArray]
+    likelihood: "_Likelihood"
+    squares: FloatArray
+    value: float
+
+
+def estimate(
+    residuals: FloatArray,
+    jacobian: FloatArray,
+    known: FloatArray,
+    rows: Rows,
+    *,
+    expected: float,
+    allowed: float,
+) -> CurveErrors:
+    """Estimate noise and discrepancy from the residuals of a fit.
+
+    Parameters
+    ----------
+    residuals : (n,) array
+    jacobian : (n, n_parameters) array
+    known : (n, m) array
+        What the known causes make of the residuals, one standard deviation each.
+    rows : Rows
+    expected : float
+        Discrepancy that models usually have, over the largest ordinate.
+    allowed : float
+        Discrepancy above which a model does not describe the data.
+    """
+    channels = rows.channels
+    projection = null_space(jacobian.T)
+    modes = list(_modes(residuals, projection, known, rows, expected))
+    best = max(mode.value for mode in modes)
+    weights = np.exp(np.array([mode.value for mode in modes]) - best)
+    weights /= weights.sum()
+    n, k = residuals.size, len(channels)
+    noise, discrepancy = np.zeros((n, n)), np.zeros((n, n))
+    sizes, beyond = np.zeros(2 * k), np.zeros(k)
+    for weight, mode in zip(weights, modes, strict=True):
+        if weight < 0.02:
+            continue
+        squares = mode.squares.copy()
+        for i in range(k):
+            square, above = mode.likelihood.averaged(mode.squares, k + i, expected, allowed)
+            squares[k + i] = square
+            beyond[i] += weight * above
+        noise += weight * _sum(squares[:k], mode.noise)
+        discrepancy += weight * _sum(squares[k:], mode.discrepancy)
+        sizes += weight * squares
+    sizes, beyond = np.sqrt(sizes), beyond / weights[weights >= 0.02].sum()
+    return CurveErrors(
+        noise=dict(zip(channels, sizes[:k].tolist(), strict=True)),
+        discrepancy=dict(zip(channels, sizes[k:].tolist(), strict=True)),
+        noise_covariance=noise,
+        discrepancy_covariance=discrepancy,
+        exceeds=dict(zip(channels, beyond.tolist(), strict=True)),
+    )
+
+
+def _sum(squares: FloatArray, covariances: Sequence[FloatArray]) -> FloatArray:
+    total: FloatArray = np.tensordot(squares, np.stack(covariances), axes=1)
+    return total
+
+
+def _modes(
+    residuals: FloatArray, projection: FloatArray, known: FloatArray, rows: Rows, expected: float
+) -> Iterator[_Mode]:
+    channels = rows.channels
+    fixed = projection.T @ known
+    noises = {rho: [rows.noise(c, rho) for c in channels] for rho in CORRELATIONS}
+    others = {length: [rows.discrepancy(c, length) for c in channels] for length in LENGTHS}
+    free = projection.T @ residuals
+    seen = {
+        id(part): projection.T @ part @ projection
+        for parts in (*noises.values(), *others.values())
+        for part in parts
+    }
+    for rho, length in product(CORRELATIONS, LENGTHS):
+        parts = [*noises[rho], *others[length]]
+        likelihood = _Likelihood(free, fixed @ fixed.T, [seen[id(part)] for part in parts], expected)
+        squares, value = likelihood.mode()
+        yield _Mode(noises[rho], others[length], likelihood, squares, value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Likelihood:
+    """Restricted likelihood of the sizes, with a half-t prior of each discrepancy.
+
+    The first half of ``parts`` is noise, the other discrepancy.
+    """
+
+    residuals: FloatArray
+    fixed: FloatArray
+    parts: list[FloatArray]
+    expected: float
+
+    def mode(self) -> tuple[FloatArray, float]:
+        """Most likely squares (2 n_channels,) of the sizes, and the logarithm of their likelihood."""
+        k = len(self.parts) // 2
+        start = np.log(np.concatenate([np.full(k, 5e-3), np.full(k, self.expected)]))
+        bounds = [(np.log(LEAST_NOISE), 0.0)] * k + [(np.log(1e-3 * self.expected), 0.0)] * k
+        found = minimize(self._loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        return np.exp(2.0 * found.x), -float(found.fun)
+
+    def averaged(self, squares: FloatArray, i: int, expected: float, allowed: float) -> tuple[float, float]:
+        """Mean square of one discrepancy, and the probability that it is too large."""
+        sizes = expected * SIZES
+        logs = np.log(sizes)
+        values = []
+        for size in sizes:
+            tried = squares.copy()
+            tried[i] = size**2
+            values.append(-self._loss(0.5 * np.log(tried), slopes=False)[0])
+        weights = np.exp(np.array(values) - max(values)) * np.gradient(logs)
+        weights /= weights.sum()
+        return float(weights @ sizes**2), float(weights[sizes > allowed].sum())
+
+    def _loss(self, logs: FloatArray, slopes: bool = True) -> tuple[float, FloatArray]:
+        squares = np.exp(2.0 * logs)
+        covariance = self.fixed + np.tensordot(squares, np.stack(self.parts), axes=1)
+        jitter = 1e-12 * np.trace(covariance) / len(covariance)
+        factor = cho_factor(covariance + jitter * np.eye(len(covariance)), lower=True)
+        white = cho_solve(factor, self.residuals)
+        value = np.log(np.diag(factor[0])).sum() + 0.5 * float(self.residuals @ white)
+        k = len(self.parts) // 2
+        ratio = squares[k:] / self.expected**2
+        # Densities over the logarithm of a size: Student's with four degrees of freedom, times the size.
+        value += float(np.sum(2.5 * np.log1p(ratio / 4.0) - logs[k:]))
+        if not slopes:
+            return value, logs
+        inverse = cho_solve(factor, np.eye(len(covariance)))
+        gradient = np.array(
+            [s * (np.sum(inverse * p) - white @ p @ white) for s, p in zip(squares, self.parts, strict=True)]
+        )
+        gradient[k:] += 5.0 * ratio / (4.0 + ratio) - 1.0
+        return value, gradient

@@ -1,0 +1,167 @@
+"""Normal approximation of a least-squares fit, from what its residuals may be wrong by.
+
+A fit at the least Σ r² solves Jᵀr = 0. With residuals of covariance C, the scores Jᵀr hold the information
+JᵀJ (JᵀCJ)⁻¹ JᵀJ on the parameters: its inverse is the covariance of the fit, whatever the weights of
+Fopt are (the sandwich of generalised estimating equations: Liang & Zeger, Biometrika 73, 1986). A wide normal
+density over each range is added, and what is outside the ranges is cut off, so that a direction which no
+curve shows is as wide as the ranges.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+from scipy.stats import qmc
+
+from palpate.domain import FloatArray
+
+LEVEL = 0.95
+"""Probability of an interval."""
+
+RANGE = "range"
+"""Name of the share that is due to the width of the range alone."""
+
+RANGE_SD = 1.0
+"""Standard deviation, in ranges, of what is known without any curve."""
+
+N_DRAWS = 1024
+"""Points that stand for the density in the box."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Laplace:
+    """Normal density of the parameters, each as a share of its range.
+
+    Parameters
+    ----------
+    centre : (n_parameters,) array
+        May be outside the box, where a fit has ended at a bound.
+    covariance : (n_parameters, n_parameters) array
+    shares : mapping of cause to (n_parameters,) array
+        Parts of each variance; they sum to 1.
+    """
+
+    centre: FloatArray
+    covariance: FloatArray
+    shares: Mapping[str, FloatArray]
+
+    @property
+    def sd(self) -> FloatArray:
+        """Standard deviation (n_parameters,) of each parameter, the bounds aside."""
+        sd: FloatArray = np.sqrt(np.diag(self.covariance))
+        return sd
+
+    def within(self, prior: Callable[[FloatArray], FloatArray] | None = None) -> "Density":
+        """Cut off what is outside the box; a prior weighs points (n, n_parameters), unless all by 0."""
+        root = np.linalg.cholesky(self.covariance).astype(np.float64)
+        points, weights = _in_box(self.centre, root)
+        known = weights if prior is None else weights * prior(points)
+        return Density(
+            centre=self.centre,
+            covariance=self.covariance,
+            points=points,
+            weights=known if known.any() else weights,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Density:
+    """A normal density cut off at the ranges, as weighted points (n, n_parameters)."""
+
+    centre: FloatArray
+    covariance: FloatArray
+    points: FloatArray
+    weights: FloatArray
+
+    def interval(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Ends (n_parameters,) of the 95 % intervals; a fitted point at a bound is within."""
+        tails = [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0]
+        ends = np.stack([_quantiles(column, self.weights, tails) for column in self.points.T], axis=1)
+        return np.minimum(ends[0], point), np.maximum(ends[1], point)
+
+    def holds(self, point: FloatArray) -> bool:
+        """Whether a point is in the joint 95 % region, an ellipsoid within the box."""
+        squares = self._squares(np.concatenate([self.points, point[None]]))
+        (most,) = _quantiles(squares[:-1], self.weights, [LEVEL])
+        return bool(squares[-1] <= most)
+
+    def _squares(self, points: FloatArray) -> FloatArray:
+        apart = points - self.centre
+        squares: FloatArray = (apart * np.linalg.solve(self.covariance, apart.T).T).sum(axis=1)
+        return squares
+
+
+def laplace(
+    point: FloatArray,
+    residuals: FloatArray,
+    jacobian: FloatArray,
+    causes: Mapping[str, FloatArray],
+    *,
+    range_sd: float = RANGE_SD,
+) -> Laplace:
+    """Normal density around a fit, and the share of each cause in its variance.
+
+    Parameters
+    ----------
+    point : (n_parameters,) array
+        Where the fit has ended, as shares of the ranges.
+    residuals : (n,) array
+    jacobian : (n, n_parameters) array
+        Of the residuals, per range.
+    causes : mapping of name to (n, m) array
+        What each makes of the residuals: F with the covariance F Fᵀ. At least one is noise of every residual.
+    range_sd : float
+        Standard deviation of each parameter before any curve; infinite for none.
+    """
+    left, sizes, right = np.linalg.svd(jacobian, full_matrices=False)
+    parts = {name: _gram(left.T @ factor) for name, factor in causes.items()}
+    slopes = sizes[:, None] * right
+    gain = np.linalg.solve(np.sum(list(parts.values()), axis=0), slopes)
+    prior = np.eye(jacobian.shape[1]) / range_sd**2
+    covariance = np.linalg.inv(slopes.T @ gain + prior)
+    through = covariance @ gain.T
+    variance = np.diag(covariance)
+    shares = {name: _share(through, part, variance) for name, part in parts.items()}
+    shares[RANGE] = _share(covariance, prior, variance)
+    centre = point - through @ (left.T @ residuals)
+    return Laplace(centre=centre, covariance=(covariance + covariance.T) / 2.0, shares=shares)
+
+
+def _share(through: FloatArray, part: FloatArray, variance: FloatArray) -> FloatArray:
+    share: FloatArray = np.maximum(np.einsum("ik,kl,il->i", through, part, through) / variance, 0.0)
+    return share  # which rounding may have made less than nothing
+
+
+def _gram(factor: FloatArray) -> FloatArray:
+    gram: FloatArray = factor @ factor.T
+    return gram
+
+
+def _in_box(centre: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Weighted points of a normal density within the unit box (Geweke, Hajivassiliou and Keane).
+
+    Each coordinate is drawn within its bounds, given those before it; the weight is the product of the
+    probabilities of that.
+    """
+    even = qmc.Sobol(centre.size, rng=0).random(N_DRAWS)
+    normal, logs = np.zeros_like(even), np.zeros(N_DRAWS)
+    for i in range(centre.size):
+        mean = centre[i] + normal[:, :i] @ root[i, :i]
+        low, high = -mean / root[i, i], (1.0 - mean) / root[i, i]
+        flip = low > 0.0  # where a tail is exact
+        low, high = np.where(flip, -high, low), np.where(flip, -low, high)
+        below, above = ndtr(low), ndtr(high)
+        drawn = ndtri(np.clip(below + even[:, i] * (above - below), 1e-300, 1.0 - 1e-16))
+        normal[:, i] = np.where(flip, -1.0, 1.0) * np.clip(drawn, low, high)
+        logs += np.log(np.maximum(above - below, 1e-300))
+    points = np.clip(centre + normal @ root.T, 0.0, 1.0)
+    return points, np.exp(logs - logs.max())
+
+
+def _quantiles(values: FloatArray, weights: FloatArray, at: list[float]) -> FloatArray:
+    order = np.argsort(values)
+    cumulative = np.cumsum(weights[order])
+    middles = cumulative - weights[order] / 2.0
+    quantiles: FloatArray = np.interp(np.array(at) * cumulative[-1], middles, values[order])
+    return quantiles

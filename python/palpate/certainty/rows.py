@@ -1,0 +1,129 @@
+"""Where each residual of a fit is on the measured curves, and how errors of these are correlated."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.domain import FloatArray, IntArray, channel_of
+from palpate.fit.spot_term import SpotTerm
+
+COMMON = 0.5
+"""Share of a discrepancy's variance that all spots have in common."""
+
+MOST_ROWS = 64
+"""Points of a curve; more are averaged with their neighbours."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rows:
+    """Where each residual is on the measured curves.
+
+    Parameters
+    ----------
+    spot, channel : (n,) integer array
+        Numbers of the spots and channels; negative for residuals that are no measured point.
+    point : (n,) array
+        Number of the measured point on its curve.
+    path : (n,) array
+        Travel along the curve, in ranges of its abscissa.
+    scale : (n,) array
+        Residual of the largest ordinate of the curve.
+    envelope : (n,) array
+        Residual of the largest ordinate reached so far.
+    """
+
+    spot: IntArray
+    channel: IntArray
+    point: FloatArray
+    path: FloatArray
+    scale: FloatArray
+    envelope: FloatArray
+
+    @property
+    def channels(self) -> list[int]:
+        """Numbers of the channels."""
+        return [int(each) for each in np.unique(self.channel) if each >= 0]
+
+    def noise(self, channel: int, correlation: float) -> FloatArray:
+        """Covariance (n, n) of noise of size 1 over the largest ordinate in a channel."""
+        apart = np.abs(self.point[:, None] - self.point)
+        same = (self.spot[:, None] == self.spot) * self._both(channel)
+        covariance: FloatArray = same * correlation**apart * np.outer(self.scale, self.scale)
+        return covariance
+
+    def discrepancy(self, channel: int, length: float) -> FloatArray:
+        """Covariance (n, n) of a discrepancy of size 1 over the largest ordinate in a channel."""
+        apart = np.sqrt(3.0) * np.abs(self.path[:, None] - self.path) / length
+        same = np.where(self.spot[:, None] == self.spot, 1.0, COMMON) * self._both(channel)
+        covariance: FloatArray = (
+            same * (1.0 + apart) * np.exp(-apart) * np.outer(self.envelope, self.envelope)
+        )
+        return covariance
+
+    def _both(self, channel: int) -> FloatArray:
+        inside = (self.channel == channel).astype(np.float64)
+        return np.outer(inside, inside)
+
+
+def pieces(terms: Sequence[SpotTerm]) -> Iterator[tuple[SpotTerm, str, slice, FloatArray]]:
+    """Each weighed name of each spot, its residuals, and factors (n_measured,) from ordinates to them."""
+    at = 0
+    for term in terms:
+        for name, weight in term.weights.items():
+            inside = term.counted(name)
+            scale = term.scale(name, weight, inside) / np.sqrt(len(terms))
+            yield term, name, slice(at, at + int(inside.sum())), scale
+            at += int(inside.sum())
+
+
+def path_of(abscissa: FloatArray) -> FloatArray:
+    """Travel along a curve up to each point (n,), in ranges of its abscissa."""
+    path: FloatArray = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(abscissa)))]) / np.ptp(abscissa)
+    return path
+
+
+def rows_of(terms: Sequence[SpotTerm], n: int) -> tuple[Rows, tuple[str, ...]]:
+    """Where each of ``n`` residuals is, those of priors last; and the names of the channels."""
+    channels = tuple(dict.fromkeys(channel_of(name) for term in terms for name in term.weights))
+    spots = [term.spot for term in terms]
+    found = {name: np.zeros(n) for name in ("point", "path", "scale", "envelope")}
+    spot, channel = np.full(n, -1), np.full(n, -1)
+    for term, name, at, scale in pieces(terms):
+        curve, inside = term.measured[channel_of(name)], term.counted(name)
+        size = np.abs(curve.ordinate)
+        spot[at], channel[at] = spots.index(term.spot), channels.index(channel_of(name))
+        found["point"][at] = np.arange(size.size)[inside]
+        found["path"][at] = path_of(curve.abscissa)[inside]
+        found["scale"][at] = (scale * size.max())[inside]
+        found["envelope"][at] = (scale * np.maximum.accumulate(size))[inside]
+    return Rows(spot=spot, channel=channel, **found), channels
+
+
+def groups_of(rows: Rows) -> FloatArray:
+    """Average neighbours on long curves: (n_groups, n), with orthonormal rows."""
+    n = rows.spot.size
+    number, last = np.arange(n), 0
+    for key in dict.fromkeys(zip(rows.spot.tolist(), rows.channel.tolist(), strict=True)):
+        inside = np.flatnonzero((rows.spot == key[0]) & (rows.channel == key[1]))
+        each = 1 if key[1] < 0 else -(-inside.size // MOST_ROWS)
+        number[inside] = last + np.arange(inside.size) // each
+        last = int(number[inside].max()) + 1
+    groups = (np.arange(last)[:, None] == number).astype(np.float64)
+    averaged: FloatArray = groups / np.sqrt(groups.sum(axis=1, keepdims=True))
+    return averaged
+
+
+def grouped(rows: Rows, groups: FloatArray) -> Rows:
+    """Where averages are, of groups as :func:`groups_of` returns them."""
+    first = np.argmax(groups > 0.0, axis=1)
+    share = groups**2
+    return replace(
+        rows,
+        spot=rows.spot[first],
+        channel=rows.channel[first],
+        point=share @ rows.point / (groups > 0.0).sum(axis=1),
+        path=share @ rows.path,
+        scale=share @ rows.scale,
+        envelope=groups @ rows.envelope,
+    )

@@ -1,0 +1,169 @@
+"""The certainty of a study's fits: intervals, their causes, and whether the model describes the data."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palpate.certainty.adequacy import checks
+from palpate.certainty.causes import Columns, causes_of, columns_of
+from palpate.certainty.curve_errors import estimate
+from palpate.certainty.laplace import laplace
+from palpate.certainty.rows import Rows, grouped, groups_of, path_of, pieces, rows_of
+from palpate.certainty.tables import ALLOWED, Assessed, certainty_result
+from palpate.domain import FloatArray, Response, channel_of
+from palpate.errors import PalpateError, StoppedError
+from palpate.fit.running import Fit
+from palpate.fit.stage import Case
+from palpate.fit.tables import ORDER
+from palpate.plugins.search import Trial
+from palpate.progress import SILENT, Progress
+from palpate.run.result import CertaintyResult
+from palpate.study.reading import Study
+
+NOISE, DISCREPANCY, MESH, ZERO, PRIORS = "noise", "model", "mesh", "zero", "priors"
+"""Causes besides those of :mod:`~palpate.certainty.causes`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CertaintyStage:
+    """Assesses the fits of a study.
+
+    Parameters
+    ----------
+    study : Study
+    measured : mapping of spot name to Response
+    refinement : mapping of spot name to float
+        Element size under the indenter over that of the finer mesh, of each spot that has one.
+    progress : Progress
+    """
+
+    study: Study
+    measured: Mapping[str, Response]
+    refinement: Mapping[str, float] = field(default_factory=dict)
+    progress: Progress = SILENT
+
+    def run(self, cases: Sequence[Case]) -> CertaintyResult:
+        """Assess every case that has a result, the derivatives of causes taken at the first joint fit."""
+        ended = [case for case in cases if case.end is not None and case.end.best is not None]
+        by = next((c for c in ended if c.scenario.name == self.study.generalise_by), None)
+        if by is None:
+            return CertaintyResult()
+        columns = self.columns(by)
+        assessed = [each for case in ended if (each := self._assessed(case, columns))]
+        return certainty_result(assessed, self.study)
+
+    def _assessed(self, case: Case, columns: Columns) -> Assessed | None:
+        try:
+            return self.assess(case, columns)
+        except StoppedError:
+            raise
+        except (PalpateError, np.linalg.LinAlgError) as error:
+            where = f"{case.label}, scenario {case.scenario.name}"
+            self.progress.note(f"warning: no intervals for {where}: {error}")
+            return None
+
+    def columns(self, case: Case) -> Columns:
+        """What one standard deviation of each cause adds to each curve."""
+        assert case.end is not None
+        causes = causes_of(self.study, self.measured, [p.name for p in case.end.problem.parameters])
+        weighed = {channel_of(name) for each in self.study.scenarios for name in each.weighed}
+        found = dict.fromkeys(name for response in self.measured.values() for name in response)
+        channels = [name for name in found if name in weighed]
+        try:
+            return columns_of(case.end, causes, channels)
+        except StoppedError:
+            raise
+        except PalpateError as error:
+            self.progress.note(f"warning: {error}; intervals are without what simulations would add to them")
+            free = [cause for cause in causes if cause.kind == "gain"]
+            return columns_of(case.end, free, channels)
+
+    def assess(self, case: Case, columns: Columns) -> Assessed:
+        """Estimate noise and discrepancy of a case, and its covariance."""
+        end = case.end
+        assert end is not None
+        residuals, jacobian, point = _at_end(end)
+        rows, channels = rows_of(end.problem.terms, residuals.size)
+        known = self._known(end, rows, channels, columns)
+        groups = groups_of(rows)
+        residuals, jacobian = groups @ residuals, groups @ jacobian
+        known = {name: groups @ part for name, part in known.items()}
+        rows = grouped(rows, groups)
+        if residuals.size <= point.size:
+            raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
+        expected = self.study.budget.discrepancy
+        every = np.concatenate(list(known.values()), axis=1)
+        errors = estimate(residuals, jacobian, every, rows, expected=expected, allowed=ALLOWED * expected)
+        parts = {NOISE: _root(errors.noise_covariance), DISCREPANCY: _root(errors.discrepancy_covariance)}
+        covariance = every @ every.T + errors.noise_covariance + errors.discrepancy_covariance
+        return Assessed(
+            case=case,
+            end=end,
+            point=point,
+            laplace=laplace(point, residuals, jacobian, {**known, **parts}),
+            noise_only=laplace(point, residuals, jacobian, {NOISE: parts[NOISE], PRIORS: known[PRIORS]}),
+            errors=errors,
+            checks=tuple(checks(residuals, jacobian, covariance, rows, errors.exceeds)),
+            channels=channels,
+        )
+
+    def _known(
+        self, end: Fit, rows: Rows, channels: Sequence[str], columns: Columns
+    ) -> dict[str, FloatArray]:
+        """What each known cause makes of the residuals: (n, m), one standard deviation each."""
+        n, terms = rows.spot.size, end.problem.terms
+        by_cause: dict[str, dict[str, FloatArray]] = {}
+
+        def add(label: str, name: str, at: slice, values: FloatArray) -> None:
+            by_cause.setdefault(label, {}).setdefault(name, np.zeros(n))[at] = values
+
+        for term, name, at, scale in pieces(terms):
+            channel = channel_of(name)
+            inside = term.counted(name)
+            curve = term.measured[channel]
+            for cause, ordinates in columns.get((term.spot, channel), {}).items():
+                add(_label(cause), cause, at, (scale * ordinates)[inside])
+            along = path_of(curve.abscissa) / path_of(curve.abscissa)[-1]
+            drift = self.study.budget.zero * np.abs(curve.ordinate).max() * along
+            add(ZERO, f"{term.spot} {channel}", at, (scale * drift)[inside])
+            if term.spot in self.refinement and channel in term.corrections:
+                left = term.corrections[channel] / (self.refinement[term.spot] ** ORDER - 1.0)
+                add(MESH, "", at, (scale * left)[inside])
+            elif self.study.solver.needs_limb:
+                add(MESH, channel, at, (scale * self.study.budget.mesh * curve.ordinate)[inside])
+        known = {
+            label: np.stack(list(columns.values()), axis=1)
+            for label, columns in by_cause.items()
+            if any(np.any(each) for each in columns.values())
+        }
+        return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
+
+
+def _label(cause: str) -> str:
+    kind, _, of = cause.partition(" ")
+    return of if kind == "fixed" else kind
+
+
+def _at_end(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals, slopes per range, and values as shares of their ranges, where a fit has ended.
+
+    Curves are nearly linear in moduli, and not in the logarithms of these, which a search steps in.
+    """
+    assert fit.best is not None
+    same = (each for each in fit.trace if np.array_equal(each.point, fit.best.point))
+    found = next((each for each in same if each.jacobian is not None), None)
+    if found is None:
+        (found,) = fit.problem.evaluate([Trial(point=fit.best.point, slopes=True)])
+    if found.residuals is None or found.jacobian is None:
+        raise PalpateError(found.failure)
+    box = fit.problem.box
+    width = box.upper - box.lower
+    shares = (box.values(found.point) - box.lower) / width
+    return found.residuals, found.jacobian * width / box.rates(found.point), shares
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    values, vectors = np.linalg.eigh(covariance)
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root

@@ -1,0 +1,159 @@
+"""A fit with its covariance, and the tables of it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from palpate.certainty.adequacy import Check
+from palpate.certainty.curve_errors import CurveErrors
+from palpate.certainty.directions import directions
+from palpate.certainty.laplace import Density, Laplace
+from palpate.domain import FloatArray
+from palpate.fit.running import Fit
+from palpate.fit.stage import Case
+from palpate.run.result import CertaintyResult
+from palpate.stages.identifiability import UNCLEAR, WORDS
+from palpate.study.reading import Study
+
+ALLOWED = 2.0
+"""Discrepancy of a model that does not describe the data, over that of a good one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Assessed:
+    """A fit with its covariance.
+
+    Parameters
+    ----------
+    case : Case
+    end : Fit
+    point : (n_parameters,) array
+        Where it has ended, as shares of the ranges.
+    laplace, noise_only : Laplace
+        By all causes, and by the noise alone.
+    errors : CurveErrors
+    checks : tuple of Check
+    channels : tuple of str
+        By their numbers.
+    """
+
+    case: Case
+    end: Fit
+    point: FloatArray
+    laplace: Laplace
+    noise_only: Laplace
+    errors: CurveErrors
+    checks: tuple[Check, ...]
+    channels: tuple[str, ...]
+
+    @property
+    def density(self) -> Density:
+        """What is left of the density within the ranges and the filters."""
+        problem, box = self.end.problem, self.end.problem.box
+
+        def weights(shares: FloatArray) -> FloatArray:
+            # Before any curve each is spread evenly along its coordinate, as a search steps in it.
+            values = box.lower + (box.upper - box.lower) * shares
+            points = np.stack([box.point(each) for each in values])
+            rates = np.stack([box.rates(each) for each in points])
+            even: FloatArray = problem.accepts(points) / np.prod(rates / (box.upper - box.lower), axis=1)
+            return even
+
+        return self.laplace.within(weights)
+
+
+def certainty_result(assessed: Sequence[Assessed], study: Study) -> CertaintyResult:
+    """Put what was assessed into tables."""
+    return CertaintyResult(
+        intervals=_frame(row for each in assessed for row in _intervals(each)),
+        budget=_frame(row for each in assessed for row in _budget(each)),
+        directions=_frame(row for each in assessed for row in _directions(each)),
+        adequacy=_frame(row for each in assessed for row in _adequacy(each, study)),
+    )
+
+
+def _frame(rows: Iterator[dict[str, Any]]) -> pl.DataFrame:
+    found = list(rows)
+    return pl.from_dicts(found, infer_schema_length=None) if found else pl.DataFrame()
+
+
+def _about(each: Assessed) -> dict[str, Any]:
+    return {"fit": each.case.label, "scenario": each.case.scenario.name}
+
+
+def _word(width: float) -> str:
+    return next(word for most, word in WORDS if width <= most)
+
+
+def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
+    assert each.end.best is not None
+    box = each.end.problem.box
+    failed = any(check.is_failed for check in each.checks)
+    densities = (each.density, each.noise_only.within())
+    ends = [
+        box.lower + (box.upper - box.lower) * end
+        for density in densities
+        for end in density.interval(each.point)
+    ]
+    values = box.values(each.end.best.point)
+    for i, parameter in enumerate(box.parameters):
+        value, (lower, upper, *of_noise) = float(values[i]), (float(end[i]) for end in ends)
+        over_value = (upper - lower) / abs(value) if value else np.inf
+        over_range = (upper - lower) / (parameter.upper - parameter.lower)
+        width = max(over_value if parameter.lower * parameter.upper > 0.0 else 0.0, over_range)
+        yield _about(each) | {
+            "parameter": parameter.name,
+            "unit": parameter.unit,
+            "value": value,
+            "lower": lower,
+            "upper": upper,
+            "noise_lower": of_noise[0],
+            "noise_upper": of_noise[1],
+            "relative_width": width,
+            "identifiability": UNCLEAR if failed else _word(width),
+        }
+
+
+def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
+    assert each.end.best is not None
+    box = each.end.problem.box
+    for i, name in enumerate(box.names):
+        sd = float(each.laplace.sd[i] * (box.upper - box.lower)[i])
+        shares = {cause: float(share[i]) for cause, share in each.laplace.shares.items()}
+        for cause, share in sorted(shares.items(), key=lambda item: -item[1]):
+            sd_of_cause = sd * float(np.sqrt(share))
+            yield _about(each) | {"parameter": name, "cause": cause, "share": share, "sd": sd_of_cause}
+
+
+def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
+    assert each.end.best is not None
+    box, point = each.end.problem.box, each.end.best.point
+    for found in directions(box.names, box.values(point), box.upper - box.lower, each.laplace.covariance):
+        yield _about(each) | {
+            "combination": found.text,
+            "relative_width": found.relative_width,
+            "identifiability": _word(found.relative_width),
+        }
+
+
+def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
+    allowed = ALLOWED * study.budget.discrepancy
+    for check in each.checks:
+        channel = each.channels[check.channel] if check.channel >= 0 else None
+        size = each.errors.discrepancy.get(check.channel, 0.0)
+        said = {
+            "discrepancy": f"the {channel} differs from the model by {100.0 * size:.2g} % of its peak "
+            f"along the curve, more than the {100.0 * allowed:.2g} % that the budget allows",
+            "runs": f"the residuals of the {channel} are systematic along the curve",
+            "spots": "the spots disagree on the parameters by more than their intervals",
+        }
+        yield _about(each) | {
+            "check": check.name,
+            "channel": channel,
+            "probability": check.probability,
+            "failed": check.is_failed,
+            "message": said[check.name] if check.is_failed else "",
+        }

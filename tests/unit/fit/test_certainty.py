@@ -1,0 +1,194 @@
+"""Intervals of fits of a tissue in closed form: causes, tables, and models that do not describe the data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate import pipeline
+from palpate.certainty.causes import Cause, causes_of, columns_of
+from palpate.certainty.stage import CertaintyStage
+from palpate.domain import Response, Simulation, Status
+from palpate.fit.least_squares import LeastSquares
+from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
+from palpate.progress import SILENT
+from palpate.run.directory import RunDirectory
+from palpate.study.model import BudgetTable
+from palpate_materials.neo_hookean import NeoHookean
+from palpate_materials.ogden import Ogden
+
+TRUTH = np.array([0.08, 4.0])
+BOTH = ("force", "torque")
+
+
+@pytest.fixture
+def ended(pressed, stage_of):
+    """Fit curves of an Ogden tissue; returns the study, its measured curves, its case and its stage."""
+
+    def made(material=None, searched=("c1", "m1"), truth=TRUTH, spots=("p1",), **changes):
+        study = pressed.study_of(material or Ogden(), searched, spots=spots, **changes)
+        source = pressed.study_of(Ogden(), ("c1", "m1"))
+        measured = {
+            spot: pressed.measured_at(source, truth, 0.004, seed) for seed, spot in enumerate(spots, 1)
+        }
+        stage = stage_of(study, measured)
+        return study, measured, stage.run()[0], stage
+
+    return made
+
+
+def columns(case, *causes):
+    return columns_of(case.end, causes, BOTH)["p1", "force"]
+
+
+def simulated(case):
+    (term,) = case.end.problem.terms
+    inputs = case.end.problem.inputs("p1", case.end.best.point)
+    return case.end.problem.simulated(term, inputs)
+
+
+def test_a_gain_adds_its_share_of_the_curve(ended):
+    *_, case, _ = ended()
+    found = columns_of(case.end, [Cause(kind="gain", of="torque", sd=0.02)], BOTH)
+    torque = simulated(case).response["torque"].ordinate
+    np.testing.assert_allclose(found["p1", "torque"]["gain torque"], 0.02 * torque, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found["p1", "force"]["gain torque"], 0.0, atol=1e-12)
+
+
+def test_a_fixed_parameter_adds_its_slope(ended):
+    study, *_, case, _ = ended()
+    curve = simulated(case).response["force"]
+    expected = 0.1 * study.space.complete({})["tissue.kappa"] * curve.slopes["tissue.kappa"]
+    found = columns(case, Cause(kind="fixed", of="tissue.kappa", sd=0.1))
+    np.testing.assert_allclose(found["fixed tissue.kappa"], expected, rtol=1e-4)
+
+
+def test_an_onset_adds_the_slope_along_the_depth(ended):
+    *_, case, _ = ended()
+    curve = simulated(case).response["force"]
+    found = columns(case, Cause(kind="onset", of="p1", sd=0.05))["onset p1"]
+    # Simulated curves are straight between their points, 0.5 mm apart.
+    sides = np.diff(curve.ordinate) / np.diff(curve.abscissa)
+    inside = 0.05 * (sides[1:] + sides[:-1]) / 2.0
+    # The last measured point is deeper than this solver goes, and the others count for it.
+    np.testing.assert_allclose(found[1:-1], inside, rtol=0.03)
+
+
+def test_what_is_fitted_or_of_no_size_is_no_cause(ended, pressed):
+    searched = StandardSettings.model_validate({"friction": {"lower": 0.2, "upper": 2.0}})
+    study, measured, case, _ = ended(
+        parametrisation=StandardParametrisation(searched), budget=BudgetTable(gain=0.0)
+    )
+    names = [p.name for p in case.end.problem.parameters]
+    assert [c.name for c in causes_of(study, measured, names)] == ["onset p1", "fixed tissue.kappa"]
+
+
+def test_the_onset_is_as_uncertain_as_the_loader_found_it(ended):
+    study, measured, *_ = ended()
+    files = {"a": {"uncertainty": {"depth_mm": 0.03}}, "b": {"uncertainty": {"depth_mm": 0.04}}}
+    logged = {"p1": replace(measured["p1"], record={"files": files})}
+    sds = {c.kind: c.sd for c in causes_of(study, logged, [])}
+    assert sds["onset"] == pytest.approx(np.hypot(0.03, 0.04) / np.sqrt(2.0))
+    stated = replace(study, budget=BudgetTable.model_validate({"onset": "0.2 mm"}))
+    assert {c.kind: c.sd for c in causes_of(stated, logged, [])}["onset"] == 0.2
+
+
+def test_a_solver_without_slopes_gets_no_simulations_for_what_the_study_does_not_state(ended, pressed):
+    study, measured, *_ = ended()
+    plain = replace(study, solver=pressed.Pressed(pressed.PressedSettings(exact=False)))
+    assert {c.kind for c in causes_of(plain, measured, [])} == {"gain", "onset"}
+
+
+@pytest.fixture
+def assessed(ended):
+    study, measured, case, _ = ended(spots=("p1", "p2"))
+    return CertaintyStage(study=study, measured=measured).run([case])
+
+
+def test_tables_have_a_row_of_each_parameter_with_its_causes(assessed):
+    found = assessed
+    assert found.intervals["parameter"].to_list() == ["tissue.c1", "tissue.m1"]
+    for row in found.intervals.iter_rows(named=True):
+        assert row["lower"] < row["value"] < row["upper"]
+        assert row["upper"] - row["lower"] > row["noise_upper"] - row["noise_lower"]
+        assert row["identifiability"] in ("well", "roughly", "poorly", "not")
+        of_it = found.budget.filter(parameter=row["parameter"])
+        assert of_it["share"].sum() == pytest.approx(1.0)
+        assert {"noise", "model", "gain", "onset", "tissue.kappa"} <= set(of_it["cause"])
+    assert found.directions.height == 2
+    assert not found.adequacy["failed"].any()
+    assert set(found.adequacy["check"]) == {"discrepancy", "runs", "spots"}
+
+
+def test_intervals_hold_the_truth(assessed):
+    for row, truth in zip(assessed.intervals.iter_rows(named=True), TRUTH, strict=True):
+        assert row["lower"] < truth < row["upper"]
+
+
+def test_another_material_does_not_describe_the_data(ended):
+    study, measured, case, _ = ended(NeoHookean(), ("E", "nu"), truth=np.array([0.08, 7.5]))
+    found = CertaintyStage(study=study, measured=measured).run([case])
+    failed = found.adequacy.filter("failed")
+    assert "discrepancy" in failed["check"].to_list()
+    assert "more than the 1 % that the budget allows" in failed["message"][0]
+    assert set(found.intervals["identifiability"]) == {"unclear"}
+
+
+class Notes:
+    def __init__(self):
+        self.texts = []
+
+    def note(self, text):
+        self.texts.append(text)
+
+    def __getattr__(self, name):
+        return getattr(SILENT, name)
+
+
+def test_where_the_onset_cannot_be_simulated_intervals_say_that_they_are_without(ended):
+    study, measured, case, stage = ended()
+    simulate = stage.simulations.of
+
+    def failing(jobs):
+        return [
+            Simulation(job=job, status=Status.DIVERGED, response=None, message="too deep")
+            if job.protocol.path[:, 0].max() > 10.0
+            else simulation
+            for job, simulation in zip(jobs, simulate(jobs), strict=True)
+        ]
+
+    case.end.problem.simulate = failing
+    notes = Notes()
+    found = CertaintyStage(study=study, measured=measured, progress=notes).run([case])
+    assert "onset" not in set(found.budget["cause"])
+    assert found.intervals.height == 2
+    (text,) = notes.texts
+    assert "too deep" in text
+    assert "without" in text
+
+
+def test_fewer_points_than_parameters_have_no_interval(ended):
+    study, measured, case, _ = ended()
+    few = [
+        replace(term, measured=Response(curves={"force": term.measured["force"].cut(slice(17, 19))}))
+        for term in case.end.problem.terms
+    ]
+    short = [replace(term, weights={"force": 1.0}) for term in few]
+    case.end.problem.terms = tuple(short)
+    case.end.trace.clear()
+    notes = Notes()
+    found = CertaintyStage(study=study, measured=measured, progress=notes).run([case])
+    assert found.intervals.is_empty()
+    assert "2 measured points for 2 parameters" in notes.texts[-1]
+
+
+@pytest.mark.usefixtures("one_figure")
+def test_a_run_keeps_its_intervals(make_study, plugins, tmp_path):
+    study = make_study(n_sets=0, search=LeastSquares())
+    result = pipeline.run_study(study, tmp_path / "run", plugins)
+    kept = RunDirectory(tmp_path / "run").fit().certainty
+    fits = result.fit.table.select("fit", "scenario").n_unique()
+    assert kept.intervals.height == 2 * fits
+    for name in ("intervals", "budget", "directions", "adequacy"):
+        assert getattr(kept, name).equals(getattr(result.fit.certainty, name))
+    assert "intervals" in result.report.tables
