@@ -192,15 +192,14 @@ class FitResult:
     def mesh_errors(self, fit: str, scenario: str) -> dict[str, float]:
         """How far the finer meshes moved each parameter, or meshes without error would, whichever is more.
 
-        A fit that began with corrections found by another one has no values of its coarse meshes: then
-        those of the joint fit count, or the most of all.
+        A fit that began with corrections found by another one does not show all that they move: the
+        joint fit counts too, and where neither has any values, the most of all.
         """
         if self.mesh.is_empty():
             return {}
-        of_scenario = self.mesh.filter(scenario=scenario)
-        every = (of_scenario.filter(fit=fit), of_scenario.filter(fit=ALL_SPOTS), self.mesh)
+        own = self.mesh.filter(pl.col("fit").is_in([fit, ALL_SPOTS]), scenario=scenario)
         errors: dict[str, float] = {}
-        for row in next(rows for rows in every if not rows.is_empty()).iter_rows(named=True):
+        for row in (self.mesh if own.is_empty() else own).iter_rows(named=True):
             name, moved = row["parameter"].partition("@")[0], (row["coarse"], row["extrapolated"])
             errors[name] = max(errors.get(name, 0.0), *(abs(value - row["fine"]) for value in moved))
         return errors

@@ -121,6 +121,14 @@ def test_no_interval_is_narrower_than_finer_meshes_moved_the_value(identified, c
     assert alone["relative_width"][1] < meshed["relative_width"][1]
 
 
+def test_a_fit_with_corrections_of_the_joint_one_counts_what_they_move():
+    row = {"fit": "p1", "scenario": "I", "parameter": "c", "coarse": 20.1, "fine": 20.0, "extrapolated": 19.9}
+    joint = row | {"fit": "all spots", "coarse": 16.0}
+    fit = FitResult(mesh=pl.DataFrame([row, joint]))
+    assert fit.mesh_errors("p1", "I") == {"c": 4.0}
+    assert fit.mesh_errors("p2", "II") == {"c": 4.0}
+
+
 def test_where_no_fit_ended_the_set_of_the_sweep_counts(identified):
     table = pl.DataFrame(
         {"fit": ["p1"], "spot": ["p1"], "scenario": ["III"], "message": ["could not"]}
