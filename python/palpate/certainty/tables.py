@@ -18,7 +18,7 @@ from palpate.run.result import CertaintyResult
 from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate.study.reading import Study
 
-ALLOWED = 2.0
+ALLOWED = 4.0
 """Discrepancy of a model that does not describe the data, over that of a good one."""
 
 

@@ -393,7 +393,7 @@ class BudgetTable(Table):
         gt=0.0,
         lt=1.0,
         description="What a good model leaves unexplained, over the largest ordinate. One that leaves "
-        "twice as much does not describe the data.",
+        "four times as much does not describe the data.",
     )
 
 

@@ -130,7 +130,7 @@ def test_another_material_does_not_describe_the_data(ended):
     found = CertaintyStage(study=study, measured=measured).run([case])
     failed = found.adequacy.filter("failed")
     assert "discrepancy" in failed["check"].to_list()
-    assert "more than the 1 % that the budget allows" in failed["message"][0]
+    assert "more than the 2 % that the budget allows" in failed["message"][0]
     assert set(found.intervals["identifiability"]) == {"unclear"}
 
 
