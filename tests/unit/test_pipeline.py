@@ -60,7 +60,8 @@ def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
         # Two more are for the error budget: the path of a press with the onset moved to either side.
         assert spent + 2 == len(ledger.entries()) - 60
     assert set(result.report.tables) == {
-        "intervals", "budget", "directions", "inadequate", "table1_fit", "table2_fit", "table1_coefficients", "table2_nmse", "unfitted_channels",
+        "intervals", "budget", "directions", "inadequate",
+        "table1_fit", "table2_fit", "table1_coefficients", "table2_nmse", "unfitted_channels",
         "cross_channel", "generalised", "fit",
         "distance_to_truth", "identifiability", "cost_of_one_set",
     }  # fmt: skip
