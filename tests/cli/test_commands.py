@@ -261,11 +261,47 @@ def test_run_prints_results_to_stdout_and_progress_to_stderr(call: Call, study: 
     outcome = call("run", study, "--out", "here")
     assert outcome.code == 0
     assert "SIMULATED" in outcome.out
-    assert "distance to truth" in outcome.out
     assert "40 ok" in outcome.err
     assert "40 ok" not in outcome.out
     assert Path("here/report").is_dir()
     assert Path("here/design.parquet").is_file()
+
+
+LABELS = ["Verdict", "Parameters", "Warnings", "Time", "Page"]
+
+
+@pytest.mark.usefixtures("one_figure")
+def test_a_run_ends_with_five_lines_after_the_tables_that_are_asked_for(call: Call, study: Path) -> None:
+    edit(study, '"3 MPa"', '"2.0 MPa"')  # the truth is at the end of the range
+    found = call("run", study, "--json").json
+    plain, whole = call("run", study), call("report", study, "--tables")
+    for lines in (plain.out.splitlines(), whole.out.splitlines()[-5:]):
+        assert [line.split()[0] for line in lines] == LABELS
+        said = dict(line.split(maxsplit=1) for line in lines)
+        (k,) = found["intervals"]
+        assert said["Parameters"].startswith(
+            f"k = {k['value']:.4g} kPa ({k['lower']:.4g} to {k['upper']:.4g}, "
+        )
+        assert k["level"] == 0.95
+        assert k["lower"] <= 2000.0 <= k["upper"] + 1e-6
+        whats = [warning.partition(". ")[0] for warning in found["warnings"]]
+        assert whats
+        assert said["Warnings"].endswith(f": {'; '.join(whats)}")
+        assert said["Warnings"].startswith(str(len(whats)))
+        assert "Simulations: 40 of the sweep" in said["Time"]
+        assert said["Page"] == Path("runs/toy/report/index.html").resolve().as_uri()
+    assert "distance to truth" in whole.out
+    assert len(plain.out.splitlines()) == 5
+
+
+@pytest.mark.usefixtures("one_figure")
+def test_a_set_that_does_not_fit_has_no_parameters(call: Call, study: Path) -> None:
+    for name in ("s1.txt", "s2.txt"):
+        (study / name).write_text("1 0\n1.2 -1\n1.5 -2\n2 -3\n")
+    said = dict(line.split(maxsplit=1) for line in call("run", study).out.splitlines())
+    assert "No parameters can be read from this run: the best set does not fit pull at " in said["Verdict"]
+    assert said["Parameters"] == "none, for the reason above"
+    assert call("report", study, "--json").json["intervals"] == []
 
 
 @pytest.mark.usefixtures("one_figure")
@@ -409,9 +445,8 @@ def test_demo_reports_that_the_data_are_simulated(call: Call) -> None:
     assert outcome.code == 0
     assert "SIMULATED" in outcome.err
     assert "SIMULATED" in outcome.out
-    assert "distance to truth" in outcome.out
     page = Path("runs/toy/report/index.html").resolve()
-    assert outcome.out.splitlines()[-1] == f"Tables and figures: open {page.as_uri()}"
+    assert outcome.out.splitlines()[-1].split() == ["Page", page.as_uri()]
     assert "init --study toy my-toy" in outcome.err
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.options import AsJson, NumberOfSets, OutFolder
+from palpate.cli.options import AsJson, NumberOfSets, OutFolder, Tables
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import data_notice, show_run
 from palpate.cli.session import Session, run_folder
@@ -19,6 +19,7 @@ def demo(
     study: Annotated[str, typer.Option("--study", help="Name of a ready study; see palpate init.")] = DEMO,
     out: OutFolder = None,
     n_sets: NumberOfSets = None,
+    tables: Tables = False,
     as_json: AsJson = False,
 ) -> None:
     """Identify the material of a ready study, end to end."""
@@ -31,6 +32,6 @@ def demo(
     session.note(f"{study}: {checked.description}\nNote: {data_notice(checked)}.")
     with StageProgress(session, folder) as progress:
         result = pipeline.run_study(checked, folder, session.plugins, progress)
-    show_run(session, checked, result, as_json=as_json)
+    show_run(session, checked, result, progress, tables=tables, as_json=as_json)
     if not as_json:
         session.next(f"init --study {study} my-{study}", "to make the study your own, ")

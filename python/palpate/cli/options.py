@@ -46,3 +46,6 @@ TrustPlugins: TypeAlias = Annotated[
     typer.Option("--trust-plugins", help="Execute the plugin files that the run names, without asking."),
 ]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON for a script.")]
+Tables: TypeAlias = Annotated[
+    bool, typer.Option("--tables", help="Print the tables of the report before the five lines.")
+]

@@ -56,6 +56,18 @@ class CheckOutput(Closed):
     warnings: list[str]
 
 
+class IntervalOutput(Closed):
+    """A parameter of what leads; ``level`` is null where the interval is what fits about as well."""
+
+    parameter: str
+    unit: str
+    value: Number
+    lower: Number
+    upper: Number
+    identifiability: str
+    level: Number
+
+
 class RunOutput(Closed):
     """What a run found; ``tables`` are those of its report, ``warnings`` the most severe first."""
 
@@ -70,6 +82,7 @@ class RunOutput(Closed):
     stiffness_scaling: list[Row]
     verification: list[Row]
     verdict: list[str]
+    intervals: list[IntervalOutput]
     warnings: list[str]
     tables: dict[str, list[Row]]
     files: list[str]
@@ -144,6 +157,7 @@ class ReportOutput(Closed):
     """Files that were written, what they amount to, and warnings, the most severe first."""
 
     verdict: list[str]
+    intervals: list[IntervalOutput]
     warnings: list[str]
     files: list[str]
 

@@ -5,7 +5,7 @@ import os
 import signal
 import threading
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -58,6 +58,8 @@ class StageProgress:
         self._first: tuple[float, int] | None = None
         self.warnings: list[str] = []
         """Every note so far that begins with ``warning:``, without that."""
+        self._seconds: defaultdict[str, float] = defaultdict(float)
+        self._begun = time.monotonic()
         self._notes: Counter[str] = Counter()
         self._place = ""
         self._stopping = False
@@ -79,6 +81,7 @@ class StageProgress:
         traceback: TracebackType | None,
     ) -> None:
         self._side.end()
+        self._note_time()
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
         if self._bars is not None:
@@ -91,6 +94,7 @@ class StageProgress:
         """Show a new stage of ``total`` steps."""
         if self._session.interrupts:
             raise KeyboardInterrupt
+        self._note_time()
         self._stage, self._total, self._done, self._n_running = stage, total, 0, 0
         # Of a sweep the pace counts from its first simulation: what is done before was done by another run.
         self._last_line = time.monotonic()
@@ -135,6 +139,21 @@ class StageProgress:
     def should_continue(self) -> bool:
         """Go on until the user asks to stop."""
         return not self._stopping
+
+    @property
+    def spent(self) -> str:
+        """Time of all stages, and of those that took part of it."""
+        from palpate.cli.status import duration
+
+        parts = [f"{stage} {duration(s)}" for stage, s in self._seconds.items() if s >= 0.5]
+        total = duration(sum(self._seconds.values()))
+        return f"{total} ({', '.join(parts)})" if len(parts) > 1 else total
+
+    def _note_time(self) -> None:
+        """Add the time that has passed to that of the running stage."""
+        now = time.monotonic()
+        self._seconds[self._stage or "start"] += now - self._begun
+        self._begun = now
 
     def _look_at_clock(self) -> None:
         """Print a line where nothing has ended for a while."""

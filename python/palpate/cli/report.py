@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.options import AsJson, OutFolder, TrustPlugins
+from palpate.cli.options import AsJson, OutFolder, Tables, TrustPlugins
 from palpate.cli.progress import StageProgress
-from palpate.cli.results import check_results, show_verdict, verdict_json
+from palpate.cli.results import check_results, show_report, verdict_json
 from palpate.cli.runs import study_of_run
 from palpate.cli.session import Session, run_folder
 
@@ -23,6 +23,7 @@ def report(
     ],
     out: OutFolder = None,
     trust_plugins: TrustPlugins = False,
+    tables: Tables = False,
     as_json: AsJson = False,
 ) -> None:
     """Lay the results out as tables and figures under report/."""
@@ -40,8 +41,6 @@ def report(
         made = pipeline.report(checked, folder, session.plugins, progress, as_run=as_run)
     if as_json:
         session.json(verdict_json(made))
+        check_results(made.verdict.without_result)
     else:
-        for file in made.files:
-            session.say(str(file))
-        show_verdict(session, made)
-    check_results(made.verdict.without_result)
+        show_report(session, checked, made, progress, tables=tables)

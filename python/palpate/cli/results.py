@@ -1,6 +1,7 @@
-"""How a whole run is shown: tables, then the verdict, its warnings and where the page is."""
+"""How a whole run is shown: five lines, and the tables where they are wanted."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
@@ -9,15 +10,25 @@ from palpate.errors import NothingSelectableError
 if TYPE_CHECKING:
     import polars as pl
 
+    from palpate.cli.progress import StageProgress
+    from palpate.report.report_warnings import ReportWarning
     from palpate.report.result import Report, RunResult
     from palpate.run.result import SelectionResult
     from palpate.study.reading import Study
 
-MOST_LINES = 5
-"""Most sentences of a verdict in the terminal; the page has all."""
+NOTHING = "no set fits all spots"
+"""Verdict where nothing leads."""
 
 
-def show_run(session: Session, study: "Study", result: "RunResult", *, as_json: bool) -> None:
+def show_run(
+    session: Session,
+    study: "Study",
+    result: "RunResult",
+    progress: "StageProgress",
+    *,
+    tables: bool,
+    as_json: bool,
+) -> None:
     """Print what a run found.
 
     Raises
@@ -27,9 +38,41 @@ def show_run(session: Session, study: "Study", result: "RunResult", *, as_json: 
     """
     if as_json:
         session.json(_as_json(study, result))
-    else:
-        _show(session, study, result)
-    check_results(result.report.verdict.without_result)
+        check_results(result.report.verdict.without_result)
+        return
+    show_report(session, study, result.report, progress, tables=tables)
+
+
+def show_report(
+    session: Session, study: "Study", report: "Report", progress: "StageProgress", *, tables: bool
+) -> None:
+    """Print five lines: verdict, parameters, warnings, time and where the page is; tables before them.
+
+    Raises
+    ------
+    NothingSelectableError
+        After the printing, where a scenario has no set at a spot.
+    """
+    for name, frame in report.tables.items() if tables else ():
+        if frame.height:
+            session.frame(name.replace("_", " "), _side_by_side(name, frame))
+    verdict = report.verdict
+    data = "SIMULATED curves, not a real experiment" if study.data == "simulated" else data_notice(study)
+    session.labelled("Verdict", f"{study.name} ({data}): {verdict.headline or NOTHING}")
+    found = "; ".join([*map(str, verdict.estimates), *verdict.moduli])
+    session.labelled("Parameters", found or "none, for the reason above")
+    session.labelled("Warnings", _warnings(verdict.warnings))
+    session.labelled("Time", f"{progress.spent}. {verdict.spent}".strip())
+    pages = [page for page in report.files if page.suffix == ".html"]
+    session.labelled("Page", " ".join(page.resolve().as_uri() for page in pages))
+    check_results(verdict.without_result)
+
+
+def _warnings(warnings: Sequence["ReportWarning"]) -> str:
+    if not warnings:
+        return "none"
+    worst = ", the worst first" if len(warnings) > 1 else ""
+    return f"{len(warnings)}{worst}: {'; '.join(warning.what for warning in warnings)}"
 
 
 def check_results(missing: Mapping[tuple[str, str], str]) -> None:
@@ -38,27 +81,6 @@ def check_results(missing: Mapping[tuple[str, str], str]) -> None:
 
     if missing:
         raise NothingSelectableError(f"no set could be selected at {described(missing)}")
-
-
-def _show(session: Session, study: "Study", result: "RunResult") -> None:
-    session.say(f"{study.name}: {data_notice(study)}")
-    for name, frame in result.report.tables.items():
-        if frame.height:
-            session.frame(name.replace("_", " "), _side_by_side(name, frame))
-    show_verdict(session, result.report)
-
-
-def show_verdict(session: Session, report: "Report") -> None:
-    """Print the verdict, its warnings, the most severe first, and how to open the page."""
-    lines = report.verdict.sentences
-    more = len(lines) - MOST_LINES
-    for line in lines if more <= 0 else [*lines[: MOST_LINES - 1], f"… {more + 1} more on the page"]:
-        session.paragraph(line)
-    for warning in report.verdict.warnings:
-        session.paragraph(f"Warning: {warning}")
-    for page in report.files:
-        if page.suffix == ".html":
-            session.say(f"Tables and figures: open {page.resolve().as_uri()}")
 
 
 def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
@@ -123,7 +145,12 @@ def _as_json(study: "Study", result: "RunResult") -> dict[str, Any]:
 def verdict_json(report: "Report") -> dict[str, Any]:
     """What a report amounts to, its warnings and files, for a script."""
     verdict = report.verdict
-    return {"verdict": verdict.sentences, "warnings": list(map(str, verdict.warnings)), "files": report.files}
+    return {
+        "verdict": verdict.sentences,
+        "intervals": [asdict(each) for each in verdict.estimates],
+        "warnings": list(map(str, verdict.warnings)),
+        "files": report.files,
+    }
 
 
 def tables_of(selected: "SelectionResult") -> dict[str, "pl.DataFrame"]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, Trust, TrustPlugins
+from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, Tables, Trust, TrustPlugins
 from palpate.cli.run import go
 from palpate.cli.runs import find_run, plugins_of, session_of_run
 from palpate.cli.session import Session
@@ -28,6 +28,7 @@ def resume(
     go_on: GoOn = False,
     fork: ForkTo = None,
     trust: Trust = None,
+    tables: Tables = False,
     as_json: AsJson = False,
 ) -> None:
     """Continue a run; finished simulations are kept, and the tables equal those of an uninterrupted run."""
@@ -47,6 +48,7 @@ def resume(
         go_on=go_on,
         fork=fork,
         trust=trust or (),
+        tables=tables,
         as_json=as_json,
         adopt=study is not None,
     )

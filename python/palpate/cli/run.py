@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, OutFolder, StudyPath, Trust
+from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, OutFolder, StudyPath, Tables, Trust
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import show_run
 from palpate.cli.session import Session, run_folder
@@ -28,13 +28,14 @@ def run(
     go_on: GoOn = False,
     fork: ForkTo = None,
     trust: Trust = None,
+    tables: Tables = False,
     as_json: AsJson = False,
 ) -> None:
     """Run every stage of a study; what is already simulated is not simulated again."""
     session = Session.of(context)
     checked = replace(session.study(study), n_total=n_sets or 0)
     folder = run_folder(checked, out)
-    go(session, checked, folder, go_on=go_on, fork=fork, trust=trust or (), as_json=as_json)
+    go(session, checked, folder, go_on=go_on, fork=fork, trust=trust or (), tables=tables, as_json=as_json)
 
 
 def go(
@@ -45,6 +46,7 @@ def go(
     go_on: bool,
     fork: Path | None,
     trust: Sequence[str],
+    tables: bool,
     as_json: bool,
     adopt: bool = False,
 ) -> None:
@@ -66,7 +68,7 @@ def go(
             adopt=adopt,
             confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
         )
-    show_run(session, study, result, as_json=as_json)
+    show_run(session, study, result, progress, tables=tables, as_json=as_json)
 
 
 def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) -> None:

@@ -28,6 +28,9 @@ MAX_COLUMNS = 6
 TEXT_WIDTH = 80
 """Most columns of a line of running text."""
 
+LABEL_WIDTH = 12
+"""Columns of the label of a line."""
+
 FILE_WIDTH = 200
 """Columns of a table that goes to a file or a pipe."""
 
@@ -123,6 +126,17 @@ class Session:
     def say(self, text: str) -> None:
         """Print a line of the result, without markup."""
         self.stdout.print(text, markup=False)
+
+    def labelled(self, label: str, text: str) -> None:
+        """Print text after its label: in lines of a terminal's width, in one line to a file."""
+        line = f"{label:<{LABEL_WIDTH}}{text}"
+        indent = " " * LABEL_WIDTH
+        if self.stdout.is_terminal:
+            width = max(2 * LABEL_WIDTH, self.stdout.width)
+            line = textwrap.fill(
+                line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+            )
+        self.say(line)
 
     def paragraph(self, text: str) -> None:
         """Print running text, broken between words into lines that can be read."""

@@ -7,6 +7,7 @@ import polars as pl
 
 from palpate.domain import Parameter
 from palpate.report.best_sets import Best, best_sets
+from palpate.report.estimates import Estimate, estimates
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.report_warnings import CHECK, NO_FIT_R2, ReportWarning, report_warnings
 from palpate.run.result import ALL_SPOTS
@@ -25,6 +26,12 @@ class Verdict:
         Labels of the values of each best set.
     bests : tuple of Best
         Joint fits first.
+    headline : str
+        How well what leads fits, without its parameters; empty where there is nothing.
+    estimates : tuple of Estimate
+        Parameters of what leads with their intervals; none where the set does not fit.
+    moduli : tuple of str
+        Its initial moduli.
     lead : str
         Sentence on the joint fit, or on the set for all spots, or on the best set of the only spot;
         empty where there is none. Where it does not fit, that is the sentence.
@@ -40,6 +47,9 @@ class Verdict:
 
     parameters: tuple[str, ...]
     bests: tuple[Best, ...]
+    headline: str
+    estimates: tuple[Estimate, ...]
+    moduli: tuple[str, ...]
     lead: str
     identifiability: tuple[str, ...]
     spent: str
@@ -55,11 +65,17 @@ class Verdict:
 def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdict:
     """Sum up a run, from what its stages have left."""
     bests = tuple(best_sets(data))
-    no_fit = _no_fit(data, bests)
+    no_fit, (about, values, quality) = _no_fit(data, bests), _lead(data, bests)
+    leading = next(
+        (b for b in bests if (b.spot, b.scenario) == (data.together, data.generalising.name)), None
+    )
     return Verdict(
         parameters=tuple(map(label_of, data.searched.values())),
         bests=bests,
-        lead=no_fit or _lead(data, bests),
+        headline=no_fit or (f"{about}: {quality}" if about else ""),
+        estimates=() if no_fit else tuple(estimates(data, bests)),
+        moduli=() if no_fit or leading is None else tuple(_moduli(data, leading)),
+        lead=no_fit or (f"{about}: {', '.join(values)}; {quality}." if about else ""),
         identifiability=() if no_fit else tuple(_identifiability(data, name) for name in data.brief),
         spent=_spent(data),
         warnings=tuple(report_warnings(data, bests, tables)),
@@ -89,9 +105,14 @@ def _no_fit(data: ReportData, bests: Sequence[Best]) -> str:
     return f"No parameters can be read from this run: the best set does not fit {where}. {CHECK}"
 
 
-def _lead(data: ReportData, bests: Sequence[Best]) -> str:
-    where = data.together
-    best = next((b for b in bests if b.scenario == data.generalising.name and b.spot == where), None)
+def _leading(data: ReportData, bests: Sequence[Best]) -> Best | None:
+    main = data.generalising.name
+    return next((best for best in bests if (best.spot, best.scenario) == (data.together, main)), None)
+
+
+def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]:
+    """What leads, its values, and how well it fits; empty where there is nothing."""
+    where, best = data.together, _leading(data, bests)
     if best is not None:
         values = [*_listed(data.searched, (v.value for v in best.values)), *_moduli(data, best)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
@@ -102,21 +123,17 @@ def _lead(data: ReportData, bests: Sequence[Best]) -> str:
             for name in data.generalising.weighed
             if (at := best.r2.get(name)) is not None
         ]
-        return (
-            f"{of}, fitted to {best.fitted_to} (scenario {best.scenario}): {', '.join(values)}; "
-            f"{', '.join([f'{mean} {best.fopt:.4g}', *r2])} ({best.found})."
-        )
+        about = f"{of}, fitted to {best.fitted_to} (scenario {best.scenario})"
+        return about, values, f"{', '.join([f'{mean} {best.fopt:.4g}', *r2])} ({best.found})"
     if data.generalisation.is_empty():
-        return ""
+        return "", [], ""
     row = data.generalisation.row(0, named=True)
     spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
     found = data.completeness
     of = "" if found.is_complete else f", of {found.n_everywhere} sets simulated at each"
-    return (
-        f"One set for all {len(data.spots)} spots{of}: set {row['set_id']}, "
-        f"{', '.join(_listed(data.brief, (row[name] for name in data.brief)))}; "
-        f"mean Fopt {row['fopt_mean']:.4g}{spread} (scenario {row['scenario']})."
-    )
+    values = [f"set {row['set_id']}", *_listed(data.brief, (row[name] for name in data.brief))]
+    quality = f"mean Fopt {row['fopt_mean']:.4g}{spread} (scenario {row['scenario']})"
+    return f"One set for all {len(data.spots)} spots{of}", values, quality
 
 
 def _listed(parameters: Mapping[str, Parameter], values: Iterable[float | None]) -> Iterator[str]:

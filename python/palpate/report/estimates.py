@@ -1,0 +1,67 @@
+"""The parameters that lead, each with its interval."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from palpate.report.best_sets import Best
+from palpate.report.report_data import ReportData
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """A parameter of the joint fit, of the set for all spots, or of the only spot.
+
+    Parameters
+    ----------
+    parameter : str
+        Brief name; ``<name>@<spot>`` where each spot has its own.
+    unit : str
+    value, lower, upper : float or None
+        None where they are unknown, and the value where it differs from spot to spot.
+    identifiability : str
+    level : float or None
+        0.95 where the interval is that of a fit; None where it is what fits about as well in the sweep.
+    """
+
+    parameter: str
+    unit: str
+    value: float | None
+    lower: float | None
+    upper: float | None
+    identifiability: str
+    level: float | None
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        known = "" if self.lower is None else f"{self.lower:.4g} to {self.upper:.4g}, "
+        value = "by spot" if self.value is None else f"= {self.value:.4g}{unit}"
+        return f"{self.parameter} {value} ({known}{self.identifiability})"
+
+
+def estimates(data: ReportData, bests: Sequence[Best]) -> Iterator[Estimate]:
+    """Parameters of what leads, with the intervals of the fit where it has them, else of the sweep."""
+    main = data.generalising.name
+    rows = data.fit.certainty.intervals
+    if not rows.is_empty():
+        rows = rows.filter(fit=data.together, scenario=main)
+    for row in rows.iter_rows(named=True):
+        head, at, spot = row["parameter"].partition("@")
+        ends = {name: row[name] for name in ("unit", "value", "lower", "upper", "identifiability")}
+        name = data.searched[head].name if head in data.searched else head
+        yield Estimate(parameter=f"{name}{at}{spot}", level=0.95, **ends)
+    if not rows.is_empty():
+        return
+    best = next((b for b in bests if (b.spot, b.scenario) == (data.together, main)), None)
+    swept = data.identified(together=True)
+    for i, (name, parameter) in enumerate(data.searched.items()):
+        chosen = next(data.generalisation.iter_rows(named=True), {}) if best is None else {}
+        row = next(swept.filter(parameter=name).iter_rows(named=True), {})
+        yield Estimate(
+            parameter=parameter.name,
+            unit=parameter.unit,
+            value=chosen.get(name) if best is None else best.values[i].value,
+            lower=row.get("lower"),
+            upper=row.get("upper"),
+            identifiability=row.get("identifiability", "unclear"),
+            level=None,
+        )
