@@ -1,6 +1,6 @@
 """Searches: from evaluations of a problem to the parameters for which it fits best.
 
-A search asks and is told: it yields :class:`Trial` objects, points of the unit box that it wants
+A search asks and receives: it yields :class:`Trial` objects, points of the unit box that it wants
 evaluated, and receives an :class:`Evaluation` for each. Everything that it asks for is simulated
 where the study runs and kept in the run's ledger, so a search that is started again with the same
 space comes to the same end without simulating anything twice. It must therefore be deterministic.
