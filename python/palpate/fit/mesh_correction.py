@@ -14,7 +14,7 @@ from palpate.domain import FloatArray, Simulation, channel_of
 from palpate.fit.spot_term import NotRankedError, SpotTerm
 from palpate.plugins.parametrisation import SpotInputs
 
-NEAR = 0.1
+NEAR = 0.2
 """Error of a correction, over the misfit that is left, up to which a set is near enough."""
 
 

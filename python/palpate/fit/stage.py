@@ -1,8 +1,9 @@
 """The fit of a study: jointly over its spots and at each of them, in every scenario.
 
-The joint fit of the scenario that generalises comes first, from each basin of the sweep. The other
-scenarios start where it ends, and each spot where the joint fit of its scenario ends. Where spots have a
-finer mesh, its answers correct the curves of the coarse one until that changes nothing any more.
+The joint fit of the scenario that generalises comes first, from each basin of the sweep. Where spots have
+a finer mesh, its answers correct the curves of the coarse one until that changes nothing any more. The
+other scenarios start where the first has ended, with its corrections, and each spot where the joint fit of
+its scenario has.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -38,7 +39,7 @@ class Case:
     fits : list of Fit
         The searches, in order; those of one start, then those that go on with better corrections.
     coarse : mapping of name to value
-        Where the coarse mesh alone would end; empty without a finer one.
+        Where the coarse mesh alone would end; empty where it was not tried.
     is_settled : bool
         Whether the corrections by finer meshes are near enough to where it has ended.
     """
@@ -109,9 +110,10 @@ class FitStage:
         self._n_known = len(self.simulations.known)
         first = Case(label, self._weighed_spots(main), main)
         self._search([first], {id(first): self._starts(first)})
+        self._correct([first])
         cases = [first, *(Case(label, self._weighed_spots(scenario), scenario) for scenario in others)]
         self._search(cases[1:], {id(case): [first.values()] for case in cases[1:]})
-        self._correct(cases)
+        self._correct(cases[1:])
         if len(spots) > 1:
             of_spots = [
                 (Case(spot, (spot,), case.scenario), {**case.values(), **_at_spot(case.values(), spot)})
@@ -198,7 +200,8 @@ class FitStage:
         """Fit again with the finer meshes' answers at each end, until those at hand are near enough."""
         active = [case for case in cases if any(f"{s}/fine" in self.simulations.limbs for s in case.spots)]
         for case in active:
-            case.coarse = case.coarse or case.values()
+            is_bare = case.end is not None and not any(t.corrections for t in case.end.problem.terms)
+            case.coarse = case.values() if is_bare else {}
         for _ in range(self.study.fine_runs if active else 0):
             self._run_fine(active)
             again = [case for case in active if self._restate(case)]

@@ -179,7 +179,7 @@ def refinement(simulations: Simulations) -> dict[str, float]:
 def _mesh(case: Case, ratios: Mapping[str, float]) -> Iterator[dict[str, Any]]:
     """What the coarse meshes, the finer ones, and meshes without error would give."""
     fine = case.values()
-    if not case.n_fine or not fine:
+    if not case.coarse or not case.n_fine or not fine:
         return
     ratio = np.mean([ratios[spot] ** ORDER for spot in case.spots if spot in ratios])
     for name, value in fine.items():
