@@ -8,6 +8,7 @@ from pathlib import Path
 
 from palpate.domain import Channel, Response
 from palpate.report.convergence import by_spot, contact_along
+from palpate.report.paper_tables import materials_of, paper_tables
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
 from palpate.report.table_files import write_tables
@@ -38,7 +39,8 @@ def write_report(data: ReportData, folder: Path) -> Report:
     data = in_written_units(data)
     tables = make_tables(data)
     verdict = make_verdict(data, tables)
-    files = (*write_tables(tables, folder / "tables"), *write_figures(data, folder / "figures"))
+    paper = paper_tables({materials_of(data): data})
+    files = (*write_tables(tables, folder / "tables", paper), *write_figures(data, folder / "figures"))
     page = write_page(data, tables, verdict, files, folder)
     keep_only(folder, (*files, page))
     return Report(tables=tables, files=(*files, page), verdict=verdict)

@@ -3,42 +3,25 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import polars as pl
 
+from palpate.report.latex import escaped, number, plain
 from palpate.report.tables import TITLES
 from palpate.run.result_files import write_atomically
 
 _FORMULA = r"^[=+@\-\t\r]"
 """How a cell begins that a spreadsheet would run."""
-_LATEX = str.maketrans(
-    {
-        "\\": r"\textbackslash{}",
-        "{": r"\{",
-        "}": r"\}",
-        "$": r"\$",
-        "&": r"\&",
-        "#": r"\#",
-        "%": r"\%",
-        "_": r"\_",
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "|": r"\textbar{}",
-        "…": r"\ldots{}",
-        "–": "--",
-        "\n": " ",
-        "\r": " ",
-    }
-)
 _MARKDOWN = str.maketrans(
     {character: f"\\{character}" for character in "\\`*_{}[]<>#|~$&!"} | {"\n": " ", "\r": " "}
 )
 
 
-def write_tables(tables: Mapping[str, pl.DataFrame], folder: Path) -> tuple[Path, ...]:
-    """Write each table as CSV, LaTeX and Markdown."""
+def write_tables(
+    tables: Mapping[str, pl.DataFrame], folder: Path, paper: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Path, ...]:
+    """Write each table as CSV, LaTeX and Markdown, and those of a paper, which are LaTeX already."""
     texts = {
         folder / f"{name}{suffix}": text
         for name, table in tables.items()
@@ -48,6 +31,7 @@ def write_tables(tables: Mapping[str, pl.DataFrame], folder: Path) -> tuple[Path
             (".md", markdown(name, table)),
         )
     }
+    texts |= {folder / f"{name}.tex": text for name, text in paper.items()}
     for path, text in texts.items():
         write_atomically(path, text.encode())
     return tuple(texts)
@@ -61,7 +45,7 @@ def _csv(table: pl.DataFrame) -> str:
 
 
 def latex(name: str, table: pl.DataFrame) -> str:
-    """Write a table for LaTeX with the package ``booktabs``; whatever is special there is escaped.
+    """Write a table for LaTeX with the packages ``booktabs`` and ``graphicx``; names are text there.
 
     Parameters
     ----------
@@ -69,23 +53,13 @@ def latex(name: str, table: pl.DataFrame) -> str:
         Key of ``TITLES``; the label is ``tab:<name>``.
     table : DataFrame
     """
-    columns = "".join("r" if dtype.is_numeric() else "l" for dtype in table.dtypes)
-    head = " & ".join(text.translate(_LATEX) for text in table.columns)
-    rows = (" & ".join(_latex_cell(value) for value in row) for row in table.iter_rows())
-    lines = [
-        r"\begin{table}",
-        rf"\caption{{{TITLES.get(name, name).translate(_LATEX)}}}",
-        rf"\label{{tab:{name}}}",
-        rf"\begin{{tabular}}{{{columns}}}",
-        r"\toprule",
-        rf"{head} \\",
-        r"\midrule",
-        *(rf"{row} \\" for row in rows),
-        r"\bottomrule",
-        r"\end{tabular}",
-        r"\end{table}",
-    ]
-    return "\n".join(lines) + "\n"
+    return plain(
+        [escaped(text) for text in table.columns],
+        [[_latex_cell(value) for value in cells] for cells in table.iter_rows()],
+        [dtype.is_numeric() for dtype in table.dtypes],
+        caption=escaped(TITLES.get(name, name)),
+        label=name,
+    )
 
 
 def markdown(name: str, table: pl.DataFrame) -> str:
@@ -98,13 +72,8 @@ def markdown(name: str, table: pl.DataFrame) -> str:
 
 
 def _latex_cell(value: object) -> str:
-    text = shown(value)
-    if isinstance(value, float) and "e" in text:
-        mantissa, exponent = text.split("e")
-        return rf"${mantissa}\times10^{{{int(exponent)}}}$"
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return "$" + text.replace("inf", r"\infty") + "$"
-    return text.translate(_LATEX)
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return number(shown(value)) if is_number else escaped(shown(value))
 
 
 def shown(value: object) -> str:

@@ -120,16 +120,6 @@ def test_what_a_name_holds_is_text_in_latex_and_markdown():
     assert r"\| \`d\` \<e\>" in md
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no LaTeX is installed")
-def test_latex_reads_a_hostile_table(tmp_path):
-    text = latex("one", pl.DataFrame({"a_name": [HOSTILE], "x": [float("inf")], "y": [None]}))
-    (tmp_path / "a.tex").write_text(
-        "\\documentclass{article}\\usepackage{booktabs,textcomp}\\begin{document}\n"
-        + text + "\\end{document}\n"
-    )  # fmt: skip
-    subprocess.run(["pdflatex", "-halt-on-error", "a.tex"], cwd=tmp_path, check=True, capture_output=True)
-
-
 def test_numbers_are_short_where_they_are_read_and_whole_where_they_are_used(tmp_path):
     table = pl.DataFrame(
         {"x": [0.123456789], "n": [12], "none": [None], "inf": [float("inf")], "yes": [True]}
