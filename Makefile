@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 PLUGINS := $(dir $(wildcard plugins/*/pyproject.toml))
 EDITABLE := $(addprefix -e ,$(PLUGINS))
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
+# In a terminal pip shows that it works.
+QUIET := $(if $(MAKE_TERMOUT),,--quiet)
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
@@ -17,9 +19,9 @@ $(VENV)/installed: $(RUST) $(PYPROJECTS)
 	@command -v cargo >/dev/null || { echo "cargo is missing: install Rust first"; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "CPython 3.11 or newer is needed: make PYTHON=python3.11"; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --group dev
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install --quiet --no-build-isolation -e . $(EDITABLE)
+	$(BIN)/python -m pip install $(QUIET) --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install $(QUIET) --group dev
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install $(QUIET) --no-build-isolation -e . $(EDITABLE)
 	touch $@
 
 demo: $(VENV)/installed ## identify the material of a simulated forearm, end to end

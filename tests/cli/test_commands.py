@@ -383,7 +383,8 @@ def test_stages_for_people_end_with_the_command_to_run_next(call: Call, study: P
 
 
 def test_limb_shows_meshes_or_reports_that_there_are_none(call: Call, study: Path) -> None:
-    assert "No limb" in call("limb", study).out
+    shown = call("limb", study)
+    assert ("No limb" in shown.out, "limb …" in shown.err) == (True, True)
     assert call("limb", study, "--json").json == []
 
 

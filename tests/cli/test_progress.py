@@ -1,6 +1,7 @@
 """Progress of a run: bars on a terminal, lines in logs, and what is next to the counts."""
 
 import io
+import itertools
 import re
 import subprocess
 import sys
@@ -97,29 +98,50 @@ def test_a_terminal_gets_a_bar_and_respects_no_color(follow):
         following.step("ok")
         following.step("timed_out")
     assert "2/3" in text.getvalue()
+    assert "1 failed" in text.getvalue()
     assert "1 timed_out, 1 ok" in text.getvalue()
     assert not re.search(r"\x1b\[[0-9;]*3[0-9]m", text.getvalue())
 
 
-@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize("width", [60, 80, 120])
 def test_a_narrow_terminal_keeps_count_time_left_and_failures(follow, monkeypatch, width):
     session, text = follow(is_terminal=True, width=width)
+    clock = itertools.count()
+    monkeypatch.setattr(shown.time, "monotonic", lambda: next(clock) * 600.0)
     side = "cpu 78 % of 2 cores, memory 1.4 GB; best I 0.0221 (p1/5), II 0.00256 (p1/5), III 0.1 (p2/17)"
     with StageProgress(session) as following:
         following._side.text = side
-        following.begin("simulate", 1000)
-        for _ in range(400):
-            following.step("ok")  # of an earlier run
+        following.begin("simulate", 10_000)
+        for _ in range(9000):
+            following.step("ok")
         following.running(2)
-        following._first = (following._first[0] - 60.0, 400)  # a minute for the next 20
-        for i in range(20):
-            following.step("ok" if i % 2 else "timed_out")
+        for i in range(200):
+            following.step(("ok", "timed_out", "diverged")[i % 3])
             following.running(2)
     plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text.getvalue())
-    lines = [line for line in plain.splitlines() if "left" in line]
-    assert re.search(r"simulate +420/1000 .* about 2\d min left +10 timed_out, 410 ok", lines[-1]), lines[-1]
-    assert len(lines[-1].rstrip()) <= width
-    assert "cpu 78 % of 2 cores, memory 1.4 GB; best I 0.0221 (p1/5)" in plain
+    first, second = plain.splitlines()[-2:]
+    assert re.match(r"simulate +9200/10000 about \d+ h \d+ min left +133 failed ", first), first
+    assert second.startswith("  67 timed_out, 66 diverged, 9067 ok, 2 running; cpu 78"), second
+    assert max(len(first.rstrip()), len(second.rstrip())) <= width
+
+
+@pytest.mark.parametrize("n_reused", [0, 20, 90])
+def test_the_time_left_counts_nothing_that_was_reused(follow, monkeypatch, n_reused):
+    """Ten seconds each, whatever was there before the first simulation began."""
+    session, _ = follow(is_terminal=False)
+    now = [0.0]
+    monkeypatch.setattr(shown.time, "monotonic", lambda: now[0])
+    with StageProgress(session) as following:
+        following.begin("simulate", 100)
+        for _ in range(n_reused):
+            following.step("ok")
+        now[0] += 7.0  # spent on reading what was there
+        assert following._left() == ""
+        following.running(1)
+        for _ in range(5):
+            now[0] += 10.0
+            following.step("ok")
+        assert following._left() == f"about {status_command.duration(10.0 * (95 - n_reused))} left"
 
 
 def test_the_side_shows_processor_memory_and_the_best_sets(call, study, tmp_path, follow, monkeypatch):

@@ -6,6 +6,7 @@ import typer
 
 from palpate.cli.inspect import StageGroup, stage_group
 from palpate.cli.options import AsJson, StudyPath
+from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session
 from palpate.errors import StudyError
 
@@ -23,7 +24,10 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
             f"{study}: neither a study (study.toml) nor a file that a plugin makes a mesh of "
             f"({others or 'no plugin that does is installed'}); name one of the two"
         )
-    limbs = pipeline.check_study(session.study(study), session.plugins).limbs
+    with StageProgress(session, keeps=False) as progress:
+        progress.begin("limb", 1)
+        limbs = pipeline.check_study(session.study(study), session.plugins).limbs
+        progress.step()
     rows: list[dict[str, Any]] = [
         {
             "spot": spot,

@@ -68,7 +68,7 @@ class StageProgress:
 
     def __enter__(self) -> "StageProgress":
         if self._console.is_terminal:
-            self._bars = _bars(self._console, self._side_line)
+            self._bars = _bars(self._console, self._second_line)
             self._bars.start()
         if threading.current_thread() is threading.main_thread():
             self._handlers = {each: signal.signal(each, self._stop) for each in _ASKING}
@@ -101,11 +101,10 @@ class StageProgress:
         self._first = None if stage == "simulate" else (self._last_line, 0)
         self._notes, self._place = Counter(), ""
         if self._bars is not None:
-            self._task = self._bars.add_task(stage, total=total or None, left="", notes="")
+            self._task = self._bars.add_task(stage, total=total or None, left="", failed="")
         else:
             self._console.print(f"{stage}: {total} steps" if total > 1 else f"{stage} …", markup=False)
-        if stage in SIMULATING:
-            self._side.begin()
+        self._side.begin()
 
     def step(self, note: str = "") -> None:
         """Count one step, and how it ended."""
@@ -114,7 +113,7 @@ class StageProgress:
         if note:
             self._notes[note] += 1
         if self._bars is not None and self._task is not None:
-            self._bars.update(self._task, advance=1, left=self._left(), notes=self._counts())
+            self._bars.update(self._task, advance=1, left=self._left(), failed=self._failed())
         elif self._is_line_due():
             self._print_line()
 
@@ -123,8 +122,6 @@ class StageProgress:
         self._n_running = n_running
         if self._first is None:
             self._first = (time.monotonic(), self._done)
-        if self._bars is not None and self._task is not None:
-            self._bars.update(self._task, notes=self._counts())
 
     def at(self, text: str) -> None:
         """Show where in the stage the work is."""
@@ -157,21 +154,27 @@ class StageProgress:
 
     def _look_at_clock(self) -> None:
         """Print a line where nothing has ended for a while."""
-        if self._bars is None and self._stage in SIMULATING and self._is_late():
+        if self._bars is None and self._is_late():
             self._print_line()
 
     def _print_line(self) -> None:
         self._last_line = time.monotonic()
         done = f"{self._done} of {self._total} " if self._total else ""
         line = f"{self._stage}: {done}{self._counts()}"
-        parts = [line.rstrip(" :"), self._left(), self._side_line()]
-        self._console.print("; ".join(part for part in parts if part), markup=False)
+        self._console.print(
+            _joined(line.rstrip(" :"), self._left(), self._place, self._side.text), markup=False
+        )
 
-    def _side_line(self) -> str:
-        return "; ".join(part for part in (self._place, self._side.text) if part)
+    def _second_line(self) -> str:
+        """What a narrow terminal may cut."""
+        return _joined(self._counts(), self._place, self._side.text)
+
+    def _failed(self) -> str:
+        n_failed = self._notes.total() - self._notes["ok"] if self._stage in SIMULATING else 0
+        return f"{n_failed} failed" if n_failed else ""
 
     def _counts(self) -> str:
-        """Counts by how steps ended: failures first, since a narrow terminal cuts the end."""
+        """Counts by how steps ended, failures first."""
         ended = sorted(self._notes.items(), key=lambda each: (each[0] == "ok", -each[1]))
         running = [f"{self._n_running} running"] if self._n_running else []
         return ", ".join([*(f"{count} {name}" for name, count in ended), *running])
@@ -227,11 +230,14 @@ class _Side:
             self._thread.join()
 
     def _look(self) -> None:
+        if self._ended.wait(LOOK_S):  # most commands end before anything needs to be imported
+            return
         from palpate.executors.machine import usage
         from palpate.stages.status import Watcher
 
         watcher = None if self._folder is None else Watcher(self._folder)
         before, next_s = (time.monotonic(), usage()), 0.0
+        self._looked()
         while not self._ended.wait(LOOK_S):
             self._looked()
             now = (time.monotonic(), usage())
@@ -242,8 +248,12 @@ class _Side:
             # The sweep itself reports what is wrong with the folder.
             with contextlib.suppress(PalpateError, OSError):
                 parts.append(best(watcher.look().best) if watcher else "")
-            self.text = "; ".join(part for part in parts if part)
+            self.text = _joined(*parts)
             next_s = time.monotonic() + 20.0 * (time.monotonic() - now[0])
+
+
+def _joined(*parts: str) -> str:
+    return "; ".join(part for part in parts if part)
 
 
 _Use = tuple[float, tuple[float, float] | None]
@@ -267,7 +277,7 @@ def best(frame: "pl.DataFrame") -> str:
 
 
 def _bars(console: Any, side: Callable[[], str]) -> "Progress":  # noqa: ANN401 - rich's, imported only here
-    """Bars that keep count and time left on a narrow terminal, with ``side`` on a line below them."""
+    """Bars with count, time left and failures at any width, and the ``side`` on a line below them."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.table import Column
     from rich.text import Text
@@ -278,13 +288,22 @@ def _bars(console: Any, side: Callable[[], str]) -> "Progress":  # noqa: ANN401 
             if text := side():
                 yield Text(f"  {text}", no_wrap=True, overflow="ellipsis")
 
+    class TimeColumn(TimeElapsedColumn):
+        """Time to come where it is known, else what has passed."""
+
+        def render(self, task: Any) -> Text:  # noqa: ANN401 - rich's, imported only here
+            return (
+                Text(task.fields["left"], style="progress.remaining")
+                if task.fields["left"]
+                else super().render(task)
+            )
+
     return Bars(
         TextColumn("{task.description}"),
         MofNCompleteColumn(),
-        BarColumn(bar_width=10),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"),
-        TextColumn("{task.fields[notes]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
+        TimeColumn(),
+        TextColumn("{task.fields[failed]}", style="red"),
+        BarColumn(bar_width=None, table_column=Column(ratio=1, max_width=20)),
         console=console,
         expand=True,
     )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -135,12 +135,15 @@ def failures(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def _seconds_left(rows: pl.DataFrame, n_left: int, runner: Runner | None) -> float | None:
-    """Estimate from the pace of the latest results."""
-    if runner is None or n_left == 0:
+    """Estimate from the pace of the latest results that this runner simulated."""
+    if runner is None or n_left == 0 or rows.is_empty():
         return None
-    since = runner.since.replace(" UTC", "").replace(" ", "T")
-    times = rows.filter(pl.col("finished_at") >= since)["finished_at"].sort().tail(200).to_list()
+    since = datetime.strptime(runner.since, "%Y-%m-%d %H:%M:%S UTC").replace(tzinfo=UTC)
+    ended = pl.col("finished_at").str.to_datetime(time_zone="UTC")
+    # A result that would have had to begin before the runner is one of the cache.
+    own = rows.select(ended, began=ended - pl.duration(milliseconds=1000.0 * pl.col("seconds")))
+    times = own.filter(pl.col("began") >= since)["finished_at"].sort().tail(200)
     if len(times) < 2:
         return None
-    first, last = (datetime.fromisoformat(each) for each in (times[0], times[-1]))
-    return n_left * (last - first).total_seconds() / (len(times) - 1)
+    seconds: float = (times[-1] - times[0]).total_seconds()
+    return n_left * seconds / (len(times) - 1)
