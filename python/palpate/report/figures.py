@@ -16,7 +16,8 @@ from palpate import _core
 from palpate.domain import Channel, Curve, FloatArray, Response
 from palpate.errors import CurveError
 from palpate.report.fit_path import least_of_sweep, paths
-from palpate.report.report_data import ReportData
+from palpate.report.paper_tables import intervals
+from palpate.report.report_data import ReportData, label_of
 from palpate.report.space import parameter_space
 from palpate.report.style import (
     DOUBLE_MM,
@@ -29,15 +30,13 @@ from palpate.report.style import (
     entitle,
     legend_below,
     save,
+    set_log,
     sized,
 )
 from palpate.run.directory import file_name
 from palpate.run.result import ALL_SPOTS
 from palpate.stages.experiment import Presses
 from palpate.stages.selection import objectives
-
-DISTRIBUTION_LIMIT = 4.0
-"""NMSE at which the distribution is cut."""
 
 
 def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
@@ -48,6 +47,8 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
         drawings["nmse_distribution"] = partial(nmse_distribution, data)
     if not data.fit.trace.is_empty():
         drawings["fit_trace"] = partial(fit_trace, data)
+    if not data.fit.certainty.intervals.is_empty():
+        drawings["intervals"] = partial(interval_plot, data)
     for spot in data.spots:
         drawings[f"parameter_space_{file_name(spot)}"] = partial(parameter_space, data, spot)
         drawings[f"response_{file_name(spot)}"] = partial(responses, data, spot)
@@ -213,7 +214,7 @@ def fit_trace(data: ReportData) -> Figure:
         axis.axhline(
             least, color=MEASURED_COLOUR, linestyle="--", label=f"{data.together}: least of the sweep"
         )
-    axis.set_yscale("log")
+    set_log(axis, "y")
     axis.set_xlabel("simulations of the fit")
     axis.set_ylabel(f"Fopt (NMSE), scenario {scenario.name}")
     legend_below(figure, [axis])
@@ -221,11 +222,41 @@ def fit_trace(data: ReportData) -> Figure:
     return figure
 
 
+def interval_plot(data: ReportData) -> Figure:
+    """Fitted parameters with their 95 % intervals by spot and scenario, the joint fit first."""
+    spots = [spot for spot in (ALL_SPOTS, *data.spots) if spot in data.fit.ends["fit"].to_list()]
+    names, ends = list(data.searched.items()), intervals(data)
+    figure = sized(DOUBLE_MM if len(names) > 1 else SINGLE_MM, 14.0 * len(spots) + 36.0)
+    axes = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
+    scenarios = [s.name for s in data.study.scenarios]
+    for axis, (name, parameter) in zip(axes, names, strict=True):
+        for row in data.fit.ends.iter_rows(named=True):
+            if row.get(name) is None:
+                continue
+            i = scenarios.index(row["scenario"])
+            at = spots.index(row["fit"]) + 0.6 * ((i + 0.5) / len(scenarios) - 0.5)
+            colour, dash = LINES[i % len(LINES)]
+            look = {"color": colour, "linestyle": dash, "label": f"scenario {row['scenario']}"}
+            span = ends.get((row["fit"], row["scenario"], name), (row[name],) * 2)
+            axis.plot(span, [at, at], linewidth=1.6, **look)
+            axis.plot(row[name], at, "o", markersize=3.0, color=colour)
+        if (truth := data.study.truth.get(name)) is not None:
+            axis.axvline(truth, color="black", linewidth=0.8, label="known answer")
+        if parameter.scale == "log":
+            set_log(axis, "x")
+        axis.set_xlabel(label_of(parameter))
+    axes[0].set_yticks(range(len(spots)), spots)
+    axes[0].invert_yaxis()
+    legend_below(figure, list(axes))
+    entitle(figure, f"{data.study.name}: parameters with 95 % intervals", data.notice)
+    return figure
+
+
 # ------------------------------------------------------------- NMSE over the sets
 
 
 def nmse_distribution(data: ReportData) -> Figure:
-    """Fopt of every set at each spot, cut at ``DISTRIBUTION_LIMIT``."""
+    """Fopt of every set at each spot, on a log scale."""
     rows = objectives(data.scores, [data.generalising])
     figure = sized(SINGLE_MM if len(data.spots) <= 6 else DOUBLE_MM, 75.0)
     axis = figure.subplots()
@@ -234,8 +265,7 @@ def nmse_distribution(data: ReportData) -> Figure:
         _draw_distribution(axis, place, fopt)
     axis.set_xticks(range(len(data.spots)), data.spots)
     axis.set_xlim(-0.6, len(data.spots) - 0.4)
-    axis.set_ylim(0.0, DISTRIBUTION_LIMIT * 1.12)
-    axis.axhline(DISTRIBUTION_LIMIT, color="0.4", linewidth=0.6, linestyle="--")
+    set_log(axis, "y")
     axis.set_xlabel("spot")
     axis.set_ylabel(f"Fopt (NMSE), scenario {data.generalising.name}")
     legend_below(figure, [axis])
@@ -246,21 +276,16 @@ def nmse_distribution(data: ReportData) -> Figure:
 
 
 def _draw_distribution(axis: Axes, place: int, fopt: FloatArray) -> None:
-    shown = np.sort(fopt[fopt <= DISTRIBUTION_LIMIT])
+    if not fopt.size:
+        return
+    shown = np.sort(fopt)
     # The golden ratio spreads neighbours evenly, and the same data always look the same.
     spread = (np.arange(shown.size) * 0.6180339887 % 1.0 - 0.5) * 0.5
     axis.scatter(place + spread, shown, s=7, color=MEASURED_COLOUR, alpha=0.5, linewidths=0, label="set")
-    if fopt.size:
-        least, middle = float(fopt.min()), float(np.median(fopt))
-        if middle <= DISTRIBUTION_LIMIT:
-            axis.hlines(middle, place - 0.32, place + 0.32, color="black", linewidth=1.3,
-                        label="median of all sets")  # fmt: skip
-        if least <= DISTRIBUTION_LIMIT:
-            axis.scatter([place], [least], marker="*", s=50, color=LEAST_COLOUR, zorder=4, clip_on=False,
-                         label="least")  # fmt: skip
-    n_above = int((fopt > DISTRIBUTION_LIMIT).sum())
-    if n_above:
-        axis.text(place, DISTRIBUTION_LIMIT * 1.06, f"{n_above} above", ha="center", va="center", fontsize=6)
+    axis.hlines(float(np.median(fopt)), place - 0.32, place + 0.32, color="black", linewidth=1.3,
+                label="median of all sets")  # fmt: skip
+    axis.scatter([place], shown[:1], marker="*", s=50, color=LEAST_COLOUR, zorder=4, clip_on=False,
+                 label="least")  # fmt: skip
 
 
 # ------------------------------------------------------------ presses of one spot

@@ -10,11 +10,11 @@ import polars as pl
 
 from palpate.domain import Curve, FloatArray, Indentation, IntArray, Scenario
 from palpate.report.convergence import CONTACT
-from palpate.report.figures import DISTRIBUTION_LIMIT, fits_at, residuals
+from palpate.report.figures import fits_at, residuals
 from palpate.report.fit_path import least_of_sweep, paths
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.scene import edge_of_contact, scene
-from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, colours
+from palpate.report.space import MOST_PAIRS, colours
 from palpate.report.tables import weighted_channels
 from palpate.stages.selection import objectives
 
@@ -34,6 +34,12 @@ MOST_MESH_TRIANGLES = 16_000
 """Triangles of all limbs together."""
 
 N_COLOURS = 64
+
+COLOUR_LIMIT = 2.5
+"""NMSE up to which the parameter space is coloured; above it is black."""
+
+DISTRIBUTION_LIMIT = 4.0
+"""NMSE at which the distribution is cut."""
 
 
 def page_data(data: ReportData) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
 from palpate.domain import FloatArray, Parameter
@@ -21,14 +21,16 @@ from palpate.report.style import (
     LINES,
     MEASURED_COLOUR,
     SINGLE_MM,
+    PlainNumbers,
     entitle,
     legend_below,
+    set_log,
     sized,
 )
 from palpate.stages.selection import objectives
 
-COLOUR_LIMIT = 2.5
-"""NMSE up to which the parameter space is coloured; above it is black."""
+SMALLEST = 1e-6
+"""Least part of the largest Fopt that a log scale shows."""
 
 MOST_PAIRS = 15
 """Most pairs of parameters that one figure shows."""
@@ -38,38 +40,41 @@ _PANEL_MM = {1: 65.0, 2: 60.0, 4: 42.0}
 
 
 def colours() -> Colormap:
-    """Viridis without its dark end, which could be taken for the black of what is above."""
+    """Viridis without its dark end, next to which black marks would not be seen."""
     viridis = mpl.colormaps["viridis"]
     return LinearSegmentedColormap.from_list("nmse", viridis(np.linspace(0.25, 1.0, 256)))
 
 
 def parameter_space(data: ReportData, spot: str) -> Figure:
-    """Show sets in the space of their parameters: coloured by NMSE, black above the limit, red the least.
+    """Show sets in the space of their parameters: coloured by the logarithm of Fopt, red the least.
 
     The ways of the joint fit and of the spot's own are drawn over them, each to a diamond at its end.
     Three parameters are shown in space and in pairs, more in pairs (at most ``MOST_PAIRS``), one over
-    its own axis.
+    its own axis. Axes are logarithmic where the sweep is; space has none such.
     """
     values, fopt = _sets_at(data, spot)
     parameters = tuple(data.brief.values())
     n = len(parameters)
     if n == 1:
         figure, flat = _one_parameter(values[:, 0], fopt, parameters[0])
+        _set_scales(flat[0], parameters[:1])
+        set_log(flat[0], "y")
         _draw_paths(data, spot, flat[0], [data.design.parameters[0].name, "fopt"])
     else:
         pairs = list(combinations(range(n), 2))[:MOST_PAIRS]
-        figure, flat = _pair_grid(len(pairs) + (n == 3))
-        if n == 3:
+        in_space = n == 3 and not any(p.scale == "log" for p in parameters)
+        figure, flat = _pair_grid(len(pairs) + in_space)
+        if in_space:
             _draw_space(figure, flat, values, fopt, parameters)
             _draw_paths(data, spot, flat[0], [p.name for p in data.design.parameters])
-        for axis, (i, j) in zip(flat[n == 3 :], pairs, strict=True):
+        for axis, (i, j) in zip(flat[in_space:], pairs, strict=True):
             _scatter(axis, (values[:, i], values[:, j]), fopt)
             _draw_paths(data, spot, axis, [data.design.parameters[k].name for k in (i, j)])
             axis.set_xlabel(label_of(parameters[i]))
             axis.set_ylabel(label_of(parameters[j]))
-            axis.locator_params(nbins=5)
-    if n > 1:
-        _colour_bar(figure, flat, data)
+            _set_scales(axis, (parameters[i], parameters[j]))
+    if n > 1 and np.isfinite(fopt).any():
+        _colour_bar(figure, flat, data, fopt)
     legend_below(figure, flat[-1:])
     n_sets = int(np.isfinite(values[:, 0]).sum())
     shown = f"{n_sets} sets and their NMSE" if data.design.n_sets else "the way of the fit"
@@ -84,6 +89,22 @@ def _sets_at(data: ReportData, spot: str) -> tuple[FloatArray, FloatArray]:
     fopt[rows["set_id"].to_numpy()] = rows["fopt"].to_numpy()
     simulated = np.isin(np.arange(fopt.size), data.scores.filter(pl.col("spot") == spot)["set_id"])
     return np.where(simulated[:, None], data.design.values, np.nan), fopt
+
+
+def fopt_scale(fopt: FloatArray) -> LogNorm:
+    """Log scale over the finite errors, none of them too small to show."""
+    largest = max(float(np.nanmax(fopt)), np.finfo(float).tiny / SMALLEST)
+    return LogNorm(max(float(np.nanmin(fopt)), SMALLEST * largest), largest, clip=True)
+
+
+def _set_scales(axis: Axes, parameters: Sequence[Parameter]) -> None:
+    """Scale axes x and y as the sweep is."""
+    ticks: Any = axis
+    for name, parameter in zip("xy", parameters, strict=False):
+        if parameter.scale == "log":
+            set_log(axis, name)
+        else:
+            ticks.locator_params(axis=name, nbins=5)
 
 
 def _one_parameter(values: FloatArray, fopt: FloatArray, parameter: Parameter) -> tuple[Figure, list[Axes]]:
@@ -132,31 +153,23 @@ def _draw_space(
 
 
 def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
-    """Draw sets at coordinates (n_sets,) each: coloured, black above the limit, grey failed, red least."""
+    """Draw sets at coordinates (n_sets,) each: coloured, grey failed, red least."""
     draw: Any = axis.scatter
     scatter = partial(draw, depthshade=False) if axis.name == "3d" else draw
-    unranked, above = np.isnan(fopt), fopt > COLOUR_LIMIT
+    unranked = np.isnan(fopt)
     failed = unranked & np.isfinite(at[0])
-    kinds = {
-        "failed": (failed, {"color": "0.6", "marker": "+", "s": 14, "linewidths": 0.6}),
-        f"NMSE above {COLOUR_LIMIT:g}": (
-            above,
-            {"color": "black", "marker": "x", "s": 9, "linewidths": 0.5},
-        ),
-    }
-    for label, (where, look) in kinds.items():
-        if where.any():
-            scatter(*(x[where] for x in at), label=f"{label}: {where.sum()} sets", **look)
-    # The best are on top.
-    order = np.argsort(-np.where(unranked | above, -np.inf, fopt))
-    order = order[~(unranked | above)[order]]
-    scatter(*(x[order] for x in at), c=fopt[order], cmap=colours(), vmin=0.0, vmax=COLOUR_LIMIT, s=14,
+    if failed.any():
+        look = {"color": "0.6", "marker": "+", "s": 14, "linewidths": 0.6}
+        scatter(*(x[failed] for x in at), label=f"failed: {failed.sum()} sets", **look)
+    if unranked.all():
+        return
+    order = np.argsort(-fopt)[: (~unranked).sum()]  # the best are on top
+    scatter(*(x[order] for x in at), c=fopt[order], cmap=colours(), norm=fopt_scale(fopt), s=14,
             linewidths=0, alpha=1.0)  # fmt: skip
-    if not unranked.all():
-        least = int(np.nanargmin(fopt))
-        scatter(*(x[least : least + 1] for x in at), color=LEAST_COLOUR, marker="*", s=70,
-                edgecolors="white", linewidths=0.4, zorder=5,
-                label=f"least: set {least}, {fopt[least]:.3g}")  # fmt: skip
+    least = int(np.nanargmin(fopt))
+    scatter(*(x[least : least + 1] for x in at), color=LEAST_COLOUR, marker="*", s=70,
+            edgecolors="white", linewidths=0.4, zorder=5,
+            label=f"least: set {least}, {fopt[least]:.3g}")  # fmt: skip
 
 
 def _draw_paths(data: ReportData, spot: str, axis: Axes, names: Sequence[str]) -> None:
@@ -171,12 +184,13 @@ def _draw_paths(data: ReportData, spot: str, axis: Axes, names: Sequence[str]) -
             draw(*end, "D", color=colour, markersize=4, markeredgecolor="white", zorder=6, label=label)
 
 
-def _colour_bar(figure: Figure, axes: Sequence[Axes], data: ReportData) -> None:
-    scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, COLOUR_LIMIT), colours())
-    figure.colorbar(
-        scale,
+def _colour_bar(figure: Figure, axes: Sequence[Axes], data: ReportData, fopt: FloatArray) -> None:
+    bar = figure.colorbar(
+        mpl.cm.ScalarMappable(fopt_scale(fopt), colours()),
         ax=list(axes),
         label=f"Fopt (NMSE), scenario {data.generalising.name}",
         shrink=0.8,
         pad=0.02,
+        format=PlainNumbers(),
     )
+    bar.ax.yaxis.set_minor_formatter(PlainNumbers())

@@ -6,10 +6,12 @@ from types import MappingProxyType
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 SINGLE_MM = 85.0
 """Width of one column of a journal's page."""
@@ -39,7 +41,7 @@ STYLE: Mapping[str, Any] = MappingProxyType(
         "grid.linewidth": 0.5,
         "axes.axisbelow": True,
         "axes.formatter.limits": (-2, 4),
-        "axes.formatter.use_mathtext": True,
+        "axes.formatter.use_mathtext": False,  # it is parsed for each tick of each file
         "legend.frameon": False,
         "legend.fontsize": 6.5,
         "lines.linewidth": 1.1,
@@ -76,11 +78,34 @@ def sized(width_mm: float, height_mm: float) -> Figure:
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write a figure as ``<stem>.svg``, ``<stem>.pdf`` and ``<stem>.png``, alike each time."""
     svg, pdf, png = (stem.with_name(f"{stem.name}{suffix}") for suffix in SUFFIXES)
-    FigureCanvasSVG(figure).print_figure(svg, metadata={"Date": None})
+    # Not print_figure, which draws twice; these two leave their own dpi behind.
+    dpi = figure.dpi
+    canvas: Any = FigureCanvasSVG(figure)
+    canvas.print_svg(svg, metadata={"Date": None})
     figure.set_layout_engine("none")  # what the first drawing has laid out stays
-    FigureCanvasPdf(figure).print_figure(pdf, metadata={"CreationDate": None})
-    FigureCanvasAgg(figure).print_figure(png, dpi=figure.dpi)
+    canvas = FigureCanvasPdf(figure)
+    canvas.print_pdf(pdf, metadata={"CreationDate": None})
+    figure.set_dpi(dpi)
+    canvas = FigureCanvasAgg(figure)
+    canvas.print_png(png)
     return [svg, pdf, png]
+
+
+class PlainNumbers(LogFormatter):
+    """Numbers as they are written, on those ticks of a log scale that have room for one."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Label of a tick."""
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
+def set_log(axis: Axes, *names: str) -> None:
+    """Give axes (``x``, ``y``) a log scale, with plain numbers as labels."""
+    for name in names:
+        getattr(axis, f"set_{name}scale")("log")
+        one: Axis = getattr(axis, f"{name}axis")
+        one.set_major_formatter(PlainNumbers())
+        one.set_minor_formatter(PlainNumbers())
 
 
 def entitle(figure: Figure, title: str, notice: str) -> None:

@@ -14,9 +14,9 @@ from matplotlib.image import imread
 from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario, ScoringRules
 from palpate.fit.least_squares import LeastSquares
 from palpate.report import ReportData, figures, finding, make_tables, write_report
-from palpate.report.figures import fit_trace, generalised, nmse_distribution, responses
+from palpate.report.figures import fit_trace, generalised, interval_plot, nmse_distribution, responses
 from palpate.report.fit_path import paths
-from palpate.report.space import COLOUR_LIMIT, MOST_PAIRS, parameter_space
+from palpate.report.space import MOST_PAIRS, parameter_space
 from palpate.report.style import STYLE, save
 from palpate.run.ownership import keep_only
 from palpate.run.result import FitResult
@@ -239,13 +239,37 @@ def test_the_fit_has_the_papers_tables_too(content):
     assert dict(by_search.iter_rows())["joint fit"] == 3
 
 
-def test_the_distribution_is_cut_with_the_number_above(content):
+def test_the_distribution_has_every_set_within_its_limits(content):
     made = content()
     axis = nmse_distribution(made).axes[0]
     offsets = np.concatenate([c.get_offsets() for c in axis.collections if len(c.get_offsets()) > 1])
-    assert offsets[:, 1].max() <= figures.DISTRIBUTION_LIMIT
-    n_above = sum(int(t.get_text().split()[0]) for t in axis.texts)
-    assert len(offsets) + n_above == 80
+    assert len(offsets) == 80
+    low, high = axis.get_ylim()
+    assert axis.get_yscale() == "log"
+    assert low < offsets[:, 1].min() < offsets[:, 1].max() < high
+    assert low > offsets[:, 1].min() / 10.0
+
+
+def test_intervals_are_drawn_around_each_fitted_value(content):
+    made = content(search=LeastSquares(), truth={"soft_tissue.stiffness": 0.4})
+    panel, other = interval_plot(made).axes
+    lines = [line for line in panel.get_lines() if line.get_label().startswith("scenario")]
+    drawn = sorted(tuple(line.get_xdata()) for line in lines)
+    rows = made.fit.certainty.intervals.filter(parameter="soft_tissue.stiffness")
+    assert drawn == sorted(rows.select("lower", "upper").rows())
+    assert [label.get_text() for label in panel.get_yticklabels()] == ["all spots", "p1", "p2"]
+    assert "known answer" in [line.get_label() for line in panel.get_lines()]
+    assert "known answer" not in [line.get_label() for line in other.get_lines()]
+
+
+def test_axes_are_logarithmic_where_the_sweep_is(content):
+    made = content()
+    first, second = made.design.parameters
+    design = replace(made.design, parameters=(replace(first, scale="log"), second))
+    panel = parameter_space(replace(made, design=design), "p1").axes[0]
+    assert (panel.get_xscale(), panel.get_yscale()) == ("log", "linear")
+    shown = [tick.get_text() for tick in panel.get_xticklabels()]
+    assert not any("$" in text for text in shown)
 
 
 def test_a_legend_names_what_the_first_spot_or_channel_lacks(content):
@@ -269,11 +293,9 @@ def test_the_parameter_space_shows_each_set_once(content):
     by_label = {c.get_label(): len(c.get_offsets()) for c in panel.collections}
     least = made.selection.row(0, named=True)
     assert any(label.startswith(f"least: set {least['set_id']}") for label in by_label)
-    above = sum(n for label, n in by_label.items() if "above" in label)
     coloured = next(c for c in panel.collections if c.get_array() is not None)
-    assert above + len(coloured.get_offsets()) == 40
-    assert coloured.get_clim() == (0.0, COLOUR_LIMIT)
-    assert (coloured.get_array() <= COLOUR_LIMIT).all()
+    assert len(coloured.get_offsets()) == 40
+    assert coloured.get_clim() == (coloured.get_array().min(), coloured.get_array().max())
 
 
 @pytest.mark.parametrize(("n", "panels"), [(1, 1), (2, 1), (3, 4), (4, 6), (7, MOST_PAIRS)])

@@ -9,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import polars as pl
 import pytest
+from matplotlib.image import imread
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.report import figures, make_tables
@@ -39,6 +40,7 @@ def test_a_saved_figure_has_its_width_and_holds_its_fonts(saved):
     svg = ElementTree.parse(saved[".svg"]).getroot()
     assert float(svg.get("width").removesuffix("pt")) == pytest.approx(DOUBLE_MM * 72 / 25.4, abs=0.01)
     assert not list(svg.iter("{http://www.w3.org/2000/svg}text")), "letters are outlines"
+    assert imread(saved[".png"]).shape[1] == pytest.approx(DOUBLE_MM * 300 / 25.4, abs=1)
     pdf = saved[".pdf"].read_bytes()
     assert b"/FontFile2" in pdf
     assert b"/Type3" not in pdf
