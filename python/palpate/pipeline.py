@@ -7,7 +7,7 @@ checked before the first file is written.
 
 import contextlib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import polars as pl
@@ -25,9 +25,10 @@ from palpate.progress import SILENT, Progress, ShowsPlace
 from palpate.report import ReportData, by_spot, contact_along, draw_presses, write_report
 from palpate.report.result import Report, RunResult
 from palpate.run.directory import RunDirectory
-from palpate.run.fit_state import FitState, write_fit_state
+from palpate.run.fit_state import FitState, read_fit_state, write_fit_state
 from palpate.run.keys import answers_key
 from palpate.run.ledger import Ledger
+from palpate.run.lock import living_runner_of
 from palpate.run.manifest import manifest
 from palpate.run.ownership import drawing_in
 from palpate.run.result import FitResult, SelectionResult, StudyInputs
@@ -314,14 +315,28 @@ def report(
     """Write tables and figures under ``report/``; recomputes nothing.
 
     With ``as_run`` the study is the copy in the folder: neither its files nor its meshes need exist,
-    and the simulations are those of the folder's last sweep.
+    and the simulations are those of the folder's last sweep. Of a run that has not ended, the best sets
+    are those of the simulations so far.
     """
     run = RunDirectory(run_folder)
     run.require("design")
-    with run.locked(study, plugins.channels):
+    runs_now = as_run and living_runner_of(run_folder) is not None
+    with contextlib.nullcontext() if runs_now else run.locked(study, plugins.channels):
         study = run.trusting(study)
         inputs = _from_run(study, run, progress) if as_run else _from_files(study, run)
-        return _report(study, run, inputs, plugins, progress)
+        unfinished = _unfinished(run, runs_now=runs_now) if as_run else ""
+        return _report(study, run, inputs, plugins, progress, unfinished=unfinished)
+
+
+def _unfinished(run: RunDirectory, *, runs_now: bool) -> str:
+    """How far a run is that has not ended; empty where it has."""
+    with Ledger(run.folder) as ledger:
+        counts = ledger.counts()
+    n_left, state = counts.get("left", 0), read_fit_state(run.folder)
+    if not (runs_now or n_left or state):
+        return ""
+    sweep = f"{sum(counts.values()) - n_left} of {sum(counts.values())} simulations of the sweep"
+    return sweep if state is None else f"{sweep}; fit: {state}"
 
 
 def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progress: Progress) -> None:
@@ -374,10 +389,7 @@ def _select(
 ) -> SelectionResult:
     study, progress = simulations.study, simulations.progress
     design, limbs, measured = inputs.design, inputs.limbs, inputs.measured
-    chosen = selection.with_tied(selection.select(scores, study.scenarios, design), study.space)
-    for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
-    general = generalise(scores, for_all, design, study.spot_names)
-    generalisation = selection.with_tied(general, study.space)
+    chosen, generalisation = _best(study, design, scores)
     scaled = pl.DataFrame()
     if study.stiffness_scaling:
         scaled = selection.with_tied(best_scaled_sets(simulations, swept, design, measured), study.space)
@@ -391,6 +403,14 @@ def _select(
         if design.n_sets
         else {},
     )
+
+
+def _best(study: Study, design: Design, scores: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Best set by spot and scenario, and that for all spots."""
+    chosen = selection.select(scores, study.scenarios, design)
+    for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
+    general = generalise(scores, for_all, design, study.spot_names)
+    return selection.with_tied(chosen, study.space), selection.with_tied(general, study.space)
 
 
 def _abscissae(plugins: Plugins) -> dict[str, str]:
@@ -434,43 +454,84 @@ def _fit(
 
 
 def _report(
-    study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, progress: Progress
+    study: Study,
+    run: RunDirectory,
+    inputs: StudyInputs,
+    plugins: Plugins,
+    progress: Progress,
+    unfinished: str = "",
 ) -> Report:
     progress.begin("report", 1)
-    made = write_report(_report_data(study, run, inputs, plugins), run.report)
+    data = _report_data(study, run, inputs, plugins, _Found.of(study, run, inputs, is_whole=not unfinished))
+    made = write_report(replace(data, unfinished=unfinished), run.report)
     progress.step()
     return made
 
 
-def _report_data(study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plugins) -> ReportData:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Found:
+    """What the stages before the report have found."""
+
+    simulations: tuple[Simulation, ...]
+    scores: pl.DataFrame
+    selection: pl.DataFrame
+    generalisation: pl.DataFrame
+    stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
+    verification: pl.DataFrame = field(default_factory=pl.DataFrame)
+    fit: FitResult = field(default_factory=FitResult)
+
+    @classmethod
+    def of(cls, study: Study, run: RunDirectory, inputs: StudyInputs, *, is_whole: bool) -> "_Found":
+        """Read the files of the stages; unless the run is whole, choose from the simulations so far."""
+        found = _stored(study, run, inputs)
+        if not is_whole:
+            if not found:
+                raise StudyError(f"{run.folder}: no simulation has ended yet; watch it with `palpate status`")
+            scores = scoring.score(found, inputs.measured, study.scoring, study.scenarios)
+            chosen, general = _best(study, inputs.design, scores)
+            return cls(simulations=found, scores=scores, selection=chosen, generalisation=general)
+        scores, chosen, fitted = _scores_of(study, run, found), run.selection(), run.fit()
+        run.records.check("selection", selection_from(study, run.records))
+        return cls(
+            simulations=found,
+            scores=scores,
+            selection=chosen,
+            generalisation=run.generalisation(),
+            stiffness_scaling=run.stiffness_scaling(),
+            verification=run.verification(),
+            fit=fitted,
+        )
+
+
+def _report_data(
+    study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, found: _Found
+) -> ReportData:
     design, limbs, measured = inputs.design, inputs.limbs, inputs.measured
-    found = _stored(study, run, inputs)
-    scores, chosen, fitted = _scores_of(study, run, found), run.selection(), run.fit()
-    run.records.check("selection", selection_from(study, run.records))
-    swept = at_measured(found, measured, design.n_sets)
-    generalisation = run.generalisation()
+    swept = at_measured(found.simulations, measured, design.n_sets)
     identified = assess_identifiability(
-        study, design, measured, swept, scores, chosen, generalisation, fitted
+        study, design, measured, swept, found.scores, found.selection, found.generalisation, found.fit
     )
     return ReportData(
         study=study,
         channels=plugins.channels,
         measured=measured,
         design=design,
-        scores=scores,
-        selection=chosen,
-        generalisation=generalisation,
-        fit=fitted,
-        stiffness_scaling=run.stiffness_scaling(),
-        responses={(s.job.spot, s.job.set_id): s.response for s in found if s.response is not None},
+        scores=found.scores,
+        selection=found.selection,
+        generalisation=found.generalisation,
+        fit=found.fit,
+        stiffness_scaling=found.stiffness_scaling,
+        responses={
+            (s.job.spot, s.job.set_id): s.response for s in found.simulations if s.response is not None
+        },
         swept=swept,
         identifiability=identified.table,
         disagreements=identified.disagreements,
-        convergence=by_spot(found),
-        contact=contact_along(found),
+        convergence=by_spot(found.simulations),
+        contact=contact_along(found.simulations),
         limbs=limbs,
         manifest=run.manifest(),
-        verification=run.verification(),
+        verification=found.verification,
         comparisons=run.comparisons(),
     )
 

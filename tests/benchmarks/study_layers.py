@@ -110,7 +110,7 @@ def main(folder: Path) -> None:
     study = folder / "study.toml"
     study.write_text(STUDY)
     for call in (
-        [*scan, *marks, *sizes, "--out", str(folder / "meshes")],
+        [*scan, *marks, *sizes, "--into", str(folder / "meshes")],
         ["synthesise", str(folder)],
         ["run", str(folder), "--out", str(run)],
     ):

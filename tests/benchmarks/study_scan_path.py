@@ -34,7 +34,7 @@ def main(folder: Path, names: list[str]) -> None:
     write_phantom(folder)
     bones = [word for bone in phantom.bones for word in ("--bones", str(folder / f"{bone.name}.stl"))]
     sizes = ["--radius", f"{RADIUS_MM} mm", "--size", f"{DEFAULT * RADIUS_MM} mm"]
-    if palpate(["limb", str(folder / "scan.ply"), *bones, *sizes, "--out", str(folder / "meshes")]):
+    if palpate(["limb", str(folder / "scan.ply"), *bones, *sizes, "--into", str(folder / "meshes")]):
         raise SystemExit("palpate limb failed")
     for spot in (s for s in phantom.spots if s.name in names):
         direct = pressed(meshed(exact_segment(phantom, spot), DEFAULT)[0])

@@ -397,7 +397,7 @@ def test_limb_of_another_file_names_the_files_that_it_takes(call: Call, tmp_path
 
 def test_limb_of_a_surface_is_meshed_or_refused_by_the_reader(call: Call, tmp_path: Path) -> None:
     (tmp_path / "x.stl").write_text("solid x\nendsolid x\n")
-    outcome = call("limb", "x.stl", "--out", "m", plugin=None)
+    outcome = call("limb", "x.stl", "--into", "m", plugin=None)
     assert (outcome.code, "No such option" in outcome.err) == (2, False)
     assert "palpate: x.stl: " in outcome.err
 

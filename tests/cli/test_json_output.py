@@ -56,7 +56,7 @@ def test_what_synthesise_prints(call: Call, study: Path) -> None:
     (study / "study.toml").write_text(text.replace('"lines"', '"csv"').replace(".txt", ".csv"))
     for name in ("s1.csv", "s2.csv"):
         (study / name).write_text("stretch,stress_MPa\n1.0,0\n1.5,0\n2.0,0\n")
-    printed = call("synthesise", study, "--out", "planned", "--json").json
+    printed = call("synthesise", study, "--into", "planned", "--json").json
     assert "planned/s1.csv" in valid("synthesise", printed)["files"]
 
 

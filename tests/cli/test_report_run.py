@@ -2,8 +2,19 @@
 
 import json
 import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
+
+from palpate import pipeline
+from palpate.cli.session import Session
+from palpate.errors import StoppedError
+from palpate.executors import InProcess
+from palpate.progress import Silent
+from palpate.run.lock import locked
+
+from .conftest import PLUGIN
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -96,3 +107,67 @@ def test_the_report_of_a_run_is_of_its_tables(call, study, tmp_path):
     assert stale.code == 2
     assert "made from other" in stale.err
     assert json.loads((tmp_path / "run" / "manifest.json").read_text())["seed"] == 4
+
+
+class StopsAfter(Silent):
+    """Asks to stop once a number of steps are done."""
+
+    def __init__(self, n_steps):
+        self.n_left = n_steps
+
+    def step(self, note=""):
+        self.n_left -= 1
+
+    def should_continue(self):
+        return self.n_left > 0
+
+
+def test_the_page_of_a_run_that_has_not_ended_shows_what_is_there(call, study, tmp_path):
+    session = Session([Path(PLUGIN)])
+    stopping = replace(session.study(study), executor=InProcess())
+    with pytest.raises(StoppedError):
+        pipeline.run_study(stopping, tmp_path / "runs" / "toy", session.plugins, StopsAfter(9))
+    stopped = call("report", "runs/toy", "--json")
+    assert stopped.code == 0, stopped.err
+    assert stopped.json["warnings"][0].startswith("The run has not ended. So far: ")
+    n_done, _, n_all = stopped.json["warnings"][0].removeprefix("The run has not ended. So far: ").split()[:3]
+    assert (0 < int(n_done) < 20, n_all) == (True, "20")
+    assert stopped.json["intervals"][0]["level"] is None
+    with locked(tmp_path / "runs" / "toy"):
+        during = call("report", "--json")  # the newest in runs/
+        assert during.json == stopped.json
+        assert "in use by process" in call("report", study).err
+    assert call("resume").code == 0
+    whole = call("report", "runs/toy", "--json").json
+    assert not any("not ended" in warning for warning in whole["warnings"])
+    assert whole["intervals"][0]["level"] == 0.95
+
+
+def test_a_run_before_its_first_result_has_no_page(call, study, tmp_path):
+    session = Session([Path(PLUGIN)])
+    stopping = replace(session.study(study), executor=InProcess())
+    with pytest.raises(StoppedError):
+        pipeline.run_study(stopping, tmp_path / "run", session.plugins, StopsAfter(0))
+    refused = call("report", "run")
+    assert (refused.code, "no simulation has ended yet" in refused.err) == (2, True)
+
+
+def test_run_and_study_mean_the_same_in_each_command(call, study):
+    call("run", study, "--out", "runs/elsewhere")
+    folders = [call(*command, "--json").json["folder"] for command in (["status", study], ["status"])]
+    assert folders == ["runs/elsewhere"] * 2
+    for named in ([study], ["runs/elsewhere"], [], ["--out", "runs/elsewhere"]):
+        files = call("report", *named, "--json").json["files"]
+        assert {Path(file).parts[:2] for file in files} == {("runs", "elsewhere")}, named
+    for command in ("check", "run", "score", "fit", "synthesise"):
+        refused = call(command, "runs/elsewhere")
+        assert (refused.code, "a run directory, not a study" in refused.err) == (2, True), command
+
+
+def test_the_page_is_opened_where_that_is_asked_for(call, study, monkeypatch):
+    opened = []
+    monkeypatch.setattr("typer.launch", opened.append)
+    call("run", study)
+    assert opened == []
+    assert call("report", "--open").code == 0
+    assert opened == [Path("runs/toy/report/index.html").resolve().as_uri()]

@@ -24,7 +24,7 @@ def planned(study: Path) -> Path:
 def test_writes_the_curves_of_the_truth_and_reports_the_files(
     call: Call, planned: Path, tmp_path: Path
 ) -> None:
-    outcome = call("synthesise", planned, "--out", "made")
+    outcome = call("synthesise", planned, "--into", "made")
     assert outcome.code == 0
     for name in ("s1.csv", "s2.csv", "origin.json"):
         assert f"\nmade/{name}\n" in outcome.out
@@ -34,7 +34,7 @@ def test_writes_the_curves_of_the_truth_and_reports_the_files(
 
 
 def test_a_run_on_the_curves_is_near_the_truth(call: Call, planned: Path, tmp_path: Path) -> None:
-    files = call("synthesise", planned, "--out", "made", "--json").json["files"]
+    files = call("synthesise", planned, "--into", "made", "--json").json["files"]
     for file in files[:2]:
         (planned / Path(file).name).write_bytes((tmp_path / file).read_bytes())
     best = call("run", planned, "--json").json["selection"][0]
@@ -46,13 +46,13 @@ def test_nothing_is_overwritten(call: Call, planned: Path) -> None:
     outcome = call("synthesise", planned)
     assert outcome.code == 2
     assert "s1.csv: exists and is not overwritten" in outcome.err
-    assert "--out" in outcome.err
+    assert "--into" in outcome.err
     assert (planned / "s1.csv").read_bytes() == before
 
 
 def test_noise_and_seed_reach_the_curves(call: Call, planned: Path, tmp_path: Path) -> None:
     for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
-        assert call("synthesise", planned, "--out", folder, "--noise", 0.1, "--seed", seed).code == 0
+        assert call("synthesise", planned, "--into", folder, "--noise", 0.1, "--seed", seed).code == 0
     a, b, c = ((tmp_path / folder / "s1.csv").read_bytes() for folder in "abc")
     assert a == b != c
 

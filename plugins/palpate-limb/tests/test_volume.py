@@ -223,7 +223,7 @@ def test_the_command_writes_a_mesh_a_note_and_a_picture(
         "--radius",
         "5 mm",
         "--fine",
-        "--out",
+        "--into",
         str(out),
     ]
     assert run(tmp_path, *options) == 0
@@ -271,7 +271,7 @@ def test_the_command_refuses_what_it_cannot_do(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str
 ) -> None:
     write_phantom(tmp_path, SMALL, Scanner(spacing_mm=2.5))
-    assert run(tmp_path, *options, "--out", str(tmp_path / "out")) == 2
+    assert run(tmp_path, *options, "--into", str(tmp_path / "out")) == 2
     assert message in capsys.readouterr().err
 
 

@@ -23,7 +23,7 @@ MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
 def test_the_embedded_solver_agrees_with_febios_curves(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert main(["certify", "yeoh", "--out", str(tmp_path)]) == 0
+    assert main(["certify", "yeoh", "--into", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     assert "the solvers agree" in shown
     assert "missing: FEBio itself" in shown

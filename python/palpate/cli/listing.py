@@ -25,7 +25,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "palpate new-plugin material my_tissue",
             "palpate new-plugin loader my_log --into plugins",
         ),
-        "synthesise": ("palpate synthesise arm --out planned",),
+        "synthesise": ("palpate synthesise arm --into planned",),
         "explain": ("palpate explain", "palpate explain shear modulus"),
         "doctor": ("palpate doctor", "palpate doctor /scratch/me --json"),
         "schema": ("palpate schema", "palpate schema run > run.schema.json"),
@@ -36,7 +36,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "score": ("palpate score arm",),
         "select": ("palpate select arm",),
         "fit": ("palpate fit arm",),
-        "report": ("palpate report arm",),
+        "report": ("palpate report runs/arm --open",),
     }
 )
 """How each of the core's commands may be called, in the order in which help lists them."""

@@ -13,6 +13,14 @@ StudyPath: TypeAlias = Annotated[
 OutFolder: TypeAlias = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Run directory; default: runs/<study>.")
 ]
+RunPath: TypeAlias = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="[RUN]",
+        help="A run directory, or a study for its newest run; default: the newest in runs/.",
+        show_default=False,
+    ),
+]
 NumberOfSets: TypeAlias = Annotated[
     int | None,
     typer.Option(

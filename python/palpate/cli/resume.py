@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, Tables, Trust, TrustPlugins
+from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, RunPath, Tables, Trust, TrustPlugins
 from palpate.cli.run import go
 from palpate.cli.runs import find_run, plugins_of, session_of_run
 from palpate.cli.session import Session
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def resume(
     context: typer.Context,
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run directory.", show_default=False)],
+    run: RunPath = None,
     study: Annotated[
         Path | None,
         typer.Option("--study", help="Study file, if it has moved.", show_default=False),
@@ -35,16 +35,16 @@ def resume(
     from palpate.run.directory import RunDirectory
     from palpate.study.reading import study_plugins
 
-    run = find_run(run)
-    manifest = RunDirectory(run).manifest()
-    file = study or _study_file(run, manifest)
-    named = [*plugins_of(run, manifest), *([] if study else study_plugins(file))]
-    session = session_of_run(Session.of(context), run, named, trust=trust_plugins)
+    folder = find_run(run)
+    manifest = RunDirectory(folder).manifest()
+    file = study or _study_file(folder, manifest)
+    named = [*plugins_of(folder, manifest), *([] if study else study_plugins(file))]
+    session = session_of_run(Session.of(context), folder, named, trust=trust_plugins)
     checked = _extended(session.study(file), manifest, n_sets)
     go(
         session,
         checked,
-        run,
+        folder,
         go_on=go_on,
         fork=fork,
         trust=trust or (),

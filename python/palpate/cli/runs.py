@@ -25,12 +25,26 @@ def find_run(given: Path | None) -> Path:
     from palpate.run.ownership import is_run
 
     if given is None:
-        return _newest(_runs(FOLDER), f"{FOLDER}/ holds no run; name one: palpate status RUN")
-    study = given if given.is_file() else given / "study.toml"
-    if is_run(given) or not study.is_file():
+        found, missing = _newest(_runs(FOLDER)), f"{FOLDER}/ holds no run; name one"
+    elif is_run(given) or not _study_file(given).is_file():
         return given
-    found = (run for folder in (study.parent / FOLDER, FOLDER) for run in _runs(folder) if _is_of(run, study))
-    return _newest(found, f"{given}: a study, of which runs/ holds no run; name its run directory")
+    else:
+        found = newest_run(given)
+        missing = f"{given}: a study, of which runs/ holds no run; name its run directory"
+    if found is None:
+        raise StudyError(missing)
+    return found
+
+
+def newest_run(study: Path) -> Path | None:
+    """Newest run of a study in runs/, here or next to the study; None where there is none."""
+    file = _study_file(study)
+    places = (file.parent / FOLDER, FOLDER)
+    return _newest(run for place in places for run in _runs(place) if is_of(run, file))
+
+
+def _study_file(given: Path) -> Path:
+    return given if given.is_file() else given / "study.toml"
 
 
 def _runs(folder: Path) -> Iterator[Path]:
@@ -40,7 +54,8 @@ def _runs(folder: Path) -> Iterator[Path]:
         yield from (path for path in folder.iterdir() if path.is_dir() and is_run(path))
 
 
-def _is_of(run: Path, study: Path) -> bool:
+def is_of(run: Path, study: Path) -> bool:
+    """Whether a run directory was written for a study file."""
     from palpate.run.directory import RunDirectory
 
     try:
@@ -49,11 +64,8 @@ def _is_of(run: Path, study: Path) -> bool:
         return False
 
 
-def _newest(runs: Iterable[Path], missing: str) -> Path:
-    found = max(runs, key=lambda run: max(path.stat().st_mtime for path in run.iterdir()), default=None)
-    if found is None:
-        raise StudyError(missing)
-    return found
+def _newest(runs: Iterable[Path]) -> Path | None:
+    return max(runs, key=lambda run: max(path.stat().st_mtime for path in run.iterdir()), default=None)
 
 
 def session_of_run(

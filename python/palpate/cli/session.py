@@ -96,6 +96,7 @@ class Session:
         """Read and check a study file; its own plugin files join those of this session."""
         from palpate.study.reading import read_study, with_study_plugins
 
+        _refuse_run(path)
         known = self.plugins.broken
         self.plugins = with_study_plugins(path, self.plugins)
         self._note_broken(each for each in self.plugins.broken if each not in known)
@@ -194,6 +195,18 @@ def _console(*, stderr: bool = False) -> "Console":
                 yield Segment(text if control else visible(text), style, control)
 
     return Visible(stderr=stderr, highlight=False, soft_wrap=True)
+
+
+def _refuse_run(path: Path) -> None:
+    """Refuse a run directory where a study is meant: its copy of the study names files of the original."""
+    from palpate.cli.runs import is_of
+    from palpate.run.ownership import is_run
+
+    if is_run(path) and not is_of(path, path / "study.toml"):
+        raise StudyError(
+            f"{path}: a run directory, not a study; `palpate resume {path}` continues it, "
+            f"`palpate report {path}` shows it"
+        )
 
 
 def run_folder(study: "Study", out: Path | None) -> Path:

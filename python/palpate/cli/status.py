@@ -2,12 +2,11 @@
 
 import time
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from palpate.cli.options import AsJson
+from palpate.cli.options import AsJson, RunPath
 from palpate.cli.runs import find_run
 from palpate.cli.session import Session
 
@@ -21,14 +20,7 @@ INTERVAL_S = 2.0
 
 def status(
     context: typer.Context,
-    run: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[RUN]",
-            help="A run directory, or a study for its newest run; default: the newest in runs/.",
-            show_default=False,
-        ),
-    ] = None,
+    run: RunPath = None,
     watch: Annotated[
         bool, typer.Option("--watch", help="Look again every two seconds until the run ends.")
     ] = False,

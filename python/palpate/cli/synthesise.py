@@ -15,7 +15,7 @@ def synthesise(
     study: StudyPath,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FOLDER", help="Instead of the study's folder; file names stay."),
+        typer.Option("--into", metavar="FOLDER", help="Instead of the study's folder; file names stay."),
     ] = None,
     noise: Annotated[
         float, typer.Option(help="Standard deviation of noise, as a share of each curve's largest value.")

@@ -53,6 +53,8 @@ class ReportData:
         What ``palpate certify`` has written to the run directory.
     factors : mapping of full parameter name to number
         From the material's unit to that of the values here, where they are not the same.
+    unfinished : str
+        How far the run is where it has not ended.
     """
 
     study: Study
@@ -75,6 +77,7 @@ class ReportData:
     verification: pl.DataFrame = field(default_factory=pl.DataFrame)
     comparisons: Mapping[str, Any] = field(default_factory=dict)
     factors: Mapping[str, float] = field(default_factory=dict)
+    unfinished: str = ""
 
     @property
     def spots(self) -> tuple[str, ...]:

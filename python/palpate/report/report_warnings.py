@@ -64,6 +64,9 @@ def report_warnings(
     data: ReportData, bests: Sequence[Best], tables: Mapping[str, pl.DataFrame]
 ) -> Iterator[ReportWarning]:
     """Every warning of a run, the most severe first."""
+    if data.unfinished:
+        why = f"So far: {data.unfinished}. What is shown is the best of the simulations so far."
+        yield ReportWarning("The run has not ended", why)
     r2 = [
         (f"{best.where}: {channel}", at)
         for best in bests

@@ -143,7 +143,7 @@ def _targets(study: Study, out: Path | None) -> dict[tuple[str, str | None, int]
     for path in (*files, _note_path(files)):
         if path.exists():
             raise StudyError(
-                f"{path}: exists and is not overwritten; move it, or name another folder with --out"
+                f"{path}: exists and is not overwritten; move it, or name another folder with --into"
             )
     for path in files:
         if files.count(path) > 1:
@@ -184,7 +184,7 @@ def _planned(study: Study, channels: Mapping[str, Channel]) -> dict[str, Respons
             if not path.is_file():
                 raise StudyError(
                     f"{path}: no such file, and the study has no [protocol]: homogeneous tests run along "
-                    "the abscissae of this file; write it with any ordinates, and use --out"
+                    "the abscissae of this file; write it with any ordinates, and use --into"
                 )
     return load_measured(study, channels)
 
@@ -271,7 +271,7 @@ def _write(
         for path in written:
             path.unlink(missing_ok=True)
         if isinstance(error, OSError):
-            raise StudyError(f"{written[-1]}: cannot be written ({error}); use --out FOLDER") from error
+            raise StudyError(f"{written[-1]}: cannot be written ({error}); use --into FOLDER") from error
         raise
     return (*written, note_path)
 

@@ -28,7 +28,7 @@ Marks: TypeAlias = Annotated[
 MarkRadii: TypeAlias = Annotated[
     str, typer.Option(metavar="LEAST,LARGEST", help="Radii between which a patch of ink is a mark.")
 ]
-OutFolder: TypeAlias = Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the meshes go.")]
+OutFolder: TypeAlias = Annotated[Path, typer.Option("--into", metavar="FOLDER", help="Where the meshes go.")]
 Unit: TypeAlias = Annotated[str, typer.Option(help="Unit of the scan's coordinates: mm, cm, m or inch.")]
 BoneUnit: TypeAlias = Annotated[str, typer.Option(help="Unit of the bones' coordinates.")]
 Axis: TypeAlias = Annotated[

@@ -21,7 +21,7 @@ def palpate_commands(app: "typer.Typer") -> None:
     calls: dict[Callable[..., None], tuple[str, ...]] = {
         certify: (
             "palpate certify",
-            "palpate certify yeoh --mesh limb.vtu --out runs/arm/solver-comparison.json",
+            "palpate certify yeoh --mesh limb.vtu --into runs/arm/solver-comparison.json",
             "palpate certify --solver my_solver",
         ),
         friction_memory: ("palpate friction-memory", "palpate friction-memory --steps 5 --steps 40"),

@@ -31,7 +31,7 @@ def certify(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
+            "--into",
             metavar="FILE",
             help="Write the JSON there too; the report of a run shows it from the run's folder.",
         ),
