@@ -339,6 +339,16 @@ def _unfinished(run: RunDirectory, *, runs_now: bool) -> str:
     return sweep if state is None else f"{sweep}; fit: {state}"
 
 
+def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> ReportData:
+    """Read what a run found, by the copy of its study; writes nothing."""
+    run = RunDirectory(run_folder)
+    run.require("design")
+    study = run.trusting(study)
+    inputs = _from_run(study, run, progress)
+    unfinished = _unfinished(run, runs_now=living_runner_of(run_folder) is not None)
+    return _report_data(study, run, inputs, plugins, _Found.of(study, run, inputs, is_whole=not unfinished))
+
+
 def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progress: Progress) -> None:
     found = completeness(scores, study.spot_names, design)
     if not found.is_complete:

@@ -17,6 +17,7 @@ import typer
 
 from palpate import __version__
 from palpate.cli.check import check
+from palpate.cli.compare import compare
 from palpate.cli.demo import demo
 from palpate.cli.doctor import doctor
 from palpate.cli.experiment import experiment
@@ -49,7 +50,7 @@ from palpate.plugins.guard import noting_interrupts
 PANELS = MappingProxyType(
     {
         START: (init, check, demo, explain, doctor, plugins, new_plugin, schema),
-        RUN: (run, resume, status, synthesise),
+        RUN: (run, resume, status, compare, synthesise),
         STAGES_PANEL: (experiment, limb, sample, simulate, score, select, fit, report),
     }
 )

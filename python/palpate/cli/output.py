@@ -162,6 +162,14 @@ class ReportOutput(Closed):
     files: list[str]
 
 
+class CompareOutput(Closed):
+    """Tables ``parameters``, ``errors`` and, for runs of the same curves, ``criteria``."""
+
+    tables: dict[str, list[Row]]
+    notes: list[str]
+    files: list[str]
+
+
 class SynthesiseOutput(Closed):
     """Files that were written for a study."""
 
@@ -269,6 +277,7 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "run": RunOutput,
         "resume": RunOutput,
         "status": StatusOutput,
+        "compare": CompareOutput,
         "synthesise": SynthesiseOutput,
         "experiment": list[ExperimentRow],
         "limb": list[LimbRow],

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import cycle
+from itertools import cycle, product
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from palpate import _core
 from palpate.domain import Channel, Curve, FloatArray, Response
 from palpate.errors import CurveError
+from palpate.report import comparison
 from palpate.report.fit_path import least_of_sweep, paths
 from palpate.report.paper_tables import intervals
 from palpate.report.report_data import ReportData, label_of
@@ -126,13 +127,15 @@ def fit_of(data: ReportData, spot: str, scenario: str) -> tuple[str, Mapping[str
     return scenario, {}
 
 
-def _draw_measured(axis: Axes, data: ReportData, curve: Curve) -> None:
+def _draw_measured(
+    axis: Axes, data: ReportData, curve: Curve, label: str = "experiment", colour: str = MEASURED_COLOUR
+) -> None:
     few = curve.abscissa.size <= 80
     _draw_band(axis, curve)
     axis.plot(
         curve.abscissa,
         curve.ordinate,
-        color=MEASURED_COLOUR,
+        color=colour,
         marker="o",
         markersize=2.6 if few else 2.0,
         markevery=1 if few else max(1, curve.abscissa.size // 60),
@@ -140,7 +143,7 @@ def _draw_measured(axis: Axes, data: ReportData, curve: Curve) -> None:
         markeredgewidth=0.6,
         linestyle="none",
         zorder=4,
-        label="experiment (simulated)" if data.notice else "experiment",
+        label=f"{label} (simulated)" if data.notice else label,
     )
     _label(axis, data.channels[curve.channel])
 
@@ -195,6 +198,36 @@ def generalised(data: ReportData) -> Figure:
     spread = f" ± {np.std(list(fopt.values()), ddof=1):.2g}" if len(fopt) > 1 else ""
     title = f"{data.study.name}: {found}, mean Fopt {np.mean(list(fopt.values())):.4g}{spread}"
     entitle(figure, title, data.notice)
+    return figure
+
+
+def write_comparison_figure(runs: Mapping[str, ReportData], folder: Path) -> list[Path]:
+    """Draw the measured and the fitted curves of several runs, spot by spot, as ``curves``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return _saved(partial(_compared, runs), folder / "curves")
+
+
+def _compared(runs: Mapping[str, ReportData]) -> Figure:
+    spots = list(dict.fromkeys(spot for data in runs.values() for spot in data.spots))
+    channels = list(dict.fromkeys(name for data in runs.values() for name in data.measured_channels))
+    figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
+    axes = figure.subplots(len(channels), len(spots), squeeze=False)
+    same = comparison.same_curves(runs)
+    for k, ((name, data), (colour, dash)) in enumerate(zip(runs.items(), cycle(LINES), strict=False)):
+        for (i, channel), (j, spot) in product(enumerate(channels), enumerate(spots)):
+            if spot not in data.measured or channel not in data.measured[spot].curves:
+                continue
+            if k == 0 or not same:
+                whose = ("experiment", MEASURED_COLOUR) if same else (f"{name}: experiment", colour)
+                _draw_measured(axes[i, j], data, data.measured[spot][channel], *whose)
+            fitted = comparison.fitted_curves(data, spot)
+            if channel in fitted:
+                _draw(axes[i, j], fitted[channel], colour, dash, name)
+    for spot, axis in zip(spots, axes[0], strict=True):
+        axis.set_title(f"spot {spot}")
+    legend_below(figure, list(axes.flat))
+    notices = dict.fromkeys(data.notice for data in runs.values() if data.notice)
+    entitle(figure, "measured and fitted curves", "; ".join(notices))
     return figure
 
 

@@ -86,9 +86,29 @@ def render(
     )
 
 
+def comparison_page(
+    runs: Sequence[str],
+    tables: Mapping[str, pl.DataFrame],
+    notes: Sequence[str],
+    picture: str,
+    files: Sequence[Path],
+) -> str:
+    """Text of the page of a comparison, with its figure, an SVG in base 64, and no script."""
+    return template("comparison.html.jinja").render(
+        runs=runs,
+        tables=tables,
+        titles=TITLES,
+        notes=notes,
+        picture=picture,
+        files=files,
+        style=Markup((_FOLDER / "page.css").read_text(encoding="utf-8")),
+        policy=_policy(),
+    )
+
+
 @cache
-def template() -> jinja2.Template:
-    """Return the page, compiled once in a process."""
+def template(name: str = "index.html.jinja") -> jinja2.Template:
+    """Return a page, compiled once in a process."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_FOLDER),
         autoescape=True,
@@ -98,7 +118,7 @@ def template() -> jinja2.Template:
     )
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     environment.filters |= {"shown": shown, "heading": _heading}
-    return environment.get_template("index.html.jinja")
+    return environment.get_template(name)
 
 
 @cache
