@@ -21,7 +21,7 @@ from palpate.report.best_sets import Best, initial_moduli
 from palpate.report.page_data import page_data
 from palpate.report.report_data import ReportData
 from palpate.report.table_files import shown
-from palpate.report.tables import TITLES
+from palpate.report.tables import COMPARISON_TITLES, TITLES
 from palpate.report.verdict import Verdict
 from palpate.run.result_files import write_atomically
 from palpate.stages.identifiability import share_of_range
@@ -97,7 +97,7 @@ def comparison_page(
     return template("comparison.html.jinja").render(
         runs=runs,
         tables=tables,
-        titles=TITLES,
+        titles=COMPARISON_TITLES,
         notes=notes,
         picture=picture,
         files=files,

@@ -8,9 +8,10 @@ from types import MappingProxyType
 import polars as pl
 
 from palpate.report.latex import escaped, number, plain
-from palpate.report.tables import TITLES
+from palpate.report.tables import COMPARISON_TITLES, TITLES
 from palpate.run.result_files import write_atomically
 
+_TITLES = {**TITLES, **COMPARISON_TITLES}
 _FORMULA = r"^[=+@\-\t\r]"
 """How a cell begins that a spreadsheet would run."""
 _MARKDOWN = str.maketrans(
@@ -57,7 +58,7 @@ def latex(name: str, table: pl.DataFrame) -> str:
         [escaped(text) for text in table.columns],
         [[_latex_cell(value) for value in cells] for cells in table.iter_rows()],
         [dtype.is_numeric() for dtype in table.dtypes],
-        caption=escaped(TITLES.get(name, name)),
+        caption=escaped(_TITLES.get(name, name)),
         label=name,
     )
 
@@ -68,7 +69,7 @@ def markdown(name: str, table: pl.DataFrame) -> str:
     head = [text.translate(_MARKDOWN) for text in table.columns]
     rows = ([shown(value).translate(_MARKDOWN) for value in row] for row in table.iter_rows())
     lines = [f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)]
-    return "\n".join([TITLES.get(name, name), "", *lines, ""])
+    return "\n".join([_TITLES.get(name, name), "", *lines, ""])
 
 
 def _latex_cell(value: object) -> str:

@@ -32,13 +32,19 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "distance_to_truth": "Distance to the known answer",
         "convergence": "How the simulations ended",
         "verification": "Verification of the selected sets by their solver",
-        "parameters": "Parameters of each run, with 95 % intervals where there was a fit",
-        "errors": "Errors of each run; of several spots the mean, R² the least",
-        "criteria": "Information criteria, the best first",
         "failures": "Sets that could not be ranked, by reason",
     }
 )
 """Captions of the tables by name."""
+
+COMPARISON_TITLES: Mapping[str, str] = MappingProxyType(
+    {
+        "parameters": "Parameters of each run, with 95 % intervals where there was a fit",
+        "errors": "Errors of each run; of several spots the mean, R² the least",
+        "criteria": "Information criteria, the best first",
+    }
+)
+"""Captions of the tables of several runs."""
 
 EXACT = 1e-6
 """NMSE below which a curve is fitted to the accuracy of solvers."""
