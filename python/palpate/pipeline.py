@@ -370,7 +370,7 @@ def _from_files(study: Study, run: RunDirectory) -> StudyInputs:
 def _from_run(study: Study, run: RunDirectory, progress: Progress) -> StudyInputs:
     """Read the results of the earlier stages, and the meshes that exist."""
     design, measured = run.design(), run.measured(study.spot_names)
-    limbs = load_limbs(study, missing_ok=True)
+    limbs = load_limbs(study, to_show=True)
     for name in study.spot_names if study.solver.needs_limb else ():
         if name not in limbs:
             progress.note(f"warning: no limb is shown at spot '{name}': its mesh is missing")

@@ -29,10 +29,11 @@ SAME_HEIGHT = 0.1
 """Difference of their height at the spot, over the element size there, up to which two skins are one."""
 
 
-def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
+def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
     """Limb of each spot and of its finer mesh, by :attr:`Job.limb_name`, checked.
 
-    Empty when the solver needs none. With ``missing_ok`` limbs without their mesh file are left out.
+    Empty when the solver needs none. With ``to_show`` finer meshes are left out, and limbs without their
+    mesh file: what has been simulated needs neither.
 
     Raises
     ------
@@ -49,15 +50,16 @@ def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
         if isinstance(region.material, AnisotropicMaterial) and not region.material.fields:
             check_frames(region, meshes, map(mesh_note, meshes.values()), one_frame=study.one_frame)
     for spot in study.spots:
-        if spot.mesh is None and not missing_ok:
+        if spot.mesh is None and not to_show:
             raise StudyError(
                 f"spot '{spot.spot.name}' has no mesh, which solver '{study.solver.name}' needs; name a mesh "
                 "file"
             )
         for name, path in spot.meshes.items():
-            if not missing_ok or path.is_file():
+            if not to_show or (name == spot.spot.name and path.is_file()):
                 limbs[name] = _load(study, spot.spot, path)
-        _add_fine(study, spot, limbs)
+        if not to_show:
+            _add_fine(study, spot, limbs)
     if limbs.keys() >= set(study.spot_names):
         _check_every_region(study, limbs)
     return limbs
@@ -66,8 +68,6 @@ def load_limbs(study: Study, *, missing_ok: bool = False) -> dict[str, Limb]:
 def _add_fine(study: Study, spot: StudySpot, limbs: dict[str, Limb]) -> None:
     """Check a spot's finer mesh, or make it."""
     name, fine = spot.spot.name, f"{spot.spot.name}/fine"
-    if name not in limbs:
-        return
     place, near_mm = f"{spot.place}: {spot.fine_mesh or ''}".removesuffix(": "), _near_mm(study, name)
     if spot.fine_edge_mm:
         try:
