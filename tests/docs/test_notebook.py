@@ -1,6 +1,7 @@
-"""The notebook-style example runs, cell by cell, and every cell has something to show."""
+"""The notebook runs, cell by cell, and every cell has something to show."""
 
 import ast
+import json
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +10,16 @@ import pytest
 
 from palpate.report.notebook_html import html
 
-FILE = Path(__file__).parents[2] / "examples" / "notebook.py"
+FILE = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
 
 
-def cells(text: str) -> list[str]:
-    """Code of each cell."""
-    parts = text.split("\n# %%")
-    return [part.split("\n", 1)[1] for part in parts[1:] if not part.startswith(" [markdown]")]
+def cells() -> list[str]:
+    """Code of each cell; a notebook in the repository has no outputs."""
+    notebook = json.loads(FILE.read_text(encoding="utf-8"))
+    assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
+    code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert not any(cell["outputs"] for cell in code)
+    return ["".join(cell["source"]) for cell in code]
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +31,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], lis
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PALPATE_SETS", "24")
         patch.setenv("PALPATE_OUT", str(out))
-        for code in cells(FILE.read_text(encoding="utf-8")):
+        for code in cells():
             *body, last = ast.parse(code).body
             if isinstance(last, ast.Expr):
                 exec(compile(ast.Module(body, []), str(FILE), "exec"), values)
