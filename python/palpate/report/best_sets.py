@@ -19,10 +19,11 @@ from palpate.units import convert
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """One parameter of a best set, with the optimum between the sets and the interval around that.
+    """One parameter of a best set, with the optimum between the sets and its interval.
 
-    These are None where they are unknown, and the value where it differs from spot to spot; a set of
-    the sweep need not be in the interval.
+    These are None where they are unknown, and the value where it differs from spot to spot. The interval
+    is the 95 % interval of a fit where ``is_sure``, else of the values that fit about as well; a set of
+    the sweep need not be in it.
     """
 
     value: float | None
@@ -31,6 +32,7 @@ class Value:
     upper: float | None
     identifiability: str
     is_at_bound: bool = False
+    is_sure: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,13 +76,18 @@ def best_sets(data: ReportData) -> Iterator[Best]:
     intervals = {
         (r["spot"], r["scenario"], r["parameter"]): r for r in data.identifiability.iter_rows(named=True)
     }
+    sure = {
+        (r["fit"], r["scenario"], r["parameter"].removesuffix(f"@{r['fit']}")): r | {"is_sure": True}
+        for r in data.fit.certainty.intervals.iter_rows(named=True)
+    }
     chosen = (*data.selection.iter_rows(named=True), *data.fit.ends.iter_rows(named=True))
     rows = {(row["spot"], row["scenario"]): row for row in chosen}
     every = product((ALL_SPOTS, *data.spots), (s.name for s in data.study.scenarios))
     for spot, scenario in every:
         if (best := rows.get((spot, scenario))) is None:
             continue
-        values = (_value(best, name, intervals.get((spot, scenario, name), {})) for name in data.searched)
+        known = intervals | sure if "fit" in best else intervals
+        values = (_value(best, name, known.get((spot, scenario, name), {})) for name in data.searched)
         unfinished = ", unfinished" if best.get("partial") else ""
         yield Best(
             spot=spot,
@@ -98,9 +105,8 @@ def _value(best: Mapping[str, Any], name: str, interval: Mapping[str, Any]) -> V
     word = interval.get("identifiability", UNCLEAR)
     optimum = None if "fit" in best else interval.get("optimum")
     at_bound = {each.partition("@")[0] for each in (best.get("at_bound") or "").split(", ")}
-    return Value(
-        best.get(name), optimum, interval.get("lower"), interval.get("upper"), word, name in at_bound
-    )
+    ends, is_sure = (interval.get("lower"), interval.get("upper")), "is_sure" in interval
+    return Value(best.get(name), optimum, *ends, word, name in at_bound, is_sure)
 
 
 def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:

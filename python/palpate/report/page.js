@@ -44,6 +44,9 @@
 
   let drawing = 0;
 
+  /** Whether a figure is there and not in a section that is folded, where it has no size. */
+  const isShown = (id) => element(id) !== null && element(id).closest("details:not([open])") === null;
+
   /** While it draws, the library reports selections that the user has not made. */
   function draw(id, traces, shape) {
     drawing += 1;
@@ -63,38 +66,59 @@
       hovertemplate: "%{x:.4g}, %{y:.4g}<extra>%{fullData.name}</extra>" };
   }
 
-  function chosenCurves(c) {
-    const swept = data.swept.length ? data.swept[state.spot][c] : null;
+  function chosenCurves(c, spot) {
+    const swept = data.swept.length ? data.swept[spot][c] : null;
     if (!state.selected || !swept || state.hidden.has("selected")) return [];
     return listed().map((i) => line(`set ${data.sets.ids[i]}`, swept.x, swept.y[i], { color: colour("soft"), width: 1 }));
   }
 
-  function curveTraces(c) {
-    const traces = chosenCurves(c), measured = data.measured[state.spot][c];
+  /** Traces of a channel at a spot, on the axes of its curves and on those of what is missed below them. */
+  function curveTraces(c, spot, axes, below) {
+    const on = (trace, where = axes, more = {}) => Object.assign(trace, where, more);
+    const traces = chosenCurves(c, spot).map((trace) => on(trace)), measured = data.measured[spot][c];
     if (measured && !state.hidden.has("measured")) {
       const name = data.notice ? "experiment (simulated)" : "experiment";
-      const marker = { color: colour("measured"), symbol: "circle-open", size: measured.x.length > 80 ? 3.5 : 6, line: { width: 1.2 } };
-      traces.push(...bands(measured), Object.assign(line(name, measured.x, measured.y), { mode: "markers", marker }));
+      const marker = { color: colour("measured"), symbol: "circle-open", size: measured.x.length > 80 ? 3 : 5, line: { width: 1 } };
+      traces.push(...bands(measured).map((trace) => on(trace)), on(line(name, measured.x, measured.y), axes, { mode: "markers", marker }));
+      // The band of the noise about zero, against which what is missed is to be seen.
+      if (measured.noise) traces.push(on({ type: "scatter", mode: "lines", x: [...measured.noise.x, ...measured.noise.x.slice().reverse()],
+        y: [...measured.noise.y, ...measured.noise.y.map((v) => -v).reverse()], fill: "toself", fillcolor: colour("measured") + "33",
+        line: { width: 0 }, hoverinfo: "skip" }, below));
     }
-    data.fits[state.spot].forEach((fit, s) => {
+    data.fits[spot].forEach((fit, s) => {
       if (!fit || !fit.curves[c] || state.hidden.has(String(s))) return;
-      const { x, y } = fit.curves[c], look = { color: colour(`line${s % 6}`), dash: DASHES[s % 6], width: 2.2 };
-      traces.push(line(fit.label, x, y, look));
-      if (fit.missed[c]) traces.push(Object.assign(line(fit.label, measured.x, fit.missed[c], look), { yaxis: "y2" }));
+      const { x, y } = fit.curves[c], look = { color: colour(`line${s % 6}`), dash: DASHES[s % 6], width: 1.8 };
+      traces.push(on(line(fit.label, x, y, look)));
+      if (fit.missed[c]) traces.push(on(line(fit.label, measured.x, fit.missed[c], look), below));
     });
     return traces;
   }
 
-  function drawCurves() {
-    data.channels.forEach((channel, c) => {
-      const there = data.measured[state.spot][c] !== null;
-      element(`curve-${c}`).hidden = !there;
-      if (!there) return;
-      const shape = { xaxis: axis(channel.x, { anchor: "y2" }), yaxis: axis(channel.y, { domain: [0.34, 1] }),
-        yaxis2: axis("sim. − exp.", { domain: [0, 0.26], nticks: 4 }), dragmode: "zoom", uirevision: state.spot };
-      draw(`curve-${c}`, curveTraces(c), layout(shape));
+  /** Small multiples: the curves of each spot, with what they miss below, all on the same scales. */
+  function drawChannel(c) {
+    const channel = data.channels[c], spots = data.spots.map((_, i) => i).filter((i) => data.measured[i][c] !== null);
+    const id = `curve-${c}`;
+    if (!isShown(id) || !spots.length) return;
+    const columns = Math.min(isNarrow() ? 2 : 4, spots.length), rows = Math.ceil(spots.length / columns);
+    const gap = columns > 1 ? 0.02 : 0, width = (1 - gap * (columns - 1)) / columns, high = 1 / rows;
+    const traces = [], annotations = [], shape = { dragmode: "zoom", height: rows * 250 + 50 };
+    spots.forEach((spot, k) => {
+      const column = k % columns, top = 1 - Math.floor(k / columns) * high, left = column * (width + gap), n = (i) => (i ? String(i + 1) : "");
+      const x = n(k), y = n(2 * k), below = n(2 * k + 1), domain = [left, Math.min(1, left + width)], foot = top - high + (rows > 1 ? 0.22 / rows : 0);
+      const first = column === 0, last = k + columns >= spots.length, shared = { matches: k ? "y" : undefined, showticklabels: first };
+      const room = top - 0.07 * high - foot;
+      shape[`xaxis${x}`] = axis(last ? channel.x : "", { anchor: `y${below}`, domain, matches: k ? "x" : undefined, nticks: 5 });
+      shape[`yaxis${y}`] = axis(first ? channel.y : "", Object.assign({ anchor: `x${x}`, domain: [foot + 0.36 * room, foot + room] }, shared));
+      shape[`yaxis${below}`] = axis(first ? "sim. − exp." : "", Object.assign({ anchor: `x${x}`, domain: [foot, foot + 0.28 * room], nticks: 3 },
+        shared, { matches: k ? "y2" : undefined }));
+      traces.push(...curveTraces(c, spot, { xaxis: `x${x}`, yaxis: `y${y}` }, { xaxis: `x${x}`, yaxis: `y${below}` }));
+      annotations.push({ text: plain(data.spots[spot]), x: left + 0.01, xref: "paper", xanchor: "left", y: top, yref: "paper", yanchor: "top",
+        showarrow: false, font: { size: 12 } });
     });
+    draw(id, traces, layout(Object.assign(shape, { annotations, margin: { l: isNarrow() ? 44 : 60, r: 8, t: 6, b: 44 } })));
   }
+
+  const drawCurves = () => data.channels.forEach((_, c) => drawChannel(c));
 
   // ------------------------------------------------------------------ searches
 
@@ -120,7 +144,7 @@
   }
 
   function drawTrace() {
-    if (!element("trace")) return;
+    if (!isShown("trace")) return;
     const least = searches().flatMap((search, k) => {
       if (search.least === null) return [];
       const most = Math.max(...search.ways.flatMap((way) => way.runs));
@@ -191,6 +215,7 @@
   }
 
   function drawPairs() {
+    if (!isShown("pairs")) return;
     const list = panels(), width = element("pairs").clientWidth, values = fopts(state.spot), best = least(values);
     const columns = Math.min(width < 520 ? 1 : width < 860 ? 2 : 3, list.length), rows = Math.ceil(list.length / columns);
     const gap = [columns > 1 ? 0.11 : 0, Math.min(0.35 / rows, 0.12)];
@@ -220,7 +245,7 @@
   }
 
   function drawStrip() {
-    if (!element("strip")) return;
+    if (!isShown("strip")) return;
     const limit = data.limits.distribution, traces = [], annotations = [], shapes = [];
     data.spots.forEach((name, spot) => {
       const values = fopts(spot), best = least(values), middle = median(values);
@@ -279,7 +304,8 @@
   }
 
   function listen(id) {
-    if (!element(id)) return;
+    if (!isShown(id) || !element(id).on || element(id).dataset.listens) return;
+    element(id).dataset.listens = "yes";
     const own = (event) => event.points.map((p) => p.customdata).filter((i) => i !== undefined);
     const on = (name, then) => element(id).on(name, (event) => { if (!drawing) then(event); });
     on("plotly_selected", (event) => { if (event) select(own(event)); });
@@ -300,6 +326,7 @@
       const box = element(`contact-${k}`), path = contact(), values = path && path.series[k];
       if (!box) return;
       box.hidden = !values;
+      if (!isShown(box.id)) return;
       if (!values) return;
       const trace = line(`set ${path.set_id}`, values.map((_, i) => i + 1), values, { color: colour(`line${state.scenario % 6}`), width: 2 });
       Object.assign(trace, { mode: "lines+markers", text: path.depth.map((d, i) => `${four(d)} mm, ${four(path.rotation[i])}°`),
@@ -311,7 +338,7 @@
   function drawScene() {
     drawContact();
     const box = element("scene");
-    if (!box || !box.dataset.seen) return;
+    if (!box || !isShown("scene")) return;
     const path = contact(), shown = path && path.edge ? [...data.limbs[state.spot], path.edge] : data.limbs[state.spot];
     const traces = shown.map((t) => Object.assign({}, t, { name: plain(t.name), showlegend: true }));
     traces.forEach((t) => {
@@ -331,17 +358,27 @@
     Plotly.relayout(element("scene"), { "scene.camera": camera() });
   }
 
-  function prepareScene() {
-    const box = element("scene");
-    if (!box) return;
-    // Turning three-dimensional things costs a page that nobody scrolls down; it waits for that.
-    new IntersectionObserver((entries, watcher) => {
-      if (!entries.some((e) => e.isIntersecting)) return;
-      watcher.disconnect();
-      box.dataset.seen = "yes";
-      drawScene();
-    }, { rootMargin: "200px" }).observe(box);
-    document.querySelectorAll("[data-turn]").forEach((b) => b.addEventListener("click", () => { if (box.dataset.seen) turn(b.dataset.turn); }));
+  // ------------------------------------------------------------------ sections that fold
+
+  function unfold(target) {
+    const section = target && (target.closest("details") || target.querySelector("details"));
+    if (section) section.open = true;
+  }
+
+  function listenToSections() {
+    let due = 0;
+    document.querySelectorAll("details").forEach((section) => section.addEventListener("toggle", () => {
+      cancelAnimationFrame(due);
+      due = requestAnimationFrame(() => { drawAll(); ["pairs", "strip"].forEach(listen); });
+    }));
+    document.querySelectorAll("a[href^='#']").forEach((link) => link.addEventListener("click", () => unfold(element(link.hash.slice(1)))));
+    unfold(element(location.hash.slice(1)));
+    // Paper unfolds nothing.
+    window.addEventListener("beforeprint", () => {
+      document.querySelectorAll("details").forEach((section) => { section.open = true; });
+      drawAll();
+    });
+    document.querySelectorAll("[data-turn]").forEach((b) => b.addEventListener("click", () => turn(b.dataset.turn)));
   }
 
   // ------------------------------------------------------------------ the page
@@ -350,7 +387,7 @@
 
   function reset() {
     ["strip", "pairs", "trace", ...data.channels.map((_, c) => `curve-${c}`), "scene"].forEach((id) => {
-      if (element(id) && element(id).data) Plotly.purge(element(id));
+      if (element(id) && element(id).data) { Plotly.purge(element(id)); delete element(id).dataset.listens; }
     });
     Object.assign(eye, { turn: -0.9, tilt: 0.45, far: 2.3 });
     drawAll();
@@ -399,7 +436,7 @@
       listenToControls();
       drawAll();
       ["pairs", "strip"].forEach(listen);
-      prepareScene();
+      listenToSections();
       document.documentElement.dataset.ready = "yes";
     } catch (error) {
       element("trouble").hidden = false;

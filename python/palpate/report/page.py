@@ -17,7 +17,9 @@ import polars as pl
 from markupsafe import Markup
 
 from palpate.domain import Parameter
+from palpate.report.answer import answer, budget_bars
 from palpate.report.best_sets import Best, initial_moduli
+from palpate.report.forest import forest
 from palpate.report.page_data import page_data
 from palpate.report.report_data import ReportData
 from palpate.report.table_files import shown
@@ -62,7 +64,11 @@ def render(
     by_stem: dict[str, list[Path]] = {}
     for file in files:
         by_stem.setdefault(file.stem, []).append(file)
+    picture = forest(data, verdict.bests)
     return template().render(
+        answer=answer(data, verdict, picture),
+        forest=picture,
+        budget=list(budget_bars(data)),
         report=data,
         convergence=data.convergence,
         study=data.study,
@@ -117,7 +123,7 @@ def template(name: str = "index.html.jinja") -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    environment.filters |= {"shown": shown, "heading": _heading}
+    environment.filters |= {"shown": shown, "heading": _heading, "brief": "{:.3g}".format}
     return environment.get_template(name)
 
 

@@ -83,9 +83,10 @@ def _curves(data: ReportData, curves: Mapping[str, Curve]) -> list[dict[str, Any
 def _curve(curve: Curve) -> dict[str, Any]:
     kept = _spread_out(curve.abscissa.size, MOST_POINTS)
     x, y = curve.abscissa[kept], curve.ordinate[kept]
-    drawn = {"x": _digits(x), "y": _digits(y)}
+    drawn: dict[str, Any] = {"x": _digits(x), "y": _digits(y)}
     if curve.std is None:
         return drawn
+    drawn["noise"] = {"x": _digits(x), "y": _digits(curve.std[kept])}
     low, high = y - curve.std[kept], y + curve.std[kept]
     branches = Curve(channel=curve.channel, abscissa=x, ordinate=y).branches
     # The outline of the band: along one branch of the curve and back.

@@ -30,6 +30,15 @@ CHECK = (
 )
 """What to do about a set that does not fit."""
 
+INADEQUATE = {
+    "discrepancy": "Look at what the curves miss, then check depth offset, friction, bias and mesh; else the "
+    "material law does not describe the tissue.",
+    "specimen": "Look at what the curves miss: this material law does not describe them within the budget.",
+    "spots": "Check position, normal and mesh of the spot that differs; where the tissue differs, search its "
+    'parameters with `by = "spot"`.',
+}
+"""What to do about a fit whose model does not describe the data, by check."""
+
 CAUSES = (
     "an offset of the depth, compliance of the robot or the mount, bias of a sensor, a lag between motion "
     "and force, a wrong friction, "
@@ -75,6 +84,7 @@ def report_warnings(
     ]
     wrong = [f"{fit} R² {at:.3g}" for fit, at in r2 if at < NO_FIT_R2]
     yield from _listed(f"{len(wrong)} of the best sets do not fit", wrong, CHECK)
+    yield from _about_adequacy(data)
     yield from _about_missing(data)
     poor = [f"{fit} R² {at:.3f}" for fit, at in r2 if NO_FIT_R2 <= at < GOOD_R2]
     yield from _listed(
@@ -91,9 +101,12 @@ def report_warnings(
     yield from _about_one_set(data)
     yield from _about_failures(data)
     yield from _about_disagreement(data)
-    yield from _about_ends(data, bests)
-    yield from _about_meshes(data)
+    main = (data.together, data.generalising.name)
+    leading = [best for best in bests if (best.spot, best.scenario) == main] or list(bests)
+    yield from _about_ends(data, leading, "Best")
     yield from _about_identifiability(data)
+    yield from _about_meshes(data)
+    yield from _about_ends(data, [best for best in bests if best not in leading], "Other")
     yield from _about_searches(data)
     yield from _about_comparisons(data)
     yield from _about_sweep(data)
@@ -115,6 +128,23 @@ def _listed(what: str, texts: Iterable[str], why: str = "") -> Iterator[ReportWa
 def _some(texts: Sequence[str], most: int = 4) -> str:
     more = f"; and {len(texts) - most} more" if len(texts) > most else ""
     return "; ".join(texts[:most]) + more
+
+
+def failed_checks(data: ReportData) -> Iterator[tuple[str, str, str, str]]:
+    """Fit, scenario, what is wrong and what to do of each fit whose model does not describe the data."""
+    checks = data.fit.certainty.adequacy
+    for row in () if checks.is_empty() else checks.filter("failed").iter_rows(named=True):
+        kind = "spots" if row["check"] == "spots" else "discrepancy"
+        remedy = INADEQUATE[kind if data.study.protocol is not None or kind == "spots" else "specimen"]
+        yield row["fit"], row["scenario"], row["message"], remedy
+
+
+def _about_adequacy(data: ReportData) -> Iterator[ReportWarning]:
+    by_remedy: dict[str, list[str]] = {}
+    for fit, scenario, message, remedy in failed_checks(data):
+        by_remedy.setdefault(remedy, []).append(f"{fit}, scenario {scenario}: {message}")
+    for remedy, found in by_remedy.items():
+        yield from _listed("The model does not describe the data", found, remedy)
 
 
 def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
@@ -215,7 +245,7 @@ def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
         )
 
 
-def _about_ends(data: ReportData, bests: Sequence[Best]) -> Iterator[ReportWarning]:
+def _about_ends(data: ReportData, bests: Sequence[Best], whose: str) -> Iterator[ReportWarning]:
     of_sweep = (
         f"{parameter.name} at {best.where}"
         for best in bests
@@ -230,7 +260,7 @@ def _about_ends(data: ReportData, bests: Sequence[Best]) -> Iterator[ReportWarni
         if value.is_at_bound
     )
     return _listed(
-        "Best values are at the end of their range",
+        f"{whose} values are at the end of their range",
         [*of_fit, *of_sweep],
         "Widen the range: the minimum may be outside.",
     )
@@ -265,14 +295,17 @@ def _about_trust(data: ReportData) -> Iterator[ReportWarning]:
 
 def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
     rows, together = (data.identified(together=together) for together in (False, True))
+    if not data.fit.certainty.intervals.is_empty():
+        main = {"fit": data.together, "scenario": data.generalising.name}
+        rows, together = rows.head(0), data.fit.certainty.intervals.filter(**main)
     names = together.filter(identifiability="not")["parameter"].unique(maintain_order=True)
     if not names.is_empty():
         yield ReportWarning(
-            f"Not identifiable: {', '.join(data.brief[name].name for name in names)}",
-            "Sets that fit about as well reach across most of the range; "
-            "do not read the value as the tissue's.",
+            f"Not identifiable: {', '.join(_brief(data, name) for name in names)}",
+            "Values that fit about as well reach across most of the range, or are as large as the value; "
+            "do not read it as the tissue's.",
         )
-    if UNCLEAR in pl.concat([rows, together])["identifiability"]:
+    if UNCLEAR in [*rows["identifiability"], *together["identifiability"]] and not any(failed_checks(data)):
         yield ReportWarning(
             "How well some parameters are identified is unclear",
             "Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets.",
@@ -284,6 +317,11 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
             lowest, highest = known.sort("upper")["spot"][0], known.sort("lower")["spot"][-1]
             apart.append(f"{brief.name} at {lowest} and {highest} have intervals that do not meet")
     yield from _listed("The spots disagree", apart, "One material may not explain them all.")
+
+
+def _brief(data: ReportData, name: str) -> str:
+    head, at, spot = name.partition("@")
+    return f"{data.searched[head].name if head in data.searched else head}{at}{spot}"
 
 
 def _about_one_set(data: ReportData) -> Iterator[ReportWarning]:

@@ -9,7 +9,13 @@ from palpate.domain import Parameter
 from palpate.report.best_sets import Best, best_sets
 from palpate.report.estimates import Estimate, estimates
 from palpate.report.report_data import ReportData, label_of
-from palpate.report.report_warnings import CHECK, NO_FIT_R2, ReportWarning, report_warnings
+from palpate.report.report_warnings import (
+    CHECK,
+    NO_FIT_R2,
+    ReportWarning,
+    failed_checks,
+    report_warnings,
+)
 from palpate.run.result import ALL_SPOTS
 from palpate.stages.identifiability import UNCLEAR, WORDS
 
@@ -41,6 +47,8 @@ class Verdict:
         Sentence on the simulations of the sweep and of the fit; empty where there was no fit.
     warnings : tuple of ReportWarning
         The most severe first.
+    failure : str
+        Why no parameters can be read from the run, and what to check; empty where they can.
     without_result : mapping of (spot, scenario) to str
         Why no set could be selected there.
     """
@@ -54,6 +62,7 @@ class Verdict:
     identifiability: tuple[str, ...]
     spent: str
     warnings: tuple[ReportWarning, ...]
+    failure: str = ""
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     @property
@@ -66,25 +75,36 @@ def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdic
     """Sum up a run, from what its stages have left."""
     bests = tuple(best_sets(data))
     no_fit, (about, values, quality) = _no_fit(data, bests), _lead(data, bests)
-    leading = next(
-        (b for b in bests if (b.spot, b.scenario) == (data.together, data.generalising.name)), None
-    )
+    best = leading(data, bests)
     return Verdict(
         parameters=tuple(map(label_of, data.searched.values())),
         bests=bests,
         headline=no_fit or (f"{about}: {quality}" if about else ""),
         estimates=() if no_fit else tuple(estimates(data, bests)),
-        moduli=() if no_fit or leading is None else tuple(_moduli(data, leading)),
+        moduli=() if no_fit or best is None else tuple(_moduli(data, best)),
         lead=no_fit or (f"{about}: {', '.join(values)}; {quality}." if about else ""),
         identifiability=() if no_fit else tuple(_identifiability(data, name) for name in data.brief),
         spent=_spent(data),
         warnings=tuple(report_warnings(data, bests, tables)),
+        failure=no_fit,
         without_result=data.without_result,
     )
 
 
 def _no_fit(data: ReportData, bests: Sequence[Best]) -> str:
     """Sentence in place of parameters where the set that they would be of does not fit."""
+    wrong = [
+        f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in r2_by_spot(data, bests) if r2 < NO_FIT_R2
+    ]
+    if not wrong:
+        return _inadequate(data)
+    more = f" and {len(wrong) - 4} more" if len(wrong) > 4 else ""
+    where = f"{', '.join(wrong[:4])}{more}"
+    return f"No parameters can be read from this run: the best set does not fit {where}. {CHECK}"
+
+
+def r2_by_spot(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, str, float]]:
+    """R² of what leads in each fitted channel: its name, the spot, and R²."""
     joint = data.fit.joint(data.generalising.name)
     if len(data.spots) > 1:
         of_all = data.generalisation if joint.is_empty() else joint
@@ -92,27 +112,31 @@ def _no_fit(data: ReportData, bests: Sequence[Best]) -> str:
     else:
         own = (best for best in bests if best.scenario == data.generalising.name)
         rows = [(best.spot, {f"r2_{name}": r2 for name, r2 in best.r2.items()}) for best in own]
-    wrong = [
-        f"{name} at {spot} (R² {r2:.3g})"
-        for spot, row in rows
-        for name in data.generalising.weighed
-        if (r2 := row.get(f"r2_{name}")) is not None and r2 < NO_FIT_R2
-    ]
-    if not wrong:
-        return ""
-    more = f" and {len(wrong) - 4} more" if len(wrong) > 4 else ""
-    where = f"{', '.join(wrong[:4])}{more}"
-    return f"No parameters can be read from this run: the best set does not fit {where}. {CHECK}"
+    for spot, row in rows:
+        for name in data.generalising.weighed:
+            if (r2 := row.get(f"r2_{name}")) is not None:
+                yield name, spot, r2
 
 
-def _leading(data: ReportData, bests: Sequence[Best]) -> Best | None:
+def _inadequate(data: ReportData) -> str:
+    """The same where the model does not describe the data."""
+    main = (data.together, data.generalising.name)
+    found = {
+        message: remedy for fit, scenario, message, remedy in failed_checks(data) if (fit, scenario) == main
+    }
+    remedies = " ".join(dict.fromkeys(found.values()))
+    return f"No parameters can be read from this run: {'; '.join(found)}. {remedies}" if found else ""
+
+
+def leading(data: ReportData, bests: Sequence[Best]) -> Best | None:
+    """Return the joint fit, or the best of the only spot, in the scenario that generalises."""
     main = data.generalising.name
     return next((best for best in bests if (best.spot, best.scenario) == (data.together, main)), None)
 
 
 def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]:
     """What leads, its values, and how well it fits; empty where there is nothing."""
-    where, best = data.together, _leading(data, bests)
+    where, best = data.together, leading(data, bests)
     if best is not None:
         values = [*_listed(data.searched, (v.value for v in best.values)), *_moduli(data, best)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
@@ -146,11 +170,16 @@ def _unit(parameter: Parameter) -> str:
 
 
 def _moduli(data: ReportData, best: Best) -> Iterator[str]:
-    unit = data.modulus_unit
+    for label, value in moduli_of(data, best):
+        yield f"{label} {value:.4g} {data.modulus_unit}"
+
+
+def moduli_of(data: ReportData, best: Best) -> Iterator[tuple[str, float]]:
+    """Initial shear modulus and Young's modulus of each region under their names."""
     for region, (shear, young) in best.moduli.items():
         of = f" of {region}" if len(data.study.space.regions) > 1 else ""
-        yield f"initial shear modulus{of} {shear:.4g} {unit}"
-        yield f"Young's modulus{of} {young:.4g} {unit}"
+        yield f"initial shear modulus{of}", shear
+        yield f"Young's modulus{of}", young
 
 
 def _spent(data: ReportData) -> str:

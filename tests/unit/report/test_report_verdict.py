@@ -51,7 +51,7 @@ def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
 
 
 def test_the_joint_fit_leads_and_those_of_spots_replace_the_sweeps_sets(content):
-    made = content(search=LeastSquares())
+    made = content(assessed=False, search=LeastSquares())
     found = verdict(made)
     assert [best.where for best in found.bests[2:5]] == [
         "all spots, scenario III", "p1, scenario I", "p1, scenario II",
@@ -76,7 +76,7 @@ def test_the_joint_fit_leads_and_those_of_spots_replace_the_sweeps_sets(content)
 
 
 def test_a_fit_of_some_spots_alone_stands_beside_sets_of_the_sweep(content):
-    made = content(search=LeastSquares())
+    made = content(assessed=False, search=LeastSquares())
     table = made.fit.table
     reason = {"spot": None, "fopt": None, "message": "the start cannot be simulated"}
     gone = {name: pl.when(pl.col("fit") != "p1").then(pl.lit(value)).otherwise(pl.col(name)).alias(name)
@@ -99,8 +99,8 @@ def test_a_fit_that_ends_at_a_bound_or_is_not_settled_is_named(content):
     assert about(made, "end of their range") is None
     at_grip = verdict(ended(at_bound="soft_tissue.grip@p1")).bests[0]
     assert [value.is_at_bound for value in at_grip.values] == [False, True]
-    at_bound = about(ended(at_bound="soft_tissue.grip, soft_tissue.stiffness"), "end of their range")
-    assert at_bound.startswith("stiffness at all spots, scenario I; grip at all spots, scenario I; ")
+    at_bound = about(ended(at_bound="soft_tissue.grip, soft_tissue.stiffness"), "Best values are")
+    assert at_bound.startswith("stiffness at all spots, scenario I; grip at all spots, scenario I. ")
     unsettled = ended(message=f"converged; {UNSETTLED}")
     assert about(unsettled, "has not settled").startswith("all spots, scenario I; all spots, scenario II; ")
     assert about(unsettled, "Not every search") is None

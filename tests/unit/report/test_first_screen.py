@@ -1,0 +1,108 @@
+"""The first screen: the card, and the forest of intervals."""
+
+from dataclasses import replace
+
+import polars as pl
+import pytest
+from hypothesis import given, strategies as st
+
+from palpate.fit.least_squares import LeastSquares
+from palpate.report import make_tables
+from palpate.report.answer import answer, budget_bars
+from palpate.report.forest import Axis, _percent, _widened, forest
+from palpate.report.page import render
+from palpate.report.verdict import make_verdict
+
+TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
+NUMBERS = st.floats(1e-6, 1e6)
+
+
+@pytest.fixture
+def fitted(content):
+    return content(search=LeastSquares(), truth=TRUTH)
+
+
+def passed(data):
+    """The same fit, its model taken to describe the data."""
+    certainty = data.fit.certainty
+    fine = certainty.adequacy.with_columns(failed=pl.lit(value=False), message=pl.lit(""))
+    known = certainty.intervals.with_columns(identifiability=pl.lit("well"))
+    return replace(data, fit=replace(data.fit, certainty=replace(certainty, adequacy=fine, intervals=known)))
+
+
+def card(data):
+    verdict = make_verdict(data, make_tables(data))
+    return answer(data, verdict, forest(data, verdict.bests))
+
+
+@given(st.lists(NUMBERS, min_size=1), st.booleans())
+def test_an_axis_holds_everything_in_its_order(known, is_log):
+    low, high = _widened(known, is_log=is_log)
+    axis = Axis(label="a", low=low, high=high, is_log=is_log)
+    places = [_percent(axis, value) for value in sorted(known)]
+    assert all(0.0 < place < 100.0 for place in places)
+    assert places == sorted(places)
+
+
+def test_the_card_has_intervals_moduli_and_causes_of_the_fit_that_leads(fitted):
+    data = passed(fitted)
+    found = card(data)
+    rows = data.fit.certainty.intervals.filter(fit="all spots", scenario="I").rows(named=True)
+    assert found.is_sure
+    assert [line.label for line in found.lines] == [
+        "stiffness [MPa]", "grip [MPa]", "initial shear modulus [MPa]", "Young's modulus [MPa]",
+    ]  # fmt: skip
+    for line, row in zip(found.lines, rows, strict=False):
+        assert (line.lower, line.value, line.upper) == (row["lower"], row["value"], row["upper"])
+    # Energy θ0 Σ(λ − 1)²: the stiffness alone moves the shear modulus, and is as large.
+    stiffness, modulus = found.lines[0], found.lines[2]
+    assert (modulus.lower, modulus.upper) == pytest.approx((stiffness.lower, stiffness.upper))
+    for _, causes in budget_bars(data):
+        shares = [share for _, share in causes]
+        assert shares == sorted(shares, reverse=True)
+        assert 95.0 < sum(shares) < 100.5
+
+
+def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
+    data = passed(fitted)
+    rows = data.fit.certainty.intervals
+    at = (pl.col("fit") == "p2") & (pl.col("scenario") == "I") & (pl.col("parameter") == "soft_tissue.grip")
+    far = [
+        pl.when(at).then(pl.col(end) + 1e3).otherwise(pl.col(end)).alias(end) for end in ("lower", "upper")
+    ]
+    for moved, apart in ((rows, {}), (rows.with_columns(far), {"p2": ("grip",)})):
+        certainty = replace(data.fit.certainty, intervals=_wide(moved))
+        changed = replace(data, fit=replace(data.fit, certainty=certainty))
+        assert forest(changed, make_verdict(changed, {}).bests).apart == apart
+        (spots,) = (text for name, text in card(changed).facts if name == "Spots")
+        assert ("p2 (grip)" if apart else "none differs") in spots
+
+
+def _wide(rows):
+    """Intervals that all meet, unless they were moved far."""
+    return rows.with_columns(lower=pl.col("lower") - 100.0, upper=pl.col("upper") + 100.0)
+
+
+def test_where_the_model_fails_a_banner_takes_the_place_of_parameters(fitted):
+    tables = make_tables(fitted)
+    verdict = make_verdict(fitted, tables)
+    assert verdict.failure.startswith(
+        "No parameters can be read from this run: the force differs from the model"
+    )
+    assert verdict.warnings[0].what == "The model does not describe the data"
+    page = render(fitted, tables, verdict, [])
+    assert f'<p class="banner" role="alert">{verdict.failure[:60]}' in page
+    assert 'class="answer"' not in page
+    data = passed(fitted)
+    page = render(data, make_tables(data), make_verdict(data, {}), [])
+    assert 'class="banner"' not in page
+    assert 'class="answer"' in page
+
+
+def test_warnings_of_what_leads_come_before_those_of_other_fits(fitted):
+    data = passed(fitted)
+    table = data.fit.table.with_columns(at_bound=pl.lit("soft_tissue.grip"))
+    ends = [w.why for w in make_verdict(replace(data, fit=replace(data.fit, table=table)), {}).warnings
+            if "end of their range" in w.what]  # fmt: skip
+    assert ends[0].startswith("grip at all spots, scenario I.")
+    assert "grip at p1, scenario I" in ends[1]
