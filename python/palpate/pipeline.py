@@ -6,32 +6,35 @@ checked before the first file is written.
 """
 
 import contextlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import polars as pl
 
+from palpate.certainty.posterior_stage import PosteriorStage
+from palpate.certainty.posterior_tables import posterior_result
 from palpate.certainty.stage import CertaintyStage
+from palpate.certainty.tables import Assessed, certainty_result
 from palpate.domain import Design, Response, Simulation
 from palpate.errors import StudyError
 from palpate.executors.attempts import simulate_alone
 from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
-from palpate.fit.stage import FitStage
+from palpate.fit.stage import Case, FitStage
 from palpate.fit.tables import fit_result, refinement
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress, ShowsPlace
 from palpate.report import ReportData, by_spot, contact_along, draw_presses, write_report
 from palpate.report.result import Report, RunResult
 from palpate.run.directory import RunDirectory
-from palpate.run.fit_state import FitState, read_fit_state, write_fit_state
+from palpate.run.fit_state import FitState, read_fit_state, remove_fit_state, write_fit_state
 from palpate.run.keys import answers_key
 from palpate.run.ledger import Ledger
 from palpate.run.lock import living_runner_of
 from palpate.run.manifest import manifest
 from palpate.run.ownership import drawing_in
-from palpate.run.result import FitResult, SelectionResult, StudyInputs
+from palpate.run.result import FitResult, PosteriorResult, SelectionResult, StudyInputs
 from palpate.run.stage_records import design_from, fit_from, measured_from, scores_from, selection_from
 from palpate.run.study_diff import Changed, changed
 from palpate.stages import scoring, selection, simulation
@@ -309,6 +312,42 @@ def fit(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = S
             return _fit(simulations, run, inputs, plugins, scores)
 
 
+def certainty(
+    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT
+) -> PosteriorResult:
+    """Draw the posteriors of the joint fits, and what follows from them; simulates some more sets.
+
+    Raises
+    ------
+    StudyError
+        There is no fit, or none with intervals.
+    """
+    run = RunDirectory(run_folder)
+    run.require("fit")
+    with run.locked(study, plugins.channels) as check_lock:
+        study = run.trusting(study)
+        inputs = _from_files(study, run)
+        scores = _scores_of(study, run, _stored(study, run, inputs))
+        run.records.check("fit", fit_from(study, run.records))
+        with Simulations(study, run_folder, inputs.limbs, progress, check_lock) as simulations:
+            cases = (
+                [] if isinstance(study.search, BestSet) else _cases(simulations, run, inputs, plugins, scores)
+            )
+            remove_fit_state(run_folder)
+            assessed = _assessed(simulations, inputs, cases)
+            sampled = PosteriorStage(study=study, design=inputs.design, progress=progress).run(
+                cases, assessed
+            )
+        if sampled is None:
+            raise StudyError(
+                f"{run_folder}: no joint fit with intervals in scenario '{study.generalise_by}'; set "
+                "fit.search to a search, or see the warnings of `palpate fit`"
+            )
+        found = posterior_result(sampled, study.seed)
+        run.write_posterior(found)
+        return found
+
+
 def report(
     study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT, *, as_run: bool = False
 ) -> Report:
@@ -431,17 +470,24 @@ def _fit(
     simulations: Simulations, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, scores: pl.DataFrame
 ) -> FitResult:
     study, found = simulations.study, FitResult()
-    if isinstance(study.search, BestSet):  # what the selection holds already
-        run.write_fit(found, fit_from(study, run.records))
-        return found
+    if not isinstance(study.search, BestSet):  # else the selection has it already
+        cases = _cases(simulations, run, inputs, plugins, scores)
+        certainty = certainty_result(_assessed(simulations, inputs, cases), study)
+        found = replace(fit_result(cases, simulations), certainty=certainty)
+    run.write_fit(found, fit_from(study, run.records))
+    return found
 
+
+def _cases(
+    simulations: Simulations, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, scores: pl.DataFrame
+) -> list[Case]:
     def follow(state: FitState) -> None:
         write_fit_state(run.folder, state)
         if isinstance(simulations.progress, ShowsPlace):
             simulations.progress.at(str(state))
 
     stage = FitStage(
-        study=study,
+        study=simulations.study,
         design=inputs.design,
         measured=inputs.measured,
         scores=scores,
@@ -450,17 +496,17 @@ def _fit(
         progress=simulations.progress,
         follow=follow,
     )
-    cases = stage.run()
-    found = fit_result(cases, simulations)
-    certainty = CertaintyStage(
-        study=study,
+    return stage.run()
+
+
+def _assessed(simulations: Simulations, inputs: StudyInputs, cases: Sequence[Case]) -> list[Assessed]:
+    stage = CertaintyStage(
+        study=simulations.study,
         measured=inputs.measured,
         refinement=refinement(simulations) if any(case.n_fine for case in cases) else {},
         progress=simulations.progress,
     )
-    found = replace(found, certainty=certainty.run(cases))
-    run.write_fit(found, fit_from(study, run.records))
-    return found
+    return stage.assessed(cases)
 
 
 def _report(
@@ -489,6 +535,7 @@ class _Found:
     stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
     verification: pl.DataFrame = field(default_factory=pl.DataFrame)
     fit: FitResult = field(default_factory=FitResult)
+    posterior: PosteriorResult = field(default_factory=PosteriorResult)
 
     @classmethod
     def of(cls, study: Study, run: RunDirectory, inputs: StudyInputs, *, is_whole: bool) -> "_Found":
@@ -510,6 +557,7 @@ class _Found:
             stiffness_scaling=run.stiffness_scaling(),
             verification=run.verification(),
             fit=fitted,
+            posterior=run.posterior(),
         )
 
 
@@ -530,6 +578,7 @@ def _report_data(
         selection=found.selection,
         generalisation=found.generalisation,
         fit=found.fit,
+        posterior=found.posterior,
         stiffness_scaling=found.stiffness_scaling,
         responses={
             (s.job.spot, s.job.set_id): s.response for s in found.simulations if s.response is not None

@@ -6,7 +6,9 @@ import signal
 import pytest
 
 from palpate.cli.progress import StageProgress
+from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
+from palpate.run.result import FitResult
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -38,6 +40,23 @@ def test_every_command_works_without_a_sweep(call, without_sweep, tmp_path):
     assert call("fit", without_sweep, "--out", "apart", "--json").json["fit"] == ran.json["fit"]
     more = call("run", without_sweep, "--sets", "8", "--out", "more", "--json")
     assert (more.code, more.json["n_sets"], more.json["n_simulations"]) == (0, 8, 16)
+
+
+def test_posteriors_of_a_fit_are_drawn_and_kept(call, without_sweep, tmp_path):
+    pytest.importorskip("emcee")
+    early = call("certainty", without_sweep)
+    assert early.code == 2
+    assert "palpate fit" in early.err
+    assert call("run", without_sweep).code == 0
+    drawn = call("certainty", without_sweep, "--json")
+    assert drawn.code == 0, drawn.err
+    run = RunDirectory(tmp_path / "runs" / "toy")
+    kept = run.posterior()
+    assert kept.posterior.to_dicts() == drawn.json["posterior"]
+    assert kept.volumes["ratio"].to_list()[0] == 1.0
+    assert call("certainty", without_sweep, "--json").json["posterior"] == drawn.json["posterior"]
+    run.write_fit(FitResult(), {})
+    assert run.posterior().posterior.is_empty()
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from palpate.certainty.adequacy import checks
 from palpate.certainty.causes import Columns, causes_of, columns_of
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.laplace import laplace
+from palpate.certainty.likelihood import likelihood
 from palpate.certainty.rows import Rows, grouped, groups_of, path_of, pieces, rows_of
 from palpate.certainty.tables import ALLOWED, Assessed, certainty_result
 from palpate.domain import FloatArray, Response, channel_of
@@ -44,14 +45,17 @@ class CertaintyStage:
     progress: Progress = SILENT
 
     def run(self, cases: Sequence[Case]) -> CertaintyResult:
+        """Intervals of every case that has a result, and what they are made of."""
+        return certainty_result(self.assessed(cases), self.study)
+
+    def assessed(self, cases: Sequence[Case]) -> list[Assessed]:
         """Assess every case that has a result, the derivatives of causes taken at the first joint fit."""
         ended = [case for case in cases if case.end is not None and case.end.best is not None]
         by = next((c for c in ended if c.scenario.name == self.study.generalise_by), None)
         if by is None:
-            return CertaintyResult()
+            return []
         columns = self.columns(by)
-        assessed = [each for case in ended if (each := self._assessed(case, columns))]
-        return certainty_result(assessed, self.study)
+        return [each for case in ended if (each := self._assessed(case, columns))]
 
     def _assessed(self, case: Case, columns: Columns) -> Assessed | None:
         try:
@@ -103,6 +107,7 @@ class CertaintyStage:
             point=point,
             laplace=laplace(point, residuals, jacobian, {**known, **parts}),
             noise_only=laplace(point, residuals, jacobian, {NOISE: parts[NOISE], PRIORS: known[PRIORS]}),
+            likelihood=likelihood(jacobian, covariance, groups),
             errors=errors,
             checks=tuple(checks(residuals, jacobian, covariance, rows, errors.exceeds)),
             channels=channels,

@@ -11,6 +11,7 @@ from palpate.certainty.adequacy import Check
 from palpate.certainty.curve_errors import CurveErrors
 from palpate.certainty.directions import directions
 from palpate.certainty.laplace import Density, Laplace
+from palpate.certainty.likelihood import Likelihood
 from palpate.domain import FloatArray
 from palpate.fit.running import Fit
 from palpate.fit.stage import Case
@@ -34,6 +35,8 @@ class Assessed:
         Where it has ended, as shares of the ranges.
     laplace, noise_only : Laplace
         By all causes, and by the noise alone.
+    likelihood : Likelihood
+        Of the residuals, by all causes.
     errors : CurveErrors
     checks : tuple of Check
     channels : tuple of str
@@ -45,6 +48,7 @@ class Assessed:
     point: FloatArray
     laplace: Laplace
     noise_only: Laplace
+    likelihood: Likelihood
     errors: CurveErrors
     checks: tuple[Check, ...]
     channels: tuple[str, ...]

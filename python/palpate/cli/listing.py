@@ -37,6 +37,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "score": ("palpate score arm",),
         "select": ("palpate select arm",),
         "fit": ("palpate fit arm",),
+        "certainty": ("palpate certainty arm",),
         "report": ("palpate report runs/arm --open",),
     }
 )

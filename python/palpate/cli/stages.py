@@ -1,4 +1,4 @@
-"""``palpate sample``, ``simulate``, ``score``, ``select`` and ``fit``: stages of a run."""
+"""``palpate sample``, ``simulate``, ``score``, ``select``, ``fit`` and ``certainty``: stages of a run."""
 
 import faulthandler
 from collections import Counter
@@ -137,4 +137,26 @@ def fit(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json
         session.json({**rows, "warnings": progress.warnings})
         return
     session.frame("Fit", found.table)
+    session.next(f"report {study} --out {folder}", f"written to {folder}; ")
+
+
+def certainty(
+    context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False
+) -> None:
+    """Draw the posteriors of the joint fits; simulates some sets more."""
+    from dataclasses import asdict
+
+    from palpate import pipeline
+
+    session, checked, folder = opened(context, study, out)
+    with StageProgress(session) as progress:
+        found = pipeline.certainty(checked, folder, session.plugins, progress)
+    if as_json:
+        rows = {name: frame.to_dicts() for name, frame in asdict(found).items()}
+        session.json({**rows, "warnings": progress.warnings})
+        return
+    session.frame("Posterior", found.posterior)
+    session.frame("Ends of profiles", found.profile_ends)
+    session.frame("Volumes of posteriors", found.volumes)
+    session.frame("Errors of emulated curves", found.emulator)
     session.next(f"report {study} --out {folder}", f"written to {folder}; ")

@@ -8,7 +8,7 @@ import polars as pl
 
 from palpate.domain import Channel, Design, Limb, Parameter, Response, Scenario
 from palpate.report.convergence import Contact
-from palpate.run.result import ALL_SPOTS, FitResult
+from palpate.run.result import ALL_SPOTS, FitResult, PosteriorResult
 from palpate.stages.completeness import Completeness, completeness, without_result
 from palpate.stages.identifiability import Swept
 from palpate.study.reading import Study
@@ -66,6 +66,7 @@ class ReportData:
     generalisation: pl.DataFrame
     fit: FitResult
     responses: Mapping[tuple[str, int], Response]
+    posterior: PosteriorResult = field(default_factory=PosteriorResult)
     stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
     swept: Swept = field(default_factory=dict)
     identifiability: pl.DataFrame = field(default_factory=pl.DataFrame)

@@ -51,6 +51,15 @@ def in_written_units(data: ReportData) -> ReportData:
                 budget=_long(fit.certainty.budget, ("sd",), factors),
             ),
         ),
+        posterior=replace(
+            data.posterior,
+            posterior=_long(
+                data.posterior.posterior, ("mean", "sd", "lower", "upper", "mean_solved"), factors, units
+            ),
+            posterior_draws=_wide(data.posterior.posterior_draws, factors),
+            profiles=_long(data.posterior.profiles, ("value",), factors, units),
+            profile_ends=_long(data.posterior.profile_ends, ("value", "value_solved"), factors, units),
+        ),
         identifiability=_long(data.identifiability, (*ends, "optimum"), factors, units),
         disagreements=_long(data.disagreements, optima, factors, units),
     )

@@ -10,6 +10,8 @@
     scores.parquet  selection.parquet  generalisation.parquet
     fit.parquet  fit_trace.parquet  fit_mesh.parquet  fit_curves.parquet
     intervals.parquet  budget.parquet  directions.parquet  adequacy.parquet
+    posterior.parquet  posterior_draws.parquet  profiles.parquet  profile_ends.parquet
+    ribbons.parquet  volumes.parquet  emulator.parquet
     fit.json                how far the fit is, while it goes on
     stiffness_scaling.parquet  verification.parquet
     stages.json             checksums of these files, and what each stage was made from
@@ -38,14 +40,16 @@ from palpate.run.fit_state import remove_fit_state
 from palpate.run.lock import locked
 from palpate.run.manifest import checked_manifest, finite, infinite, manifest
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
-from palpate.run.result import CertaintyResult, FitResult
+from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
 from palpate.run.result_files import frame_of, response_of, write_atomically, write_frame
 from palpate.run.stage_records import COMMANDS, StageRecords
 from palpate.run.trust import IN_KEYS, fingerprints, recorded, trusting
 from palpate.study.reading import Study
 
 _CERTAINTY = tuple(each.name for each in fields(CertaintyResult))
-_OPTIONAL = ("stiffness_scaling", "verification", "fit", "fit_trace", "fit_mesh", "fit_curves", *_CERTAINTY)
+_POSTERIOR = tuple(each.name for each in fields(PosteriorResult))
+_OF_FIT = ("fit", "fit_trace", "fit_mesh", "fit_curves", *_CERTAINTY)
+_OPTIONAL = ("stiffness_scaling", "verification", *_OF_FIT, *_POSTERIOR)
 
 
 class RunDirectory:
@@ -264,6 +268,17 @@ class RunDirectory:
             responses={(str(a), str(b), str(c)): response_of(part) for (a, b, c), part in parts.items()},
             certainty=CertaintyResult(**{name: self._optional("fit", name) for name in _CERTAINTY}),
         )
+
+    def write_posterior(self, found: PosteriorResult) -> None:
+        """Write the tables of the posteriors of the fit."""
+        made_from = {"fit": self.records.fingerprint("fit")}
+        self._write("posterior", {name: getattr(found, name) for name in _POSTERIOR}, made_from)
+
+    def posterior(self) -> PosteriorResult:
+        """Read the posteriors; empty where there are none of this fit."""
+        if not self.records.is_made_from("posterior", {"fit": self.records.fingerprint("fit")}):
+            return PosteriorResult()
+        return PosteriorResult(**{name: self._optional("posterior", name) for name in _POSTERIOR})
 
     def comparisons(self) -> dict[str, Any]:
         """Read what was kept here as ``solver-comparison*.json``, by file name; not JSON is its error."""

@@ -99,6 +99,46 @@ class CertaintyResult:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PosteriorResult:
+    """Posteriors of the joint fits, by an emulator of the curves; empty where none were drawn.
+
+    Parameters
+    ----------
+    posterior : DataFrame
+        One row per scenario and parameter: fit, scenario, parameter, unit, mean, sd, lower and upper (95 %),
+        mean_solved (the mean by the real solver), at_lower and at_upper (probability of the last 1 % of the
+        range), split_r, autocorrelation (in steps), n_independent, converged.
+    posterior_draws : DataFrame
+        One row per draw: fit, scenario and what was searched.
+    profiles : DataFrame
+        Of the scenario that generalises, one row per point: fit, scenario, parameter, unit, value and rise
+        (of −2 log of the density over its least, the other parameters fitted again; 3.84 at the ends of a
+        95 % interval).
+    profile_ends : DataFrame
+        One row per parameter and end: fit, scenario, parameter, unit, end ("lower" or "upper"), value,
+        value_solved (fitted again with the real solver; null where that failed), at_bound.
+    ribbons : DataFrame
+        One row per point of a curve and parameter: spot, channel, point (its number), abscissa, parameter,
+        first (Sobol index over the ranges) and total.
+    volumes : DataFrame
+        One row per scenario: fit, scenario, volume (of the posterior, over that of the box) and ratio to the
+        scenario that generalises.
+    emulator : DataFrame
+        One row per scenario and channel: fit, scenario, channel, n_runs of which the emulator was made,
+        n_solved (draws that were simulated), error (largest at these, over the measured peak), left_out
+        (largest error at runs left out, anywhere in the ranges).
+    """
+
+    posterior: pl.DataFrame = field(default_factory=pl.DataFrame)
+    posterior_draws: pl.DataFrame = field(default_factory=pl.DataFrame)
+    profiles: pl.DataFrame = field(default_factory=pl.DataFrame)
+    profile_ends: pl.DataFrame = field(default_factory=pl.DataFrame)
+    ribbons: pl.DataFrame = field(default_factory=pl.DataFrame)
+    volumes: pl.DataFrame = field(default_factory=pl.DataFrame)
+    emulator: pl.DataFrame = field(default_factory=pl.DataFrame)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FitResult:
     """Parameters for which the simulated curves fit the measured ones best.
 

@@ -35,6 +35,7 @@ COMMANDS = MappingProxyType(
         "selection": "select",
         "verification": "select",
         "fit": "fit",
+        "posterior": "certainty",
     }
 )
 """The command that makes the files of a stage."""
@@ -85,6 +86,10 @@ class StageRecords:
                 f"now; run `palpate {COMMANDS[stage]}` and the stages after it again"
             )
 
+    def is_made_from(self, stage: str, made_from: Mapping[str, str]) -> bool:
+        """Whether the files of a stage were made from these."""
+        return bool(self._entry(stage).get("made_from") == dict(made_from))
+
     def fingerprint(self, stage: str) -> str:
         """Hash of the files that a stage wrote."""
         return fingerprint(self._files(stage))
@@ -116,6 +121,7 @@ _NOUNS = MappingProxyType(
         "design": "design was",
         "scores": "scores were",
         "selection": "selection was",
+        "fit": "fit was",
     }
 )
 

@@ -18,7 +18,7 @@ def pressed():
     return load_file(PRESSED)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def stage_of(pressed):
     """Make the fit of a study, without a sweep, from the middle of the ranges."""
 

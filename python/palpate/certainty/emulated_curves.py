@@ -1,0 +1,135 @@
+"""Curves of all spots at the measured points, simulated and emulated, as functions of the searched values."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.certainty.emulator import Emulator, Runs
+from palpate.certainty.likelihood import Likelihood
+from palpate.certainty.rows import pieces
+from palpate.domain import FloatArray, channel_of
+from palpate.fit.problem import Problem
+from palpate.plugins.search import Trial
+
+
+class SimulatedCurves:
+    """Ordinates of every channel at every spot, without corrections by finer meshes.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the joint fit.
+    channels : sequence of str
+        Those that any scenario weighs.
+
+    Attributes
+    ----------
+    places : mapping of (spot, channel) to slice
+        Where each curve is among the n ordinates.
+    measured, peak : (n,) array
+        Measured ordinates, and the largest one of each curve.
+    """
+
+    def __init__(self, problem: Problem, channels: Sequence[str]) -> None:
+        terms = [
+            replace(term, weights={c: 1.0 for c in term.measured if c in channels}, corrections={})
+            for term in problem.terms
+        ]
+        self.problem = Problem(
+            problem.study, terms, problem.simulate, problem.parametrisation, noise=problem.noise
+        )
+        parts = list(pieces(terms))
+        self.places = {(term.spot, name): at for term, name, at, _ in parts}
+        curves = [term.measured[name].ordinate for term, name, _, _ in parts]
+        self.measured = np.concatenate(curves)
+        self.peak = np.concatenate([np.full(y.size, np.abs(y).max()) for y in curves])
+        self._scale = np.concatenate([scale for *_, scale in parts])
+
+    def runs(self, points: FloatArray, *, slopes: bool) -> Runs:
+        """Simulate points (n, n_parameters) of the box; ordinates of those that fail are NaN."""
+        found = self.problem.evaluate([Trial(point=point, slopes=slopes) for point in points])
+        box, n = self.problem.box, self._scale.size
+        ordinates = np.full((len(points), n), np.nan)
+        rates = np.full((len(points), n, len(box.names)), np.nan)
+        for i, each in enumerate(found):
+            if each.residuals is not None:
+                ordinates[i] = each.residuals[:n] / self._scale + self.measured
+            if each.jacobian is not None:
+                rates[i] = each.jacobian[:n] / self._scale[:, None] / box.rates(each.point)
+        return Runs(values=box.values(points), ordinates=ordinates, slopes=rates)
+
+
+class EmulatedCurves:
+    """An emulator of each spot, from the values that its curves depend on.
+
+    Parameters
+    ----------
+    simulated : SimulatedCurves
+    runs : Runs
+    """
+
+    def __init__(self, simulated: SimulatedCurves, runs: Runs) -> None:
+        self.simulated, self.runs = simulated, runs
+        parameters = simulated.problem.parameters
+        self.parts: list[tuple[slice, list[int], Emulator]] = []
+        for spot in dict.fromkeys(spot for spot, _ in simulated.places):
+            places = [at for (of, _), at in simulated.places.items() if of == spot]
+            at = slice(places[0].start, places[-1].stop)
+            own = [i for i, p in enumerate(parameters) if p.name.partition("@")[2] in ("", spot)]
+            of_spot = Runs(
+                values=runs.values[:, own],
+                ordinates=runs.ordinates[:, at],
+                slopes=runs.slopes[:, at][:, :, own],
+            )
+            self.parts.append((at, own, Emulator([parameters[i] for i in own], of_spot, simulated.peak[at])))
+
+    @property
+    def left_out(self) -> FloatArray:
+        """Ordinates (n_runs, n_ordinates) of each run less what the others predict."""
+        return np.concatenate([emulator.left_out for *_, emulator in self.parts], axis=1)
+
+    def __call__(self, values: FloatArray) -> FloatArray:
+        """Ordinates (n, n_ordinates) at values (n, n_parameters)."""
+        return np.concatenate([emulator(values[:, own]) for _, own, emulator in self.parts], axis=1)
+
+
+class ScenarioDensity:
+    """The posterior density of a scenario, up to a constant: even in the coordinates of the box.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the scenario's fit, with its corrections by finer meshes.
+    likelihood : Likelihood
+    curves : SimulatedCurves
+    """
+
+    def __init__(self, problem: Problem, likelihood: Likelihood, curves: SimulatedCurves) -> None:
+        self.problem, self.likelihood, self.curves = problem, likelihood, curves
+        n, parts = problem.n_points, list(pieces(problem.terms))
+        matrix, constant = np.zeros((n, curves.measured.size)), np.zeros(n)
+        for term, name, at, scale in parts:
+            channel = channel_of(name)
+            inside = np.flatnonzero(term.counted(name))
+            place = curves.places[term.spot, channel]
+            matrix[np.arange(at.start, at.stop), place.start + inside] = scale[inside]
+            corrected = term.corrections.get(channel, 0.0) - term.measured[channel].ordinate
+            constant[at] = (scale * corrected)[inside]
+        self._curves = likelihood.white @ matrix
+        self._rest = likelihood.white @ constant
+        self._priors = [(i, p.prior) for i, p in enumerate(problem.parameters) if p.prior is not None]
+
+    def white(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
+        """Independent residuals (k, m) at values (k, n_parameters) with these ordinates (k, n_ordinates)."""
+        white = ordinates @ self._curves.T + self._rest
+        first = self.problem.n_points - len(self._priors)
+        for row, (i, prior) in enumerate(self._priors, first):
+            residual = self.problem.noise * (values[:, i] - prior.value) / prior.sd
+            white = white + residual[:, None] * self.likelihood.white[:, row]
+        return white
+
+    def misfit(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
+        """−2 log of the density (k,)."""
+        found: FloatArray = (self.white(values, ordinates) ** 2).sum(axis=1)
+        return found
