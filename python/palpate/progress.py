@@ -53,3 +53,11 @@ class Silent:
 
 
 SILENT = Silent()
+
+
+def duration(seconds: float) -> str:
+    """Format a time in two units at most."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min"

@@ -71,6 +71,25 @@ def test_check_shows_what_a_run_would_do_and_writes_nothing(call: Call, study: P
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_check_tells_how_long_the_sweep_takes_and_offers_a_first_look(
+    call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from palpate.stages import cost
+
+    assert "20 simulations to do, about 0 s (workers: 1); then the fit" in call("check", study).out
+    monkeypatch.setattr(cost, "timed", lambda *_: 90.0)
+    shown = call("check", study).out
+    assert "20 simulations to do, about 30 min (workers: 1); then the fit" in shown
+    assert f"a first look of about 18 min: palpate run {study} --sets 12; the whole run keeps" in shown
+    assert call("check", study, "--json").json["seconds"] is None  # nothing is timed for a script
+    assert call("run", study, "--sets", 12).code == 0
+    found = call("check", study, "--json").json
+    assert found["n_left"] == 8
+    assert found["seconds"] < 90.0
+    assert "8 simulations to do, about 0 s (workers: 1)" in call("run", study).err
+    assert "simulations to do" not in call("check", study).out
+
+
 def test_check_as_json(call: Call) -> None:
     found = call("check", TOY, "--json").json
     assert found["spots"] == {"s1": ["pull"], "s2": ["pull"]}

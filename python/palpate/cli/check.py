@@ -1,20 +1,24 @@
 """``palpate check``: everything that can be known before the first simulation."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palpate.cli.options import AsJson
-from palpate.cli.progress import StageProgress
+from palpate.cli.progress import FIRST_LOOK, LONG_S, StageProgress
 from palpate.cli.results import data_notice
+from palpate.cli.runs import newest_run
 from palpate.cli.session import Session
 from palpate.errors import StudyError
+from palpate.progress import duration
 
 if TYPE_CHECKING:
     from palpate.cli.output import CheckOutput, Searched
     from palpate.domain import Curve, Parameter
     from palpate.run.result import StudyInputs
+    from palpate.stages.cost import Cost
     from palpate.study.reading import Study
 
 
@@ -29,7 +33,7 @@ def check(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check a study with its curves and meshes; writes and simulates nothing."""
+    """Check a study with its curves and meshes, and how long it will take; writes nothing."""
     session = Session.of(context)
     if schema:
         from palpate.study.model import NAMED_BY, json_schema
@@ -48,16 +52,46 @@ def check(
         checked_study = session.study(study)
         checked = pipeline.check_study(checked_study, session.plugins)
         progress.step()
+        left = _cost(checked_study, checked, study, progress, timing=not as_json)
     for text in checked.warnings:
         session.stderr.print(f"warning: {text}", markup=False)
     if as_json:
-        session.json(_as_json(checked_study, checked))
+        session.json(_as_json(checked_study, checked, left))
         return
     _show(session, checked_study, checked)
+    _say_cost(session, study, checked.design.n_sets, left)
     session.next(f"run {study}")
 
 
-def _as_json(study: "Study", checked: "StudyInputs") -> "CheckOutput":
+def _cost(
+    study: "Study", checked: "StudyInputs", path: Path, progress: StageProgress, *, timing: bool
+) -> "Cost":
+    """What is left of the sweep, after the newest run of the study; one is timed if none is known."""
+    from palpate.stages import cost, simulation
+
+    jobs = simulation.jobs(study, checked.design, checked.measured)
+    keys = simulation.keys(study, jobs, checked.limbs)
+    left = cost.cost(study, dict(zip(keys, jobs, strict=True)), newest_run(path))
+    if jobs and timing and left.seconds_each is None:
+        progress.begin("time a simulation", 1)
+        left = replace(left, seconds_each=cost.timed(study, jobs, checked.limbs))
+        progress.step()
+    return left
+
+
+def _say_cost(session: Session, path: Path, n_sets: int, left: "Cost") -> None:
+    if not left.n_left or left.seconds_each is None:
+        return
+    session.say(str(left))
+    if (left.seconds or 0.0) > LONG_S and n_sets > FIRST_LOOK:
+        first = (left.seconds or 0.0) * FIRST_LOOK / n_sets
+        session.say(
+            f"a first look of about {duration(first)}: palpate run {path} --sets {FIRST_LOOK}; "
+            "the whole run keeps its simulations"
+        )
+
+
+def _as_json(study: "Study", checked: "StudyInputs", left: "Cost") -> "CheckOutput":
     return {
         "study": study.name,
         "data": study.data,
@@ -67,6 +101,8 @@ def _as_json(study: "Study", checked: "StudyInputs") -> "CheckOutput":
         "tied": {name: str(tie) for name, tie in study.space.ties.items()},
         "n_drawn": checked.design.n_drawn,
         "n_sets": checked.design.n_sets,
+        "n_left": left.n_left,
+        "seconds": left.seconds,
         "solver": study.solver.name,
         "scenarios": [scenario.name for scenario in study.scenarios],
         "warnings": list(checked.warnings),

@@ -41,7 +41,10 @@ class SearchOutput(Closed):
 
 
 class CheckOutput(Closed):
-    """A study without mistakes; ``spots`` has the channels of each, ``warnings`` what is odd."""
+    """A study without mistakes; ``spots`` has the channels of each, ``warnings`` what is odd.
+
+    ``seconds`` is for the ``n_left`` simulations to do; null where none has been done before.
+    """
 
     study: str
     data: str
@@ -51,6 +54,8 @@ class CheckOutput(Closed):
     tied: dict[str, str]
     n_drawn: int
     n_sets: int
+    n_left: int
+    seconds: Number
     solver: str
     scenarios: list[str]
     warnings: list[str]

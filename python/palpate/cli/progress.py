@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
 from palpate.errors import PalpateError, StoppedError
+from palpate.progress import duration
 
 if TYPE_CHECKING:
     import polars as pl
@@ -29,6 +30,12 @@ LINE_S = 50.0
 
 WARNING = "warning: "
 """How a note begins that also goes to ``--json``."""
+
+LONG_S = 60.0
+"""Time of a sweep from which a smaller first look is offered."""
+
+FIRST_LOOK = 12
+"""Sets of a first look."""
 
 LOOK_S = 5.0
 """Least time between two looks at the best sets so far."""
@@ -112,10 +119,22 @@ class StageProgress:
         self._n_running = max(0, self._n_running - 1)
         if note:
             self._notes[note] += 1
+        if self._stage == "simulate" and self._done == 1 and self._first is not None:
+            self._say_duration(self._first[0])
         if self._bars is not None and self._task is not None:
             self._bars.update(self._task, advance=1, left=self._left(), failed=self._failed())
         elif self._is_line_due():
             self._print_line()
+
+    def _say_duration(self, begun: float) -> None:
+        """Print how long the sweep takes by its first simulation, which had as many workers as run then."""
+        n_left = self._total - self._done
+        seconds = (time.monotonic() - begun) * n_left / (self._n_running + 1)
+        if seconds > LONG_S:
+            self.note(
+                f"{n_left} simulations to do, at most about {duration(seconds)}; then the fit; for a first "
+                f"look stop now (Ctrl-C) and add --sets {FIRST_LOOK}: every simulation is kept"
+            )
 
     def running(self, n_running: int) -> None:
         """Show how many simulations are running."""
@@ -140,8 +159,6 @@ class StageProgress:
     @property
     def spent(self) -> str:
         """Time of all stages, and of those that took part of it."""
-        from palpate.cli.status import duration
-
         parts = [f"{stage} {duration(s)}" for stage, s in self._seconds.items() if s >= 0.5]
         total = duration(sum(self._seconds.values()))
         return f"{total} ({', '.join(parts)})" if len(parts) > 1 else total
@@ -181,8 +198,6 @@ class StageProgress:
 
     def _left(self) -> str:
         """Time to come, at the pace so far."""
-        from palpate.cli.status import duration
-
         begun, n_before = self._first or (time.monotonic(), self._done)
         n_left, n_done = self._total - self._done, self._done - n_before
         if n_left <= 0 or not n_done:

@@ -9,6 +9,7 @@ import typer
 from palpate.cli.options import AsJson, RunPath
 from palpate.cli.runs import find_run
 from palpate.cli.session import Session
+from palpate.progress import duration
 
 if TYPE_CHECKING:
     from palpate.cli.output import FitStateOutput, StatusOutput
@@ -83,14 +84,6 @@ def _counts(seen: "RunStatus") -> str:
     sweep = f"{seen.n_finished} of {seen.n_simulations} simulations ({states})"
     sweep = sweep if seen.n_simulations else "no simulation of a sweep"
     return sweep if seen.fit is None else f"{sweep}; fit: {seen.fit}"
-
-
-def duration(seconds: float) -> str:
-    """Format a time in two units at most."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    hours, minutes = divmod(round(seconds / 60), 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
 def _as_json(seen: "RunStatus") -> "StatusOutput":

@@ -22,6 +22,7 @@ from palpate.progress import SILENT, CountsRunning, Progress
 from palpate.run.keys import JobKeys
 from palpate.run.ledger import Entry, Finished, Ledger, Writer
 from palpate.run.ledger.cache import ResultCache
+from palpate.stages.cost import cost
 from palpate.study.reading import Study
 
 USUAL_BYTES = 15_000
@@ -96,6 +97,9 @@ class Simulations:
         keys = list(map(self.key, jobs))
         self._writer.plan(keys, jobs)
         self.progress.begin("simulate", len(jobs))
+        left = cost(self.study, dict(zip(keys, jobs, strict=True)), self.folder)
+        if left.n_left and left.seconds_each is not None:
+            self.progress.note(str(left))
         final, _ = self._kept
         self._warn_of_full_disk(len(set(keys) - final - self.known.keys()))
 
