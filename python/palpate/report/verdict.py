@@ -55,12 +55,12 @@ class Verdict:
 
     parameters: tuple[str, ...]
     bests: tuple[Best, ...]
-    headline: str
-    estimates: tuple[Estimate, ...]
-    moduli: tuple[str, ...]
+    headline: str = ""
+    estimates: tuple[Estimate, ...] = ()
+    moduli: tuple[str, ...] = ()
     lead: str
     identifiability: tuple[str, ...]
-    spent: str
+    spent: str = ""
     warnings: tuple[ReportWarning, ...]
     failure: str = ""
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
