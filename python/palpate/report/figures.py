@@ -196,7 +196,8 @@ def generalised(data: ReportData) -> Figure:
         axes[0, j].set_title(f"spot {spot}: Fopt {fopt[spot]:.3g}" if spot in fopt else f"spot {spot}")
     legend_below(figure, list(axes.flat))
     spread = f" ± {np.std(list(fopt.values()), ddof=1):.2g}" if len(fopt) > 1 else ""
-    title = f"{data.study.name}: {found}, mean Fopt {np.mean(list(fopt.values())):.4g}{spread}"
+    mean = f", mean Fopt {np.mean(list(fopt.values())):.4g}{spread}" if fopt else ""
+    title = f"{data.study.name}: {found}{mean}"
     entitle(figure, title, data.notice)
     return figure
 

@@ -13,7 +13,11 @@ from pathlib import Path
 from typing import Any
 
 COMMAND = next(
-    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))),
+    (
+        found
+        for name in ("chromium", "chromium-browser", "chromium-headless-shell", "google-chrome")
+        if (found := shutil.which(name))
+    ),
     None,
 )
 """The browser, or None where there is none."""

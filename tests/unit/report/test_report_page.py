@@ -24,7 +24,7 @@ from palpate.report.page_data import MOST_NUMBERS, MOST_SETS, page_data
 from palpate.report.scene import edge_of_contact, scene
 from palpate.report.tables import TITLES
 from palpate.report.verdict import make_verdict
-from palpate.run.result import FitResult
+from palpate.run.result import FitResult, PosteriorResult
 from palpate.specimens import block
 
 from .hostile import ATTACK, NAMES, REASON, renamed
@@ -184,6 +184,9 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
     }  # fmt: skip
     fit = replace(made.fit, mesh=pl.DataFrame([row]))
     made = replace(made, fit=fit, verification=verification, scores=failed, stiffness_scaling=scaled)
+    names = ("posterior", "profile_ends", "volumes", "emulator")
+    of_joint = pl.DataFrame({"fit": ["all spots"], "scenario": ["I"]})
+    made = replace(made, posterior=PosteriorResult(**dict.fromkeys(names, of_joint)))
     tables = make_tables(made)
     assert set(tables) == set(TITLES) - {"convergence", "parameters", "errors", "criteria"}
     captions = [
