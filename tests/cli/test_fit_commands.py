@@ -10,6 +10,8 @@ from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
 from palpate.run.result import FitResult
 
+from .test_json_output import valid
+
 pytestmark = pytest.mark.usefixtures("one_figure")
 
 
@@ -49,6 +51,7 @@ def test_posteriors_of_a_fit_are_drawn_and_kept(call, without_sweep, tmp_path):
     assert "palpate fit" in early.err
     assert call("run", without_sweep).code == 0
     drawn = call("certainty", without_sweep, "--json")
+    valid("certainty", drawn.json)
     assert drawn.code == 0, drawn.err
     run = RunDirectory(tmp_path / "runs" / "toy")
     kept = run.posterior()

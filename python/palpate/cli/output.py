@@ -226,6 +226,19 @@ class ScoreOutput(Closed):
     warnings: list[str]
 
 
+class CertaintyOutput(Closed):
+    """The posteriors of the joint fits: tables as rows."""
+
+    posterior: list[dict[str, Any]]
+    posterior_draws: list[dict[str, Any]]
+    profiles: list[dict[str, Any]]
+    profile_ends: list[dict[str, Any]]
+    ribbons: list[dict[str, Any]]
+    volumes: list[dict[str, Any]]
+    emulator: list[dict[str, Any]]
+    warnings: list[str]
+
+
 class TermOutput(Closed):
     """A term of the method."""
 
@@ -291,6 +304,7 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "score": ScoreOutput,
         "select": SelectOutput,
         "fit": FitOutput,
+        "certainty": CertaintyOutput,
         "report": ReportOutput,
     }
 )
