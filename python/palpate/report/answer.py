@@ -62,7 +62,8 @@ def answer(data: ReportData, verdict: Verdict, picture: Forest) -> Answer:
     )
     where = f"all {n_spots} spots" if n_spots > 1 else f"spot {data.spots[0]}"
     fitted = f"fitted to {' + '.join(data.generalising.weighed)} (scenario {data.generalising.name})"
-    by = "Searched from the sweep" if data.is_fitted else "Best set of the sweep"
+    start = "the sweep" if data.study.n_sets else "the middle of the ranges"
+    by = f"Searched from {start}" if data.is_fitted else "Best set of the sweep"
     facts = {
         "Fit": "; ".join(_quality(data, verdict)),
         "Spots": _spots(data, verdict, picture),

@@ -63,6 +63,12 @@ def test_the_card_has_intervals_moduli_and_causes_of_the_fit_that_leads(fitted):
         assert 95.0 < sum(shares) < 100.5
 
 
+def test_the_card_names_where_the_search_began(fitted):
+    assert card(fitted).about.startswith("Searched from the sweep")
+    bare = replace(fitted, study=replace(fitted.study, n_sets=0))
+    assert card(bare).about.startswith("Searched from the middle of the ranges")
+
+
 def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
     data = passed(fitted)
     rows = data.fit.certainty.intervals
