@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.certainty.rows import pieces
 from palpate.domain import FloatArray, Indentation, Parameter, ParameterSpace, Protocol, Response
 from palpate.errors import ParameterError
 from palpate.fit.parametrisation import FRICTION, GAIN, OFFSET
-from palpate.fit.problem import Problem
 from palpate.fit.running import Fit
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
 from palpate.plugins.search import Trial
@@ -181,17 +181,8 @@ def columns_of(fit: Fit, causes: Sequence[Cause], channels: Sequence[str]) -> Co
     """
     assert fit.best is not None
     problem = fit.problem
-    terms = [
-        replace(term, weights={name: 1.0 for name in term.measured if name in channels})
-        for term in problem.terms
-    ]
-    wider = Problem(
-        problem.study,
-        terms,
-        problem.simulate,
-        WithCauses(problem.parametrisation, causes),
-        noise=problem.noise,
-    )
+    terms = [term.of_channels(channels) for term in problem.terms]
+    wider = problem.restated(terms, WithCauses(problem.parametrisation, causes))
     n_own = len(problem.parameters)
     point = np.concatenate([fit.best.point, np.full(len(causes), 0.5)])
     (found,) = wider.evaluate([Trial(point=point, slopes=True)])
@@ -199,12 +190,7 @@ def columns_of(fit: Fit, causes: Sequence[Cause], channels: Sequence[str]) -> Co
         raise ParameterError(f"the error budget cannot be simulated: {found.failure}")
     per_sd = found.jacobian[:, n_own:] / (2.0 * STEPS)
     columns: dict[tuple[str, str], dict[str, FloatArray]] = {}
-    at = 0
-    for term in terms:
-        for channel in term.weights:
-            n = term.measured[channel].abscissa.size
-            scale = term.scale(channel, 1.0, np.ones(n, dtype=np.bool_)) / np.sqrt(len(terms))
-            part = per_sd[at : at + n] / scale[:, None]
-            columns[term.spot, channel] = {c.name: part[:, k] for k, c in enumerate(causes)}
-            at += n
+    for term, channel, at, scale in pieces(terms):
+        part = per_sd[at] / scale[:, None]
+        columns[term.spot, channel] = {c.name: part[:, k] for k, c in enumerate(causes)}
     return columns

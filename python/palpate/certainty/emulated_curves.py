@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.certainty.emulator import Emulator, Runs
-from palpate.certainty.likelihood import Likelihood
 from palpate.certainty.rows import pieces
 from palpate.domain import FloatArray, channel_of
 from palpate.fit.problem import Problem
@@ -32,13 +31,8 @@ class SimulatedCurves:
     """
 
     def __init__(self, problem: Problem, channels: Sequence[str]) -> None:
-        terms = [
-            replace(term, weights={c: 1.0 for c in term.measured if c in channels}, corrections={})
-            for term in problem.terms
-        ]
-        self.problem = Problem(
-            problem.study, terms, problem.simulate, problem.parametrisation, noise=problem.noise
-        )
+        terms = [replace(term.of_channels(channels), corrections={}) for term in problem.terms]
+        self.problem = problem.restated(terms)
         parts = list(pieces(terms))
         self.places = {(term.spot, name): at for term, name, at, _ in parts}
         curves = [term.measured[name].ordinate for term, name, _, _ in parts]
@@ -101,12 +95,13 @@ class ScenarioDensity:
     ----------
     problem : Problem
         Of the scenario's fit, with its corrections by finer meshes.
-    likelihood : Likelihood
+    white : (m, n) array
+        From the residuals of the problem to independent ones of variance 1.
     curves : SimulatedCurves
     """
 
-    def __init__(self, problem: Problem, likelihood: Likelihood, curves: SimulatedCurves) -> None:
-        self.problem, self.likelihood, self.curves = problem, likelihood, curves
+    def __init__(self, problem: Problem, white: FloatArray, curves: SimulatedCurves) -> None:
+        self.problem, self.curves, self._white = problem, curves, white
         n, parts = problem.n_points, list(pieces(problem.terms))
         matrix, constant = np.zeros((n, curves.measured.size)), np.zeros(n)
         for term, name, at, scale in parts:
@@ -116,8 +111,8 @@ class ScenarioDensity:
             matrix[np.arange(at.start, at.stop), place.start + inside] = scale[inside]
             corrected = term.corrections.get(channel, 0.0) - term.measured[channel].ordinate
             constant[at] = (scale * corrected)[inside]
-        self._curves = likelihood.white @ matrix
-        self._rest = likelihood.white @ constant
+        self._curves = white @ matrix
+        self._rest = white @ constant
         self._priors = [(i, p.prior) for i, p in enumerate(problem.parameters) if p.prior is not None]
 
     def white(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
@@ -126,7 +121,7 @@ class ScenarioDensity:
         first = self.problem.n_points - len(self._priors)
         for row, (i, prior) in enumerate(self._priors, first):
             residual = self.problem.noise * (values[:, i] - prior.value) / prior.sd
-            white = white + residual[:, None] * self.likelihood.white[:, row]
+            white = white + residual[:, None] * self._white[:, row]
         return white
 
     def misfit(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:

@@ -187,7 +187,7 @@ class PosteriorStage:
 
     def _sampled(self, assessed: Assessed, curves: EmulatedCurves) -> Posterior:
         problem, simulated = assessed.end.problem, curves.simulated
-        density, box = ScenarioDensity(problem, assessed.likelihood, simulated), problem.box
+        density, box = ScenarioDensity(problem, assessed.white, simulated), problem.box
 
         def misfit(points: FloatArray) -> FloatArray:
             values = box.values(points)

@@ -9,7 +9,7 @@ from palpate.certainty.adequacy import checks
 from palpate.certainty.causes import Columns, causes_of, columns_of
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.laplace import laplace
-from palpate.certainty.likelihood import likelihood
+from palpate.certainty.likelihood import whitening
 from palpate.certainty.rows import Rows, grouped, groups_of, path_of, pieces, rows_of
 from palpate.certainty.tables import ALLOWED, Assessed, certainty_result
 from palpate.domain import FloatArray, Response, channel_of
@@ -107,7 +107,7 @@ class CertaintyStage:
             point=point,
             laplace=laplace(point, residuals, jacobian, {**known, **parts}),
             noise_only=laplace(point, residuals, jacobian, {NOISE: parts[NOISE], PRIORS: known[PRIORS]}),
-            likelihood=likelihood(jacobian, covariance, groups),
+            white=whitening(jacobian, covariance, groups),
             errors=errors,
             checks=tuple(checks(residuals, jacobian, covariance, rows, errors.exceeds)),
             channels=channels,

@@ -11,12 +11,11 @@ from palpate.certainty.adequacy import Check
 from palpate.certainty.curve_errors import CurveErrors
 from palpate.certainty.directions import directions
 from palpate.certainty.laplace import Density, Laplace
-from palpate.certainty.likelihood import Likelihood
 from palpate.domain import FloatArray
 from palpate.fit.running import Fit
 from palpate.fit.stage import Case
 from palpate.run.result import CertaintyResult
-from palpate.stages.identifiability import UNCLEAR, WORDS
+from palpate.stages.identifiability import UNCLEAR, word_of
 from palpate.study.reading import Study
 
 ALLOWED = 4.0
@@ -35,8 +34,8 @@ class Assessed:
         Where it has ended, as shares of the ranges.
     laplace, noise_only : Laplace
         By all causes, and by the noise alone.
-    likelihood : Likelihood
-        Of the residuals, by all causes.
+    white : (m, n) array
+        From the residuals to independent ones of variance 1, by all causes.
     errors : CurveErrors
     checks : tuple of Check
     channels : tuple of str
@@ -48,7 +47,7 @@ class Assessed:
     point: FloatArray
     laplace: Laplace
     noise_only: Laplace
-    likelihood: Likelihood
+    white: FloatArray
     errors: CurveErrors
     checks: tuple[Check, ...]
     channels: tuple[str, ...]
@@ -88,10 +87,6 @@ def _about(each: Assessed) -> dict[str, Any]:
     return {"fit": each.case.label, "scenario": each.case.scenario.name}
 
 
-def _word(width: float) -> str:
-    return next(word for most, word in WORDS if width <= most)
-
-
 def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
     assert each.end.best is not None
     box = each.end.problem.box
@@ -117,7 +112,7 @@ def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
             "noise_lower": of_noise[0],
             "noise_upper": of_noise[1],
             "relative_width": width,
-            "identifiability": UNCLEAR if failed else _word(width),
+            "identifiability": UNCLEAR if failed else word_of(width),
         }
 
 
@@ -139,7 +134,7 @@ def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
         yield _about(each) | {
             "combination": found.text,
             "relative_width": found.relative_width,
-            "identifiability": _word(found.relative_width),
+            "identifiability": word_of(found.relative_width),
         }
 
 

@@ -109,6 +109,14 @@ class Problem:
         self._last: Evaluation | None = None
         self._has_slopes = False
 
+    def restated(
+        self, terms: Sequence[SpotTerm], parametrisation: Parametrisation | None = None
+    ) -> "Problem":
+        """State other terms, and perhaps another parametrisation, of the same study and simulations."""
+        return Problem(
+            self.study, terms, self.simulate, parametrisation or self.parametrisation, noise=self.noise
+        )
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the searched values."""

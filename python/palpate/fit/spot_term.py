@@ -5,7 +5,7 @@ counts, so that Σ r² is the spot's Fopt. Points that a curve does not cover ar
 sums: their residuals are zero, and the others count for them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -74,6 +74,10 @@ class SpotTerm:
     def counted(self, name: str) -> BoolArray:
         """Measured points (n,) that the weight of a name counts."""
         return self.measured[channel_of(name)].counted(name)
+
+    def of_channels(self, channels: Collection[str]) -> "SpotTerm":
+        """Count every point of these channels alike, as far as they are measured."""
+        return replace(self, weights={name: 1.0 for name in self.measured if name in channels})
 
     def job(self, inputs: SpotInputs, set_id: int, *, slopes: bool, fine: bool) -> Job:
         """Make the job that simulates these inputs."""

@@ -5,11 +5,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from palpate.report.best_sets import Best, initial_moduli
+from palpate.report.best_sets import Best, initial_moduli, leading
 from palpate.report.forest import Forest
 from palpate.report.report_data import ReportData
 from palpate.report.report_warnings import GOOD_R2, NO_FIT_R2
-from palpate.report.verdict import Verdict, leading, moduli_of, r2_by_spot
+from palpate.report.verdict import Verdict, moduli_of, r2_by_spot
 
 CAUSES: Mapping[str, str] = MappingProxyType(
     {

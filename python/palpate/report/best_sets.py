@@ -1,6 +1,6 @@
 """The best set of each spot and scenario, with how well its parameters are identified."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -130,3 +130,9 @@ def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[
             except PalpateError:
                 continue
             yield region.region, (mu / unit, 9.0 * kappa * mu / (3.0 * kappa + mu) / unit)
+
+
+def leading(data: ReportData, bests: Sequence[Best]) -> Best | None:
+    """Return the joint fit, or the best of the only spot, in the scenario that generalises."""
+    main = data.generalising.name
+    return next((best for best in bests if (best.spot, best.scenario) == (data.together, main)), None)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from palpate.report.best_sets import Best
+from palpate.report.best_sets import Best, leading
 from palpate.report.report_data import ReportData
 
 
@@ -51,7 +51,7 @@ def estimates(data: ReportData, bests: Sequence[Best]) -> Iterator[Estimate]:
         yield Estimate(parameter=f"{name}{at}{spot}", level=0.95, **ends)
     if not rows.is_empty():
         return
-    best = next((b for b in bests if (b.spot, b.scenario) == (data.together, main)), None)
+    best = leading(data, bests)
     swept = data.identified(together=True)
     for i, (name, parameter) in enumerate(data.searched.items()):
         chosen = next(data.generalisation.iter_rows(named=True), {}) if best is None else {}

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from palpate.report.best_sets import Best, Value
+from palpate.report.best_sets import Best, Value, leading
 from palpate.report.report_data import ReportData, label_of
 
 
@@ -69,7 +69,7 @@ def forest(data: ReportData, bests: Sequence[Best]) -> Forest:
     for best in bests:
         by_spot.setdefault(best.spot, {})[best.scenario] = best
     axes = tuple(_axis(data, bests, i, name) for i, name in enumerate(data.searched))
-    lead = by_spot.get(data.together, {}).get(data.generalising.name)
+    lead = leading(data, bests)
     numbers = {scenario.name: k for k, scenario in enumerate(data.study.scenarios)}
     rows = []
     for spot, found in by_spot.items():
@@ -105,14 +105,11 @@ def _axis(data: ReportData, bests: Sequence[Best], i: int, name: str) -> Axis:
     axis = Axis(label=label_of(parameter), low=low, high=high, is_log=is_log)
     if truth is not None:
         axis = replace(axis, truth=_percent(axis, truth))
-    lead = next((b.values[i] for b in bests if (b.spot, b.scenario) == _lead_of(data)), None)
+    leads = leading(data, bests)
+    lead = None if leads is None else leads.values[i]
     if lead is None or lead.lower is None or lead.upper is None or len(data.spots) == 1:
         return axis
     return replace(axis, band=(_percent(axis, lead.lower), _percent(axis, lead.upper)))
-
-
-def _lead_of(data: ReportData) -> tuple[str, str]:
-    return data.together, data.generalising.name
 
 
 def _widened(known: Sequence[float], *, is_log: bool) -> tuple[float, float]:

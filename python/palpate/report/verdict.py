@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import polars as pl
 
 from palpate.domain import Parameter
-from palpate.report.best_sets import Best, best_sets
+from palpate.report.best_sets import Best, best_sets, leading
 from palpate.report.estimates import Estimate, estimates
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.report_warnings import (
@@ -126,12 +126,6 @@ def _inadequate(data: ReportData) -> str:
     }
     remedies = " ".join(dict.fromkeys(found.values()))
     return f"No parameters can be read from this run: {'; '.join(found)}. {remedies}" if found else ""
-
-
-def leading(data: ReportData, bests: Sequence[Best]) -> Best | None:
-    """Return the joint fit, or the best of the only spot, in the scenario that generalises."""
-    main = data.generalising.name
-    return next((best for best in bests if (best.spot, best.scenario) == (data.together, main)), None)
 
 
 def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]:

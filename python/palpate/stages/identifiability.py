@@ -29,6 +29,12 @@ WORDS: tuple[tuple[float, str], ...] = ((0.1, "well"), (0.3, "roughly"), (0.8, "
 UNCLEAR = "unclear"
 """Word for too few sets, or curves that no polynomial fits."""
 
+
+def word_of(relative_width: float) -> str:
+    """Word for an interval of a relative width."""
+    return next(word for most, word in WORDS if relative_width <= most)
+
+
 FLOOR = 1e-6
 """Smallest threshold, as a share of the median Fopt: simulated curves are not exact."""
 
@@ -327,7 +333,7 @@ class _Case:
             "lower": _value(parameter, low),
             "upper": _value(parameter, high),
             "relative_width": high - low,
-            "identifiability": next(word for most, word in WORDS if high - low <= most),
+            "identifiability": word_of(high - low),
             "most_correlated_with": None if partner is None else self.design.parameters[partner].name,
             "correlation": None if partner is None else correlation[i, partner],
         }
