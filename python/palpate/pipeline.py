@@ -6,8 +6,8 @@ checked before the first file is written.
 """
 
 import contextlib
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
@@ -25,7 +25,7 @@ from palpate.fit.stage import Case, FitStage
 from palpate.fit.tables import fit_result, refinement
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress, ShowsPlace
-from palpate.report import ReportData, by_spot, contact_along, draw_presses, write_report
+from palpate.report import ReportData, draw_presses, write_report
 from palpate.report.result import Report, RunResult
 from palpate.run.directory import RunDirectory
 from palpate.run.fit_state import FitState, read_fit_state, remove_fit_state, write_fit_state
@@ -40,13 +40,12 @@ from palpate.run.study_diff import Changed, changed
 from palpate.stages import scoring, selection, simulation
 from palpate.stages.completeness import completeness, without_result
 from palpate.stages.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
-from palpate.stages.generalisation import generalise
-from palpate.stages.identifiability import assess_identifiability, at_measured
 from palpate.stages.limb import limb_warnings, load_limbs
 from palpate.stages.stiffness_scaling import best_scaled_sets
 from palpate.stages.study_design import draw_study
 from palpate.stages.sweep import Simulations
 from palpate.stages.verification import verify
+from palpate.stored import StoredRun, best_sets
 from palpate.study.checks import odd_settings
 from palpate.study.reading import Study
 
@@ -136,11 +135,12 @@ def run_study(
             progress.note(
                 f"the first {n_kept} sets of the design are those of an earlier one with wider ranges"
             )
-        with Simulations(study, run_folder, inputs.limbs, progress, check_lock) as simulations:
+        stored = StoredRun(study=study, run=run, inputs=inputs)
+        with _simulations(stored, progress, check_lock) as simulations:
             swept = simulation.run_sweep(simulations, inputs.design, inputs.measured)
-            scores = _score(study, run, inputs, swept)
-            selected = _select(simulations, run, inputs, swept, scores)
-            fitted = _fit(simulations, run, inputs, plugins, scores)
+            scores = _score(stored, swept)
+            selected = _select(simulations, stored, swept, scores)
+            fitted = _fit(simulations, stored, plugins, scores)
         return RunResult(
             folder=run_folder,
             measured=inputs.measured,
@@ -149,7 +149,7 @@ def run_study(
             scores=scores,
             selected=selected,
             fit=fitted,
-            report=_report(study, run, inputs, plugins, progress),
+            report=_report(stored, plugins, progress),
         )
 
 
@@ -221,13 +221,10 @@ def simulate(
     study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT
 ) -> tuple[Simulation, ...]:
     """Simulate every set at every spot; each result is stored as it comes."""
-    run = RunDirectory(run_folder)
-    run.require("design")
-    with run.locked(study, plugins.channels) as check_lock:
-        study = run.trusting(study)
-        inputs = _from_files(study, run)
+    with _opened(study, run_folder, plugins, needs="design") as (stored, check_lock):
+        study, inputs = stored.study, stored.inputs
         simulation.check_jobs(study, simulation.jobs(study, inputs.design, inputs.measured), inputs.limbs)
-        run.initialise(study, plugins.channels, simulating=True)
+        stored.run.initialise(study, plugins.channels, simulating=True)
         return simulation.simulate(
             study, inputs.design, inputs.limbs, inputs.measured, run_folder, progress, check_lock
         )
@@ -243,8 +240,7 @@ def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simu
     StudyError
         The study has no such spot, or the design no such set.
     """
-    run = RunDirectory(run_folder)
-    inputs = _from_files(run.trusting(study), run)
+    inputs = StoredRun.by_files(study, RunDirectory(run_folder)).inputs
     spots, n_sets = study.spot_names, inputs.design.n_sets
     if spot not in spots or not 0 <= set_id < n_sets:
         raise StudyError(
@@ -257,19 +253,16 @@ def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simu
 
 def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:
     """Compare simulated with measured curves into ``scores.parquet``."""
-    run = RunDirectory(run_folder)
-    run.require("design")
-    with run.locked(study, plugins.channels):
-        study = run.trusting(study)
-        inputs = _from_files(study, run)
+    with _opened(study, run_folder, plugins, needs="design") as (stored, _):
+        study, inputs = stored.study, stored.inputs
         scoring.check_scorable(inputs.measured, study.scoring, study.scenarios)
         progress.begin("score", 1)
-        simulations = _stored(study, run, inputs)
-        if inputs.design.n_sets and not simulations:
+        swept = stored.swept()
+        if inputs.design.n_sets and not swept:
             raise StudyError(f"{run_folder}: no simulation of this study; run `palpate simulate` first")
-        run.initialise(study, plugins.channels)
-        scores = _score(study, run, inputs, simulations)
-        _warn_of_missing(study, inputs.design, scores, progress)
+        stored.run.initialise(study, plugins.channels)
+        scores = _score(stored, swept)
+        _warn_of_missing(stored, scores, progress)
     progress.step()
     return scores
 
@@ -282,34 +275,27 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     NothingSelectableError
         Every simulation failed.
     """
-    run = RunDirectory(run_folder)
-    run.require("scores")
-    with run.locked(study, plugins.channels) as check_lock:
-        study = run.trusting(study)
-        inputs = _from_files(study, run)
-        swept = _stored(study, run, inputs)
-        scores = _scores_of(study, run, swept)
+    with _opened(study, run_folder, plugins, needs="scores") as (stored, check_lock):
+        swept = stored.swept()
+        scores = stored.scores(swept)
         progress.begin("select", 1)
-        run.initialise(study, plugins.channels)
-        with Simulations(study, run_folder, inputs.limbs, progress, check_lock) as simulations:
-            selected = _select(simulations, run, inputs, swept, scores)
-        _warn_of_missing(study, inputs.design, scores, progress)
+        stored.run.initialise(stored.study, plugins.channels)
+        with _simulations(stored, progress, check_lock) as simulations:
+            selected = _select(simulations, stored, swept, scores)
+        _warn_of_missing(stored, scores, progress)
     progress.step()
     return selected
 
 
 def fit(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> FitResult:
     """Search the parameters for which the curves fit best, from the selected sets."""
-    run = RunDirectory(run_folder)
-    run.require("scores")
-    with run.locked(study, plugins.channels) as check_lock:
-        study = run.trusting(study)
-        inputs = _from_files(study, run)
-        scores = _scores_of(study, run, _stored(study, run, inputs))
-        run.records.check("selection", selection_from(study, run.records))
-        run.initialise(study, plugins.channels)
-        with Simulations(study, run_folder, inputs.limbs, progress, check_lock) as simulations:
-            return _fit(simulations, run, inputs, plugins, scores)
+    with _opened(study, run_folder, plugins, needs="scores") as (stored, check_lock):
+        run = stored.run
+        scores = stored.scores(stored.swept())
+        run.records.check("selection", selection_from(stored.study, run.records))
+        run.initialise(stored.study, plugins.channels)
+        with _simulations(stored, progress, check_lock) as simulations:
+            return _fit(simulations, stored, plugins, scores)
 
 
 def certainty(
@@ -322,22 +308,16 @@ def certainty(
     StudyError
         There is no fit, or none with intervals.
     """
-    run = RunDirectory(run_folder)
-    run.require("fit")
-    with run.locked(study, plugins.channels) as check_lock:
-        study = run.trusting(study)
-        inputs = _from_files(study, run)
-        scores = _scores_of(study, run, _stored(study, run, inputs))
+    with _opened(study, run_folder, plugins, needs="fit") as (stored, check_lock):
+        study, run, inputs = stored.study, stored.run, stored.inputs
+        scores = stored.scores(stored.swept())
         run.records.check("fit", fit_from(study, run.records))
-        with Simulations(study, run_folder, inputs.limbs, progress, check_lock) as simulations:
-            cases = (
-                [] if isinstance(study.search, BestSet) else _cases(simulations, run, inputs, plugins, scores)
-            )
+        with _simulations(stored, progress, check_lock) as simulations:
+            cases = [] if isinstance(study.search, BestSet) else _cases(simulations, stored, plugins, scores)
             remove_fit_state(run_folder)
             assessed = _assessed(simulations, inputs, cases)
-            sampled = PosteriorStage(study=study, design=inputs.design, progress=progress).run(
-                cases, assessed
-            )
+            stage = PosteriorStage(study=study, design=inputs.design, progress=progress)
+            sampled = stage.run(cases, assessed)
         if sampled is None:
             raise StudyError(
                 f"{run_folder}: no joint fit with intervals in scenario '{study.generalise_by}'; set "
@@ -361,10 +341,36 @@ def report(
     run.require("design")
     runs_now = as_run and living_runner_of(run_folder) is not None
     with contextlib.nullcontext() if runs_now else run.locked(study, plugins.channels):
-        study = run.trusting(study)
-        inputs = _from_run(study, run, progress) if as_run else _from_files(study, run)
-        unfinished = _unfinished(run, runs_now=runs_now) if as_run else ""
-        return _report(study, run, inputs, plugins, progress, unfinished=unfinished)
+        if not as_run:
+            return _report(StoredRun.by_files(study, run), plugins, progress)
+        stored = StoredRun.alone(study, run, progress)
+        return _report(stored, plugins, progress, unfinished=_unfinished(run, runs_now=runs_now))
+
+
+def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> ReportData:
+    """Read what a run found, by the copy of its study; writes nothing."""
+    run = RunDirectory(run_folder)
+    run.require("design")
+    unfinished = _unfinished(run, runs_now=living_runner_of(run_folder) is not None)
+    return StoredRun.alone(study, run, progress).report_data(plugins, unfinished=unfinished)
+
+
+# -------------------------------------------------------------------- internals
+
+
+@contextlib.contextmanager
+def _opened(
+    study: Study, run_folder: Path, plugins: Plugins, *, needs: str
+) -> Iterator[tuple[StoredRun, Callable[[], None]]]:
+    """Lock a run and read it back; yields it, and what raises where the lock is lost."""
+    run = RunDirectory(run_folder)
+    run.require(needs)
+    with run.locked(study, plugins.channels) as check_lock:
+        yield StoredRun.by_files(study, run), check_lock
+
+
+def _simulations(stored: StoredRun, progress: Progress, check_lock: Callable[[], None]) -> Simulations:
+    return Simulations(stored.study, stored.run.folder, stored.inputs.limbs, progress, check_lock)
 
 
 def _unfinished(run: RunDirectory, *, runs_now: bool) -> str:
@@ -378,67 +384,25 @@ def _unfinished(run: RunDirectory, *, runs_now: bool) -> str:
     return sweep if state is None else f"{sweep}; fit: {state}"
 
 
-def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> ReportData:
-    """Read what a run found, by the copy of its study; writes nothing."""
-    run = RunDirectory(run_folder)
-    run.require("design")
-    study = run.trusting(study)
-    inputs = _from_run(study, run, progress)
-    unfinished = _unfinished(run, runs_now=living_runner_of(run_folder) is not None)
-    return _report_data(study, run, inputs, plugins, _Found.of(study, run, inputs, is_whole=not unfinished))
-
-
-def _warn_of_missing(study: Study, design: Design, scores: pl.DataFrame, progress: Progress) -> None:
-    found = completeness(scores, study.spot_names, design)
+def _warn_of_missing(stored: StoredRun, scores: pl.DataFrame, progress: Progress) -> None:
+    found = completeness(scores, stored.study.spot_names, stored.inputs.design)
     if not found.is_complete:
         progress.note(f"warning: incomplete sweep, {found}; `palpate simulate` runs the rest")
 
 
-# -------------------------------------------------------------------- internals
-
-
-def _from_files(study: Study, run: RunDirectory) -> StudyInputs:
-    """Read the results of the earlier stages; refuse those of another study."""
-    design = run.design()
-    measured = run.measured(study.spot_names)
-    run.records.check("design", design_from(study))
-    run.records.check("measured", measured_from(study))
-    return StudyInputs(measured=measured, limbs=load_limbs(study), design=design)
-
-
-def _from_run(study: Study, run: RunDirectory, progress: Progress) -> StudyInputs:
-    """Read the results of the earlier stages, and the meshes that exist."""
-    design, measured = run.design(), run.measured(study.spot_names)
-    limbs = load_limbs(study, to_show=True)
-    for name in study.spot_names if study.solver.needs_limb else ():
-        if name not in limbs:
-            progress.note(f"warning: no limb is shown at spot '{name}': its mesh is missing")
-    return StudyInputs(measured=measured, limbs=limbs, design=design, of_last_sweep=True)
-
-
-def _stored(study: Study, run: RunDirectory, inputs: StudyInputs) -> tuple[Simulation, ...]:
-    limbs = None if inputs.of_last_sweep else inputs.limbs
-    return simulation.stored(study, inputs.design, limbs, inputs.measured, run.folder)
-
-
-def _score(
-    study: Study, run: RunDirectory, inputs: StudyInputs, simulations: tuple[Simulation, ...]
-) -> pl.DataFrame:
-    scores = scoring.score(simulations, inputs.measured, study.scoring, study.scenarios)
-    run.write_scores(scores, scores_from(study, run.records, answers_key(simulations)))
+def _score(stored: StoredRun, swept: tuple[Simulation, ...]) -> pl.DataFrame:
+    study, run = stored.study, stored.run
+    scores = scoring.score(swept, stored.inputs.measured, study.scoring, study.scenarios)
+    run.write_scores(scores, scores_from(study, run.records, answers_key(swept)))
     return scores
 
 
 def _select(
-    simulations: Simulations,
-    run: RunDirectory,
-    inputs: StudyInputs,
-    swept: tuple[Simulation, ...],
-    scores: pl.DataFrame,
+    simulations: Simulations, stored: StoredRun, swept: tuple[Simulation, ...], scores: pl.DataFrame
 ) -> SelectionResult:
-    study, progress = simulations.study, simulations.progress
+    study, run, inputs = stored.study, stored.run, stored.inputs
     design, limbs, measured = inputs.design, inputs.limbs, inputs.measured
-    chosen, generalisation = _best(study, design, scores)
+    chosen, generalisation = best_sets(study, design, scores)
     scaled = pl.DataFrame()
     if study.stiffness_scaling:
         scaled = selection.with_tied(best_scaled_sets(simulations, swept, design, measured), study.space)
@@ -447,49 +411,37 @@ def _select(
         selection=chosen,
         generalisation=generalisation,
         stiffness_scaling=scaled,
-        verification=verify(study, run, design, limbs, measured, progress),
+        verification=verify(study, run, design, limbs, measured, simulations.progress),
         without_result=without_result(scores, chosen, study.scenarios, study.spot_names)
         if design.n_sets
         else {},
     )
 
 
-def _best(study: Study, design: Design, scores: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Best set by spot and scenario, and that for all spots."""
-    chosen = selection.select(scores, study.scenarios, design)
-    for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
-    general = generalise(scores, for_all, design, study.spot_names)
-    return selection.with_tied(chosen, study.space), selection.with_tied(general, study.space)
-
-
 def _abscissae(plugins: Plugins) -> dict[str, str]:
     return {name: channel.abscissa for name, channel in plugins.channels.items()}
 
 
-def _fit(
-    simulations: Simulations, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, scores: pl.DataFrame
-) -> FitResult:
-    study, found = simulations.study, FitResult()
+def _fit(simulations: Simulations, stored: StoredRun, plugins: Plugins, scores: pl.DataFrame) -> FitResult:
+    study, run, found = stored.study, stored.run, FitResult()
     if not isinstance(study.search, BestSet):  # else the selection has it already
-        cases = _cases(simulations, run, inputs, plugins, scores)
-        certainty = certainty_result(_assessed(simulations, inputs, cases), study)
+        cases = _cases(simulations, stored, plugins, scores)
+        certainty = certainty_result(_assessed(simulations, stored.inputs, cases), study)
         found = replace(fit_result(cases, simulations), certainty=certainty)
     run.write_fit(found, fit_from(study, run.records))
     return found
 
 
-def _cases(
-    simulations: Simulations, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, scores: pl.DataFrame
-) -> list[Case]:
+def _cases(simulations: Simulations, stored: StoredRun, plugins: Plugins, scores: pl.DataFrame) -> list[Case]:
     def follow(state: FitState) -> None:
-        write_fit_state(run.folder, state)
+        write_fit_state(stored.run.folder, state)
         if isinstance(simulations.progress, ShowsPlace):
             simulations.progress.at(str(state))
 
     stage = FitStage(
-        study=simulations.study,
-        design=inputs.design,
-        measured=inputs.measured,
+        study=stored.study,
+        design=stored.inputs.design,
+        measured=stored.inputs.measured,
         scores=scores,
         simulations=simulations,
         abscissae=_abscissae(plugins),
@@ -509,101 +461,8 @@ def _assessed(simulations: Simulations, inputs: StudyInputs, cases: Sequence[Cas
     return stage.assessed(cases)
 
 
-def _report(
-    study: Study,
-    run: RunDirectory,
-    inputs: StudyInputs,
-    plugins: Plugins,
-    progress: Progress,
-    unfinished: str = "",
-) -> Report:
+def _report(stored: StoredRun, plugins: Plugins, progress: Progress, *, unfinished: str = "") -> Report:
     progress.begin("report", 1)
-    data = _report_data(study, run, inputs, plugins, _Found.of(study, run, inputs, is_whole=not unfinished))
-    made = write_report(replace(data, unfinished=unfinished), run.report)
+    made = write_report(stored.report_data(plugins, unfinished=unfinished), stored.run.report)
     progress.step()
     return made
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Found:
-    """What the stages before the report have found."""
-
-    simulations: tuple[Simulation, ...]
-    scores: pl.DataFrame
-    selection: pl.DataFrame
-    generalisation: pl.DataFrame
-    stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
-    verification: pl.DataFrame = field(default_factory=pl.DataFrame)
-    fit: FitResult = field(default_factory=FitResult)
-    posterior: PosteriorResult = field(default_factory=PosteriorResult)
-
-    @classmethod
-    def of(cls, study: Study, run: RunDirectory, inputs: StudyInputs, *, is_whole: bool) -> "_Found":
-        """Read the files of the stages; unless the run is whole, choose from the simulations so far."""
-        found = _stored(study, run, inputs)
-        if not is_whole:
-            if not found:
-                raise StudyError(f"{run.folder}: no simulation has ended yet; watch it with `palpate status`")
-            scores = scoring.score(found, inputs.measured, study.scoring, study.scenarios)
-            chosen, general = _best(study, inputs.design, scores)
-            return cls(simulations=found, scores=scores, selection=chosen, generalisation=general)
-        scores, chosen, fitted = _scores_of(study, run, found), run.selection(), run.fit()
-        run.records.check("selection", selection_from(study, run.records))
-        return cls(
-            simulations=found,
-            scores=scores,
-            selection=chosen,
-            generalisation=run.generalisation(),
-            stiffness_scaling=run.stiffness_scaling(),
-            verification=run.verification(),
-            fit=fitted,
-            posterior=run.posterior(),
-        )
-
-
-def _report_data(
-    study: Study, run: RunDirectory, inputs: StudyInputs, plugins: Plugins, found: _Found
-) -> ReportData:
-    design, limbs, measured = inputs.design, inputs.limbs, inputs.measured
-    swept = at_measured(found.simulations, measured, design.n_sets)
-    identified = assess_identifiability(
-        study, design, measured, swept, found.scores, found.selection, found.generalisation, found.fit
-    )
-    return ReportData(
-        study=study,
-        channels=plugins.channels,
-        measured=measured,
-        design=design,
-        scores=found.scores,
-        selection=found.selection,
-        generalisation=found.generalisation,
-        fit=found.fit,
-        posterior=found.posterior,
-        stiffness_scaling=found.stiffness_scaling,
-        responses={
-            (s.job.spot, s.job.set_id): s.response for s in found.simulations if s.response is not None
-        },
-        swept=swept,
-        identifiability=identified.table,
-        disagreements=identified.disagreements,
-        convergence=by_spot(found.simulations),
-        contact=contact_along(found.simulations),
-        limbs=limbs,
-        manifest=run.manifest(),
-        verification=found.verification,
-        comparisons=run.comparisons(),
-    )
-
-
-def _scores_of(study: Study, run: RunDirectory, found: tuple[Simulation, ...]) -> pl.DataFrame:
-    """Read the scores; refuse those of other simulations or rules than the study's."""
-    scores = run.scores()
-    n_found, n_scored = len(found), scores.select("spot", "set_id").n_unique()
-    if n_found < n_scored:
-        raise StudyError(
-            f"{run.folder}: {n_scored - n_found} of {n_scored} scored simulations are not those of the "
-            "present study: a mesh, a material, the solver, its settings or a version has changed since; "
-            "run `palpate run` again; add `--fork FOLDER` to keep this run"
-        )
-    run.records.check("scores", scores_from(study, run.records, answers_key(found)))
-    return scores
