@@ -81,6 +81,23 @@ if TYPE_CHECKING:
     from palpate.plugins.subcommands import (
         SubCommand as SubCommand,
     )
+    from palpate.plugins.sections import (
+        Bar as Bar,
+        Block as Block,
+        Facts as Facts,
+        Figure as Figure,
+        Fold as Fold,
+        Heading as Heading,
+        Lines as Lines,
+        Listing as Listing,
+        Paragraph as Paragraph,
+        Picture as Picture,
+        Section as Section,
+        Shares as Shares,
+        Step as Step,
+        Table as Table,
+        Word as Word,
+    )
     from palpate.plugins.optional import (
         CurveWriter as CurveWriter,
         FileInspector as FileInspector,
@@ -168,7 +185,9 @@ if TYPE_CHECKING:
     from palpate.run.directory import (
         RunDirectory as RunDirectory,
     )
-    from palpate.report.result import RunResult as RunResult
+    from palpate.report.report_data import ReportData as ReportData
+    from palpate.report.report_warnings import ReportWarning as ReportWarning
+    from palpate.report.result import Report as Report, RunResult as RunResult
     from palpate.run.result_files import (
         write_atomically as write_atomically,
     )

@@ -111,6 +111,7 @@ class StoredRun:
         return ReportData(
             study=study,
             channels=plugins.channels,
+            sections=plugins.sections,
             measured=inputs.measured,
             design=inputs.design,
             scores=found.scores,

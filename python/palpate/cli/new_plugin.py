@@ -17,7 +17,7 @@ def new_plugin(
         typer.Argument(
             metavar="KIND",
             help="material, solver, loader, scenario, limb, executor, sampler, search, parametrisation, "
-            "filter, channel, command or study.",
+            "section, filter, channel, command or study.",
         ),
     ],
     name: Annotated[

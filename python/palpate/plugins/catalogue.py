@@ -21,6 +21,7 @@ from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, S
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.registry import KINDS, BrokenPlugin, Registry, registered, suggestion
 from palpate.plugins.search import Search
+from palpate.plugins.sections import Section
 
 if TYPE_CHECKING:
     import typer
@@ -105,6 +106,7 @@ class Plugins:
     parametrisations: Catalogue[type[Parametrisation]]
     searches: Catalogue[type[Search]]
     scenarios: Catalogue[Scenario]
+    sections: Catalogue[type[Section]]
 
     def __init__(
         self,

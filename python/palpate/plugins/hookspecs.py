@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     )
     from palpate.plugins.parametrisation import Parametrisation
     from palpate.plugins.search import Search
+    from palpate.plugins.sections import Section
     from palpate.plugins.subcommands import SubCommand
 
 hookspec = pluggy.HookspecMarker("palpate")
@@ -137,6 +138,15 @@ def palpate_scenarios() -> "Iterable[Scenario]":  # type: ignore[empty-body]
     """Named choices of weights, of channels or of phases such as ``torque/unload``.
 
     A study lists the names of those to rank by under ``[selection]``; one sweep serves all.
+    """
+
+
+@hookspec
+def palpate_sections() -> "Iterable[type[Section]]":  # type: ignore[empty-body]
+    """Sections of the report's page.
+
+    A section is paragraphs, tables, figures as data, pictures and warnings: no markup and no script. Every
+    one that is provided is shown where it has something to show; the core's come through this hook too.
     """
 
 

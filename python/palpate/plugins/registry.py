@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 DOMAIN, INTERFACES = "palpate.domain", "palpate.plugins.interfaces"
 
-CORE_PLUGIN = "palpate.fit.builtins"
+CORE_PLUGIN = "palpate.builtins"
 """The core's own plugin, imported by name like any other."""
 
 MOST_ITEMS = 1000
@@ -104,6 +104,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         ),
         "searches": Kind("palpate_searches", "search", "palpate.plugins.search", "Search"),
         "scenarios": Kind("palpate_scenarios", "scenario", DOMAIN, "Scenario"),
+        "sections": Kind("palpate_sections", "section", "palpate.plugins.sections", "Section"),
     }
 )
 """The catalogues in pipeline order, by the name of their attribute in :class:`Plugins`."""
@@ -417,6 +418,8 @@ def _check_component(component: "type[Component]", hook: str) -> None:
     _check_text(component, "summary", hook)
     if issubclass(component, Material):
         _check_parameters(component, hook)
+    if hasattr(component, "blocks"):
+        _check_text(component, "title", hook)
     for name, info in component.Settings.model_fields.items():
         if not info.description:
             raise PluginError(

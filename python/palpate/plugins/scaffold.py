@@ -62,6 +62,9 @@ KITS: Mapping[str, Kit] = MappingProxyType(
             "ParametrisationContract",
             _named('parametrisation = "{}"', "fit"),
         ),
+        "section": Kit(
+            "sections", "section", "SectionContract", "Every report shows it where it has something."
+        ),
         "filter": Kit("set_filters", "set filter", "SetFilterContract", _FILTER),
         "channel": Kit("channels", "channel", "", _CHANNEL),
         "command": Kit("", "command", "", "Call it with `palpate {} STUDY`."),

@@ -143,18 +143,40 @@
     });
   }
 
-  function drawTrace() {
-    if (!isShown("trace")) return;
-    const least = searches().flatMap((search, k) => {
-      if (search.least === null) return [];
-      const most = Math.max(...search.ways.flatMap((way) => way.runs));
-      const look = Object.assign(searchLook(k), { dash: "dot", width: 1.4 });
-      return [line(`${search.fit}: least of the sweep`, [0, most], [search.least, search.least], look)];
-    });
-    const shape = { xaxis: axis("simulations of the fit"), showlegend: true, legend: { orientation: "h", y: -0.22 }, uirevision: state.spot,
-      yaxis: axis(`Fopt (NMSE), scenario ${data.scenarios[state.scenario].name}`, { type: "log" }), height: 380 };
-    draw("trace", [...wayTraces((way) => way.runs, (way) => way.fopt), ...least], layout(shape));
+  // ------------------------------------------------------------------ figures of sections
+
+  /** Data of a figure in the page's colours, with its texts as texts. */
+  function themed(value) {
+    if (typeof value === "string") return value.startsWith("--") ? colour(value.slice(2)) : plain(value);
+    if (Array.isArray(value)) return value.map(themed);
+    if (value === null || typeof value !== "object") return value;
+    return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, themed(item)]));
   }
+
+  const isChosen = (figure) => (!figure.spot || figure.spot === data.spots[state.spot])
+    && (!figure.scenario || figure.scenario === data.scenarios[state.scenario].name);
+
+  function drawFigure(figure, k) {
+    const id = `figure-${k}`, slider = document.querySelector(`[data-steps="${k}"]`);
+    element(id).hidden = !isChosen(figure);
+    if (slider) slider.closest("label").hidden = element(id).hidden;
+    if (element(id).hidden || !isShown(id)) return;
+    const step = slider ? figure.steps[Number(slider.value)] : { label: "", traces: [] };
+    if (slider) slider.parentElement.querySelector("output").textContent = step.label;
+    const shape = themed(figure.layout);
+    delete shape.images;
+    for (const key of Object.keys(shape).filter((name) => /^[xy]axis\d*$/.test(name))) {
+      const { title, ...more } = shape[key];
+      shape[key] = Object.assign(axis("", more), { title: { text: title || "", standoff: 6 } });
+    }
+    const traces = themed([...figure.traces, ...step.traces]);
+    traces.filter((t) => t.type === "scatter" && !t.hoverinfo).forEach((t) => {
+      t.hovertemplate = `${t.text ? "%{text}: " : "%{x:.4g}, "}%{y:.4g}<extra>%{fullData.name}</extra>`;
+    });
+    draw(id, traces, layout(Object.assign({ height: figure.height, legend: { orientation: "h", y: -0.22 } }, shape)));
+  }
+
+  const drawFigures = () => data.figures.forEach(drawFigure);
 
   // ------------------------------------------------------------------ sets
 
@@ -319,27 +341,10 @@
   const camera = () => ({ up: { x: 0, y: 0, z: 1 }, eye: { x: eye.far * Math.cos(eye.tilt) * Math.cos(eye.turn),
     y: eye.far * Math.cos(eye.tilt) * Math.sin(eye.turn), z: eye.far * Math.sin(eye.tilt) } });
 
-  const contact = () => (data.contact.length ? data.contact[state.spot][state.scenario] : null);
-
-  function drawContact() {
-    data.contact_labels.forEach((label, k) => {
-      const box = element(`contact-${k}`), path = contact(), values = path && path.series[k];
-      if (!box) return;
-      box.hidden = !values;
-      if (!isShown(box.id)) return;
-      if (!values) return;
-      const trace = line(`set ${path.set_id}`, values.map((_, i) => i + 1), values, { color: colour(`line${state.scenario % 6}`), width: 2 });
-      Object.assign(trace, { mode: "lines+markers", text: path.depth.map((d, i) => `${four(d)} mm, ${four(path.rotation[i])}°`),
-        hovertemplate: "%{text}: %{y:.4g}<extra>%{fullData.name}</extra>" });
-      draw(`contact-${k}`, [trace], layout({ xaxis: axis("step of the path"), yaxis: axis(label, { rangemode: "tozero" }), height: 260 }));
-    });
-  }
-
   function drawScene() {
-    drawContact();
-    const box = element("scene");
-    if (!box || !isShown("scene")) return;
-    const path = contact(), shown = path && path.edge ? [...data.limbs[state.spot], path.edge] : data.limbs[state.spot];
+    if (!isShown("scene")) return;
+    const edge = data.edges.length ? data.edges[state.spot][state.scenario] : null;
+    const shown = edge ? [...data.limbs[state.spot], edge] : data.limbs[state.spot];
     const traces = shown.map((t) => Object.assign({}, t, { name: plain(t.name), showlegend: true }));
     traces.forEach((t) => {
       if (t.type === "scatter3d" && t.mode === "lines") t.line = Object.assign({ width: 6 }, t.line, { color: colour("ink") });
@@ -383,10 +388,10 @@
 
   // ------------------------------------------------------------------ the page
 
-  function drawAll() { drawCurves(); drawTrace(); drawPairs(); drawStrip(); drawScene(); }
+  function drawAll() { drawCurves(); drawFigures(); drawPairs(); drawStrip(); drawScene(); }
 
   function reset() {
-    ["strip", "pairs", "trace", ...data.channels.map((_, c) => `curve-${c}`), "scene"].forEach((id) => {
+    ["strip", "pairs", ...data.figures.map((_, k) => `figure-${k}`), ...data.channels.map((_, c) => `curve-${c}`), "scene"].forEach((id) => {
       if (element(id) && element(id).data) { Plotly.purge(element(id)); delete element(id).dataset.listens; }
     });
     Object.assign(eye, { turn: -0.9, tilt: 0.45, far: 2.3 });
@@ -405,6 +410,9 @@
     document.querySelectorAll("[data-shown]").forEach((box) => box.addEventListener("change", () => {
       if (box.checked) state.hidden.delete(box.dataset.shown); else state.hidden.add(box.dataset.shown);
       drawCurves();
+    }));
+    document.querySelectorAll("[data-steps]").forEach((slider) => slider.addEventListener("input", () => {
+      drawFigure(data.figures[Number(slider.dataset.steps)], Number(slider.dataset.steps));
     }));
     element("reset").addEventListener("click", reset);
     element("clear")?.addEventListener("click", () => select(null));

@@ -9,9 +9,8 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import Curve, FloatArray, Indentation, IntArray, Scenario
-from palpate.report.convergence import CONTACT
 from palpate.report.figures import fits_at, residuals
-from palpate.report.fit_path import least_of_sweep, paths
+from palpate.report.fit_path import paths
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.scene import edge_of_contact, scene
 from palpate.report.space import MOST_PAIRS, colours
@@ -67,8 +66,7 @@ def page_data(data: ReportData) -> dict[str, Any]:
         "sets": _sets(data, sets),
         "swept": _swept(data, sets),
         "limbs": _limbs(data),
-        "contact": [_contacts(data, spot) for spot in data.spots] if data.contact else [],
-        "contact_labels": list(CONTACT.values()),
+        "edges": [_edges(data, spot) for spot in data.spots] if data.contact else [],
     }
 
 
@@ -125,14 +123,12 @@ def _fits(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
 
 
 def _searches(data: ReportData, spot: str, scenario: Scenario) -> list[dict[str, Any]]:
-    """Ways of the joint fit and of that of a spot, and the least Fopt of the sweep for each."""
+    """Ways of the joint fit and of that of a spot."""
     return [
         {
             "fit": fit,
-            "least": least_of_sweep(data, fit, scenario),
             "ways": [
                 {
-                    "runs": way["n_runs"].to_list(),
                     "fopt": _digits(way["fopt"].to_numpy()),
                     "values": [_digits(way[p.name].to_numpy()) for p in data.design.parameters],
                 }
@@ -206,25 +202,18 @@ def _limbs(data: ReportData) -> list[list[dict[str, Any]]]:
     ]
 
 
-def _contacts(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
-    """Contact along the path of the set that each scenario selected; None where the solver reported none."""
+def _edges(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
+    """Edge of the contact of the set that each scenario selected; None where the solver reported none."""
     sets = dict(data.selection.filter(spot=spot).select("scenario", "set_id").iter_rows())
     limb, protocol = data.limbs.get(spot), data.study.protocol_at(spot)
 
-    def contact(set_id: int | None) -> dict[str, Any] | None:
-        if set_id is None or (found := data.contact.get((spot, set_id))) is None:
+    def edge(set_id: int | None) -> dict[str, Any] | None:
+        found = None if set_id is None else data.contact.get((spot, set_id))
+        if found is None or limb is None or not isinstance(protocol, Indentation):
             return None
-        edge = edge_of_contact(limb, protocol, found) if limb and isinstance(protocol, Indentation) else None
-        rounded = {name: _digits(np.array(values)) for name, values in found.items()}
-        return {
-            "set_id": set_id,
-            "depth": rounded["depth_mm"],
-            "rotation": rounded["rotation_deg"],
-            "series": [rounded.get(name) for name in CONTACT],
-            "edge": edge,
-        }
+        return edge_of_contact(limb, protocol, found)
 
-    return [contact(sets.get(scenario.name)) for scenario in data.study.scenarios]
+    return [edge(sets.get(scenario.name)) for scenario in data.study.scenarios]
 
 
 # ------------------------------------------------------------------- numbers

@@ -7,6 +7,7 @@ from typing import Any
 import polars as pl
 
 from palpate.domain import Channel, Design, Limb, Parameter, Response, Scenario
+from palpate.plugins.sections import Section
 from palpate.report.convergence import Contact
 from palpate.run.result import ALL_SPOTS, FitResult, PosteriorResult
 from palpate.stages.completeness import Completeness, completeness, without_result
@@ -53,6 +54,8 @@ class ReportData:
         What ``palpate certify`` has written to the run directory.
     factors : mapping of full parameter name to number
         From the material's unit to that of the values here, where they are not the same.
+    sections : mapping of name to type of Section
+        Of the page.
     unfinished : str
         How far the run is where it has not ended.
     """
@@ -78,6 +81,7 @@ class ReportData:
     verification: pl.DataFrame = field(default_factory=pl.DataFrame)
     comparisons: Mapping[str, Any] = field(default_factory=dict)
     factors: Mapping[str, float] = field(default_factory=dict)
+    sections: Mapping[str, type[Section]] = field(default_factory=dict)
     unfinished: str = ""
 
     @property

@@ -16,6 +16,7 @@ from palpate.report.report_warnings import (
     failed_checks,
     report_warnings,
 )
+from palpate.report.section_order import section_warnings
 from palpate.run.result import ALL_SPOTS
 from palpate.stages.identifiability import UNCLEAR, WORDS
 
@@ -85,7 +86,7 @@ def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdic
         lead=no_fit or (f"{about}: {', '.join(values)}; {quality}." if about else ""),
         identifiability=() if no_fit else tuple(_identifiability(data, name) for name in data.brief),
         spent=_spent(data),
-        warnings=tuple(report_warnings(data, bests, tables)),
+        warnings=(*report_warnings(data, bests, tables), *section_warnings(data)),
         failure=no_fit,
         without_result=data.without_result,
     )

@@ -20,6 +20,7 @@ from palpate.testing.parametrisations import ParametrisationContract
 from palpate.testing.plugins import plugins_with
 from palpate.testing.scenarios import ScenarioContract
 from palpate.testing.searches import Rehearsal, SearchContract
+from palpate.testing.sections import SectionContract, SmallRun, small_run
 from palpate.testing.solvers import SolverContract
 from palpate.testing.studies import SmallStudy, StudyRunner, study_runner
 
@@ -36,11 +37,14 @@ __all__ = [
     "SamplerContract",
     "ScenarioContract",
     "SearchContract",
+    "SectionContract",
     "SetFilterContract",
+    "SmallRun",
     "SmallStudy",
     "SolverContract",
     "StudyRunner",
     "check_described",
     "plugins_with",
+    "small_run",
     "study_runner",
 ]

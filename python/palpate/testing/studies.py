@@ -87,14 +87,8 @@ class StudyRunner:
             palpate would leave a plugin out, or a simulation failed.
         """
         from palpate import notebook as stages, sample, score, select, simulate
-        from palpate.stages.synthesis import synthesise
-        from palpate.study.reading import read_study
 
-        loaded = plugins_with(bench, *plugins)
-        study = read_study(self.write(mesh, **tables), loaded, need_measured=False)
-        middle = {p.name: (p.lower + p.upper) / 2.0 for p in study.space.parameters}
-        study = replace(study, truth=middle)
-        synthesise(study, loaded.channels)
+        study, loaded = self.study(*plugins, mesh=mesh, **tables)
         measured, design = stages.measure(study, loaded), sample(study)
         simulated = simulate(study, design, measured)
         failed = simulated.filter(pl.col("status") != "ok")
@@ -108,6 +102,18 @@ class StudyRunner:
             selection=select(study, scores, design),
             fitted=self._fitted(study, loaded) if "fit" in tables else pl.DataFrame(),
         )
+
+    def study(self, *plugins: object, mesh: str = "", **tables: Mapping[str, Any]) -> tuple[Study, Plugins]:
+        """Write a study with the curves of its own solver, and read it; the arguments are those of a call."""
+        from palpate.stages.synthesis import synthesise
+        from palpate.study.reading import read_study
+
+        loaded = plugins_with(bench, *plugins)
+        study = read_study(self.write(mesh, **tables), loaded, need_measured=False)
+        middle = {p.name: (p.lower + p.upper) / 2.0 for p in study.space.parameters}
+        study = replace(study, truth=middle)
+        synthesise(study, loaded.channels)
+        return study, loaded
 
     def _fitted(self, study: Study, plugins: Plugins) -> pl.DataFrame:
         """Run a study in a run directory, to the end of its fit."""

@@ -8,6 +8,7 @@ import pytest
 
 from palpate.domain import Response
 from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.sections import Bar, Figure, Paragraph, Picture, Section, Shares, Step, Table
 from palpate.report import make_tables
 from palpate.report.page import render
 from palpate.report.verdict import make_verdict
@@ -113,14 +114,16 @@ def test_a_fit_is_drawn_with_and_without_a_sweep(browser, page, changes):
         for panel in ("xy", "xy2"):
             assert count(browser, f"#curve-0 .{panel} .scatterlayer .js-line") == 4
         # Ways of the joint fit and of the spot's own, their ends, and the least of the sweep for each.
-        assert browser.value("document.getElementById('trace').data.length") == (4 if changes else 6)
+        trace = "document.querySelector('#section-fit .plot:not([hidden])')"
+        assert browser.value(f"{trace}.data.length") == (4 if changes else 6)
         ends = "document.getElementById('pairs').data.filter(t => t.marker?.symbol === 'diamond')"
         assert browser.value(f"{ends}.length") == 2 * 3
         assert browser.value(f"{ends}[1].x[0]") == pytest.approx(0.4, rel=1e-3)
         browser.value(
             "(s => {s.value = '1'; s.dispatchEvent(new Event('change'))})(document.getElementById('spot'))"
         )
-        assert browser.value("document.getElementById('trace').data[2].name") == "p2: fit"
+        assert "p2: fit" in browser.value(f"{trace}.data.map(t => t.name)")
+        assert count(browser, "#section-fit .plot:not([hidden])") == 1
         browser.value("document.getElementById('reset').click()")
         assert browser.complaints() == []
     assert "NaN" not in attributes_of_pictures(browser)
@@ -276,4 +279,61 @@ def test_hostile_names_are_shown_as_they_are_and_do_nothing(browser, page):
     )
     assert NAMES[0] in browser.value("document.getElementById('selected').textContent")
     assert browser.value("window.pwned") is None
+    assert browser.complaints() == []
+
+
+class Sliding(Section):
+    name, title, summary = "sliding", "Sliding <b>x</b>", "a figure with a slider, and hostile texts"
+
+    def blocks(self, data, report):
+        return [
+            Paragraph(ATTACK),
+            Table(
+                ATTACK,
+                [ATTACK, "share"],
+                [[ATTACK, Bar(lower=1.0, upper=2.0, value=1.5)], ["b", Shares([("a", 9)])]],
+            ),
+            Figure(
+                label=ATTACK,
+                traces=[
+                    {
+                        "type": "scatter",
+                        "x": [0, 1],
+                        "y": [1.0, float("nan")],
+                        "name": ATTACK,
+                        "line": {"color": "--least"},
+                    }
+                ],
+                layout={"xaxis": {"title": ATTACK}, "images": [{"source": "https://example.org/a.png"}]},
+                steps=[
+                    Step(label=f"step {k} {ATTACK}", traces=[{"type": "scatter", "x": [0, 1], "y": [0, k]}])
+                    for k in range(3)
+                ],
+            ),
+            Picture(
+                label=ATTACK,
+                content=b"<svg xmlns='http://www.w3.org/2000/svg'><script>pwned = 1</script></svg>",
+            ),
+        ]
+
+
+def sliding(content):
+    return replace(content, sections={**content.sections, "sliding": Sliding})
+
+
+def test_a_figure_of_a_section_slides_and_no_text_of_it_does_anything(browser, page):
+    unfolded(browser, page(sliding))
+    figure = "document.querySelector('#section-sliding .plot')"
+    browser.wait(f"{figure}.data")
+    assert browser.value(f"{figure}.data[1].y") == [0, 2]
+    browser.value(
+        "(s => {s.value = '1'; s.dispatchEvent(new Event('input'))})(document.querySelector('[data-steps]'))"
+    )
+    assert browser.value(f"{figure}.data[1].y") == [0, 1]
+    assert browser.value("document.querySelector('.slider output').textContent") == f"step 1 {ATTACK}"
+    red = "getComputedStyle(document.documentElement).getPropertyValue('--least').trim()"
+    assert browser.value(f"{figure}.data[0].line.color === {red}")
+    assert count(browser, "#section-sliding .plot a, #section-sliding image, marquee") == 0
+    assert browser.value("window.pwned") is None
+    assert all(address.startswith(("file:", "data:")) for address in browser.requests())
     assert browser.complaints() == []

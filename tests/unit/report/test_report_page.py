@@ -17,10 +17,12 @@ import pytest
 import palpate.report
 from palpate.domain import Indentation, Job, Simulation, Sphere, Status
 from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.sections import Fold, Listing, Section, Table
 from palpate.report import contact_along, make_tables, write_report
 from palpate.report.limb_view import limb_view
 from palpate.report.page import render
 from palpate.report.page_data import MOST_NUMBERS, MOST_SETS, page_data
+from palpate.report.report_warnings import ReportWarning
 from palpate.report.scene import edge_of_contact, scene
 from palpate.report.tables import TITLES
 from palpate.report.verdict import make_verdict
@@ -218,9 +220,10 @@ def test_the_page_leads_with_the_joint_fit_and_its_spots_beside_it(content):
     joint = made.fit.joint("I")["soft_tissue.stiffness"][0]
     assert [cells[0], cells[3], cells[11]] == [f"{joint:.4g}", "0.4", "0.4"]
     data = shown.data()
-    ((first, second),) = (data["searches"][0][0],)
-    assert (first["fit"], second["fit"]) == ("all spots", "p1")
-    assert first["least"] == made.generalisation["fopt_mean"][0]
+    assert [each["fit"] for each in data["searches"][0][0]] == ["all spots", "p1"]
+    trace = next(each for each in data["figures"] if (each["spot"], each["scenario"]) == ("p1", "I"))
+    least = next(each for each in trace["traces"] if each["name"] == "all spots: least of the sweep")
+    assert least["y"] == pytest.approx([made.generalisation["fopt_mean"][0]] * 2, rel=1e-4)
     missed = data["fits"][0][-1]["missed"][0]
     curve = (
         made.fit.responses["all spots", "I", "p1"]["force"].ordinate - made.measured["p1"]["force"].ordinate
@@ -231,8 +234,8 @@ def test_the_page_leads_with_the_joint_fit_and_its_spots_beside_it(content):
 def test_a_fit_without_a_sweep_has_a_page_without_its_sections(page):
     made = page(assessed=False, n_sets=0, search=LeastSquares())
     ids = {a.get("id") for _, a, _ in made.elements}
-    assert not ids & {"distribution", "generalisation", "pick", "strip"}
-    assert {"fit", "trace", "space", "pairs", "curves"} <= ids
+    assert not ids & {"section-distribution", "section-generalisation", "pick", "strip"}
+    assert {"section-fit", "figure-0", "section-space", "pairs", "section-curves"} <= ids
     assert "No sweep" in made.text()
     assert "selected" not in [a.get("data-shown") for _, a, _ in made.all("input")]
     assert "One material for all 2 spots" in made.text()
@@ -252,13 +255,14 @@ def test_fits_that_all_failed_without_a_sweep_have_a_whole_page(page):
     assert "3 of the fits have no result" in text
     assert f"all spots, scenario I: {reason}" in text
     assert "No result for 6 of 6 spots and scenarios" in text
-    assert {"fit", "curves", "space", "provenance"} <= (ids := {a.get("id") for _, a, _ in made.elements})
-    assert "trace" not in ids
+    ids = {a.get("id") for _, a, _ in made.elements}
+    assert {f"section-{name}" for name in ("fit", "curves", "space", "provenance")} <= ids
+    assert made.data()["figures"] == []
 
 
 def test_a_sweep_without_a_fit_has_no_section_on_one(page):
     ids = {a.get("id") for _, a, _ in page().elements}
-    assert not ids & {"fit", "trace"}
+    assert not ids & {"section-fit", "figure-0"}
 
 
 def test_what_a_run_lacks_has_no_section(page):
@@ -266,8 +270,9 @@ def test_what_a_run_lacks_has_no_section(page):
         lambda c: replace(c, generalisation=c.generalisation[:0], identifiability=c.identifiability[:0])
     )
     ids = {a.get("id") for _, a, _ in made.elements}
-    assert not ids & {"generalisation", "identifiability", "limb"}
-    assert {"verdict", "curves", "space", "distribution", "channels", "convergence", "provenance"} <= ids
+    sections = {each.removeprefix("section-") for each in ids if each and each.startswith("section-")}
+    assert not sections & {"generalisation", "identifiability", "limb"}
+    assert {"curves", "space", "distribution", "channels", "convergence", "provenance"} <= sections
 
 
 def test_provenance_has_every_leaf_of_the_manifest_and_each_solver_comparison(page):
@@ -284,6 +289,47 @@ def test_provenance_has_every_leaf_of_the_manifest_and_each_solver_comparison(pa
     assert "no solver here" in text
     assert "Compared: a 1." in text
     assert text.count("were not found to agree") == 2  # once more in the verdict
+
+
+# ------------------------------------------------------------------- sections
+
+
+class Extra(Section):
+    name, title, summary, after = "extra", "Extra", "of a plugin", "warnings"
+
+    def blocks(self, data, report):
+        return [Fold("more", [Table.of("Sets", report.tables["cross_channel"])]), Listing([("a", "b")])]
+
+    def warnings(self, data):
+        return [ReportWarning("Extra care", "It is of a plugin.")]
+
+
+class Broken(Extra):
+    name, title = "broken", "Broken"
+
+    def blocks(self, data, report):
+        raise KeyError("misspelt")
+
+    def warnings(self, data):
+        return 1 / 0
+
+
+def test_a_plugin_adds_a_section_at_its_place_with_its_warnings(page):
+    made = page(lambda c: replace(c, sections={**c.sections, "extra": Extra}))
+    sections = [a["id"].removeprefix("section-") for _, a, _ in made.all("section")]
+    assert sections[sections.index("warnings") + 1] == "extra"
+    assert "#section-extra" in [a["href"] for _, a, _ in made.all("a")]
+    assert "Sets" in [text for _, _, text in made.all("caption")]
+    assert "Extra care." in made.text()
+
+
+def test_a_section_that_fails_says_so_and_the_others_are_there(page):
+    made = page(lambda c: replace(c, sections={**c.sections, "broken": Broken}))
+    text = made.text()
+    assert "This section could not be made: laying out the report: 'broken'" in text
+    assert "raised KeyError: 'misspelt'" in text
+    assert "A section of the report has failed" in text
+    assert "section-provenance" in {a.get("id") for _, a, _ in made.elements}
 
 
 # --------------------------------------------------------------------- colours

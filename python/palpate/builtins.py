@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from palpate.plugins.interfaces import Sampler
     from palpate.plugins.parametrisation import Parametrisation
     from palpate.plugins.search import Search
+    from palpate.plugins.sections import Section
 
 
 @hookimpl
@@ -42,3 +43,11 @@ def palpate_searches() -> "list[type[Search]]":
     from palpate.fit.searches import BestSet, DifferentialEvolution
 
     return [LeastSquares, BestSet, DifferentialEvolution]
+
+
+@hookimpl
+def palpate_sections() -> "list[type[Section]]":
+    """Provide the page of a run."""
+    from palpate.report.sections import SECTIONS
+
+    return list(SECTIONS)

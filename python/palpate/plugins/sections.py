@@ -1,0 +1,248 @@
+"""Sections of the report's page: what they are made of, and what plugins subclass.
+
+A section is data: paragraphs, tables, figures and pictures, which the page lays out in its type and colours.
+It has no markup and no script, so that the page runs nothing but its own and loads nothing.
+"""
+
+from abc import abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import polars as pl
+
+from palpate.plugins.interfaces import Component, SettingsT
+
+if TYPE_CHECKING:
+    from palpate.report.report_data import ReportData
+    from palpate.report.report_warnings import ReportWarning
+    from palpate.report.result import Report
+
+Value = str | int | float | bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A word for identifiability in its colour: well, roughly, poorly, not or unclear."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bar:
+    """A place in a range, all in percent of it: an interval, a value, a known answer; then a text."""
+
+    lower: float | None = None
+    upper: float | None = None
+    value: float | None = None
+    truth: float | None = None
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """Parts of a whole, each with its name and its share in percent, the largest first."""
+
+    parts: Sequence[tuple[str, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Several values in one cell; those after the first are small."""
+
+    values: Sequence[Value | Word]
+
+
+Cell = Value | Word | Bar | Shares | Lines
+"""What a cell of a table may be; numbers are shown with four digits, None as a dash."""
+
+
+@dataclass(frozen=True, slots=True)
+class Paragraph:
+    """Text."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A heading within a section."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Listing:
+    """Items, each with what is strong in it and what follows."""
+
+    items: Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Names and what is known under them."""
+
+    rows: Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows under the names of their columns; the first cell of a row is its name.
+
+    Parameters
+    ----------
+    caption : str
+    columns : sequence of str
+    rows : sequence of sequence of Cell
+    strong : collection of int
+        Numbers of the rows that are set off.
+    """
+
+    caption: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    strong: frozenset[int] = frozenset()
+
+    @classmethod
+    def of(cls, caption: str, frame: pl.DataFrame) -> "Table":
+        """Show a data frame; its columns are named for people: ``nmse_force`` is NMSE force."""
+        return cls(caption, [heading(column) for column in frame.columns], frame.rows())
+
+    @property
+    def is_number(self) -> tuple[bool, ...]:
+        """Whether each column holds numbers."""
+        return tuple(any(_is_number(row[k]) for row in self.rows) for k in range(len(self.columns)))
+
+
+def _is_number(cell: Cell) -> bool:
+    first = cell.values[0] if isinstance(cell, Lines) and cell.values else cell
+    return isinstance(first, (int, float)) and not isinstance(first, bool)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """What a figure shows at one place of its slider, besides its own traces."""
+
+    label: str
+    traces: Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """A figure as data, drawn by Plotly in the page's type and colours.
+
+    Parameters
+    ----------
+    label : str
+        What the figure shows, for those who cannot see it, and where the numbers are.
+    traces : sequence of mapping
+        Traces of Plotly, such as ``{"type": "scatter", "x": [...], "y": [...], "name": "fit"}``; numbers
+        may be arrays, and what is not finite is left out. Text is text: marks of HTML are shown as they are.
+        A colour ``--measured``, ``--least``, ``--ink``, ``--soft`` or ``--line0`` to ``--line5`` is the
+        page's, in light and dark.
+    layout : mapping
+        Layout of Plotly. A title of an axis is a string.
+    height : int
+        In pixels.
+    spot, scenario : str
+        Where given, the figure is shown when the page's menus choose them.
+    steps : sequence of Step
+        Where given, a slider goes through them.
+    """
+
+    label: str
+    traces: Sequence[Mapping[str, Any]]
+    layout: Mapping[str, Any] = field(default_factory=dict)
+    height: int = 360
+    spot: str = ""
+    scenario: str = ""
+    steps: Sequence[Step] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A picture that is there already, in its own colours.
+
+    Parameters
+    ----------
+    label : str
+        What it shows, for those who cannot see it.
+    content : bytes
+        Of a PNG, JPEG or SVG file; scripts in an SVG do not run.
+    """
+
+    label: str
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """Blocks under a title that unfolds them."""
+
+    title: str
+    blocks: Sequence["Block"]
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """What a script of the page draws, with its controls: of the core's own sections alone."""
+
+    name: str
+
+
+Block = Paragraph | Heading | Listing | Facts | Table | Figure | Picture | Fold | Drawing
+"""What a section may consist of."""
+
+
+class Section(Component[SettingsT]):
+    """A section of the report's page."""
+
+    title: ClassVar[str]
+    """Its heading."""
+
+    entry: ClassVar[str] = ""
+    """Its name in the contents; by itself the title."""
+
+    after: ClassVar[str] = "limb"
+    """Name of the section that it follows."""
+
+    @abstractmethod
+    def blocks(self, data: "ReportData", report: "Report") -> Iterable[Block]:
+        """Lay out what a run has found; nothing where there is nothing to show.
+
+        Called each time that a report is written, also while the run goes on: what has not been found yet is
+        empty. It simulates nothing and writes nothing.
+
+        Parameters
+        ----------
+        data : ReportData
+            What the stages have left, in the study's units.
+        report : Report
+            Tables, verdict and files that were made of it.
+        """
+
+    def is_open(self, data: "ReportData", report: "Report") -> bool:
+        """Whether it is unfolded when the page opens."""
+        return False
+
+    def warnings(self, data: "ReportData") -> Iterable["ReportWarning"]:
+        """What a reader must be warned of; the terminal and ``--json`` have it too."""
+        return ()
+
+
+_MEASURES = {"nmse": "NMSE", "r2": "R²", "fopt": "Fopt"}
+
+_SUFFIXES = {"_s": " [s]", "_percent": " [%]"}
+
+
+def heading(column: str) -> str:
+    """Name of a column for people; that of a parameter is what the study calls it."""
+    measure, _, name = column.partition("_")
+    if measure in _MEASURES:
+        return f"{_MEASURES[measure]} {name}".rstrip()
+    if "." in column:
+        return column
+    for suffix, unit in _SUFFIXES.items():
+        if column.endswith(suffix):
+            return column.removesuffix(suffix).replace("_", " ") + unit
+    return column.replace("_", " ")

@@ -1,0 +1,136 @@
+"""The sections of a page, and their figures and pictures as the page holds them."""
+
+import base64
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import PluginError
+from palpate.plugins.guard import answering_for
+from palpate.plugins.sections import Block, Figure, Fold, Paragraph, Picture, Section
+from palpate.report.report_data import ReportData
+from palpate.report.result import Report
+from palpate.report.section_order import is_core, ordered
+
+_TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg"}
+
+
+@dataclass(frozen=True, slots=True)
+class Laid:
+    """A section as the page shows it."""
+
+    name: str
+    title: str
+    entry: str
+    is_open: bool
+    blocks: tuple[Block, ...]
+
+    @property
+    def figures(self) -> Iterator[Figure]:
+        """Figures of the section, those that are folded too."""
+        return _figures(self.blocks)
+
+
+def laid_out(data: ReportData, report: Report) -> list[Laid]:
+    """Every section that has something to show; one that fails says why, unless it is the core's own."""
+    found: list[Laid] = []
+    for section in ordered(data.sections):
+        made, is_open = section(), False
+        blocks: tuple[Block, ...]
+        try:
+            if is_core(section):
+                is_open, blocks = made.is_open(data, report), tuple(made.blocks(data, report))
+            else:
+                with answering_for(section, "laying out the report"):
+                    is_open, blocks = made.is_open(data, report), checked(made, made.blocks(data, report))
+        except PluginError as error:
+            blocks = (Paragraph(f"This section could not be made: {error}."),)
+        if blocks:
+            entry = section.entry or section.title
+            found.append(Laid(section.name, section.title, entry, is_open, blocks))
+    return found
+
+
+def checked(section: Section, blocks: Iterable[Block]) -> tuple[Block, ...]:
+    """Blocks of a section.
+
+    Raises
+    ------
+    PluginError
+        One of them is no block, or cannot be shown.
+    """
+    found = tuple(blocks)
+    for block in found:
+        if not isinstance(block, Block):
+            raise PluginError(
+                f"section '{section.name}' has {block!r}, which is no block; see palpate.api.Section"
+            )
+        if isinstance(block, Fold):
+            checked(section, block.blocks)
+        elif isinstance(block, Figure):
+            plain(block.traces), plain(block.layout), plain([step.traces for step in block.steps])
+        elif isinstance(block, Picture):
+            address(block)
+    return found
+
+
+def figure_data(figure: Figure) -> dict[str, Any]:
+    """What the page's script draws a figure from."""
+    return {
+        "traces": plain(figure.traces),
+        "layout": plain(figure.layout),
+        "height": figure.height,
+        "spot": figure.spot,
+        "scenario": figure.scenario,
+        "steps": [{"label": step.label, "traces": plain(step.traces)} for step in figure.steps],
+    }
+
+
+def plain(value: object) -> Any:  # noqa: ANN401 - JSON
+    """JSON of a part of a figure: five digits, more than a screen shows; None for what is not finite.
+
+    Raises
+    ------
+    PluginError
+        Something in it is no text, number, list or mapping.
+    """
+    match value:
+        case np.ndarray() | np.generic():
+            return plain(value.tolist())
+        case float():
+            return float(f"{value:.5g}") if math.isfinite(value) else None
+        case str() | bool() | int() | None:
+            return value
+        case Mapping():
+            return {str(key): plain(item) for key, item in value.items()}
+        case Sequence():
+            return [plain(item) for item in value]
+    raise PluginError(f"a figure has {value!r}; give it text, numbers, arrays, lists and mappings")
+
+
+def address(picture: Picture) -> str:
+    """A picture as an address that holds it.
+
+    Raises
+    ------
+    PluginError
+        It is of no known kind.
+    """
+    content = picture.content
+    kind = next((kind for head, kind in _TYPES.items() if content.startswith(head)), "")
+    if not kind and b"<svg" in content[:2000]:
+        kind = "image/svg+xml"
+    if not kind:
+        raise PluginError(f"the picture '{picture.label}' is no PNG, JPEG or SVG file")
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _figures(blocks: Iterable[Block]) -> Iterator[Figure]:
+    for block in blocks:
+        if isinstance(block, Figure):
+            yield block
+        elif isinstance(block, Fold):
+            yield from _figures(block.blocks)

@@ -1,0 +1,118 @@
+"""How sure the parameters are: by the intervals of the fit, and by the sets of the sweep."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from palpate.domain import Parameter
+from palpate.plugins.sections import Bar, Block, Fold, Listing, Paragraph, Section, Shares, Table, Word
+from palpate.report.answer import budget_bars
+from palpate.report.report_data import ReportData
+from palpate.report.result import Report
+from palpate.report.sections.tables import table
+from palpate.stages.identifiability import share_of_range
+
+
+class Certainty(Section):
+    """Intervals of the fit and their causes."""
+
+    name, title, entry = "certainty", "What the intervals come from", "Certainty"
+    summary = "causes of the 95 % intervals, and combinations of parameters that are known better"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the causes of what leads, then every interval."""
+        if "intervals" not in report.tables:
+            return
+        yield Paragraph(
+            "A 95 % interval holds the true value in 95 of 100 experiments, if what may be wrong is as "
+            "large as the study's error budget says. Shares of its causes:"
+        )
+        bars = list(budget_bars(data))
+        yield Table(
+            "Causes of the intervals that lead",
+            ["parameter", "causes"],
+            [[n, Shares(parts)] for n, parts in bars],
+        )
+        yield from table(report, "inadequate")
+        every = [t for name in ("intervals", "directions", "budget") for t in table(report, name)]
+        yield Fold("Every interval, combinations that are known better, and every cause", every)
+        if "posterior" in report.tables:
+            names = ("posterior", "profile_ends", "volumes", "emulator")
+            found = [t for name in names for t in table(report, name)]
+            yield Fold("Posteriors of the joint fits, by an emulator of the curves", found)
+
+    def is_open(self, data: ReportData, report: Report) -> bool:
+        """Where there are few parameters."""
+        return len(list(budget_bars(data))) < 6
+
+
+class Identifiability(Section):
+    """Which values the sets of the sweep allow."""
+
+    name, title, entry = "identifiability", "How well the parameters are identified", "Identifiability"
+    summary = "intervals that fit about as well, within the ranges of the sweep"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the intervals of the scenario that generalises, then those of the others."""
+        rows = list(_intervals(data))
+        if not rows:
+            return
+        thin = ", the thin line the known answer" if data.study.truth else ""
+        yield Paragraph(
+            "The interval holds the values with which a set fits about as well as the best, the other "
+            "parameters adjusting themselves within their ranges: Fopt at most twice its fitted least, or "
+            "the least plus the effect of the measured spread or of the error of the fit, whichever is "
+            "more. Fopt is fitted to the sweep's own curves; the fitted optimum is where it is least. Up "
+            "to 10 % of the range is called well identifiable, up to 30 % roughly, up to 80 % poorly, "
+            "beyond that not. Unclear: too few sets, or curves that the slopes do not predict. In a bar "
+            f"the thick line is the interval, the dot the best value{thin}."
+        )
+        if sentences := report.verdict.identifiability:
+            yield Listing([("", sentence) for sentence in sentences])
+        main = data.generalising.name
+        yield _table(f"Intervals in scenario {main}", [row for row in rows if row["scenario"] == main])
+        if others := [row for row in rows if row["scenario"] != main]:
+            yield Fold("The other scenarios", [_table("Intervals in the other scenarios", others)])
+        if "distance_to_truth" in report.tables:
+            yield Fold("Distance to the known answer", list(table(report, "distance_to_truth")))
+
+
+def _table(caption: str, rows: list[dict[str, Any]]) -> Table:
+    heads = ["parameter", "spot", "scenario", "identifiability", "within the range", "best set"]
+    heads += ["fitted optimum", "about as good", "most correlated with", "sets as good"]
+    return Table(caption, heads, [_cells(row) for row in rows])
+
+
+def _cells(row: Mapping[str, Any]) -> list[Any]:
+    unit = "" if row["unit"] == "1" else f" {row['unit']}"
+    other, correlation = row["most_correlated_with"], row["correlation"]
+    return [
+        row["name"],
+        row["spot"],
+        row["scenario"],
+        Word(row["identifiability"]),
+        row["bar"],
+        f"{row['value']:.4g}{unit}",
+        row["optimum"],
+        None if row["lower"] is None else f"{row['lower']:.4g} to {row['upper']:.4g}",
+        None if not other or correlation is None else f"{other} ({correlation:.2f})",
+        row["n_as_good"],
+    ]
+
+
+def _intervals(data: ReportData) -> Iterator[dict[str, Any]]:
+    """Rows of the identifiability under brief names, with places in percent of the range for their bars."""
+    for row in data.identifiability.iter_rows(named=True):
+        parameter, other = data.brief[row["parameter"]], data.brief.get(row["most_correlated_with"])
+        places = {end: row[end] for end in ("lower", "upper", "value")}
+        places["truth"] = data.study.truth.get(row["parameter"])
+        at = {end: _percent(parameter, value) for end, value in places.items() if value is not None}
+        width = row["relative_width"]
+        yield row | {
+            "name": parameter.name,
+            "most_correlated_with": other and other.name,
+            "bar": Bar(**at, text="" if width is None else f"{100.0 * width:.0f} %"),
+        }
+
+
+def _percent(parameter: Parameter, value: float) -> float:
+    return round(min(max(100.0 * share_of_range(parameter, value), 0.0), 100.0), 2)

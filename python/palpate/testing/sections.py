@@ -1,0 +1,213 @@
+"""Laws of sections of the page, on runs of a small study."""
+
+import json
+import re
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import polars as pl
+import pytest
+
+from palpate.plugins.interfaces import Component
+from palpate.plugins.sections import (
+    Block,
+    Facts,
+    Figure,
+    Fold,
+    Heading,
+    Listing,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+)
+from palpate.report.layout import checked, figure_data
+from palpate.report.report_data import ReportData
+from palpate.report.report_warnings import ReportWarning
+from palpate.report.result import Report
+from palpate.testing.components import ComponentContract, missing
+
+MOST_BYTES = 500_000
+"""Most bytes of the figures and pictures of a section of a small run."""
+
+MARKUP = re.compile(r"</?[a-z]+[ >/]")
+
+RUNS: Mapping[str, Mapping[str, Any]] = {
+    "a sweep": {},
+    "a sweep and a fit": {"fit": {"search": "least_squares"}},
+    "a fit alone": {"fit": {"search": "least_squares"}, "sampling": {"n_sets": 0}},
+    "a sweep on a mesh": {"limb": {"source": "small_block"}},
+}
+"""Tables of the small study by what its run has."""
+
+
+class SmallRun(NamedTuple):
+    """What a section is given."""
+
+    data: ReportData
+    report: Report
+
+
+def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]) -> SmallRun:
+    """Run a small study, and return what its page is made of.
+
+    Parameters
+    ----------
+    folder : Path
+    plugins : iterable of module or object
+        Besides those of :mod:`palpate.testing.bench`.
+    tables : mapping
+        Tables of the study, as :class:`palpate.testing.StudyRunner` takes them.
+    """
+    from palpate import pipeline
+    from palpate.testing.studies import StudyRunner
+
+    kept: list[ReportData] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pipeline, "write_report", lambda content, folder: kept.append(content))
+        study, loaded = StudyRunner(folder).study(*plugins, **tables)
+        pipeline.run_study(study, folder / "run", loaded)
+    return _reported(kept[-1])
+
+
+def _reported(data: ReportData) -> SmallRun:
+    from palpate.report import make_tables
+    from palpate.report.verdict import make_verdict
+
+    tables = make_tables(data)
+    return SmallRun(data, Report(tables=tables, files=(), verdict=make_verdict(data, tables)))
+
+
+@cache
+def small_runs() -> Mapping[str, SmallRun]:
+    """Runs of ``RUNS`` by what they have, and one without any result; made once in a process."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = {}
+        for name, tables in RUNS.items():
+            place = Path(folder) / name
+            place.mkdir()
+            found[name] = small_run(place, (), tables)
+    return MappingProxyType(found | {"no result": _reported(_without_result(found["a sweep"].data))})
+
+
+class SectionContract(ComponentContract):
+    """Laws of a section; override ``section``, and ``runs`` where it needs others to show anything."""
+
+    @pytest.fixture
+    def section(self) -> Section:
+        """Provide the section under test."""
+        missing("section", type(self).__name__)
+
+    @pytest.fixture
+    def runs(self) -> Mapping[str, SmallRun]:
+        """Provide runs by what they have; one of them without any result."""
+        return small_runs()
+
+    @pytest.fixture
+    def component(self, section: Section) -> Component:
+        """Provide the section as a component."""
+        return section
+
+    def test_has_a_title_and_a_place(self, section: Section) -> None:
+        from palpate.report.sections import SECTIONS
+
+        assert section.title.strip(), f"section '{section.name}' needs a title"
+        places = [each.name for each in SECTIONS]
+        assert section.after in places, (
+            f"section '{section.name}' comes after '{section.after}', which the page has not; choose one of: "
+            f"{', '.join(places)}"
+        )
+
+    def test_shows_blocks_of_every_run(self, section: Section, runs: Mapping[str, SmallRun]) -> None:
+        shown = {}
+        for name, run in runs.items():
+            shown[name] = checked(section, section.blocks(*run))
+            assert isinstance(section.is_open(*run), bool)
+        assert any(shown.values()), (
+            f"section '{section.name}' shows nothing of any run; override the fixture 'runs' with one of "
+            "which it does"
+        )
+
+    def test_shows_the_same_of_the_same_run(self, section: Section, runs: Mapping[str, SmallRun]) -> None:
+        for run in runs.values():
+            first, second = (_content(section.blocks(*run)) for _ in range(2))
+            assert first == second, f"section '{section.name}' shows something else the second time"
+
+    def test_its_texts_are_texts(self, section: Section, runs: Mapping[str, SmallRun]) -> None:
+        for run in runs.values():
+            for text in _texts(section.blocks(*run)):
+                found = MARKUP.search(text)
+                assert found is None, (
+                    f"{text!r}: the page shows {found} as it is; use blocks for what it means"
+                )
+
+    def test_what_is_drawn_has_a_label_and_a_size(
+        self, section: Section, runs: Mapping[str, SmallRun]
+    ) -> None:
+        for run in runs.values():
+            drawn = [each for each in _every(section.blocks(*run)) if isinstance(each, (Figure, Picture))]
+            assert all(each.label.strip() for each in drawn), (
+                "a figure or picture has no label; say what it shows"
+            )
+            size = sum(len(_bytes(each)) for each in drawn)
+            assert size <= MOST_BYTES, f"{size} bytes of figures of a small run; the most are {MOST_BYTES}"
+
+    def test_warns_in_words(self, section: Section, runs: Mapping[str, SmallRun]) -> None:
+        for run in runs.values():
+            for warning in section.warnings(run.data):
+                assert isinstance(warning, ReportWarning), f"{warning!r} is no palpate.api.ReportWarning"
+                assert warning.what.strip(), "a warning must say what is wrong"
+                assert warning.why.strip(), f"{warning.what}: say why it matters, or what to do"
+
+
+def _without_result(data: ReportData) -> ReportData:
+    """The same run, of which no set could be ranked."""
+    return replace(
+        data,
+        scores=data.scores.with_columns(nmse=pl.lit(None, pl.Float64), r2=pl.lit(None, pl.Float64)),
+        selection=data.selection.clear(),
+        generalisation=data.generalisation.clear(),
+        identifiability=data.identifiability.clear(),
+        responses={},
+        swept={},
+    )
+
+
+def _every(blocks: Iterable[Block]) -> Iterator[Block]:
+    for block in blocks:
+        yield block
+        if isinstance(block, Fold):
+            yield from _every(block.blocks)
+
+
+def _bytes(drawn: Figure | Picture) -> bytes:
+    return drawn.content if isinstance(drawn, Picture) else json.dumps(figure_data(drawn)).encode()
+
+
+def _content(blocks: Iterable[Block]) -> list[str]:
+    """What blocks show, to compare."""
+    return [
+        repr(_bytes(each) if isinstance(each, (Figure, Picture)) else "" if isinstance(each, Fold) else each)
+        for each in _every(blocks)
+    ]
+
+
+def _texts(blocks: Iterable[Block]) -> Iterator[str]:
+    for block in _every(blocks):
+        match block:
+            case Paragraph() | Heading():
+                yield block.text
+            case Listing():
+                yield from (text for item in block.items for text in item)
+            case Facts():
+                yield from (text for row in block.rows for text in row)
+            case Fold():
+                yield block.title
+            case Table():
+                yield from (block.caption, *block.columns)
+                yield from (cell for row in block.rows for cell in row if isinstance(cell, str))
