@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pint
 
 DIMENSIONLESS = frozenset({"", "1", "-", "dimensionless"})
+_OWN = frozenset({"mm", "N", "MPa", "N*mm", "deg", "s"})
 _ANGLES = frozenset({"degree", "radian", "turn", "arcminute", "arcsecond"})
 _RATIOS = frozenset({"percent"})
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
@@ -126,6 +127,8 @@ def _example(unit: str) -> str:
 
 
 def _factor(written: str, unit: str, given: str) -> float:
+    if written == unit and unit in _OWN:
+        return 1.0  # without pint, which is slow to import
     target, source = _parsed("" if unit in DIMENSIONLESS else unit), _parsed(written)
     if source is None or target is None:
         raise ValueError(f"{given!r}: unknown unit '{written}'; {_example(unit)}")

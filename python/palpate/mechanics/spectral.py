@@ -29,9 +29,11 @@ import numpy as np
 
 from palpate.domain import FloatArray
 from palpate.errors import NUMPY_IN_ENERGY, MaterialError
+from palpate.mechanics.compilation_cache import keep_compilations
 from palpate.plugins.interfaces import NO_FIELDS, Array, IsotropicMaterial, Material
 
 jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
+keep_compilations()
 
 # Where |c_a - c_b| <= EQUAL (c_a + c_b) the divided difference gives way to its limit.
 # Cancellation grows as eps / EQUAL and truncation as m² EQUAL² / 12 for a stress ~ c^(m/2):

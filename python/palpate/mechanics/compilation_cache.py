@@ -1,0 +1,44 @@
+"""Functions that JAX compiled, kept on disk for the next process.
+
+JAX's own cache: a file for each function, by a hash of the operations that it was traced to, of the
+versions of JAX and XLA, and of their flags. A file that is missing or cut short costs a compilation and
+nothing else, so the folder may be deleted at any time and used by any number of workers.
+"""
+
+import hashlib
+import platform
+import warnings
+from pathlib import Path
+
+import jax
+import platformdirs
+
+CPU_INFO = Path("/proc/cpuinfo")
+
+
+def keep_compilations() -> None:
+    """Let JAX keep what it compiles in the user's cache folder, unless JAX is told where already."""
+    if jax.config.jax_compilation_cache_dir is not None:
+        return
+    folder = platformdirs.user_cache_path("palpate") / "compiled" / _processor()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return  # without a folder of its own, a user compiles anew
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache", UserWarning)
+    for name, value in (
+        ("jax_compilation_cache_dir", str(folder)),
+        ("jax_persistent_cache_min_compile_time_secs", 0.0),
+        ("jax_persistent_cache_min_entry_size_bytes", -1),
+    ):
+        jax.config.update(name, value)  # type: ignore[no-untyped-call]
+
+
+def _processor() -> str:
+    """Hash of what the processor can do: the machines of a cluster may share a home, but not their code."""
+    try:
+        lines = CPU_INFO.read_text().splitlines()
+        able = next(line for line in lines if line.startswith(("flags", "Features")))
+    except (OSError, StopIteration):
+        able = platform.processor()
+    return hashlib.sha256(f"{platform.machine()} {able}".encode()).hexdigest()[:16]
