@@ -87,6 +87,17 @@ def test_intervals_are_within_the_ranges_and_have_the_fit(seed):
     assert ((lower >= 0.0) & (lower <= point) & (point <= upper) & (upper <= 1.0)).all()
 
 
+@given(seeds)
+def test_draws_are_within_the_ranges_and_their_quantiles_are_the_intervals(seed):
+    _, jacobian, causes = linear(seed)
+    found = density(jacobian, causes).within()
+    draws = found.draws(400)
+    assert ((draws >= 0.0) & (draws <= 1.0)).all()
+    ends = np.quantile(draws, (0.025, 0.975), axis=0)
+    lower, upper = found.interval(np.median(draws, axis=0))
+    np.testing.assert_allclose(ends, [lower, upper], atol=0.2 * (upper - lower).max())
+
+
 def test_intervals_of_a_linear_model_hold_the_truth_as_often_as_they_say():
     rng, n = np.random.default_rng(1), 400
     _, jacobian, causes = linear(2)

@@ -80,6 +80,13 @@ class Density:
         ends = np.stack([_quantiles(column, self.weights, tails) for column in self.points.T], axis=1)
         return np.minimum(ends[0], point), np.maximum(ends[1], point)
 
+    def draws(self, n: int) -> FloatArray:
+        """Points (n, n_parameters), spread evenly over the weights."""
+        cumulative = np.cumsum(self.weights)
+        middles = (np.arange(n) + 0.5) / n * cumulative[-1]
+        drawn: FloatArray = self.points[np.searchsorted(cumulative, middles)]
+        return drawn
+
     def holds(self, point: FloatArray) -> bool:
         """Whether a point is in the joint 95 % region, an ellipsoid within the box."""
         squares = self._squares(np.concatenate([self.points, point[None]]))

@@ -21,6 +21,9 @@ from palpate.study.reading import Study
 ALLOWED = 4.0
 """Discrepancy of a model that does not describe the data, over that of a good one."""
 
+N_DRAWS = 200
+"""Draws from the density of a fit that are kept."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assessed:
@@ -75,6 +78,7 @@ def certainty_result(assessed: Sequence[Assessed], study: Study) -> CertaintyRes
         budget=_frame(row for each in assessed for row in _budget(each)),
         directions=_frame(row for each in assessed for row in _directions(each)),
         adequacy=_frame(row for each in assessed for row in _adequacy(each, study)),
+        draws=_frame(row for each in assessed for row in _draws(each)),
     )
 
 
@@ -136,6 +140,13 @@ def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
             "relative_width": found.relative_width,
             "identifiability": word_of(found.relative_width),
         }
+
+
+def _draws(each: Assessed) -> Iterator[dict[str, Any]]:
+    box = each.end.problem.box
+    for shares in each.density.draws(N_DRAWS):
+        values = box.lower + (box.upper - box.lower) * shares
+        yield _about(each) | dict(zip(box.names, values.tolist(), strict=True))
 
 
 def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:

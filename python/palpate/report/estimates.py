@@ -3,8 +3,11 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import polars as pl
+
 from palpate.report.best_sets import Best, leading
 from palpate.report.report_data import ReportData
+from palpate.run.result import ALL_SPOTS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,3 +68,13 @@ def estimates(data: ReportData, bests: Sequence[Best]) -> Iterator[Estimate]:
             identifiability=row.get("identifiability", "unclear"),
             level=None,
         )
+
+
+def draws_of(data: ReportData, scenario: str, most: int) -> pl.DataFrame:
+    """Draws of the fit that leads: those of its posterior, else those of its normal density; else none."""
+    for frame in (data.posterior.posterior_draws, data.fit.certainty.draws):
+        if not frame.is_empty():
+            rows = frame.filter(pl.col("fit").is_in([data.together, ALL_SPOTS]), scenario=scenario)
+            if not rows.is_empty():
+                return rows.gather_every(-(-rows.height // most))
+    return pl.DataFrame()

@@ -225,7 +225,25 @@
     const n = data.parameters.length, found = [];
     for (let i = 0; i < n; i += 1) for (let j = i + 1; j < n; j += 1) found.push([i, j]);
     const pairs = found.slice(0, data.limits.pairs);
+    if (pairs.length && !data.sets.ids.length) return pairs;
     return pairs.concat(data.parameters.map((_, i) => [i, -1]));
+  }
+
+  /** What the curves allow in a plane of two parameters, by draws of the fit that leads. */
+  function drawsTrace(i, j, axes) {
+    const [x, y] = j < 0 ? [null, null] : [data.draws[state.scenario][i], data.draws[state.scenario][j]];
+    if (!x || !y) return [];
+    return [Object.assign({ type: "scatter", mode: "markers", x, y, hoverinfo: "skip",
+      marker: { size: 4, color: colour("measured"), opacity: 0.35 } }, axes)];
+  }
+
+  /** The known answer, across the whole panel. */
+  function truthLines(i, j, id) {
+    const look = { type: "line", line: { color: colour("least"), width: 1.2, dash: "dot" } }, found = [];
+    const at = (n) => (n < 0 ? null : data.parameters[n].truth);
+    if (at(i) !== null) found.push({ ...look, xref: `x${id}`, yref: `y${id} domain`, x0: at(i), x1: at(i), y0: 0, y1: 1 });
+    if (at(j) !== null) found.push({ ...look, xref: `x${id} domain`, yref: `y${id}`, x0: 0, x1: 1, y0: at(j), y1: at(j) });
+    return found;
   }
 
   function colourBar() {
@@ -243,7 +261,7 @@
     const gap = [columns > 1 ? 0.11 : 0, Math.min(0.35 / rows, 0.12)];
     const size = [(1 - gap[0] * (columns - 1)) / columns, (1 - gap[1] * (rows - 1)) / rows];
     const capped = values.map((v) => (v === null || v > data.limits.distribution ? null : v));
-    const traces = [colourBar()], shape = { dragmode: "select", height: rows * (columns === 1 ? 300 : 290) + 60, uirevision: state.spot };
+    const truths = [], traces = data.sets.ids.length ? [colourBar()] : [], shape = { dragmode: "select", height: rows * (columns === 1 ? 300 : 290) + 60, uirevision: state.spot };
     list.forEach(([i, j], k) => {
       const id = k ? String(k + 1) : "", left = (k % columns) * (size[0] + gap[0]), top = 1 - Math.floor(k / columns) * (size[1] + gap[1]);
       const p = data.parameters[i], q = data.parameters[j], axes = { xaxis: `x${id}`, yaxis: `y${id}` };
@@ -253,12 +271,14 @@
       const x = data.sets.values[i], y = q ? data.sets.values[j] : capped;
       traces.push(points(x, y, values, axes));
       if (best >= 0 && y[best] !== null) traces.push(star(x[best], y[best], axes));
+      traces.push(...drawsTrace(i, j, axes));
+      truths.push(...truthLines(i, j, id));
       const shown = (v) => (v > data.limits.distribution ? null : v);
       const along = (n) => (way) => (n < 0 ? way.fopt.map(shown) : way.values[n]);
       traces.push(...wayTraces(along(i), along(j), axes));
     });
     element("pairs").style.height = `${shape.height}px`;
-    draw("pairs", traces, layout(Object.assign(shape, { margin: { l: 56, r: isNarrow() ? 8 : 70, t: isNarrow() ? 64 : 32, b: 48 } })));
+    draw("pairs", traces, layout(Object.assign(shape, { shapes: truths, margin: { l: 56, r: isNarrow() ? 8 : 70, t: isNarrow() ? 64 : 32, b: 48 } })));
   }
 
   function median(values) {

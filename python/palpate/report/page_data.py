@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import Curve, FloatArray, Indentation, IntArray, Scenario
+from palpate.report.estimates import draws_of
 from palpate.report.figures import fits_at, residuals
 from palpate.report.fit_path import paths
 from palpate.report.report_data import ReportData, label_of
@@ -22,6 +23,9 @@ MOST_SETS = 1000
 
 MOST_DOTS = 12_000
 """Most points in the panels of the parameter space together: more are slow to draw and to select."""
+
+MOST_DRAWS = 400
+"""Most draws of a fit in the parameter space."""
 
 MOST_POINTS = 400
 """Most points of one measured or chosen curve."""
@@ -55,9 +59,14 @@ def page_data(data: ReportData) -> dict[str, Any]:
             for n in data.measured_channels
         ],
         "parameters": [
-            {"label": label_of(parameter), "log": parameter.scale == "log"}
-            for parameter in data.brief.values()
+            {
+                "label": label_of(parameter),
+                "log": parameter.scale == "log",
+                "truth": data.study.truth.get(name),
+            }
+            for name, parameter in data.brief.items()
         ],
+        "draws": [_draws(data, scenario) for scenario in data.study.scenarios],
         "limits": {"colour": COLOUR_LIMIT, "distribution": DISTRIBUTION_LIMIT, "pairs": MOST_PAIRS},
         "colours": [mpl.colors.to_hex(c) for c in colours()(np.linspace(0.0, 1.0, N_COLOURS))],
         "measured": [_curves(data, data.measured[spot].curves) for spot in data.spots],
@@ -138,6 +147,12 @@ def _searches(data: ReportData, spot: str, scenario: Scenario) -> list[dict[str,
         for fit in dict.fromkeys((data.together, spot))
         if (ways := paths(data, fit, scenario.name, spot))
     ]
+
+
+def _draws(data: ReportData, scenario: Scenario) -> list[list[float | None] | None]:
+    """Draws of the fit that leads by parameter; None where a parameter differs from spot to spot."""
+    found = draws_of(data, scenario.name, MOST_DRAWS)
+    return [_digits(found[name].to_numpy()) if name in found.columns else None for name in data.brief]
 
 
 # ---------------------------------------------------------------------- sets

@@ -49,6 +49,7 @@ def in_written_units(data: ReportData) -> ReportData:
                     fit.certainty.intervals, (*ends, "noise_lower", "noise_upper"), factors, units
                 ),
                 budget=_long(fit.certainty.budget, ("sd",), factors),
+                draws=_wide(fit.certainty.draws, factors),
             ),
         ),
         posterior=replace(

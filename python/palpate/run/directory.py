@@ -9,7 +9,7 @@
     ledger.sqlite  curves/  simulations: states, attempts, timings, reasons, and their curves
     scores.parquet  selection.parquet  generalisation.parquet
     fit.parquet  fit_trace.parquet  fit_mesh.parquet  fit_curves.parquet
-    intervals.parquet  budget.parquet  directions.parquet  adequacy.parquet
+    intervals.parquet  budget.parquet  directions.parquet  adequacy.parquet  draws.parquet
     posterior.parquet  posterior_draws.parquet  profiles.parquet  profile_ends.parquet
     ribbons.parquet  volumes.parquet  emulator.parquet
     fit.json                how far the fit is, while it goes on

@@ -90,12 +90,16 @@ class CertaintyResult:
     adequacy : DataFrame
         One row per fit, scenario, check and channel: check, channel (null for all), probability of
         residuals like these under a good model, failed, and message: what is wrong, empty where nothing is.
+    draws : DataFrame
+        One row per draw from the density of each fit, cut off at the ranges and the filters: fit, scenario
+        and what was searched.
     """
 
     intervals: pl.DataFrame = field(default_factory=pl.DataFrame)
     budget: pl.DataFrame = field(default_factory=pl.DataFrame)
     directions: pl.DataFrame = field(default_factory=pl.DataFrame)
     adequacy: pl.DataFrame = field(default_factory=pl.DataFrame)
+    draws: pl.DataFrame = field(default_factory=pl.DataFrame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

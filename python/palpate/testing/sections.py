@@ -38,10 +38,10 @@ MOST_BYTES = 500_000
 MARKUP = re.compile(r"</?[a-z]+[ >/]")
 
 RUNS: Mapping[str, Mapping[str, Any]] = {
-    "a sweep": {},
+    "a sweep": {"fit": {"search": "sweep"}},
     "a sweep and a fit": {"fit": {"search": "least_squares"}},
     "a fit alone": {"fit": {"search": "least_squares"}, "sampling": {"n_sets": 0}},
-    "a sweep on a mesh": {"limb": {"source": "small_block"}},
+    "a sweep on a mesh": {"fit": {"search": "sweep"}, "limb": {"source": "small_block"}},
 }
 """Tables of the small study by what its run has."""
 

@@ -3,6 +3,7 @@
 from palpate.plugins.sections import Section
 from palpate.report.sections.certainty import Certainty, Identifiability
 from palpate.report.sections.fits import Curves, Fits, Values, Warnings
+from palpate.report.sections.material import MaterialItself
 from palpate.report.sections.origins import LimbAndContact, Provenance
 from palpate.report.sections.sweep import Convergence, Distribution, Generalisation, OtherChannels, Space
 
@@ -13,6 +14,7 @@ SECTIONS: tuple[type[Section], ...] = (
     Values,
     Fits,
     Space,
+    MaterialItself,
     Distribution,
     OtherChannels,
     Generalisation,

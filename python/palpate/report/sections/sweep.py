@@ -25,8 +25,12 @@ class Space(Section):
             )
         if data.is_fitted:
             yield Paragraph(
-                "Lines are the ways of the joint fit and of the spot's own, each to a diamond at its end."
+                "Lines are the ways of the joint fit and of the spot's own, each to a diamond at its end. "
+                "The cloud of small points is what the curves allow: draws of the fit that leads, within "
+                "its error budget."
             )
+        if data.study.truth:
+            yield Paragraph("Dotted lines: the known answer.")
         yield Drawing("space")
 
 
