@@ -19,12 +19,12 @@ from palpate.domain import (
     RegionMaterial,
     Response,
     Scenario,
-    Sphere,
     Spot,
 )
 from palpate.executors import InProcess
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
+from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.stages.samplers import LatinHypercube

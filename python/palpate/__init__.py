@@ -42,13 +42,13 @@ if TYPE_CHECKING:
         Response as Response,
         Scenario as Scenario,
         Simulation as Simulation,
-        Sphere as Sphere,
         Spot as Spot,
         Status as Status,
         StudyTemplate as StudyTemplate,
     )
     from palpate.errors import PalpateError as PalpateError
     from palpate.fit.problem import Problem as Problem
+    from palpate.indenters import Sphere as Sphere
     from palpate.notebook import (
         generalise as generalise,
         measure as measure,

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
         Response as Response,
         Scenario as Scenario,
         Simulation as Simulation,
-        Sphere as Sphere,
         Spot as Spot,
         Status as Status,
         StudyTemplate as StudyTemplate,
@@ -48,8 +47,11 @@ if TYPE_CHECKING:
         moving_span as moving_span,
     )
 
+    from palpate.indenters import Sphere as Sphere
+
     # ---- Base classes, and what their methods return
     from palpate.plugins.execution import Executor as Executor
+    from palpate.plugins.indenter import Indenter as Indenter
     from palpate.plugins.interfaces import (
         NO_FIELDS as NO_FIELDS,
         AnisotropicMaterial as AnisotropicMaterial,

@@ -6,10 +6,19 @@ from palpate import hookimpl
 
 if TYPE_CHECKING:
     from palpate.plugins.execution import Executor
+    from palpate.plugins.indenter import Indenter
     from palpate.plugins.interfaces import Sampler
     from palpate.plugins.parametrisation import Parametrisation
     from palpate.plugins.search import Search
     from palpate.plugins.sections import Section
+
+
+@hookimpl
+def palpate_indenters() -> "list[type[Indenter]]":
+    """Provide the indenter of the paper."""
+    from palpate.indenters import Sphere
+
+    return [Sphere]
 
 
 @hookimpl

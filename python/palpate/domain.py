@@ -39,6 +39,7 @@ from palpate.parameters import (
 )
 
 if TYPE_CHECKING:
+    from palpate.plugins.indenter import Indenter
     from palpate.plugins.interfaces import Material
 
 IntArray = NDArray[np.int64]
@@ -151,24 +152,13 @@ class Limb:
     mesh: Mesh
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sphere:
-    """A rigid spherical indenter."""
-
-    radius_mm: float
-
-    def __post_init__(self) -> None:
-        if not self.radius_mm > 0.0:
-            raise MeshError(f"indenter: a sphere of radius {self.radius_mm} mm; give a radius > 0 mm")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Indentation:
     """Press along the spot's normal, then twist about it.
 
     Parameters
     ----------
-    indenter : Sphere
+    indenter : Indenter
         Touches the spot at depth 0.
     path : (n_waypoints, 2) array
         Depth [mm] and rotation [degrees], in the order travelled, from rest at (0, 0).
@@ -177,7 +167,7 @@ class Indentation:
         Coulomb coefficient, ≥ 0.
     """
 
-    indenter: Sphere
+    indenter: "Indenter"
     path: FloatArray
     friction: float
 

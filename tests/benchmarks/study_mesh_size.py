@@ -17,7 +17,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from palpate.domain import Indentation, Job, Limb, Response, Sphere, Spot
+from palpate.domain import Indentation, Job, Limb, Response, Spot
+from palpate.indenters import Sphere
 from palpate_forearm import Phantom
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_limb.first_contact import moved_to_contact

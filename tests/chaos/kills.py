@@ -29,10 +29,11 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
 from palpate import pipeline
-from palpate.domain import Indentation, ParameterSpace, RegionMaterial, Sphere, Spot
+from palpate.domain import Indentation, ParameterSpace, RegionMaterial, Spot
 from palpate.executors import InProcess
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
+from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.report import figures, page  # noqa: F401 - forks inherit what is imported

@@ -24,7 +24,6 @@ from palpate.domain import (
     RegionMaterial,
     Response,
     Scenario,
-    Sphere,
     Spot,
     Status,
 )
@@ -35,6 +34,7 @@ from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import FitStage
 from palpate.fit.tables import fit_result
+from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from palpate import AnisotropicMaterial
-from palpate.domain import Indentation, Job, Limb, Mesh, Sphere, Spot
+from palpate.domain import Indentation, Job, Limb, Mesh, Spot
 from palpate.errors import MaterialError, MeshError, SolverError
+from palpate.indenters import Sphere
 from palpate.mesh.spot_frame import in_spot_frame
 from palpate.specimens import block
 from palpate_febio.deck import rigid_id

@@ -3,7 +3,8 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from palpate.domain import Indentation, Sphere, Status
+from palpate.domain import Indentation, Status
+from palpate.indenters import Sphere
 from palpate.sandbox import Ended
 from palpate_febio.log import GOOD_BANNER
 from palpate_febio.steps import halved, steps_of, up_to_first_turn

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import HomogeneousTests, Indentation, Job, Sphere, Status
+from palpate.domain import HomogeneousTests, Indentation, Job, Status
 from palpate.errors import MaterialError, MeshError, PluginError, StudyError
+from palpate.indenters import Sphere
 from palpate.run.keys import solver_key
 from palpate.specimens import block
 from palpate.testing import SolverContract

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Indentation, Job, Limb, Simulation, Sphere, Status
+from palpate.domain import Indentation, Job, Limb, Simulation, Status
+from palpate.indenters import Sphere
 from palpate.specimens import block
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.yeoh import Yeoh

@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
+from palpate.indenters import Sphere
 from palpate.specimens import block
+from palpate_indentation import Punch, PunchSettings
 from palpate_jax.contact import Contact, ContactLaw, ContactState, Memory
 from palpate_jax.load_stepping import motion, pose
-from palpate_jax.shapes import RoundedPunch, SphereShape
 
-LAW = ContactLaw(SphereShape(7.5), penalty=4.0, friction=0.5)
+LAW = ContactLaw(Sphere(radius_mm=7.5), penalty=4.0, friction=0.5)
 PRESSED = np.array([0.3, 0.0])
 
 
@@ -64,7 +65,7 @@ def test_full_slip_turns_with_friction_times_pressure_times_radius(contact, at_r
     assert answer.moment_Nmm[2] == pytest.approx(expected, rel=1e-3)
 
 
-@pytest.mark.parametrize("shape", [SphereShape(7.5), RoundedPunch(3.0, 1.5)])
+@pytest.mark.parametrize("shape", [Sphere(radius_mm=7.5), Punch(PunchSettings(radius="3 mm", edge="1.5 mm"))])
 @pytest.mark.parametrize("anchored", [True, False])
 @pytest.mark.parametrize("coupled", [True, False])
 def test_stiffness_is_the_derivative_of_the_force(contact, shape, anchored, coupled):

@@ -7,8 +7,9 @@ import meshio
 import numpy as np
 import pytest
 
-from palpate.domain import Indentation, Job, Limb, Mesh, Sphere, Spot, Status
+from palpate.domain import Indentation, Job, Limb, Mesh, Spot, Status
 from palpate.errors import StudyError
+from palpate.indenters import Sphere
 from palpate.mechanics import stress
 from palpate.specimens import block
 from palpate_jax.body import Body, blocks, points_of_cells

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from palpate.domain import Indentation, Job, Sphere, Status
+from palpate.domain import Indentation, Job, Status
+from palpate.indenters import Sphere
 from palpate.specimens import block
 from palpate_jax import load_stepping, sparse
 from palpate_jax.newton import Balance, equilibrium

@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import HomogeneousTests, Indentation, Job, Limb, Sphere, Spot
+from palpate.domain import HomogeneousTests, Indentation, Job, Limb, Spot
 from palpate.errors import MaterialError, MeshError, StudyError
+from palpate.indenters import Sphere
 from palpate.specimens import block
+from palpate_indentation import Box, BoxSettings, Ring, RingSettings
 from palpate_jax.load_stepping import load_steps
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.yeoh import Yeoh
@@ -58,6 +60,27 @@ def test_a_spot_off_the_surface_is_refused(offset, word):
     moved = Limb(spot=Spot(name="p9", position_mm=[0.0, 0.0, offset]), mesh=limb.mesh)
     with pytest.raises(MeshError, match=rf"'p9'.*{word} the surface by .*mm"):
         JaxSolver().check(JOB, moved)
+
+
+def test_a_tool_that_starts_inside_of_the_limb_is_refused_by_name():
+    """The middle of the plate is at the spot, its edges are in the hill round it."""
+    limb = block(width_mm=20.0)
+    bowl = limb.mesh.points_mm + [0.0, 0.0, 0.01] * np.sum(limb.mesh.points_mm[:, :2] ** 2, axis=1)[:, None]
+    plate = Box(BoxSettings(length="12 mm", width="8 mm", height="4 mm", edge="1 mm"))
+    job = replace(JOB, protocol=replace(PROTOCOL, indenter=plate))
+    JaxSolver().check(job, limb)
+    with pytest.raises(MeshError, match=r"at depth 0 the box is inside the surface by 0\.\d+ mm near"):
+        JaxSolver().check(job, replace(limb, mesh=replace(limb.mesh, points_mm=bowl)))
+
+
+def test_a_tool_that_never_touches_is_refused_by_name():
+    """A ring around a steep hill."""
+    limb, ring = block(n_across=12, width_mm=60.0), Ring(RingSettings(radius="20 mm", edge="2 mm"))
+    hill = limb.mesh.points_mm - [0.0, 0.0, 0.05] * np.sum(limb.mesh.points_mm[:, :2] ** 2, axis=1)[:, None]
+    job = replace(JOB, protocol=replace(PROTOCOL, indenter=ring))
+    JaxSolver().check(job, limb)
+    with pytest.raises(MeshError, match=r"the ring is still \d+\.\d+ mm away .* at depth 2 mm, and never"):
+        JaxSolver().check(job, replace(limb, mesh=replace(limb.mesh, points_mm=hill)))
 
 
 @pytest.mark.parametrize(("depth", "sound"), [(4.0, True), (5.0, False)])

@@ -7,7 +7,8 @@ from importlib.resources import as_file, files
 import numpy as np
 import pytest
 
-from palpate.domain import Indentation, Job, Limb, Sphere, Spot, Status
+from palpate.domain import Indentation, Job, Limb, Spot, Status
+from palpate.indenters import Sphere
 from palpate.specimens import block
 from palpate_indentation.mesh_source import MeshioSource
 from palpate_jax.solver import JaxSettings, JaxSolver

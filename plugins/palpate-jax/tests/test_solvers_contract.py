@@ -6,7 +6,8 @@ What cannot be solved, and finer steps, are in ``test_solver_checks.py`` and ``o
 import numpy as np
 import pytest
 
-from palpate.domain import Indentation, Job, Sphere
+from palpate.domain import Indentation, Job
+from palpate.indenters import Sphere
 from palpate.specimens import block
 from palpate.testing import SolverContract
 from palpate_jax.solver import JaxSettings, JaxSolver

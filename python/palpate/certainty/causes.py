@@ -153,10 +153,8 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: Cause, by: float)
     if cause.kind == "friction":
         return replace(inputs, protocol=replace(protocol, friction=max(protocol.friction + by, 0.0)))
     if cause.kind == "indenter":
-        radius = protocol.indenter.radius_mm + by
-        return replace(
-            inputs, protocol=replace(protocol, indenter=replace(protocol.indenter, radius_mm=radius))
-        )
+        indenter = protocol.indenter.grown(by)
+        return replace(inputs, protocol=replace(protocol, indenter=indenter))
     path = protocol.path.copy()
     path[path[:, 0] > 0.0, 0] += by
     offsets = {**inputs.offsets, "depth_mm": inputs.offsets.get("depth_mm", 0.0) + by}

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from palpate.domain import Channel, Scenario, StudyTemplate
 from palpate.errors import PluginError
 from palpate.plugins.execution import Executor
+from palpate.plugins.indenter import Indenter
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, Sampler, SetFilter, Solver
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.registry import KINDS, BrokenPlugin, Registry, registered, suggestion
@@ -98,6 +99,7 @@ class Plugins:
     channels: Catalogue[Channel]
     loaders: Catalogue[type[ExperimentLoader]]
     limb_sources: Catalogue[type[LimbSource]]
+    indenters: Catalogue[type[Indenter]]
     materials: Catalogue[type[Material]]
     samplers: Catalogue[type[Sampler]]
     set_filters: Catalogue[type[SetFilter]]

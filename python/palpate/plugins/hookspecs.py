@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from palpate.domain import Channel, Scenario, StudyTemplate
     from palpate.plugins.execution import Executor
+    from palpate.plugins.indenter import Indenter
     from palpate.plugins.interfaces import (
         ExperimentLoader,
         LimbSource,
@@ -66,6 +67,15 @@ def palpate_limb_sources() -> "Iterable[type[LimbSource]]":  # type: ignore[empt
 
     A study names one under ``[limb]``; its ``load`` is called once for each spot, and what it
     returns is checked (elements, regions, what is held fixed) before the first simulation.
+    """
+
+
+@hookspec
+def palpate_indenters() -> "Iterable[type[Indenter]]":  # type: ignore[empty-body]
+    """Rigid bodies that are pressed into the limb.
+
+    A study names one as the ``shape`` of ``[protocol.indenter]``, whose other keys are its settings. It is
+    given by its signed distance; normals and curvature follow.
     """
 
 

@@ -345,6 +345,9 @@ class Solver(Component[SettingsT]):
     channels: ClassVar[tuple[str, ...] | None] = None
     """Channels that it computes; a study that weights another one is refused. None: not declared."""
 
+    indenters: ClassVar[tuple[str, ...] | None] = None
+    """Indenters that it simulates; a study with another one is refused. None: all, by their distance."""
+
     def ignored(self, material: Material) -> tuple[str, ...]:
         """Names of the material's parameters that cannot change an answer; a study has to fix them."""
         return ()

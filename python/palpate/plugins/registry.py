@@ -89,6 +89,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "channels": Kind("palpate_channels", "channel", DOMAIN, "Channel"),
         "loaders": Kind("palpate_experiment_loaders", "experiment loader", INTERFACES, "ExperimentLoader"),
         "limb_sources": Kind("palpate_limb_sources", "limb source", INTERFACES, "LimbSource"),
+        "indenters": Kind("palpate_indenters", "indenter", "palpate.plugins.indenter", "Indenter"),
         "materials": Kind(
             "palpate_materials", "material", INTERFACES, "IsotropicMaterial or AnisotropicMaterial"
         ),

@@ -43,6 +43,9 @@ _CHANNEL = 'A study measures it with `measured = {{ {} = "file" }}` under `[[spo
 KITS: Mapping[str, Kit] = MappingProxyType(
     {
         "material": Kit("materials", "material", "MaterialContract", _named('material = "{}"', "region.…")),
+        "indenter": Kit(
+            "indenters", "indenter", "IndenterContract", _named('shape = "{}"', "protocol.indenter")
+        ),
         "solver": Kit("solvers", "solver", "SolverContract", _named('name = "{}"', "solver")),
         "loader": Kit("loaders", "loader", "LoaderContract", _named('loader = "{}"', "experiment")),
         "scenario": Kit(

@@ -1,4 +1,4 @@
-"""A limb as something to look at: its surfaces as triangles, its spot, the normal and the sphere.
+"""A limb as something to look at: its surfaces as triangles, its spot, the normal and the indenter.
 
 A face that one element alone has is on the outside, one between two regions on an
 interface. A face belongs to the smallest node set that holds all of its corners, so
@@ -12,11 +12,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, Limb, Mesh
+from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError
+from palpate.mesh.spot_frame import spot_axes
 from palpate.mesh.topology import CELLS
+from palpate.plugins.indenter import Indenter
 
-Role = Literal["contact", "fixed", "free", "interface", "sphere"]
+Role = Literal["contact", "fixed", "free", "interface", "indenter"]
 
 _LOOKS: Mapping[Role, tuple[str, float]] = MappingProxyType(
     {
@@ -24,7 +26,7 @@ _LOOKS: Mapping[Role, tuple[str, float]] = MappingProxyType(
         "fixed": ("#efe9d6", 1.0),
         "free": ("#c98276", 0.45),
         "interface": ("#d9a5a0", 0.3),
-        "sphere": ("#597399", 0.8),
+        "indenter": ("#597399", 0.8),
     }
 )
 """Colour and opacity of a role."""
@@ -39,9 +41,9 @@ class ViewPart:
     ----------
     name : str
         As in a legend: ``contact``, ``ulna``, ``cut``, ``skin | soft_tissue``, ``sphere``.
-    role : {"contact", "fixed", "free", "interface", "sphere"}
+    role : {"contact", "fixed", "free", "interface", "indenter"}
     region : str
-        Of the elements behind it; at an interface, of the one named first; empty for the sphere.
+        Of the elements behind it; at an interface, of the one named first; empty for the indenter.
     points_mm : (n, 3) array
     triangles : (m, 3) integer array
         Outward by the right-hand rule.
@@ -83,14 +85,14 @@ class LimbView:
         ]
 
 
-def limb_view(limb: Limb, radius_mm: float | None = None) -> LimbView:
+def limb_view(limb: Limb, indenter: Indenter | None = None) -> LimbView:
     """Surfaces of a limb, with its spot.
 
     Parameters
     ----------
     limb : Limb
-    radius_mm : float, optional
-        Of a sphere that rests on the spot; without it none is shown.
+    indenter : Indenter, optional
+        Rests on the spot; without it none is shown.
 
     Raises
     ------
@@ -98,11 +100,11 @@ def limb_view(limb: Limb, radius_mm: float | None = None) -> LimbView:
         The mesh has a kind of element that has no known faces.
     """
     mesh, spot = limb.mesh, limb.spot
-    arrow = 3.0 * radius_mm if radius_mm else 0.25 * float(np.ptp(mesh.points_mm, axis=0).max())
-    ball = () if radius_mm is None else (_sphere(spot.position_mm + radius_mm * spot.normal, radius_mm),)
+    arrow = 3.0 * indenter.radius_mm if indenter else 0.25 * float(np.ptp(mesh.points_mm, axis=0).max())
+    body = () if indenter is None else (_indenter(spot, indenter),)
     return LimbView(
         spot=spot.name,
-        parts=(*_surfaces(mesh), *ball),
+        parts=(*_surfaces(mesh), *body),
         mark_mm=spot.position_mm,
         normal_mm=np.stack([spot.position_mm, spot.position_mm + arrow * spot.normal]),
     )
@@ -183,25 +185,15 @@ def _part(mesh: Mesh, name: str, role: Role, region: str, triangles: IntArray) -
     )
 
 
-def _sphere(centre_mm: FloatArray, radius_mm: float, n_around: int = 32) -> ViewPart:
-    """A sphere of rings, its poles being rings of no width."""
-    n_rings = n_around // 2 + 1
-    polar, around = np.meshgrid(
-        np.linspace(0.0, np.pi, n_rings),
-        np.linspace(0.0, 2.0 * np.pi, n_around, endpoint=False),
-        indexing="ij",
-    )
-    unit = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
-    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(n_rings - 1), np.arange(n_around), indexing="ij"))
-    a, b = i * n_around + j, i * n_around + (j + 1) % n_around
-    c, d = a + n_around, b + n_around
-    upper, lower = np.stack([a, c, d], axis=1)[i < n_rings - 2], np.stack([a, d, b], axis=1)[i > 0]
+def _indenter(spot: Spot, indenter: Indenter) -> ViewPart:
+    """The indenter at rest on a spot."""
+    points, triangles = indenter.surface()
     return ViewPart(
-        name="sphere",
-        role="sphere",
+        name=indenter.name,
+        role="indenter",
         region="",
-        points_mm=centre_mm + radius_mm * unit.reshape(-1, 3),
-        triangles=np.concatenate([upper, lower]),
+        points_mm=spot.position_mm + points @ spot_axes(spot.normal).T,
+        triangles=triangles,
     )
 
 
@@ -215,7 +207,7 @@ def _trace(part: ViewPart) -> dict[str, Any]:
         **dict(zip("ijk", part.triangles.T.tolist(), strict=True)),
         "color": _CUTS if part.name == "cut" else colour,
         "opacity": opacity,
-        "flatshading": part.role != "sphere",
+        "flatshading": part.role != "indenter",
         "showlegend": True,
         "hoverinfo": "name",
         **({"visible": "legendonly"} if part.role == "interface" else {}),

@@ -5,59 +5,72 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Indentation, Limb, Protocol
+from palpate.domain import FloatArray, Indentation, Limb, Protocol
+from palpate.mesh.spot_frame import spot_axes
+from palpate.plugins.indenter import Indenter
 from palpate.report.convergence import Contact
 from palpate.report.limb_view import LimbView, ViewPart, limb_view, scatter_trace
 
 
 def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, Any]]:
-    """Traces for Plotly of a limb, and of the sphere at rest on it and at its greatest depth.
+    """Traces for Plotly of a limb, and of the indenter at rest on it and at its greatest depth.
 
     Parameters
     ----------
     limb : Limb
     protocol : Protocol, optional
-        Whose sphere is shown; none without one.
+        Whose indenter is shown; none without one.
     most : int
         Triangles beyond which parts are made coarser, all to the same size of detail.
     """
     if not isinstance(protocol, Indentation):
         return coarsened(limb_view(limb), most).traces()
-    traces = coarsened(limb_view(limb, protocol.indenter.radius_mm), most).traces()
-    sphere = next(trace for trace in traces if trace["name"] == "sphere")
+    traces = coarsened(limb_view(limb, protocol.indenter), most).traces()
+    name = protocol.indenter.name
+    at_rest = next(trace for trace in reversed(traces) if trace["name"] == name)
     depth = float(protocol.path[:, 0].max())
-    # The same sphere where it presses deepest; hidden until it is asked for.
+    # The same where it presses deepest; hidden until it is asked for.
     moved = {
-        axis: np.round(np.array(sphere[axis]) - depth * along, 2).tolist()
+        axis: np.round(np.array(at_rest[axis]) - depth * along, 2).tolist()
         for axis, along in zip("xyz", limb.spot.normal.tolist(), strict=True)
     }
-    return [*traces, sphere | moved | {"name": f"sphere at {depth:g} mm", "visible": "legendonly"}]
+    return [*traces, at_rest | moved | {"name": f"{name} at {depth:g} mm", "visible": "legendonly"}]
 
 
 def edge_of_contact(limb: Limb, protocol: Indentation, contact: Contact) -> dict[str, Any] | None:
-    """Trace of the circle on the sphere, where it presses deepest, up to which it is touched."""
+    """Trace of the circle on the indenter, where it presses deepest, up to which it is touched."""
     depths, radii = contact["depth_mm"], contact.get("contact_radius_mm")
     if radii is None:
         return None
     k = int(np.argmax(depths))
-    ball, radius = protocol.indenter.radius_mm, min(radii[k], protocol.indenter.radius_mm)
-    normal = limb.spot.normal
-    centre = limb.spot.position_mm + (ball - depths[k] - np.sqrt(ball**2 - radius**2)) * normal
-    across = np.linalg.svd(normal[None])[2][1:]
+    indenter = protocol.indenter
+    radius = min(radii[k], float(indenter.bounds_mm[1, :2].max()))
     turns = np.linspace(0.0, 2.0 * np.pi, 49)
-    points = centre + radius * np.column_stack([np.cos(turns), np.sin(turns)]) @ across
+    edge = radius * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(turns.size)])
+    edge[:, 2] = _height(indenter, edge) - depths[k]
+    points = limb.spot.position_mm + edge @ spot_axes(limb.spot.normal).T
     name = f"edge of the contact at {depths[k]:g} mm: radius {radius:.3g} mm"
     return scatter_trace(name, points, "lines")
+
+
+def _height(indenter: Indenter, points: FloatArray) -> FloatArray:
+    """Height (n,) [mm] of the underside above points (n, 3): as far up as one gets outside."""
+    height = np.full(len(points), indenter.bounds_mm[0, 2])
+    top = indenter.bounds_mm[1, 2]
+    for _ in range(100):
+        gap = indenter.distance(np.column_stack([points[:, :2], height]))
+        height = np.clip(height + np.maximum(gap, 0.0), None, top)
+    return height
 
 
 def coarsened(view: LimbView, most: int) -> LimbView:
     """Merge the points of each part within cells of one size, just as large as is needed.
 
-    The sphere, whose triangles are few and do not count, stays what it is.
+    The indenter, whose triangles are few and do not count, stays what it is.
     """
     size = 0.0
     parts = view.parts
-    while sum(len(part.triangles) for part in parts if part.role != "sphere") > max(most, 0):
+    while sum(len(part.triangles) for part in parts if part.role != "indenter") > max(most, 0):
         size = 1.3 * size or 0.5 * _mean_edge(view.parts)
         parts = tuple(_coarser(part, size) for part in view.parts)
     return replace(view, parts=parts)
@@ -70,7 +83,7 @@ def _mean_edge(parts: tuple[ViewPart, ...]) -> float:
 
 def _coarser(part: ViewPart, size_mm: float) -> ViewPart:
     """One point per cell, the mean of those in it; what has become a line is left out."""
-    if part.role == "sphere":
+    if part.role == "indenter":
         return part
     cells = np.floor(part.points_mm / size_mm).astype(np.int64)
     _, merged, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)

@@ -16,8 +16,10 @@ import numpy as np
 
 from palpate.domain import Job, Limb, Protocol, Simulation
 from palpate.errors import PluginError
+from palpate.indenters import Sphere
 from palpate.plugins.fingerprints import CORE, code_fingerprint
 from palpate.plugins.guard import answering_for
+from palpate.plugins.indenter import Indenter
 from palpate.plugins.interfaces import Component, Material, Solver
 
 NOTHING_TRUSTED: Mapping[str, str] = {}
@@ -140,6 +142,8 @@ def _add(digest: "hashlib._Hash", *parts: object) -> None:
                 _add(digest, part.item())
             case Mapping():
                 _add_items(digest, "mapping", sorted(part.items()))
+            case Indenter():
+                _add_items(digest, *_indenter(part))
             case Sequence():
                 digest.update(f"sequence {len(part)};".encode())
                 _add(digest, *part)
@@ -152,6 +156,15 @@ def _add_items(digest: "hashlib._Hash", kind: str, items: Iterable[tuple[str, ob
     digest.update(f"{kind} {len(listed)};".encode())
     for name, value in listed:
         _add(digest, name, value)
+
+
+def _indenter(indenter: Indenter) -> tuple[str, list[tuple[str, Any]]]:
+    """What an indenter counts by; a sphere by its radius under its first name, as in every key so far."""
+    if type(indenter) is Sphere:
+        return "palpate.domain.Sphere ", [("radius_mm", indenter.radius_mm)]
+    return "indenter", list(
+        zip(("name", "settings", "code"), _described("indenter", indenter, NOTHING_TRUSTED), strict=True)
+    )
 
 
 def _fields(value: object) -> tuple[str, list[tuple[str, Any]]]:

@@ -124,8 +124,7 @@ def _protocol(protocol: Protocol | None) -> dict[str, Any]:
     if isinstance(protocol, Indentation):
         return {
             "kind": "indentation",
-            "indenter": type(protocol.indenter).__name__,
-            **plain(_fields(protocol.indenter)),
+            "indenter": _component(protocol.indenter),
             "path_depth_mm_rotation_deg": protocol.path.tolist(),
             **plain(_fields(protocol, ("indenter", "path"))),
         }

@@ -47,7 +47,7 @@ SIZES = (1 / 30, 30.0)
 """A peak is refused outside these multiples of Hertz's force for the study's ranges."""
 
 LEVERS = (1 / 100, 30.0)
-"""Torque over force is refused outside these multiples of what a sphere gives …"""
+"""Torque over force is refused outside these multiples of what the indenter gives …"""
 
 ODD_LEVERS = (1 / 10, 5.0)
 """… and outside these there is a warning."""
@@ -227,7 +227,7 @@ def check_sizes(
     Raises
     ------
     CurveError
-        A size that no set of the ranges can give, or a torque that no sphere gives with the force.
+        A size that no set of the ranges can give, or a torque that the indenter cannot give with the force.
     """
     peaks = {
         name: float(np.abs(curve.ordinate).max())
@@ -271,23 +271,24 @@ def _lever(force: str, moment: str, lever: float, protocol: Indentation) -> Iter
 def _what(protocol: Indentation) -> str:
     depth, rotation = np.abs(protocol.path).max(axis=0)
     return (
-        f"a sphere of radius {protocol.indenter.radius_mm:g} mm, {depth:g} mm deep, turned by "
-        f"{rotation:g} degrees with friction {protocol.friction:g}"
+        f"a {protocol.indenter.name} of radius {protocol.indenter.radius_mm:g} mm, {depth:g} mm deep, turned "
+        f"by {rotation:g} degrees with friction {protocol.friction:g}"
     )
 
 
 def hertz_N(young_MPa: float, protocol: Indentation) -> float:  # noqa: N802 -- the unit
-    """Force [N] of Hertz at full depth on an incompressible half-space: 16/9 E √R d^(3/2)."""
+    """Force [N] at full depth on an incompressible half-space: 16/9 E a d, Hertz's for a sphere."""
     depth = float(protocol.path[:, 0].max())
-    return 16.0 / 9.0 * young_MPa * depth * float(np.sqrt(protocol.indenter.radius_mm * depth))
+    return 16.0 / 9.0 * young_MPa * depth * protocol.indenter.contact_radius_mm(depth)
 
 
 def lever_mm(protocol: Indentation) -> float:
-    """Torque over force [mm]: R β while the sphere sticks, 3π/16 μ a once it slips."""
-    radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
+    """Torque over force [mm]: a² β / d while it sticks, R β for a sphere; 3π/16 μ a once it slips."""
+    indenter, depth = protocol.indenter, float(protocol.path[:, 0].max())
     rotation = float(np.radians(np.abs(protocol.path[:, 1]).max()))
-    contact = min(float(np.sqrt(radius * depth)), radius)
-    return min(radius * rotation, 3.0 * np.pi / 16.0 * protocol.friction * contact)
+    contact = indenter.contact_radius_mm(depth)
+    sticking = contact**2 / depth * rotation if depth > 0.0 else 0.0
+    return min(sticking, 3.0 * np.pi / 16.0 * protocol.friction * min(contact, indenter.reach_mm(depth)))
 
 
 def young_range(space: ParameterSpace) -> tuple[float, float] | None:

@@ -185,7 +185,21 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
                 f"spot '{name}' has no region {', '.join(absent)}: its parameters change nothing there"
             )
         found.extend(f"spot '{name}': {hole}" for hole in holes(limb.mesh))
+        found.extend(_coarse(study, name, limb))
     return found
+
+
+def _coarse(study: Study, name: str, limb: Limb) -> Iterator[str]:
+    """Say where the mesh does not resolve the indenter's edge."""
+    protocol = study.protocol_at(limb.spot.name)
+    if isinstance(protocol, Indentation):
+        edge, size = protocol.indenter.edge_mm, size_at_contact(study, limb)
+        if edge < size:
+            yield (
+                f"spot '{name}': edges of the mesh under the indenter are {size:.2g} mm long, and "
+                f"'{protocol.indenter.name}' is rounded by {edge:.2g} mm: the pressure at its edge is not "
+                "resolved; refine the mesh there, or give a larger rounding"
+            )
 
 
 def check_limb(limb: Limb, regions: Sequence[str]) -> None:

@@ -1,6 +1,6 @@
 """From the tables of study.toml to the parts of a Study: what the names in them mean."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -22,7 +22,15 @@ from palpate.plugins.interfaces import (
 )
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.search import Search
-from palpate.study.model import BudgetTable, ExecutorTable, ScenarioTable, SelectionTable, Tables
+from palpate.study.model import (
+    BudgetTable,
+    ExecutorTable,
+    ProtocolTable,
+    ScenarioTable,
+    SelectionTable,
+    SpotProtocolTable,
+    Tables,
+)
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
 
@@ -279,9 +287,25 @@ def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None
         problems.add(("protocol",), f"{name} makes homogeneous tests and has no protocol; remove the table")
     if not solver.needs_limb and tables.fit and tables.fit.fine_edge:
         problems.add(("fit", "fine_edge"), f"{name} takes no mesh; remove the key")
+    for place, shape in _indenters(tables):
+        if solver.indenters is not None and shape not in solver.indenters:
+            known = ", ".join(solver.indenters)
+            problems.add(
+                place,
+                f"{name} does not simulate indenter '{shape}' (it has {known}); choose another of either",
+            )
     for index, spot in enumerate(tables.spot):
         if solver.needs_limb and spot.mesh is None:
             problems.add(("spot", index), f'{name} needs a mesh; add mesh = "…" to the spot')
         for key in ("mesh", "fine_mesh"):
             if not solver.needs_limb and getattr(spot, key) is not None:
                 problems.add(("spot", index, key), f"{name} takes no mesh; remove the key")
+
+
+def _indenters(tables: Tables) -> Iterator[tuple[Key, str]]:
+    """Each indenter that the file names, with its key."""
+    named: list[tuple[Key, ProtocolTable | SpotProtocolTable | None]] = [(("protocol",), tables.protocol)]
+    named += [(("spot", index, "protocol"), spot.protocol) for index, spot in enumerate(tables.spot)]
+    for key, table in named:
+        if table is not None and table.indenter is not None:
+            yield (*key, "indenter", "shape"), table.indenter.shape

@@ -44,8 +44,8 @@ def _depth(spot: str, protocol: Indentation) -> Iterator[str]:
     radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
     if depth > DEEPEST * radius:
         yield (
-            f"spot '{spot}': a sphere of radius {radius:g} mm is pressed {depth:g} mm deep, "
-            f"{depth / radius:.0f} times its radius; check both"
+            f"spot '{spot}': a {protocol.indenter.name} of radius {radius:g} mm is pressed {depth:g} mm "
+            f"deep, {depth / radius:.0f} times its radius; check both"
         )
 
 

@@ -78,10 +78,16 @@ def _by_channel(given: object) -> object:
 
 
 class IndenterTable(Table):
-    """The rigid indenter."""
+    """The rigid indenter; the other keys are its settings."""
 
-    shape: Literal["sphere"] = Field(description="Shape of the indenter.")
-    radius: Length = Field(gt=0.0, description="Radius of the sphere.")
+    model_config = ConfigDict(extra="allow")
+
+    shape: str = Field(description="Name of an indenter.")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings of the indenter."""
+        return self.model_extra or {}
 
 
 class ProtocolTable(Table):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.domain import Indentation, Protocol, Sphere, Spot
+from palpate.domain import Indentation, Protocol, Spot
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.study.build import Context, build_component
 from palpate.study.model import ExperimentTable, ProtocolTable, SpotTable, Tables
@@ -154,11 +154,18 @@ def _spot_loader(
 
 def build_protocol(context: Context, table: ProtocolTable, key: Key = ("protocol",)) -> Indentation | None:
     """Press to the depth, then twist to each rotation in turn."""
+    place: Key = (*key, "indenter")
+    given = table.indenter
+    indenter = build_component(
+        context, context.plugins.indenters, given.shape, given.settings, (*place, "shape"), place
+    )
+    if indenter is None:
+        return None
     with context.problems.at(*key):
         rotations = [0.0, 0.0, *table.twist]
         depths = [0.0] + [table.depth] * (len(rotations) - 1)
         return Indentation(
-            indenter=Sphere(radius_mm=table.indenter.radius),
+            indenter=indenter,
             path=np.column_stack([depths, rotations]),
             friction=table.friction,
         )

@@ -15,6 +15,7 @@ from palpate.testing.components import ComponentContract, check_described
 from palpate.testing.designs import SamplerContract, SetFilterContract
 from palpate.testing.executors import ExecutorContract, LinearMaterial
 from palpate.testing.files import Expected, LimbSourceContract, LoaderContract
+from palpate.testing.indenters import IndenterContract
 from palpate.testing.materials import MaterialContract
 from palpate.testing.parametrisations import ParametrisationContract
 from palpate.testing.plugins import plugins_with
@@ -28,6 +29,7 @@ __all__ = [
     "ComponentContract",
     "ExecutorContract",
     "Expected",
+    "IndenterContract",
     "LimbSourceContract",
     "LinearMaterial",
     "LoaderContract",

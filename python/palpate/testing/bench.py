@@ -72,7 +72,7 @@ class HalfSpace(Solver):
     """Hertz's force and Reissner and Sagoci's torque, of the mean initial moduli of all regions."""
 
     name = "half_space"
-    summary = "a sphere on a half-space in closed form, for tests of plugins"
+    summary = "an indenter on a half-space in closed form, for tests of plugins"
     needs_limb = False
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
@@ -90,7 +90,7 @@ class HalfSpaceOnMesh(HalfSpace):
     """The same on a body of the mesh's thickness, which stiffens it."""
 
     name = "half_space_on_mesh"
-    summary = "a sphere on a body of the mesh's thickness in closed form, for tests of plugins"
+    summary = "an indenter on a body of the mesh's thickness in closed form, for tests of plugins"
     needs_limb = True
 
 
@@ -99,7 +99,7 @@ def _curves(mu: float, kappa: float, press: Indentation, thickness_mm: float) ->
     ways = [start + steps * (end - start) for start, end in pairwise(press.path)]
     walk: FloatArray = np.concatenate([press.path[:1], *ways])
     depth, rotation = walk.T
-    contact = np.sqrt(press.indenter.radius_mm * depth)
+    contact = np.array([press.indenter.contact_radius_mm(float(d)) for d in depth])
     plane = 4.0 * mu * (3.0 * kappa + mu) / (3.0 * kappa + 4.0 * mu)  # E / (1 - ν²)
     force = 4.0 / 3.0 * plane * contact * depth * (1.0 + contact / thickness_mm)
     grip = 0.9 + 0.1 * press.friction / (1.0 + press.friction)

@@ -15,11 +15,11 @@ from palpate.domain import (
     Job,
     Limb,
     Simulation,
-    Sphere,
     Status,
     moving_span,
 )
 from palpate.errors import MaterialError, PalpateError
+from palpate.indenters import Sphere
 from palpate.plugins.interfaces import Component, IsotropicMaterial, Material, Solver
 from palpate.specimens import half_space
 from palpate.testing.components import ComponentContract, missing

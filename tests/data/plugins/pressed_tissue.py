@@ -14,11 +14,12 @@ import numpy as np
 from pydantic import Field
 
 from palpate import Curve, Indentation, Job, Limb, Response, Settings, Simulation, Solver, Status
-from palpate.domain import ParameterSpace, RegionMaterial, Scenario, Sphere, Spot
+from palpate.domain import ParameterSpace, RegionMaterial, Scenario, Spot
 from palpate.executors import InProcess
 from palpate.fit.box import Box
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
+from palpate.indenters import Sphere
 from palpate.plugins.interfaces import ExperimentLoader, SetFilter
 from palpate.stages.samplers import LatinHypercube
 from palpate.stages.sampling import accepted_by_all

@@ -17,7 +17,6 @@ from palpate.domain import (
     Response,
     ScoringRules,
     Simulation,
-    Sphere,
     Status,
     Tie,
 )
@@ -27,6 +26,7 @@ from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.starts import scaled_start
+from palpate.indenters import Sphere
 from palpate.plugins.interfaces import Solver
 from palpate.testing import LinearMaterial
 

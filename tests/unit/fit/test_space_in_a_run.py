@@ -14,12 +14,12 @@ from palpate.domain import (
     RegionMaterial,
     Response,
     Simulation,
-    Sphere,
     Status,
     Tie,
 )
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
+from palpate.indenters import Sphere
 from palpate.plugins.interfaces import Solver
 from palpate.testing import LinearMaterial
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from palpate.domain import Indentation, Limb, Mesh, Sphere, Spot
+from palpate.domain import Indentation, Limb, Mesh, Spot
 from palpate.errors import MeshError
+from palpate.indenters import Sphere
 from palpate.mesh import refinement
 from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import GROWTH, refined

@@ -1,5 +1,6 @@
 """Code that decides a result: a changed byte of it changes the key, anything else does not."""
 
+import hashlib
 import importlib
 import itertools
 import sys
@@ -10,11 +11,14 @@ import pytest
 from hypothesis import given, strategies as st
 from pydantic import Field
 
-from palpate.domain import HomogeneousTests, Indentation, Job, Sphere
+from palpate.domain import HomogeneousTests, Indentation, Job
 from palpate.errors import PluginError
+from palpate.indenters import Sphere, SphereSettings
 from palpate.plugins.fingerprints import code_hash
+from palpate.plugins.indenter import Indenter
 from palpate.plugins.interfaces import Settings, Solver
 from palpate.plugins.registry import load_file
+from palpate.run import keys
 from palpate.run.keys import identity, job_key
 
 MATERIAL = """
@@ -162,9 +166,12 @@ def test_the_order_of_settings_is_no_difference(tissue, key):
     assert other not in keys
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Punch(Sphere):
-    edge_mm: float
+class PunchSettings(SphereSettings):
+    edge: float = Field(1.0, description="radius of its edge [mm]")
+
+
+class Punch(Sphere, Indenter[PunchSettings]):
+    name, summary = "punch", "a punch"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -182,8 +189,8 @@ def test_every_field_of_a_third_party_s_indenter_and_protocol_is_in_the_key(tiss
     press = Indentation(indenter=Sphere(radius_mm=5.0), path=path, friction=0.5)
     protocols = [
         press,
-        replace(press, indenter=Punch(radius_mm=5.0, edge_mm=1.0)),
-        replace(press, indenter=Punch(radius_mm=5.0, edge_mm=2.0)),
+        replace(press, indenter=Punch(PunchSettings(radius="5 mm", edge=1.0))),
+        replace(press, indenter=Punch(PunchSettings(radius="5 mm", edge=2.0))),
         *(Cyclic(indenter=press.indenter, path=path, friction=0.5, n_cycles=n) for n in (1, 2)),
         Relaxation(hold_s=1.0),
         Relaxation(hold_s=2.0),
@@ -191,3 +198,11 @@ def test_every_field_of_a_third_party_s_indenter_and_protocol_is_in_the_key(tiss
     assert len({key(material, protocol) for protocol in protocols}) == len(protocols)
     with pytest.raises(PluginError, match="cannot be part of its key; make the class a dataclass"):
         key(material, object())
+
+
+def test_a_press_of_a_sphere_has_the_key_of_every_run_so_far():
+    """Its part of the key was written when a sphere was the only indenter; results are found by it."""
+    path = [(0, 0), (10, 0), (10, -22.5), (10, 22.5), (10, 0)]
+    digest = hashlib.sha256()
+    keys._add(digest, Indentation(indenter=Sphere(radius_mm=7.5), path=path, friction=1.0))
+    assert digest.hexdigest() == "c1355ad85a218b75ad3ad831a50e9ea44a238677d4fe91d1d615205abee872e3"

@@ -15,8 +15,9 @@ import polars as pl
 import pytest
 
 import palpate.report
-from palpate.domain import Indentation, Job, Simulation, Sphere, Status
+from palpate.domain import Indentation, Job, Simulation, Status
 from palpate.fit.least_squares import LeastSquares
+from palpate.indenters import Sphere
 from palpate.plugins.sections import Fold, Listing, Section, Table
 from palpate.report import contact_along, make_tables, write_report
 from palpate.report.limb_view import limb_view

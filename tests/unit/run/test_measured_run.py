@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from palpate import pipeline
-from palpate.domain import Curve, Indentation, PointWeighting, Response, ScoringRules, Sphere
+from palpate.domain import Curve, Indentation, PointWeighting, Response, ScoringRules
 from palpate.errors import CurveError, PluginError, StudyError
 from palpate.fit.least_squares import LeastSquares
+from palpate.indenters import Sphere
 from palpate.report import draw_presses
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import job_key
@@ -139,8 +140,8 @@ def test_one_study_of_two_indenters_and_three_presses_runs_to_its_end(make_study
     radii = {s.job.spot: s.job.protocol.indenter.radius_mm for s in result.simulations}
     assert radii == {"p1": 7.5, "p2": 5.0}
     reported = manifest(tmp_path / "run")
-    assert reported["protocol"]["radius_mm"] == 7.5
-    assert reported["spots"]["p2"]["protocol"]["radius_mm"] == 5.0
+    assert reported["protocol"]["indenter"] == {"name": "sphere", "settings": {"radius": 7.5}}
+    assert reported["spots"]["p2"]["protocol"]["indenter"]["settings"] == {"radius": 5.0}
     assert "protocol" not in reported["spots"]["p1"]
     # The mean of 0.95, 1 and 1.05 times the answer is the answer.
     found = result.fit.of_spots()["p1", "I"]

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.domain import Channel, Curve, Sphere
+from palpate.domain import Channel, Curve
 from palpate.errors import CurveError
+from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
 from palpate.stages.curve_checks import check_curve, young_range
 from palpate.stages.experiment import load_measured, measured_warnings

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import Curve, Indentation, Response, Scenario, Sphere
+from palpate.domain import Curve, Indentation, Response, Scenario
 from palpate.errors import CurveError, PluginError
+from palpate.indenters import Sphere
 from palpate.stages.experiment import check_covers, load_measured, measured_warnings
 
 PROTOCOL = Indentation(

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from palpate import pipeline
-from palpate.domain import Indentation, Limb, Mesh, Sphere, Spot
+from palpate.domain import Indentation, Limb, Mesh, Spot
 from palpate.errors import MeshError, PluginError, StudyError
+from palpate.indenters import Sphere
 from palpate.plugins.interfaces import LimbSource, Solver
 from palpate.specimens.blocks import block
 from palpate.stages.limb import (
@@ -452,3 +453,25 @@ def test_check_prints_warnings_about_a_limb(make_study, tissue, plugins, tmp_pat
     spots = tuple(replace(s, mesh=tmp_path / "x.vtu", spot=Spot(name=s.spot.name)) for s in study.spots)
     checked = pipeline.check_study(replace(study, spots=spots), plugins)
     assert any(text.startswith("spot 'p1': a closed inner surface of") for text in checked.warnings)
+
+
+def test_an_edge_that_the_mesh_does_not_resolve_is_a_warning(make_study, tissue, tmp_path):
+    class Meshed(tissue.Analytic):
+        needs_limb = True
+
+    class Blocks(Source):
+        def load(self, path, spot):
+            return replace(block(width_mm=24.0), spot=spot)  # edges of 4 mm
+
+    def warned(radius_mm):
+        press = Indentation(indenter=Sphere(radius_mm=radius_mm), path=[(0, 0), (1, 0)], friction=0.0)
+        spots = tuple(
+            replace(s, spot=Spot(name=s.spot.name), mesh=tmp_path / "a.vtu") for s in make_study().spots[:1]
+        )
+        study = make_study(solver=Meshed(), limb_source=Blocks(), spots=spots, protocol=press)
+        return limb_warnings(study, load_limbs(study))
+
+    assert warned(7.5) == []
+    (text,) = warned(3.0)
+    assert text.startswith("spot 'p1': edges of the mesh under the indenter are 4")
+    assert "'sphere' is rounded by 3 mm: the pressure at its edge is not resolved" in text

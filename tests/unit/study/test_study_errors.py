@@ -533,7 +533,9 @@ LIMB_STUDY = LIMB_STUDY.replace('.txt" }', '.txt" }\nmesh = "s1.txt"')
         ('= "10 mm"', "= 10\n", "protocol.depth", 'write "10 mm"'),
         ('"-22.5 deg"', '"-22.5"', "protocol.twist[0]", 'write "-22.5 deg"'),
         ("friction = 1.0", "friction = -1.0", "protocol.friction", "greater than or equal to 0"),
-        ('"sphere"', '"cube"', "protocol.indenter.shape", "is not one of 'sphere'"),
+        ('"sphere"', '"spher"', "protocol.indenter.shape", "no indenter 'spher'; did you mean 'sphere'"),
+        ('"7.5 mm"', '"7.5 kg"', "protocol.indenter.radius", "not of the kind of mm"),
+        ('"7.5 mm"', '"7.5 mm", edge = "1 mm"', "protocol.indenter.edge", "unknown key (known: radius)"),
         ('"7.5 mm"', '"0 mm"', "protocol.indenter.radius", "greater than 0"),
         ('"block"', '"blok"', "limb.source", "did you mean 'block'"),
     ],
@@ -563,6 +565,19 @@ def test_a_scenario_needs_channels_that_the_solver_computes(
     (message,) = messages(tmp_path, plugins, TEXT)
     assert "selection.scenarios[0]: scenario 'pull only' weights channel 'pull', which solver" in message
     assert message.endswith("does not compute (it has push); choose another of either")
+
+
+def test_a_solver_refuses_an_indenter_that_it_does_not_simulate(
+    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plugins.solvers["needs_limb"], "indenters", ("punch", "cuff"))
+    text = LIMB_STUDY + '\n[spot.protocol]\nindenter = { shape = "sphere", radius = "1 mm" }\n'
+    whole, own = messages(tmp_path, plugins, text)
+    assert whole.startswith(
+        f"{line_of(text, 'shape')}: protocol.indenter.shape: solver 'needs_limb' does not"
+    )
+    assert "'needs_limb' does not simulate indenter 'sphere' (it has punch, cuff); choose" in whole
+    assert own.split(": ")[1] == "spot 's2', protocol.indenter.shape"
 
 
 def test_all_mistakes_are_reported_at_once_in_the_order_of_the_file(tmp_path: Path, plugins: Plugins) -> None:

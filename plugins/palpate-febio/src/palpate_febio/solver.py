@@ -23,6 +23,7 @@ from palpate.api import (
     Simulation,
     Solver,
     SolverError,
+    Sphere,
     Status,
     StudyError,
 )
@@ -89,6 +90,7 @@ class FebioSolver(Solver[FebioSettings]):
     name = "febio"
     summary = "finite elements by FEBio 4 (a program of its own): decks, conventions probed, torque gated"
     channels = ("force", "torque")
+    indenters = ("sphere",)
 
     def __init__(self, settings: FebioSettings | None = None) -> None:
         super().__init__(settings)
@@ -195,6 +197,11 @@ class FebioSolver(Solver[FebioSettings]):
             Default: the first of the fallbacks.
         """
         protocol, limb = indentation_of(job, limb, self.name)
+        if not isinstance(protocol.indenter, Sphere):
+            raise StudyError(
+                f"spot '{job.spot}': FEBio's deck has a faceted sphere, and no '{protocol.indenter.name}'; "
+                "use solver 'jax', or a sphere"
+            )
         method = method or self.settings.fallbacks[0]
         steps = steps_of(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
         known = conventions or {r: expected_convention(m) for r, m in job.materials.items()}

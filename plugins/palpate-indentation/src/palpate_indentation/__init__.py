@@ -1,4 +1,4 @@
-"""Indentation: the channels force and torque, the three scenarios, loaders of curves and of meshes.
+"""Indentation: force and torque, the three scenarios, indenters, loaders of curves and of meshes.
 
 Names are imported when they are first used, so that loading the plugin is fast.
 """
@@ -8,8 +8,20 @@ from typing import TYPE_CHECKING
 from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api import Channel, ExperimentLoader, LimbSource, Scenario
+    from palpate.api import Channel, ExperimentLoader, Indenter, LimbSource, Scenario
     from palpate_indentation.csv_loader import CsvLoader as CsvLoader, CsvSettings as CsvSettings
+    from palpate_indentation.indenters import (
+        Box as Box,
+        BoxSettings as BoxSettings,
+        Capsule as Capsule,
+        CapsuleSettings as CapsuleSettings,
+        Cuff as Cuff,
+        CuffSettings as CuffSettings,
+        Punch as Punch,
+        PunchSettings as PunchSettings,
+        Ring as Ring,
+        RingSettings as RingSettings,
+    )
     from palpate_indentation.mesh_source import MeshioSettings as MeshioSettings, MeshioSource as MeshioSource
 
 if not TYPE_CHECKING:
@@ -72,3 +84,11 @@ def palpate_limb_sources() -> "list[type[LimbSource]]":
     from palpate_indentation.mesh_source import MeshioSource
 
     return [MeshioSource]
+
+
+@hookimpl
+def palpate_indenters() -> "list[type[Indenter]]":
+    """Provide rigid tools in closed form."""
+    from palpate_indentation.indenters import Box, Capsule, Cuff, Punch, Ring
+
+    return [Punch, Capsule, Box, Ring, Cuff]

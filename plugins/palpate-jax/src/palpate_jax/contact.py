@@ -21,9 +21,8 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.api import BoolArray, FloatArray, IntArray, Mesh
+from palpate.api import BoolArray, FloatArray, Indenter, IntArray, Mesh
 from palpate_jax.contact_surface import ContactSurface, contact_surfaces
-from palpate_jax.shapes import Shape
 
 NEAR = 0.5
 """Distance from the indenter [mm] within which a node is assumed to slide along it."""
@@ -76,7 +75,7 @@ class ContactLaw:
     Forces below ``least_force_N`` count as zero: the scale of a limb out of contact.
     """
 
-    shape: Shape
+    shape: Indenter
     penalty: float
     friction: float
     least_force_N: float = 0.0
@@ -151,7 +150,7 @@ class Points:
     @cached_property
     def depth(self) -> FloatArray:
         """Penetration ⟨−d⟩ (k,) [mm]."""
-        return np.maximum(-self.law.shape.distance(self.positions), 0.0)
+        return np.asarray(np.maximum(-self.law.shape.distance(self.positions), 0.0))
 
     @cached_property
     def pressure(self) -> FloatArray:

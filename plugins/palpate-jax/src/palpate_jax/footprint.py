@@ -1,17 +1,53 @@
-"""Refuses a press that would cross the edge of the contact surface."""
+"""Refuses a press that starts inside of the limb, never touches it, or crosses the edge of its surface."""
 
 import numpy as np
 
 from palpate.api import Indentation, IntArray, Limb, Mesh, MeshError
+from palpate.mesh.contact_edge import NEAR, contact_edge_mm
 from palpate.mesh.spot_frame import in_spot_frame
 from palpate_jax.contact_surface import contact_surfaces
 
+TOUCH_TOLERANCE_MM = 0.05
+"""Largest gap or overlap of the surface and the indenter at depth 0."""
+
+
+def check_touch(limb: Limb, protocol: Indentation) -> None:
+    """Refuse a surface that overlaps the indenter at depth 0, is not at the spot, or is never touched.
+
+    Raises
+    ------
+    MeshError
+        With the node.
+    """
+    mesh, indenter = in_spot_frame(limb), protocol.indenter
+    surface = mesh.points_mm[mesh.node_sets["contact"]]
+    gaps = indenter.distance(surface)
+    from_axis = np.linalg.norm(surface[:, :2], axis=1)
+    deepest, nearest = int(np.argmin(gaps)), int(np.argmin(from_axis + np.abs(surface[:, 2])))
+    # A limb may curve away from the spot, but less than the indenter does.
+    fall = surface[nearest, 2] + from_axis[nearest] ** 2 / (2.0 * indenter.radius_mm)
+    for where, node, distance in (("inside", deepest, -gaps[deepest]), ("off", nearest, -fall)):
+        if distance > TOUCH_TOLERANCE_MM:
+            raise MeshError(
+                f"spot '{limb.spot.name}': at depth 0 the {indenter.name} is {where} the surface by "
+                f"{distance:.2f} mm near {np.round(surface[node], 2)} mm (spot frame); "
+                "move the spot onto the surface or correct its normal"
+            )
+    depth = float(protocol.path[:, 0].max())
+    # Nodes may all be next to a tool that is smaller than a face, but not further away than the edges.
+    gap = float(indenter.distance(surface + np.array([0.0, 0.0, depth])).min())
+    if depth > 0.0 and gap > contact_edge_mm(limb, NEAR * indenter.radius_mm):
+        raise MeshError(
+            f"spot '{limb.spot.name}': the {indenter.name} is still {gap:.2f} mm away from the surface at "
+            f"depth {depth:g} mm, and never touches it; press deeper, or correct its shape"
+        )
+
 
 def check_footprint(limb: Limb, protocol: Indentation) -> None:
-    """Refuse a contact surface that ends within reach of the sphere.
+    """Refuse a contact surface that ends within reach of the indenter.
 
     A sphere of radius R pressed d deep touches flat tissue up to about √(R d) from
-    its axis (Hertz), and never further than R.
+    its axis (Hertz), and never further than R; see :meth:`palpate.api.Indenter.reach_mm`.
 
     Raises
     ------
@@ -20,7 +56,7 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     """
     mesh = in_spot_frame(limb)
     radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
-    reach = min(np.sqrt(radius * max(depth, 0.0)), radius)
+    reach = protocol.indenter.reach_mm(depth)
     rim = _rim(mesh)
     rim = rim[mesh.points_mm[rim, 2] > -(depth + radius)]  # the edge on the limb's other side does not matter
     if not rim.size:
@@ -30,7 +66,7 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     if distances[nearest] < reach:
         raise MeshError(
             f"spot '{limb.spot.name}': the contact surface ends {distances[nearest]:.3g} mm from the "
-            f"sphere's axis, near node {rim[nearest]}, and a sphere of radius {radius:g} mm pressed "
+            f"{protocol.indenter.name}'s axis, near node {rim[nearest]}, and pressed "
             f"{depth:g} mm deep touches up to about {reach:.3g} mm; mark more of the surface as contact, "
             "extend the mesh, or press less deep"
         )

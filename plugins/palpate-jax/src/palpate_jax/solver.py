@@ -26,18 +26,14 @@ from palpate.api import (
     StudyError,
 )
 from palpate.mechanics import check_reference_state, initial_moduli
-from palpate.mesh.spot_frame import in_spot_frame, indentation_of, indentation_response
+from palpate.mesh.spot_frame import indentation_of, indentation_response
 from palpate_jax.contact import ContactLaw
 from palpate_jax.diagnosis import explained
-from palpate_jax.footprint import check_footprint
+from palpate_jax.footprint import check_footprint, check_touch
 from palpate_jax.initial_guess import InitialGuess, WarmStart
 from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, load_steps
 from palpate_jax.model import Model
 from palpate_jax.sensitivity import Sensitivity, Slopes, by_channel
-from palpate_jax.shapes import shape_of
-
-TOUCH_TOLERANCE_MM = 0.05
-"""Largest gap or overlap of the surface and the sphere at depth 0."""
 
 NODES_KEPT = 40_000
 """Nodes of the limbs that stay prepared, at about 25 kB each and more in large meshes.
@@ -67,8 +63,8 @@ class JaxSettings(Settings):
     penalty: float = Field(
         1500.0,
         gt=0.0,
-        description="contact penalty in units of the initial shear modulus over the root of radius times "
-        "depth; 1500 keeps the penetration below 0.5 % of the depth",
+        description="contact penalty in units of the initial shear modulus over the radius of the "
+        "contact; 1500 keeps the penetration below 0.5 % of the depth",
     )
     mean_dilatation: bool | tuple[str, ...] = Field(
         True,
@@ -111,10 +107,10 @@ class _Prepared:
 
 
 class JaxSolver(Solver[JaxSettings]):
-    """Quasi-static finite elements of a limb under a rigid sphere, with friction and its history."""
+    """Quasi-static finite elements of a limb under a rigid indenter, with friction and its history."""
 
     name = "jax"
-    summary = "finite elements (hex8, tet10, tet4) under a rigid sphere, friction with history; embedded"
+    summary = "finite elements (hex8, tet10, tet4) under a rigid indenter, friction with history; embedded"
     takes_fields = True
     gives_slopes = True
     channels = ("force", "torque")
@@ -133,14 +129,14 @@ class JaxSolver(Solver[JaxSettings]):
             No limb, another protocol than an indentation, or a setting that names
             a region which the mesh does not have, or a folder that cannot be made.
         MeshError
-            A region without material, a surface that does not touch the sphere at
-            depth 0, or one that ends within its reach.
+            A region without material, a surface that does not touch the indenter at
+            depth 0 or at all, or one that ends within its reach.
         MaterialError
             Parameters outside their physical range or without a stable reference state.
         """
         protocol, limb = indentation_of(job, limb, self.name)
-        _check_touch(limb, protocol.indenter.radius_mm)
         check_footprint(limb, protocol)
+        check_touch(limb, protocol)
         for region in limb.mesh.regions:
             if region not in job.materials:
                 raise MeshError(
@@ -236,12 +232,11 @@ class JaxSolver(Solver[JaxSettings]):
 
     def _law(self, protocol: Indentation, modulus_MPa: float) -> ContactLaw:
         """Contact whose penetration is about the same share of any depth."""
-        radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
-        dent = np.sqrt(radius * depth) if depth > 0.0 else radius
+        indenter, depth = protocol.indenter, float(protocol.path[:, 0].max())
+        radius = indenter.radius_mm
+        dent = indenter.contact_radius_mm(depth) if depth > 0.0 else radius
         penalty = self.settings.penalty * modulus_MPa / dent
-        return ContactLaw(
-            shape_of(protocol.indenter), penalty, protocol.friction, 1e-3 * modulus_MPa * radius**2
-        )
+        return ContactLaw(indenter, penalty, protocol.friction, 1e-3 * modulus_MPa * radius**2)
 
     def _prepared(self, limb: Limb, materials: Mapping[str, Material]) -> _Prepared:
         """The model of this limb, kept for later jobs on it."""
@@ -285,24 +280,6 @@ def _check_names(mean_dilatation: bool | tuple[str, ...], limb: Limb) -> None:
             raise StudyError(
                 f"spot '{limb.spot.name}': setting mean_dilatation names region '{region}', and the mesh has "
                 f"{', '.join(limb.mesh.regions)}; correct the name"
-            )
-
-
-def _check_touch(limb: Limb, radius_mm: float) -> None:
-    """Refuse a surface that overlaps the sphere at depth 0, or is not at the spot."""
-    mesh = in_spot_frame(limb)
-    surface = mesh.points_mm[mesh.node_sets["contact"]]
-    gaps = np.linalg.norm(surface - [0.0, 0.0, radius_mm], axis=1) - radius_mm
-    from_axis = np.linalg.norm(surface[:, :2], axis=1)
-    deepest, nearest = int(np.argmin(gaps)), int(np.argmin(from_axis + np.abs(surface[:, 2])))
-    # A limb may curve away from the spot, but less than the sphere does.
-    fall = surface[nearest, 2] + from_axis[nearest] ** 2 / (2.0 * radius_mm)
-    for where, node, distance in (("inside", deepest, -gaps[deepest]), ("off", nearest, -fall)):
-        if distance > TOUCH_TOLERANCE_MM:
-            raise MeshError(
-                f"spot '{limb.spot.name}': at depth 0 the sphere is {where} the surface by "
-                f"{distance:.2f} mm near {np.round(surface[node], 2)} mm (spot frame); "
-                "move the spot onto the surface or correct its normal"
             )
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import Indentation, Job, Sphere, Status
+from palpate.domain import Indentation, Job, Status
+from palpate.indenters import Sphere
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 

@@ -13,7 +13,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.domain import Indentation, Job, Limb, Mesh, Sphere, Spot, Status
+from palpate.domain import Indentation, Job, Limb, Mesh, Spot, Status
+from palpate.indenters import Sphere
 from palpate.mesh.topology import CELLS
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean

@@ -15,12 +15,12 @@ from palpate.domain import (
     ParameterSpace,
     RegionMaterial,
     Scenario,
-    Sphere,
     Spot,
 )
 from palpate.executors import InProcess
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
+from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import LimbSource, Sampler
 from palpate.specimens import block

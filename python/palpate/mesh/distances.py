@@ -1,0 +1,54 @@
+"""Normals and curvature of a rigid surface, from its signed distance alone."""
+
+from functools import partial
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from palpate.domain import FloatArray
+
+jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
+
+LEAST_POINTS = 256
+"""Points are padded to this number times a power of two, so that few sizes are compiled."""
+
+
+class Body(Protocol):
+    """A rigid body with a distance in the array API; equal bodies have one shape."""
+
+    def distance(self, points: Any) -> Any:  # noqa: ANN401 -- an array of NumPy or JAX
+        """Signed distance (...) [mm] of points (..., 3)."""
+
+    def __hash__(self) -> int: ...
+
+
+def distance_derivatives(indenter: Body, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """First and second derivatives of an indenter's distance.
+
+    Parameters
+    ----------
+    indenter : Body
+        Compiled code is shared with equal ones.
+    points : (n, 3) array
+        In the indenter's frame [mm].
+
+    Returns
+    -------
+    normals : (n, 3) array
+    curvature : (n, 3, 3) array
+        In 1/mm.
+    """
+    n = len(points)
+    size = LEAST_POINTS << max(int(np.ceil(np.log2(max(n, 1) / LEAST_POINTS))), 0)
+    padded = np.ones((size, 3))
+    padded[:n] = points
+    normals, curvature = _derivatives(indenter, padded)
+    return np.asarray(normals)[:n], np.asarray(curvature)[:n]
+
+
+@partial(jax.jit, static_argnums=0)
+def _derivatives(indenter: Body, points: Any) -> tuple[Any, Any]:  # noqa: ANN401 -- arrays of JAX
+    gradient = jax.grad(lambda x: jnp.sum(indenter.distance(x)))
+    return jax.vmap(gradient)(points), jax.vmap(jax.jacfwd(gradient))(points)

@@ -1,0 +1,126 @@
+"""Indenters: rigid bodies that touch the limb, each given by its signed distance alone."""
+
+from abc import abstractmethod
+from typing import Self
+
+import numpy as np
+
+from palpate.domain import FloatArray, IntArray
+from palpate.errors import MeshError
+from palpate.mesh.level_set import level_set_surface
+from palpate.plugins.interfaces import Array, Component, SettingsT
+
+
+class Indenter(Component[SettingsT]):
+    """A rigid body that is pressed into the limb.
+
+    It is given by its signed distance in a frame of its own: z points away from the limb, and x and y
+    are those of the spot's frame (:func:`palpate.mesh.spot_frame.spot_axes`) at rotation 0. At depth 0
+    the frame's origin is at the spot, where a body with one lowest point has that point. Normals and
+    curvature follow from the distance. ``__init__`` sets the three sizes from the settings.
+    """
+
+    radius_mm: float
+    """Half of the shorter width of what touches [mm]: the scale of the contact."""
+
+    edge_mm: float
+    """Smallest radius of curvature of what may touch [mm], for the mesh to resolve."""
+
+    bounds_mm: FloatArray
+    """Lowest and highest corner (2, 3) of a box around it [mm]; what is above need not be inside."""
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both have one class and equal settings, and so one shape."""
+        if self is other or not isinstance(other, Indenter):
+            return self is other
+        return type(self) is type(other) and bool(self.settings == other.settings)
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.settings))
+
+    @abstractmethod
+    def distance(self, points: Array) -> Array:
+        """Signed distance to the surface [mm], negative inside.
+
+        Parameters
+        ----------
+        points : (..., 3) array
+            In the indenter's frame [mm].
+
+        Returns
+        -------
+        (...,) array
+            Continuous with its first derivatives where tissue touches. Write it with the array's own
+            namespace (``xp = points.__array_namespace__()``), so that JAX can differentiate it; a body
+            that cannot overrides ``normals`` too.
+        """
+
+    def normals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Outward normals and their derivative: first and second derivatives of the distance.
+
+        By itself from ``distance``, by JAX. Override it where a closed form is faster.
+
+        Parameters
+        ----------
+        points : (n, 3) array
+
+        Returns
+        -------
+        normals : (n, 3) array
+        curvature : (n, 3, 3) array
+            In 1/mm.
+        """
+        from palpate.mesh.distances import distance_derivatives
+
+        return distance_derivatives(self, points)
+
+    def contact_radius_mm(self, depth_mm: float) -> float:
+        """Radius [mm] of the circle that has the area of the contact with flat, elastic tissue, about.
+
+        By itself from the section at half of the depth, which for a sphere gives Hertz's √(R d).
+        """
+        points, cell = self._section(depth_mm)
+        return float(np.sqrt(len(points) * cell / np.pi))
+
+    def reach_mm(self, depth_mm: float) -> float:
+        """Distance [mm] from the axis up to which flat tissue is touched, about."""
+        points, _ = self._section(depth_mm)
+        return float(np.hypot(*points.T).max(initial=0.0))
+
+    def surface(self, n_across: int = 40) -> tuple[FloatArray, IntArray]:
+        """Triangles of the surface, to be looked at: points (n, 3) [mm] and triangles (f, 3).
+
+        ``n_across`` is the number of cells along the longest side of ``bounds_mm``.
+        """
+        return level_set_surface(self.distance, self.bounds_mm, n_across)
+
+    def grown(self, by_mm: float) -> Self:
+        """The same with a larger setting ``radius``, whose uncertainty a study may state.
+
+        Raises
+        ------
+        MeshError
+            It has no such setting, or cannot have this radius.
+        """
+        if "radius" not in type(self.settings).model_fields:
+            raise MeshError(
+                f"indenter '{self.name}' has no setting 'radius' that could be uncertain; "
+                "leave radius out of [budget]"
+            )
+        radius = getattr(self.settings, "radius") + by_mm  # noqa: B009 -- of the settings of a subclass
+        return type(self)(self.settings.model_copy(update={"radius": radius}))
+
+    def _section(self, depth_mm: float, n: int = 96) -> tuple[FloatArray, float]:
+        """Points (m, 2) inside at half of a depth, and the area of each."""
+        lower, upper = self.bounds_mm[:, :2]
+        height = 0.5 * max(depth_mm, 0.0)
+        for _ in range(2):  # over the whole body, then over what is inside
+            size = (upper - lower) / n
+            x, y = (lower[k] + size[k] * (np.arange(n) + 0.5) for k in range(2))
+            grid = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((n, n), height)], axis=-1)
+            inside = np.asarray(self.distance(grid.reshape(-1, 3))) < 0.0
+            found = grid.reshape(-1, 3)[inside, :2]
+            if not found.size:
+                break
+            lower, upper = found.min(axis=0) - size, found.max(axis=0) + size
+        return found, float(np.prod(size))
