@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Limb, Mesh, Spot
+from palpate.indenters import Sphere
 from palpate.report.limb_view import ViewPart, limb_view
 from palpate.specimens import block
 
@@ -61,8 +62,8 @@ def test_a_bone_is_named_by_its_node_set() -> None:
 def test_the_sphere_rests_on_any_spot() -> None:
     spot = Spot(name="p2", position_mm=np.array([3.0, -2.0, 1.0]), normal=np.array([0.6, 0.0, 0.8]))
     mesh = block("tet4", n_across=2, n_down=2).mesh
-    view = limb_view(Limb(spot=spot, mesh=mesh), 7.5)
-    ball = next(part for part in view.parts if part.role == "sphere")
+    view = limb_view(Limb(spot=spot, mesh=mesh), Sphere(radius_mm=7.5))
+    ball = next(part for part in view.parts if part.role == "indenter")
     heights = (ball.points_mm - spot.position_mm) @ spot.normal
     assert heights.min() == pytest.approx(0.0, abs=0.05)
     assert enclosed([ball]) == pytest.approx(4.0 / 3.0 * np.pi * 7.5**3, rel=0.02)
@@ -71,7 +72,7 @@ def test_the_sphere_rests_on_any_spot() -> None:
 
 
 def test_traces_are_plain_values_that_name_points_that_exist() -> None:
-    view = limb_view(block("tet10", n_across=4, n_down=3, layers_mm={"skin": 6.0}), 7.5)
+    view = limb_view(block("tet10", n_across=4, n_down=3, layers_mm={"skin": 6.0}), Sphere(radius_mm=7.5))
     traces = json.loads(json.dumps(view.traces()))
     assert [trace["type"] for trace in traces[-2:]] == ["scatter3d", "scatter3d"]
     for trace in traces[:-2]:
