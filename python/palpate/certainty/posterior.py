@@ -17,10 +17,16 @@ CONVERGED_R = 1.01
 TIMES = 50.0
 """Length of the chains, in autocorrelation times, from which those are known."""
 
-CHUNK, MOST_STEPS = 1000, 8000
+WINDOW = 5.0
+"""Lags that count for an autocorrelation time, in such times."""
+
+CHUNK, MOST_STEPS = 250, 4000
 """Steps between two looks at the convergence, and in all."""
 
-N_DRAWS = 8000
+N_ENSEMBLES, N_WALKERS = 2, 128
+"""Independent ensembles of walkers, which must agree, and walkers in each of them."""
+
+N_DRAWS = 2000
 """Draws that are kept."""
 
 
@@ -63,6 +69,8 @@ def draw(
     accepts: Callable[[FloatArray], BoolArray],
     start: FloatArray,
     seed: int,
+    *,
+    to_convergence: bool = True,
 ) -> Draws:
     """Draw from exp(−misfit/2) within the unit box where the filters accept.
 
@@ -75,45 +83,27 @@ def draw(
     start : (n, n_parameters) array
         Points from which walkers start.
     seed : int
+    to_convergence : bool
+        Whether several ensembles go on until they agree; else one takes a few steps.
 
     Raises
     ------
     ParameterError
         The filters accept no draw.
     """
-    import emcee
-
-    n = start.shape[1]
     rng = np.random.default_rng(seed)
-    walkers = _spread(start, max(64, 4 * n), rng)
-
-    def log_density(points: FloatArray) -> FloatArray:
-        inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
-        found = np.full(len(points), -np.inf)
-        if inside.any():
-            found[inside] = -0.5 * misfit(points[inside])
-        return found
-
-    # Not emcee's snooker move, whose Metropolis factor is not that of ter Braak & Vrugt (2008).
-    sampler = emcee.EnsembleSampler(
-        len(walkers),
-        n,
-        log_density,
-        moves=[(emcee.moves.DEMove(), 0.8), (emcee.moves.StretchMove(), 0.2)],
-        vectorize=True,
-    )
-    state = emcee.State(walkers, random_state=np.random.RandomState(seed).get_state())
+    n_walkers = max(N_WALKERS, 8 * start.shape[1])
+    n_ensembles, n_draws = (N_ENSEMBLES, N_DRAWS) if to_convergence else (1, N_DRAWS // 4)
+    ensembles = [_Ensemble(misfit, _spread(start, n_walkers, rng), seed + i) for i in range(n_ensembles)]
     steps = 0
-    while steps < MOST_STEPS:
-        state = sampler.run_mcmc(state, CHUNK, skip_initial_state_check=True)
+    while steps < (MOST_STEPS if to_convergence else CHUNK):
         steps += CHUNK
-        times = sampler.get_autocorr_time(tol=0)
-        chains = sampler.get_chain()[steps // 4 :]
-        split_r = _split_r(chains)
-        if np.isfinite(times).all() and steps >= TIMES * times.max() and split_r.max() <= CONVERGED_R:
+        chains = np.stack([each.run(CHUNK)[steps // 4 :] for each in ensembles])
+        times, split_r = _autocorrelation(chains), _split_r(chains)
+        if steps >= TIMES * times.max() and split_r.max() <= CONVERGED_R:
             break
-    flat = chains.reshape(-1, n)
-    kept = flat[rng.permutation(len(flat))[:N_DRAWS]]
+    flat = chains.reshape(-1, start.shape[1])
+    kept = flat[rng.permutation(len(flat))[:n_draws]]
     accepted = accepts(kept)
     if not accepted.any():
         raise ParameterError("no draw of the posterior is accepted by the filters of the study")
@@ -121,9 +111,34 @@ def draw(
         points=kept[accepted],
         split_r=split_r,
         autocorrelation=times,
-        n_independent=float(len(flat) / np.nanmax(times)),
+        n_independent=float(len(flat) / times.max()),
         accepted=float(accepted.mean()),
     )
+
+
+class _Ensemble:
+    """Walkers that propose from the density of each other's places."""
+
+    def __init__(self, misfit: Callable[[FloatArray], FloatArray], walkers: FloatArray, seed: int) -> None:
+        import emcee
+
+        def log_density(points: FloatArray) -> FloatArray:
+            inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
+            found = np.full(len(points), -np.inf)
+            if inside.any():
+                found[inside] = -0.5 * misfit(points[inside])
+            return found
+
+        # Not emcee's snooker move, whose Metropolis factor is not that of ter Braak & Vrugt (2008).
+        moves = [(emcee.moves.KDEMove(), 0.8), (emcee.moves.DEMove(), 0.2)]
+        self._sampler = emcee.EnsembleSampler(*walkers.shape, log_density, moves=moves, vectorize=True)
+        self._state = emcee.State(walkers, random_state=np.random.RandomState(seed).get_state())
+
+    def run(self, n: int) -> FloatArray:
+        """Go on for n steps, and return all of the chain (n_steps, n_walkers, n_parameters)."""
+        self._state = self._sampler.run_mcmc(self._state, n, skip_initial_state_check=True)
+        chain: FloatArray = self._sampler.get_chain()
+        return chain
 
 
 def _spread(start: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
@@ -135,10 +150,28 @@ def _spread(start: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
 
 
 def _split_r(chains: FloatArray) -> FloatArray:
-    """Split-R̂ (n_parameters,) of chains (n_steps, n_chains, n_parameters)."""
-    half = len(chains) // 2
-    split = np.concatenate([chains[:half], chains[half : 2 * half]], axis=1)
-    within = split.var(axis=0, ddof=1).mean(axis=0)
-    between = split.mean(axis=0).var(axis=0, ddof=1)
-    ratio: FloatArray = np.sqrt((half - 1) / half + between / np.maximum(within, 1e-300))
+    """Split-R̂ (n_parameters,) of ensembles (n_ensembles, n_steps, n_walkers, n_parameters)."""
+    half = chains.shape[1] // 2
+    halves = np.concatenate([chains[:, :half], chains[:, half : 2 * half]])
+    split = halves.reshape(len(halves), -1, chains.shape[-1])
+    within = split.var(axis=1, ddof=1).mean(axis=0)
+    between = split.mean(axis=1).var(axis=0, ddof=1)
+    ratio: FloatArray = np.sqrt(1.0 + between / np.maximum(within, 1e-300))
     return ratio
+
+
+def _autocorrelation(chains: FloatArray) -> FloatArray:
+    """Integrated autocorrelation time (n_parameters,) in steps, of ensembles as above.
+
+    Of all walkers together, so that one which has not moved has no effect of its own; with the window of
+    Sokal (1997).
+    """
+    n = chains.shape[1]
+    centred = chains - chains.mean(axis=(0, 1, 2))
+    power = np.abs(np.fft.rfft(centred, 2 * n, axis=1)) ** 2
+    covariance = np.fft.irfft(power.sum(axis=(0, 2)), axis=0)[:n]
+    times = 2.0 * np.cumsum(covariance / np.maximum(covariance[0], 1e-300), axis=0) - 1.0
+    is_long = np.arange(n)[:, None] >= WINDOW * times
+    ends = np.where(is_long.any(axis=0), is_long.argmax(axis=0), n - 1)
+    found: FloatArray = np.maximum(times[ends, np.arange(times.shape[1])], 1.0)
+    return found

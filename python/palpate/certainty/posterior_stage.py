@@ -6,7 +6,7 @@ too much these join its runs, and the posteriors are drawn again.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import qmc
@@ -156,6 +156,7 @@ class PosteriorStage:
                 f"warning: emulated curves differ from simulated ones by up to "
                 f"{100.0 * error:.2g} % of their peak"
             )
+        posteriors = [self._converged(each, curves) for each in posteriors]
         profiles, ends = self._profiles(posteriors[0], curves)
         return Sampled(posteriors=posteriors, profiles=profiles, ends=ends, curves=curves)
 
@@ -186,17 +187,16 @@ class PosteriorStage:
         return runs.and_others(swept[chosen])
 
     def _sampled(self, assessed: Assessed, curves: EmulatedCurves) -> Posterior:
+        """A short sample of a posterior, some of it simulated."""
         problem, simulated = assessed.end.problem, curves.simulated
-        density, box = ScenarioDensity(problem, assessed.white, simulated), problem.box
-
-        def misfit(points: FloatArray) -> FloatArray:
-            values = box.values(points)
-            return density.misfit(values, curves(values))
-
-        normal = assessed.density
+        density, box, normal = (
+            ScenarioDensity(problem, assessed.white, simulated),
+            problem.box,
+            assessed.density,
+        )
         likely = normal.points[normal.weights > 1e-3 * normal.weights.max()]
         start = box.point(box.lower + (box.upper - box.lower) * likely)
-        draws = draw(misfit, problem.accepts, start, self.study.seed)
+        draws = self._drawn(density, curves, start, to_convergence=False)
         known = np.stack([box.point(row) for row in curves.runs.values])
         chosen = _farthest(draws.points, known, len(box.names) + 2)
         checked = simulated.runs(chosen, slopes=self.study.solver.gives_slopes).ended
@@ -207,6 +207,21 @@ class PosteriorStage:
             checked=checked,
             emulated=curves(checked.values),
         )
+
+    def _converged(self, found: Posterior, curves: EmulatedCurves) -> Posterior:
+        """The same posterior, sampled until its draws have converged."""
+        draws = self._drawn(found.density, curves, found.draws.points, to_convergence=True)
+        return replace(found, draws=draws)
+
+    def _drawn(
+        self, density: ScenarioDensity, curves: EmulatedCurves, start: FloatArray, *, to_convergence: bool
+    ) -> Draws:
+        def misfit(points: FloatArray) -> FloatArray:
+            values = density.problem.box.values(points)
+            return density.misfit(values, curves(values))
+
+        accepts = density.problem.accepts
+        return draw(misfit, accepts, start, self.study.seed, to_convergence=to_convergence)
 
     def _profiles(
         self, found: Posterior, curves: EmulatedCurves

@@ -106,7 +106,7 @@ class StandardParametrisation(Parametrisation[StandardSettings]):
     ) -> SpotInputs:
         """Materials' parameters, friction and depth, onset and gains at a spot."""
         at = at_spot(values, spot)
-        row = np.array([at[p.name] for p in space.parameters])
+        row = np.array([at[name] for name in space.names])
         offset = at.get(OFFSET, 0.0)
         if isinstance(protocol, Indentation):
             path = protocol.path.copy()
