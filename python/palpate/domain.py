@@ -152,6 +152,10 @@ class Limb:
     mesh: Mesh
 
 
+MOST_TILT_DEG = 30.0
+"""Tilt from which an indenter no longer presses along the normal."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Indentation:
     """Press along the spot's normal, then twist about it.
@@ -165,11 +169,14 @@ class Indentation:
         Between waypoints both change linearly.
     friction : float
         Coulomb coefficient, ≥ 0.
+    tilt_deg : pair of float
+        Rotation vector of the axis of press and twist from the normal, along x and y of the spot's frame.
     """
 
     indenter: "Indenter"
     path: FloatArray
     friction: float
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", frozen_floats(self.path))
@@ -182,6 +189,8 @@ class Indentation:
             raise StudyError(f"protocol: depth {path[:, 0].min()} mm is outside the limb; keep depths >= 0")
         if not (np.isfinite(self.friction) and self.friction >= 0.0):
             raise StudyError(f"protocol: friction {self.friction}; give a coefficient >= 0")
+        if not np.hypot(*self.tilt_deg) < MOST_TILT_DEG:
+            raise StudyError(f"protocol: tilt {self.tilt_deg}; give two angles below {MOST_TILT_DEG:g}°")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

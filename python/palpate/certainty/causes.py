@@ -38,11 +38,13 @@ class Cause:
     Parameters
     ----------
     kind : str
-        ``onset``, ``gain``, ``friction``, ``indenter`` or ``fixed``.
+        ``onset``, ``tilt``, ``gain``, ``friction``, ``indenter`` or ``fixed``.
     of : str
-        Spot, channel, or full name of the parameter; empty for one that all curves share.
+        Spot, spot and axis of a tilt, channel, or full name of the parameter; empty for one that all
+        curves share.
     sd : float
-        Its standard deviation: in mm, that of the friction coefficient, or a share of a gain or parameter.
+        Its standard deviation: in mm, degrees, that of the friction coefficient, or a share of a gain or
+        parameter.
     """
 
     kind: str
@@ -53,6 +55,11 @@ class Cause:
     def name(self) -> str:
         """Name among the values of the problem."""
         return f"{self.kind} {self.of}" if self.of else self.kind
+
+    def is_at(self, spot: str) -> bool:
+        """Whether it changes the curves of a spot."""
+        spots = {"onset": self.of, "tilt": self.of.rpartition(" ")[0]}
+        return spots.get(self.kind, spot) == spot
 
     @property
     def label(self) -> str:
@@ -90,6 +97,8 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[Cause]:
         for spot, response in measured.items():
             onset = _onset_mm(response) if budget.onset is None else budget.onset
             yield Cause(kind="onset", of=spot, sd=onset)
+            for axis in "xy":
+                yield Cause(kind="tilt", of=f"{spot} {axis}", sd=budget.tilt)
         sd = usual * protocol.friction if budget.friction is None else budget.friction
         yield Cause(kind="friction", of="", sd=sd)
         yield Cause(kind="indenter", of="", sd=budget.radius)
@@ -134,7 +143,7 @@ class WithCauses(Parametrisation):
         own = {name: value for name, value in values.items() if name not in names}
         inputs = self.base.inputs(space, spot, protocol, own)
         for cause in self.causes:
-            if values[cause.name] and (cause.kind != "onset" or cause.of == spot):
+            if values[cause.name] and cause.is_at(spot):
                 inputs = _changed(space, inputs, cause, cause.sd * values[cause.name])
         return inputs
 
@@ -155,6 +164,10 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: Cause, by: float)
     if cause.kind == "indenter":
         indenter = protocol.indenter.grown(by)
         return replace(inputs, protocol=replace(protocol, indenter=indenter))
+    if cause.kind == "tilt":
+        x, y = protocol.tilt_deg
+        tilt_deg = (x + by, y) if cause.of.endswith("x") else (x, y + by)
+        return replace(inputs, protocol=replace(protocol, tilt_deg=tilt_deg))
     path = protocol.path.copy()
     path[path[:, 0] > 0.0, 0] += by
     offsets = {**inputs.offsets, "depth_mm": inputs.offsets.get("depth_mm", 0.0) + by}

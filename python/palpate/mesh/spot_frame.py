@@ -72,6 +72,8 @@ class SpotWrench:
 def indentation_of(job: Job, limb: Limb | None, solver: str) -> tuple[Indentation, Limb]:
     """Protocol and limb of a job that presses an indenter into a limb.
 
+    A tilt of the protocol becomes one of the limb's spot: its normal is the axis of press and twist.
+
     Raises
     ------
     StudyError
@@ -84,7 +86,17 @@ def indentation_of(job: Job, limb: Limb | None, solver: str) -> tuple[Indentatio
         )
     if limb is None:
         raise StudyError(f"spot '{job.spot}': solver '{solver}' needs a mesh; give the spot one in the study")
-    return job.protocol, limb
+    return job.protocol, _tilted(limb, job.protocol.tilt_deg)
+
+
+def _tilted(limb: Limb, tilt_deg: tuple[float, float]) -> Limb:
+    """The limb with the normal of its spot rotated by a vector along x and y of the spot's frame."""
+    angle = np.radians(np.hypot(*tilt_deg))
+    if angle == 0.0:
+        return limb
+    x, y = np.radians(tilt_deg) / angle
+    turned = np.array([np.sin(angle) * y, -np.sin(angle) * x, np.cos(angle)])
+    return replace(limb, spot=replace(limb.spot, normal=spot_axes(limb.spot.normal) @ turned))
 
 
 def indentation_response(

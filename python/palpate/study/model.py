@@ -372,6 +372,12 @@ class BudgetTable(Table):
         "else 0.05 mm.",
     )
     radius: Length = Field(default=0.0, ge=0.0, description="Of the indenter's radius.")
+    tilt: Angle = Field(
+        default=0.0,
+        ge=0.0,
+        description="Of the axis of press and twist from the normal, about each of two directions; costs "
+        "four simulations for each spot.",
+    )
     friction: Ratio | None = Field(
         default=None, ge=0.0, description="Of the Coulomb coefficient; if left out, a tenth of it."
     )
