@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from scipy.stats import binom
+from scipy.stats import binom, chi2
 
 from palpate.certainty.adequacy import checks
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.directions import directions
-from palpate.certainty.laplace import laplace
+from palpate.certainty.laplace import Laplace, laplace
 from palpate.certainty.rows import Rows, grouped, groups_of
 
 seeds = st.integers(0, 2**32 - 1)
@@ -140,6 +140,15 @@ def drawn(rng, covariance):
     return np.linalg.cholesky(covariance + 1e-14 * np.eye(len(covariance))) @ rng.normal(size=len(covariance))
 
 
+@given(st.floats(0.0, 6.0), st.floats(0.1, 0.9))
+def test_a_centre_outside_of_a_range_is_as_unlikely_as_it_is_far(far, other):
+    covariance = np.diag([0.1**2, 0.05**2])
+    found = Laplace(centre=np.array([1.0 + 0.1 * far, other]), covariance=covariance, shares={})
+    assert found.in_ranges == pytest.approx(chi2.sf(far**2, 2), rel=1e-3, abs=1e-9)
+    inside = Laplace(centre=np.array([0.5, other]), covariance=covariance, shares={})
+    assert inside.in_ranges == pytest.approx(1.0)
+
+
 def errors_of(rows, noise, discrepancy):
     return sum(
         noise**2 * rows.noise(c, 0.0) + discrepancy**2 * rows.discrepancy(c, 0.35) for c in rows.channels
@@ -172,7 +181,9 @@ def check(errors, rows, jacobian):
     found = estimate(residuals, jacobian, known, rows, expected=0.005, allowed=0.02)
     covariance = found.noise_covariance + found.discrepancy_covariance
     return {
-        each.name for each in checks(residuals, jacobian, covariance, rows, found.exceeds) if each.is_failed
+        each.name
+        for each in checks(residuals, jacobian, covariance, rows, found.exceeds, 1.0)
+        if each.is_failed
     }
 
 

@@ -23,7 +23,7 @@ class Check:
 
     Parameters
     ----------
-    name : {"discrepancy", "runs", "spots"}
+    name : {"discrepancy", "runs", "spots", "ranges"}
     channel : int
         Number of the channel; negative for all.
     probability : float
@@ -44,6 +44,7 @@ def checks(
     covariance: FloatArray,
     rows: Rows,
     exceeds: Mapping[int, float],
+    in_ranges: float,
 ) -> Iterator[Check]:
     """Check the residuals of a fit.
 
@@ -56,6 +57,8 @@ def checks(
     rows : Rows
     exceeds : mapping of channel number to float
         Probability that its discrepancy is larger than a model may have.
+    in_ranges : float
+        Probability of a fit that, without its bounds, would end as far outside of the ranges.
     """
     white = whitened(residuals, covariance)
     for channel, more in exceeds.items():
@@ -66,6 +69,7 @@ def checks(
     if np.unique(rows.spot[rows.spot >= 0]).size > 1:
         p = _spots(residuals, jacobian, covariance, rows)
         yield Check(name="spots", channel=-1, probability=p, is_failed=p < RARE)
+    yield Check(name="ranges", channel=-1, probability=in_ranges, is_failed=in_ranges < RARE)
 
 
 def whitened(residuals: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """What residuals are made of besides the known causes: noise, and what the model leaves out.
 
-Noise of a curve has the correlation ρ^k between points k apart. The discrepancy of a curve is a
+Noise of a curve is correlated over a few points, as smoothing leaves it. The discrepancy of a curve is a
 Gaussian process along its path, times the largest ordinate reached so far, so that it is zero at first
 contact; half of its variance is common to all spots. Their sizes are those that make the residuals most
 likely once the parameters are fitted (restricted likelihood: Patterson & Thompson, Biometrika 58, 1971).
@@ -17,14 +17,17 @@ from scipy.optimize import minimize
 from palpate.certainty.rows import Rows
 from palpate.domain import FloatArray
 
-CORRELATIONS = (0.0, 0.5)
-"""Correlations of the noise of neighbouring points that are tried."""
+POINTS = (0.0, 1.0, 2.0, 4.0)
+"""Correlation lengths of the noise that are tried, in measured points."""
 
 LENGTHS = (0.15, 0.35, 0.8)
 """Correlation lengths of the discrepancy that are tried, in ranges of the abscissa."""
 
 LEAST_NOISE = 1e-5
 """Least noise, over the largest ordinate: simulated curves are not exact."""
+
+MOST_SEEN = 5.0
+"""Size of the discrepancy, over what the residuals have of it, above which it is not tried."""
 
 SIZES = np.geomspace(0.02, 30.0, 25)
 """Sizes of the discrepancy, over the one expected, among which it is averaged."""
@@ -99,7 +102,7 @@ def estimate(
             continue
         squares = mode.squares.copy()
         for i in range(k):
-            square, above = mode.likelihood.averaged(mode.squares, k + i, expected, allowed)
+            square, above = mode.likelihood.averaged(mode.squares, i, allowed)
             squares[k + i] = square
             beyond[i] += weight * above
         noise += weight * _sum(squares[:k], mode.noise)
@@ -125,7 +128,7 @@ def _modes(
 ) -> Iterator[_Mode]:
     channels = rows.channels
     fixed = projection.T @ known
-    noises = {rho: [rows.noise(c, rho) for c in channels] for rho in CORRELATIONS}
+    noises = {points: [rows.noise(c, points) for c in channels] for points in POINTS}
     others = {length: [rows.discrepancy(c, length) for c in channels] for length in LENGTHS}
     free = projection.T @ residuals
     seen = {
@@ -133,16 +136,23 @@ def _modes(
         for parts in (*noises.values(), *others.values())
         for part in parts
     }
-    for rho, length in product(CORRELATIONS, LENGTHS):
-        parts = [*noises[rho], *others[length]]
-        likelihood = _Likelihood(free, fixed @ fixed.T, [seen[id(part)] for part in parts], expected)
+    most = [max(MOST_SEEN * _seen(residuals, rows, c), 2.0 * expected) for c in channels]
+    for points, length in product(POINTS, LENGTHS):
+        parts = [*noises[points], *others[length]]
+        likelihood = _Likelihood(free, fixed @ fixed.T, [seen[id(part)] for part in parts], expected, most)
         squares, value = likelihood.mode()
-        yield _Mode(noises[rho], others[length], likelihood, squares, value)
+        yield _Mode(noises[points], others[length], likelihood, squares, value)
+
+
+def _seen(residuals: FloatArray, rows: Rows, channel: int) -> float:
+    """Size of the discrepancy of a channel, if all of its residuals were that."""
+    inside = rows.channel == channel
+    return float(np.linalg.norm(residuals[inside]) / np.linalg.norm(rows.envelope[inside]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Likelihood:
-    """Restricted likelihood of the sizes, with a half-t prior of each discrepancy.
+    """Restricted likelihood of the sizes, with a half-t prior of each discrepancy up to the ``most``.
 
     The first half of ``parts`` is noise, the other discrepancy.
     """
@@ -151,23 +161,26 @@ class _Likelihood:
     fixed: FloatArray
     parts: list[FloatArray]
     expected: float
+    most: list[float]
 
     def mode(self) -> tuple[FloatArray, float]:
         """Most likely squares (2 n_channels,) of the sizes, and the logarithm of their likelihood."""
         k = len(self.parts) // 2
         start = np.log(np.concatenate([np.full(k, 5e-3), np.full(k, self.expected)]))
-        bounds = [(np.log(LEAST_NOISE), 0.0)] * k + [(np.log(1e-3 * self.expected), 0.0)] * k
+        bounds = [(np.log(LEAST_NOISE), 0.0)] * k
+        bounds += [(np.log(1e-3 * self.expected), np.log(most)) for most in self.most]
         found = minimize(self._loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
         return np.exp(2.0 * found.x), -float(found.fun)
 
-    def averaged(self, squares: FloatArray, i: int, expected: float, allowed: float) -> tuple[float, float]:
-        """Mean square of one discrepancy, and the probability that it is too large."""
-        sizes = expected * SIZES
+    def averaged(self, squares: FloatArray, i: int, allowed: float) -> tuple[float, float]:
+        """Mean square of the discrepancy of one channel, and the probability that it is too large."""
+        sizes = self.expected * SIZES
+        sizes = sizes[sizes <= self.most[i]]
         logs = np.log(sizes)
         values = []
         for size in sizes:
             tried = squares.copy()
-            tried[i] = size**2
+            tried[len(self.parts) // 2 + i] = size**2
             values.append(-self._loss(0.5 * np.log(tried), slopes=False)[0])
         weights = np.exp(np.array(values) - max(values)) * np.gradient(logs)
         weights /= weights.sum()

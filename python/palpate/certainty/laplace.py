@@ -11,8 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 from scipy.special import ndtr, ndtri
-from scipy.stats import qmc
+from scipy.stats import chi2, qmc
 
 from palpate.domain import FloatArray
 
@@ -51,6 +52,13 @@ class Laplace:
         """Standard deviation (n_parameters,) of each parameter, the bounds aside."""
         sd: FloatArray = np.sqrt(np.diag(self.covariance))
         return sd
+
+    @property
+    def in_ranges(self) -> float:
+        """Probability of a centre as far outside of the ranges as this one, or farther."""
+        whiten = np.linalg.inv(np.linalg.cholesky(self.covariance))
+        nearest = lsq_linear(whiten, whiten @ self.centre, bounds=(0.0, 1.0)).cost
+        return float(chi2.sf(2.0 * nearest, self.centre.size))
 
     def within(self, prior: Callable[[FloatArray], FloatArray] | None = None) -> "Density":
         """Cut off what is outside the box; a prior weighs points (n, n_parameters), unless all by 0."""

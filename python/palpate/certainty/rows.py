@@ -11,6 +11,9 @@ from palpate.fit.spot_term import SpotTerm
 COMMON = 0.5
 """Share of a discrepancy's variance that all spots have in common."""
 
+LONGEST_NOISE = 0.1
+"""Longest correlation of noise, in ranges of the abscissa."""
+
 MOST_ROWS = 64
 """Points of a curve; more are averaged with their neighbours."""
 
@@ -45,25 +48,37 @@ class Rows:
         """Numbers of the channels."""
         return [int(each) for each in np.unique(self.channel) if each >= 0]
 
-    def noise(self, channel: int, correlation: float) -> FloatArray:
-        """Covariance (n, n) of noise of size 1 over the largest ordinate in a channel."""
+    def noise(self, channel: int, points: float) -> FloatArray:
+        """Covariance (n, n) of noise of size 1 over the largest ordinate, correlated over so many points.
+
+        Over no more than a part of the path, however: what is longer is no noise.
+        """
+        inside = self.channel == channel
+        spacing = np.ptp(self.path[inside]) / np.ptp(self.point[inside])
+        length = min(points, LONGEST_NOISE / spacing)
         apart = np.abs(self.point[:, None] - self.point)
+        along = _matern(apart / length) if length > 0.0 else (apart == 0.0).astype(np.float64)
         same = (self.spot[:, None] == self.spot) * self._both(channel)
-        covariance: FloatArray = same * correlation**apart * np.outer(self.scale, self.scale)
+        covariance: FloatArray = same * along * np.outer(self.scale, self.scale)
         return covariance
 
     def discrepancy(self, channel: int, length: float) -> FloatArray:
         """Covariance (n, n) of a discrepancy of size 1 over the largest ordinate in a channel."""
-        apart = np.sqrt(3.0) * np.abs(self.path[:, None] - self.path) / length
+        along = _matern(np.abs(self.path[:, None] - self.path) / length)
         same = np.where(self.spot[:, None] == self.spot, 1.0, COMMON) * self._both(channel)
-        covariance: FloatArray = (
-            same * (1.0 + apart) * np.exp(-apart) * np.outer(self.envelope, self.envelope)
-        )
+        covariance: FloatArray = same * along * np.outer(self.envelope, self.envelope)
         return covariance
 
     def _both(self, channel: int) -> FloatArray:
         inside = (self.channel == channel).astype(np.float64)
         return np.outer(inside, inside)
+
+
+def _matern(apart: FloatArray) -> FloatArray:
+    """Correlation of a process with one derivative (Matérn, 3/2) at distances in correlation lengths."""
+    scaled = np.sqrt(3.0) * apart
+    correlation: FloatArray = (1.0 + scaled) * np.exp(-scaled)
+    return correlation
 
 
 def pieces(terms: Sequence[SpotTerm]) -> Iterator[tuple[SpotTerm, str, slice, FloatArray]]:

@@ -101,15 +101,16 @@ class CertaintyStage:
         errors = estimate(residuals, jacobian, every, rows, expected=expected, allowed=ALLOWED * expected)
         parts = {NOISE: _root(errors.noise_covariance), DISCREPANCY: _root(errors.discrepancy_covariance)}
         covariance = every @ every.T + errors.noise_covariance + errors.discrepancy_covariance
+        of_all = laplace(point, residuals, jacobian, {**known, **parts})
         return Assessed(
             case=case,
             end=end,
             point=point,
-            laplace=laplace(point, residuals, jacobian, {**known, **parts}),
+            laplace=of_all,
             noise_only=laplace(point, residuals, jacobian, {NOISE: parts[NOISE], PRIORS: known[PRIORS]}),
             white=whitening(jacobian, covariance, groups),
             errors=errors,
-            checks=tuple(checks(residuals, jacobian, covariance, rows, errors.exceeds)),
+            checks=tuple(checks(residuals, jacobian, covariance, rows, errors.exceeds, of_all.in_ranges)),
             channels=channels,
         )
 

@@ -159,6 +159,7 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             f"along the curve, more than the {100.0 * allowed:.2g} % that the budget allows",
             "runs": f"the residuals of the {channel} are systematic along the curve",
             "spots": "the spots disagree on the parameters by more than their intervals",
+            "ranges": "the curves ask for parameters outside of their ranges",
         }
         yield _about(each) | {
             "check": check.name,

@@ -36,6 +36,7 @@ INADEQUATE = {
     "specimen": "Look at what the curves miss: this material law does not describe them within the budget.",
     "spots": "Check position, normal and mesh of the spot that differs; where the tissue differs, search its "
     'parameters with `by = "spot"`.',
+    "ranges": "Widen the ranges, if the material law allows it; else it does not describe the tissue.",
 }
 """What to do about a fit whose model does not describe the data, by check."""
 
@@ -134,8 +135,9 @@ def failed_checks(data: ReportData) -> Iterator[tuple[str, str, str, str]]:
     """Fit, scenario, what is wrong and what to do of each fit whose model does not describe the data."""
     checks = data.fit.certainty.adequacy
     for row in () if checks.is_empty() else checks.filter("failed").iter_rows(named=True):
-        kind = "spots" if row["check"] == "spots" else "discrepancy"
-        remedy = INADEQUATE[kind if data.study.protocol is not None or kind == "spots" else "specimen"]
+        kind = row["check"] if row["check"] in INADEQUATE else "discrepancy"
+        is_specimen = kind == "discrepancy" and data.study.protocol is None
+        remedy = INADEQUATE["specimen" if is_specimen else kind]
         yield row["fit"], row["scenario"], row["message"], remedy
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate import pipeline
-from palpate.certainty.causes import Cause, causes_of, columns_of
+from palpate.certainty.causes import Cause, WithCauses, causes_of, columns_of
 from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Response, Simulation, Status
 from palpate.fit.least_squares import LeastSquares
@@ -93,6 +93,20 @@ def test_the_onset_is_as_uncertain_as_the_loader_found_it(ended):
     assert {c.kind: c.sd for c in causes_of(stated, logged, [])}["onset"] == 0.2
 
 
+def test_a_tilt_has_two_directions_at_each_spot(ended):
+    study, measured, case, _ = ended(spots=("p1", "p2"), budget=BudgetTable.model_validate({"tilt": "2 deg"}))
+    tilts = [cause for cause in causes_of(study, measured, []) if cause.kind == "tilt"]
+    assert [cause.of for cause in tilts] == ["p1 x", "p1 y", "p2 x", "p2 y"]
+    assert {cause.label for cause in tilts} == {"tilt"}
+    problem = case.end.problem
+    both = WithCauses(problem.parametrisation, tilts)
+    values = dict(zip(problem.names, TRUTH.tolist(), strict=True))
+    values |= {"tilt p1 x": 1.0, "tilt p1 y": -0.5, "tilt p2 x": 0.0, "tilt p2 y": 0.0}
+    at = {spot: both.inputs(study.space, spot, study.protocol, values).protocol for spot in ("p1", "p2")}
+    assert at["p1"].tilt_deg == (2.0, -1.0)
+    assert at["p2"].tilt_deg == (0.0, 0.0)
+
+
 def test_a_solver_without_slopes_gets_no_simulations_for_what_the_study_does_not_state(ended, pressed):
     study, measured, *_ = ended()
     plain = replace(study, solver=pressed.Pressed(pressed.PressedSettings(exact=False)))
@@ -117,7 +131,7 @@ def test_tables_have_a_row_of_each_parameter_with_its_causes(assessed):
         assert {"noise", "model", "gain", "onset", "tissue.kappa"} <= set(of_it["cause"])
     assert found.directions.height == 2
     assert not found.adequacy["failed"].any()
-    assert set(found.adequacy["check"]) == {"discrepancy", "runs", "spots"}
+    assert set(found.adequacy["check"]) == {"discrepancy", "runs", "spots", "ranges"}
 
 
 def test_intervals_hold_the_truth(assessed):
