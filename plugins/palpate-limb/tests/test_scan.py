@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.errors import MeshError, PalpateError
 from palpate_forearm import Phantom, Scanner, scan, write_phantom
-from palpate_limb.bones import by_icp, by_landmarks, read_bone, read_landmarks, read_motion
+from palpate_limb.bones import by_icp, by_landmarks, read_bones, read_landmarks, read_motion
 from palpate_limb.from_scan import BonePlaces, ScanPlan, read_scan
 from palpate_limb.marks import find_marks, name_marks
 from palpate_limb.meshing import SizeField
@@ -307,7 +307,7 @@ def test_a_reference_is_laid_onto_the_scan() -> None:
 
 def test_a_bone_with_holes_is_closed_when_it_is_read(tmp_path: Path) -> None:
     spoiled("hole").trimesh.export(tmp_path / "ulna.stl")
-    read = read_bone(tmp_path / "ulna.stl")
+    (read,) = read_bones(tmp_path / "ulna.stl")
     assert read.name == "ulna"
     assert not defects(read)
 
@@ -321,8 +321,8 @@ def test_bones_as_others_publish_them_are_closed_and_repairs_are_reported(
 ) -> None:
     """MyoSim's bones: in metres, with holes and edges of three faces. A forearm's bone has 20 to 60 cm³."""
     with pytest.raises(MeshError, match="its unit is perhaps m: say so"):
-        read_bone(MYO_SIM / f"{name}.stl")
-    read = read_bone(MYO_SIM / f"{name}.stl", "m")
+        read_bones(MYO_SIM / f"{name}.stl")
+    (read,) = read_bones(MYO_SIM / f"{name}.stl", "m")
     assert not defects(read)
     assert f"{holes} holes" in read.repairs
     assert "edges of more than two faces" in read.repairs
@@ -426,9 +426,7 @@ def test_the_axis_of_the_limb_is_found() -> None:
 def test_bones_out_of_place_and_marks_at_an_end_are_refused() -> None:
     surface, spot = scanned(), Phantom().spots[1]
     out = bone("ulna").moved(motion(0, 0, 0, shift=(0.0, -18.0, 0.0)))
-    with pytest.raises(
-        MeshError, match=r"bone 'ulna' leaves the skin or crosses another bone, by .* near \["
-    ):
+    with pytest.raises(MeshError, match=r"bone 'ulna' leaves the skin, by .* near \["):
         cut(surface, [out], spot, X)
     with pytest.raises(MeshError, match="crosses another bone"):
         cut(surface, [bone("radius"), bone("radius")], spot, X)

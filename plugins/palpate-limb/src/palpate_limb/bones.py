@@ -1,11 +1,13 @@
 """Bone models: read, closed if need be, and placed in the frame of the scan."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from palpate.api import FloatArray, MeshError
+from palpate_limb.openings import closed, largest, parts
 from palpate_limb.surface_checks import BONE_MM, check_size, repaired
 from palpate_limb.surface_files import read_surface
 from palpate_limb.surfaces import Surface, outwards
@@ -30,18 +32,81 @@ class Placement:
     residual_mm: float
 
 
-def read_bone(path: Path, unit: str = "mm") -> Surface:
-    """Read a bone; holes are closed and crossing faces removed.
+def read_bones(
+    path: Path, unit: str = "mm", names: Sequence[str] = (), *, skin_too: bool = False
+) -> tuple[Surface, ...]:
+    """Read the bones of a file; openings are closed and crossing faces removed.
+
+    Parameters
+    ----------
+    path : Path
+    unit : str
+    names : sequence of str
+        Of the bones, in the file's order. By default one is named after the file, several have
+        numbers behind its name.
+    skin_too : bool
+        The largest part of the file is the limb's skin, and no bone.
 
     Raises
     ------
     MeshError
-        It cannot be read or repaired, or is of no plausible size.
+        It cannot be read or repaired, has more or fewer bones than names, or one is of no plausible size.
     """
-    surface = read_surface(path, unit)
-    check_size(surface, BONE_MM, unit)
-    closed = repaired(outwards(surface))
-    return replace(closed, name=path.stem)
+    pieces = parts(read_surface(path, unit))
+    skin = largest(pieces) if skin_too else None
+    found = _without_cavities([piece for piece in pieces if piece is not skin])
+    if not found:
+        raise MeshError(f"{path}: no bone besides the skin; name another file, or none")
+    if names and len(names) != len(found):
+        places = "; ".join(
+            f"({', '.join(f'{x:.4g}' for x in bone.points_mm.mean(axis=0))}) mm" for bone in found
+        )
+        raise MeshError(
+            f"{path}: {len(found)} bones, in its order about {places}; give each a name, not "
+            f"{len(names)} ({', '.join(names)})"
+        )
+    if not names:
+        names = [path.stem] if len(found) == 1 else [f"{path.stem}-{i + 1}" for i in range(len(found))]
+    return tuple(_bone(piece, name, unit) for piece, name in zip(found, names, strict=True))
+
+
+def _bone(piece: Surface, name: str, unit: str) -> Surface:
+    whole = outwards(closed(replace(piece, name=name)))
+    check_size(whole, BONE_MM, unit)
+    return repaired(whole)
+
+
+def covered(bone: Surface, skin: Surface, cover_mm: float) -> Surface:
+    """The bone with its points at least so far below the skin; ``repairs`` says which were moved.
+
+    Points out of the skin stay where they are, if they are farther out than that.
+    """
+    _, gaps = skin.nearest(bone.points_mm)
+    near = np.flatnonzero(gaps < cover_mm)
+    if not near.size:
+        return bone
+    points = bone.points_mm.copy()
+    for _ in range(3):  # the way inwards is poorly known from close by
+        on, gaps = skin.nearest(points[near])
+        inward = np.where(skin.contains(points[near]), 1.0, -1.0)[:, None] * (points[near] - on)
+        short = gaps < cover_mm
+        points[near[short]] = on[short] + cover_mm * inward[short] / np.maximum(gaps[short, None], 1e-9)
+    most = float(np.linalg.norm(points - bone.points_mm, axis=1).max())
+    said = f"{near.size} points moved inwards by {most:.2g} mm at most, to be {cover_mm:g} mm below the skin"
+    return replace(bone, points_mm=points, repairs=f"{bone.repairs}; {said}" if bone.repairs else said)
+
+
+def _without_cavities(pieces: Sequence[Surface]) -> list[Surface]:
+    """The parts that do not lie within a larger one, as the surface of a marrow cavity does."""
+    wholes = [outwards(closed(piece)) for piece in pieces]
+    return [
+        piece
+        for piece in pieces
+        if not any(
+            other is not piece and whole.contains(piece.points_mm).all()
+            for whole, other in zip(wholes, pieces, strict=True)
+        )
+    ]
 
 
 def read_motion(path: Path) -> Placement:

@@ -1,4 +1,4 @@
-"""``palpate limb SCAN``: from a coloured scan and bone models to one mesh per marked spot."""
+"""``palpate limb SCAN``: from a scan or model and bones to one mesh per spot."""
 
 import json
 from dataclasses import replace
@@ -7,31 +7,39 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from palpate.api import AsJson, Session, StageProgress
+from palpate.api import AsJson, MeshError, Session, StageProgress
 from palpate_limb import cli_options as options
 
 if TYPE_CHECKING:
-    from palpate_limb.from_scan import BonePlaces, ScanPlan
+    from palpate_limb.from_scan import BoneFile, BonePlaces, ScanPlan
     from palpate_limb.volume import MeshPlan
 
 DEFAULT_SIZE = 0.28
 """Edge length under the indenter over its radius; ``mesh_error`` has what it costs."""
+DEFAULT_LENGTH = 80.0 / 7.5
+"""Length of a segment over the indenter's radius; docs/limb.md has what it costs."""
 SCAN_SUFFIXES = frozenset({".ply", ".obj", ".glb", ".stl", ".off"})
-"""Of surfaces; one without colours is refused when it is read."""
+"""Of surfaces."""
 DEFAULT_MARKS = ("p1=red", "p2=green", "p3=blue", "p4=yellow")
 
 
 def scan(
     context: typer.Context,
     file: options.ScanFile,
+    given: options.OptionsFile = None,
     bones: options.Bones = None,
+    spots: options.Places = None,
+    points: options.Points = None,
     marks: options.Marks = None,
     mark_radii: options.MarkRadii = "1.2 mm,10 mm",
     out: options.OutFolder = Path("meshes"),
-    unit: options.Unit = "mm",
-    bone_unit: options.BoneUnit = "mm",
+    unit: options.Unit = "",
+    bone_unit: options.BoneUnit = "",
     axis: options.Axis = "",
-    length: options.Length = "80 mm",
+    zero: options.Zero = "",
+    stump: options.Stump = False,
+    cover: options.Cover = "",
+    length: options.Length = "",
     radius: options.Radius = "7.5 mm",
     size: options.Size = "",
     fine: options.Fine = False,
@@ -46,31 +54,42 @@ def scan(
     mesher: options.MesherName = "ftetwild",
     as_json: AsJson = False,
 ) -> None:
-    """Mesh the limb around every ink mark of a coloured scan."""
+    """Mesh the limb around every spot of a scan or model: ink marks, or places that are named."""
     from palpate_limb.from_scan import BonePlaces, ScanPlan
 
     session = Session.of(context)
+    if spots and marks:
+        raise MeshError("--spot and --mark: give the spots by place or by ink, not both")
     radius_mm = options.length_mm("--radius", radius)
+    places = options.places_of(spots or [], points)
     plan = ScanPlan(
-        marks=options.marks_of(marks or list(DEFAULT_MARKS)),
+        marks={} if places else options.marks_of(marks or list(DEFAULT_MARKS)),
+        places=places,
         mesh=_mesh_plan(radius_mm, size, options.layers_of(skin, layers or []), linear, mesher),
         unit=options.unit_of("--unit", unit),
         bone_unit=options.unit_of("--bone-unit", bone_unit),
-        length_mm=options.length_mm("--length", length),
+        length_mm=options.length_mm("--length", length) if length else DEFAULT_LENGTH * radius_mm,
         indenter_radius_mm=radius_mm,
         axis=options.axis_of(axis),
+        zero=options.direction_of("--zero", zero),
+        stump=stump,
+        cover_mm=options.length_mm("--cover", cover) if cover else 0.0,
         repair=repair,
         mark_radii_mm=options.radii_mm(mark_radii),
         n_smoothing=smoothing,
     )
-    places = BonePlaces(motion=motion, landmarks=landmarks, reference=reference)
+    bone_places = BonePlaces(motion=motion, landmarks=landmarks, reference=reference)
     plans = {out: plan} | ({out / "fine": replace(plan, mesh=plan.mesh.finer)} if fine else {})
-    notes = _meshed(session, file, bones or [], plans, places)
+    notes = _meshed(session, file, options.bones_of(bones or []), plans, bone_places)
     _show(session, notes, plan, as_json=as_json)
 
 
 def _meshed(
-    session: Session, file: Path, bones: list[Path], plans: dict[Path, "ScanPlan"], places: "BonePlaces"
+    session: Session,
+    file: Path,
+    bones: list["BoneFile"],
+    plans: dict[Path, "ScanPlan"],
+    places: "BonePlaces",
 ) -> dict[Path, list[dict[str, Any]]]:
     """Write the limb of every spot into the folder of each plan; returns their notes."""
     from palpate_limb.from_scan import limbs_of, read_scan
@@ -80,6 +99,10 @@ def _meshed(
         progress.begin("read the scan", 1)
         read = read_scan(file, bones, next(iter(plans.values())), places)
         progress.step()
+        if read.unit_why:
+            session.note(
+                f"{file.name}: {read.unit_why}, so its unit is taken to be {read.unit}; --unit gives another"
+            )
         progress.begin("mesh the spots", len(read.spots) * len(plans))
         for folder, plan in plans.items():
             folder.mkdir(parents=True, exist_ok=True)
@@ -136,6 +159,9 @@ def _show(
     first = next(iter(notes.values()))
     for name, repairs in first[0]["repairs"].items():
         session.say(f"{name}: {repairs}")
+    for note in first:
+        for remark in note["remarks"]:
+            session.say(f"{note['spot']}: {remark}")
     regions = (*plan.mesh.layers_mm, "soft_tissue")
     session.say("\n" + study_tables([note["spot"] for note in first], regions, list(notes)))
     session.next("limb STUDY", "put these tables into a study.toml; ")

@@ -9,12 +9,23 @@ from palpate.api import MeshError
 
 if TYPE_CHECKING:
     from palpate.api import FloatArray
+    from palpate_limb.from_scan import BoneFile
+    from palpate_limb.places import Place
+
+PATHS = frozenset({"into", "motion", "landmarks", "reference", "points"})
+"""Options that name a file or a folder; --bones does so in its own way."""
 
 ScanFile: TypeAlias = Annotated[
-    Path, typer.Argument(metavar="SCAN", help="Coloured scan: .ply, .obj or .glb.")
+    Path, typer.Argument(metavar="SCAN", help="Scan or model of the limb: .ply, .obj, .glb, .stl or .off.")
 ]
 Bones: TypeAlias = Annotated[
-    list[Path] | None, typer.Option("--bones", metavar="FILE", help="A bone's model; repeat for more.")
+    list[str] | None,
+    typer.Option(
+        "--bones",
+        metavar="[NAMES=]FILE",
+        help="Model of a bone, or of several: tibia,fibula=bones.stl names them in the file's order. The "
+        "scan's own file: what is in its skin. Repeat for more.",
+    ),
 ]
 Marks: TypeAlias = Annotated[
     list[str] | None,
@@ -25,16 +36,69 @@ Marks: TypeAlias = Annotated[
         "Repeat for more; others are left out. Default: p1=red, p2=green, p3=blue, p4=yellow.",
     ),
 ]
+Places: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--spot",
+        metavar="NAME=PLACE",
+        help="A spot without ink: x,y,z in the scan's coordinates; 45%,120deg, so far along the limb and "
+        "around it; ulna:40%, the skin nearest to the bone there; ulna:40%,120deg; or a point of --points. "
+        "Repeat for more.",
+    ),
+]
+Points: TypeAlias = Annotated[
+    Path | None, typer.Option("--points", metavar="FILE", help="Points for --spot: name,x,y,z a line.")
+]
+Zero: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="Direction of 0 degrees around the limb; default: x, or y for a limb along x.",
+    ),
+]
+Stump: TypeAlias = Annotated[
+    bool,
+    typer.Option("--stump", help="The limb ends in skin, not in a cut: a segment may reach past its end."),
+]
+Cover: TypeAlias = Annotated[
+    str,
+    typer.Option(help="Least tissue over a bone: points nearer to the skin move inwards; default: refused."),
+]
+OptionsFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--options",
+        metavar="FILE",
+        is_eager=True,
+        callback=lambda context, given: options_from(context, given),
+        help="These options from a TOML file; those of the command line come first.",
+    ),
+]
 MarkRadii: TypeAlias = Annotated[
     str, typer.Option(metavar="LEAST,LARGEST", help="Radii between which a patch of ink is a mark.")
 ]
 OutFolder: TypeAlias = Annotated[Path, typer.Option("--into", metavar="FOLDER", help="Where the meshes go.")]
-Unit: TypeAlias = Annotated[str, typer.Option(help="Unit of the scan's coordinates: mm, cm, m or inch.")]
-BoneUnit: TypeAlias = Annotated[str, typer.Option(help="Unit of the bones' coordinates.")]
-Axis: TypeAlias = Annotated[
-    str, typer.Option(metavar="X,Y,Z", help="Along the limb; default: the scan's long principal axis.")
+Unit: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        help='Unit of the scan\'s coordinates: mm, cm, m, inch, or its length, as in "365 mm". '
+        "Default: the one in which the scan is a limb."
+    ),
 ]
-Length: TypeAlias = Annotated[str, typer.Option(help="Length of a segment, centred on its spot.")]
+BoneUnit: TypeAlias = Annotated[
+    str, typer.Option(help="Unit of the bones' coordinates; default: that of the scan.")
+]
+Axis: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="X,Y,Z|BONE",
+        help="Along the limb, or the bone that is; default: the scan's long principal axis.",
+    ),
+]
+Length: TypeAlias = Annotated[
+    str,
+    typer.Option(help="Length of a segment, centred on its spot; default: 10.7 radii, 80 mm for 7.5 mm."),
+]
 Radius: TypeAlias = Annotated[str, typer.Option(help="Radius of the spherical indenter.")]
 Size: TypeAlias = Annotated[
     str, typer.Option(help="Edge length under the indenter; default: 0.28 of its radius.")
@@ -93,10 +157,86 @@ def length_mm(option: str, given: str) -> float:
     return value
 
 
-def unit_of(option: str, given: str) -> str:
-    """A unit of length, as given."""
-    length_mm(option, f"1 {given}")
+def unit_of(option: str, given: str) -> str | None:
+    """A unit of length, as given; None where none is."""
+    from palpate_limb.scan_unit import mm_per_unit
+
+    if not given:
+        return None
+    try:
+        positive = mm_per_unit(given) > 0.0
+    except ValueError as error:
+        raise MeshError(f"{option}: {error}") from error
+    if not positive:
+        raise MeshError(f"{option}: {given}; give more than 0 mm")
     return given
+
+
+def options_from(context: typer.Context, file: Path | None) -> Path | None:
+    """Make the options of a file the command's defaults; paths in it are relative to its folder."""
+    import tomllib
+
+    if file is None or context.resilient_parsing:
+        return None
+    try:
+        given = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise MeshError(f"{file}: cannot be read ({error}); write TOML with the names of options") from error
+    known = {option[2:]: p for p in context.command.params for option in p.opts if option.startswith("--")}
+    defaults = {}
+    for key, value in given.items():
+        if (parameter := known.get(key)) is None or key == "options":
+            raise MeshError(
+                f"{file}: no option '{key}'; there are {', '.join(sorted(set(known) - {'options'}))}"
+            )
+        if isinstance(value, dict):
+            value = [f"{name}={text}" for name, text in value.items()]
+        if key in PATHS and isinstance(value, str):
+            value = str(file.parent / value)
+        if key == "bones" and isinstance(value, list):
+            value = [beside(file, str(text)) for text in value]
+        if isinstance(value, list) != (parameter.nargs != 1 or getattr(parameter, "multiple", False)):
+            raise MeshError(f"{file}: {key} = {value!r}; give one value, or a list where the option repeats")
+        defaults[parameter.name or key] = value
+    context.default_map = {**(context.default_map or {}), **defaults}
+    return file
+
+
+def beside(file: Path, given: str) -> str:
+    """The text of --bones with its path relative to the folder of a file."""
+    names, equals, path = given.rpartition("=")
+    return f"{names}{equals}{file.parent / path}"
+
+
+def bones_of(given: list[str]) -> "list[BoneFile]":
+    """Files of bones, with the names of theirs."""
+    from palpate_limb.from_scan import BoneFile
+
+    files = []
+    for text in given:
+        names, equals, path = text.partition("=")
+        if not equals or Path(text).exists():
+            files.append(BoneFile(path=Path(text)))
+            continue
+        each = tuple(name.strip() for name in names.split(","))
+        if not all(_is_name(name) for name in each) or len(set(each)) < len(each):
+            raise MeshError(f"--bones {text}: give each bone a name of its own, of letters, digits, - and _")
+        files.append(BoneFile(path=Path(path), names=each))
+    return files
+
+
+def places_of(given: list[str], points: Path | None) -> "dict[str, Place]":
+    """The place of each spot."""
+    from palpate_limb.places import place_of, read_points
+
+    named = read_points(points) if points is not None else {}
+    places: dict[str, Place] = {}
+    for text in given:
+        name, equals, place = text.partition("=")
+        if not (equals and _is_name(name)) or name in places:
+            raise MeshError(f"--spot {text}: give a name of its own and a place, e.g. p1=45%,120deg")
+        places[name] = place_of(name, place, named)
+    return places
 
 
 def radii_mm(given: str) -> tuple[float, float]:
@@ -110,7 +250,12 @@ def radii_mm(given: str) -> tuple[float, float]:
     return between
 
 
-def axis_of(given: str) -> "FloatArray | None":
+def axis_of(given: str) -> "FloatArray | str | None":
+    """A direction, or a bone's name; None where none is given."""
+    return given if given and _is_name(given) else direction_of("--axis", given)
+
+
+def direction_of(option: str, given: str) -> "FloatArray | None":
     """A direction; None where none is given."""
     import numpy as np
 
@@ -121,7 +266,7 @@ def axis_of(given: str) -> "FloatArray | None":
     except ValueError:
         axis = np.empty(0)
     if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
-        raise MeshError(f"--axis: {given}; give three numbers, not all 0, e.g. 1,0,0")
+        raise MeshError(f"{option}: {given}; give three numbers, not all 0, e.g. 1,0,0")
     return axis
 
 

@@ -2,18 +2,21 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from palpate.api import FloatArray, Limb, MeshError, check_limb
-from palpate_limb.bones import IN_PLACE, Placement, by_icp, read_bone, read_landmarks, read_motion
+from palpate_limb.bones import IN_PLACE, Placement, by_icp, covered, read_bones, read_landmarks, read_motion
 from palpate_limb.first_contact import moved_to_contact
 from palpate_limb.marks import find_marks, name_marks
+from palpate_limb.openings import closed, extent, joined_parts, largest, parts
+from palpate_limb.places import Around, Place, position_mm, zero_direction
 from palpate_limb.quality import Quality, assess, check_quality
+from palpate_limb.scan_unit import guessed_unit, mm_per_unit
 from palpate_limb.segment import Segment, cut, limb_axis
-from palpate_limb.spots import FoundSpot, locate
+from palpate_limb.spots import FoundSpot, locate, locate_at
 from palpate_limb.surface_checks import LIMB_MM, check_size, defects, repaired
 from palpate_limb.surface_files import read_surface
 from palpate_limb.surfaces import Surface, outwards, smoothed
@@ -47,21 +50,47 @@ class BonePlaces:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BoneFile:
+    """A file of one bone or several.
+
+    Parameters
+    ----------
+    path : Path
+        That of the scan, where its largest part is the skin.
+    names : tuple of str
+        Of its bones, in its order; by default that of the file.
+    """
+
+    path: Path
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ScanPlan:
     """What to make of a scan.
 
     Parameters
     ----------
+    mesh : MeshPlan
     marks : mapping of spot to a colour, or to None
         Without colours, names go along the limb.
-    unit, bone_unit : str
-        Of the scan's and the bones' coordinates.
+    places : mapping of spot to its place
+        Instead of marks.
+    unit : str, optional
+        Of the scan's coordinates, or how long it is ("365 mm"); by default the one in which it is a limb.
+    bone_unit : str, optional
+        By default that of the scan.
     length_mm : float
         Of a segment.
     indenter_radius_mm : float
-    mesh : MeshPlan
-    axis : (3,) array, optional
-        Along the limb, if its long principal axis is not it.
+    axis : (3,) array or str, optional
+        Along the limb, if its long principal axis is not it; or the bone that is.
+    zero : (3,) array, optional
+        Direction of 0 degrees around the limb.
+    stump : bool
+        The limb ends in skin.
+    cover_mm : float
+        Least tissue over a bone, whose points move inwards for it; 0 to refuse a bone at the skin.
     repair : bool
         Repair the scan's holes and crossings instead of refusing them.
     mark_radii_mm : tuple of float
@@ -70,13 +99,17 @@ class ScanPlan:
         Rounds of Taubin's filter against the scan's noise; 0 for none. Spots are found without it.
     """
 
-    marks: Mapping[str, str | None]
     mesh: MeshPlan
-    unit: str = "mm"
-    bone_unit: str = "mm"
+    marks: Mapping[str, str | None] = field(default_factory=dict)
+    places: Mapping[str, Place] = field(default_factory=dict)
+    unit: str | None = "mm"
+    bone_unit: str | None = None
     length_mm: float = 80.0
     indenter_radius_mm: float = 7.5
-    axis: FloatArray | None = None
+    axis: FloatArray | str | None = None
+    zero: FloatArray | None = None
+    stump: bool = False
+    cover_mm: float = 0.0
     repair: bool = False
     mark_radii_mm: tuple[float, float] = (1.2, 10.0)
     n_smoothing: int = 20
@@ -98,17 +131,22 @@ class ScannedLimb:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadScan:
-    """A scan with its spots, its axis and its bones, all in the scan's frame."""
+    """A scan with its spots, its axis and its bones, all in the scan's frame.
+
+    ``unit`` is that of the file, and ``unit_why`` what it was guessed from; empty where it was given.
+    """
 
     surface: Surface
     spots: Mapping[str, FoundSpot]
     axis: FloatArray
     bones: tuple[Surface, ...]
     placement: Placement = field(default_factory=lambda: Placement(motion=IN_PLACE, residual_mm=0.0))
+    unit: str = "mm"
+    unit_why: str = ""
 
 
 def read_scan(
-    path: Path, bones: Sequence[Path], plan: ScanPlan, places: BonePlaces | None = None
+    path: Path, bones: Sequence[Path | BoneFile], plan: ScanPlan, places: BonePlaces | None = None
 ) -> ReadScan:
     """Read a scan, find its spots and place its bones.
 
@@ -117,19 +155,53 @@ def read_scan(
     MeshError
         Naming the file, the place and what to do.
     """
-    scan = outwards(read_surface(path, plan.unit))
-    check_size(scan, LIMB_MM, plan.unit)
-    axis = _axis(scan, plan)
-    least, largest = plan.mark_radii_mm
-    marks = find_marks(scan, least_radius_mm=least, largest_radius_mm=largest)
-    named = name_marks(marks, dict(plan.marks), axis, scan.name)
-    closed = _closed(scan, plan)
-    spots = {name: locate(name, mark, scan) for name, mark in named.items()}
-    placement = _placement(places or BonePlaces(), closed, plan)
-    models = tuple(read_bone(bone, plan.bone_unit).moved(placement.motion) for bone in bones)
+    files = [bone if isinstance(bone, BoneFile) else BoneFile(path=bone) for bone in bones]
+    with_bones = [bone.path for bone in files if bone.path.resolve() == path.resolve()]
+    scan, unit, why = _read_skin(path, plan.unit, with_bones=bool(with_bones))
+    check_size(scan, LIMB_MM, unit)
+    whole = _closed(scan, plan)
+    placement = _placement(places or BonePlaces(), whole, plan, unit)
+    models = tuple(
+        bone.moved(placement.motion)
+        for file in files
+        for bone in read_bones(
+            file.path, plan.bone_unit or unit, file.names, skin_too=file.path in with_bones
+        )
+    )
     _check_names([model.name for model in models])
-    smooth = smoothed(closed, plan.n_smoothing)
-    return ReadScan(surface=smooth, spots=spots, axis=axis, bones=models, placement=placement)
+    if plan.cover_mm > 0.0:
+        models = tuple(covered(bone, whole, plan.cover_mm) for bone in models)
+    axis, span_mm = _axis(scan, models, plan)
+    if plan.places:
+        zero = zero_direction(axis) if plan.zero is None else plan.zero
+        around = Around(
+            skin=whole, bones=models, axis=axis, span_mm=span_mm, zero=zero, mm_per_unit=mm_per_unit(unit)
+        )
+        spots = {n: locate_at(n, position_mm(n, place, around), scan) for n, place in plan.places.items()}
+    else:
+        least, largest = plan.mark_radii_mm
+        marks = find_marks(scan, least_radius_mm=least, largest_radius_mm=largest)
+        named = name_marks(marks, dict(plan.marks), axis, scan.name)
+        spots = {name: locate(name, mark, scan) for name, mark in named.items()}
+    return ReadScan(
+        surface=smoothed(whole, plan.n_smoothing),
+        spots=spots,
+        axis=axis,
+        bones=models,
+        placement=placement,
+        unit=unit,
+        unit_why=why,
+    )
+
+
+def _read_skin(path: Path, unit: str | None, *, with_bones: bool) -> tuple[Surface, str, str]:
+    """The skin in mm, open or closed, its unit, and why that is it where none was given."""
+    pieces = parts(outwards(read_surface(path, unit or "mm")))
+    skin = outwards(largest(pieces) if with_bones else joined_parts(pieces))
+    if unit is not None:
+        return skin, unit, ""
+    guessed, why = guessed_unit(closed(skin))
+    return replace(skin, points_mm=skin.points_mm * mm_per_unit(guessed)), guessed, why
 
 
 def limbs_of(scan: ReadScan, plan: ScanPlan) -> Iterator[ScannedLimb]:
@@ -141,7 +213,7 @@ def limbs_of(scan: ReadScan, plan: ScanPlan) -> Iterator[ScannedLimb]:
         Naming the spot, the place and what to do.
     """
     for found in scan.spots.values():
-        segment = cut(scan.surface, scan.bones, found.spot, scan.axis, plan.length_mm)
+        segment = cut(scan.surface, scan.bones, found.spot, scan.axis, plan.length_mm, stump=plan.stump)
         limb, rise = moved_to_contact(sound_mesh(segment, plan.mesh), plan.indenter_radius_mm)
         quality = assess(limb, segment, plan.mesh.size.radius_mm)
         check_quality(quality, found.spot.name, plan.mesh.size.fine_mm)
@@ -162,28 +234,42 @@ def sound_mesh(segment: Segment, plan: MeshPlan) -> Limb:
     return limb
 
 
-def _axis(scan: Surface, plan: ScanPlan) -> FloatArray:
+def _axis(scan: Surface, bones: Sequence[Surface], plan: ScanPlan) -> tuple[FloatArray, tuple[float, float]]:
+    """Unit vector along the limb, and the coordinates along it of 0 and 100 %."""
+    if isinstance(plan.axis, str):
+        bone = next((bone for bone in bones if bone.name == plan.axis), None)
+        if bone is None:
+            raise MeshError(
+                f"axis '{plan.axis}': no such bone (there: {', '.join(b.name for b in bones) or 'none'}); "
+                "name one of them, or give three numbers"
+            )
+        along = limb_axis(bone)
+        return along, extent(bone, along)
     if plan.axis is None:
-        return limb_axis(scan)
+        along = limb_axis(scan)
+        return along, extent(scan, along)
     length = float(np.linalg.norm(plan.axis))
     if plan.axis.shape != (3,) or not length > 0.0:
         raise MeshError(f"axis {plan.axis.tolist()}: give three numbers, not all zero")
     axis: FloatArray = plan.axis / length
-    return axis
+    return axis, extent(scan, axis)
 
 
 def _closed(scan: Surface, plan: ScanPlan) -> Surface:
-    """The scan, repaired where that was asked for."""
-    if not (found := defects(scan)):
-        return scan
+    """The scan with its openings closed, repaired where that was asked for."""
+    whole = closed(scan)
+    found = defects(whole)
+    if not found:
+        return replace(whole, caps=None) if plan.repair else whole
     if not plan.repair:
         raise MeshError(
-            f"{scan.name}: {'; '.join(map(str, found))}. Fix the scan, or let palpate close it with --repair"
+            f"{scan.name}: {'; '.join(map(str, found))}. Fix the scan, let palpate repair it with --repair, "
+            "or, if its parts are bones, name the file under --bones too"
         )
-    return repaired(scan)
+    return repaired(whole)
 
 
-def _placement(places: BonePlaces, scan: Surface, plan: ScanPlan) -> Placement:
+def _placement(places: BonePlaces, scan: Surface, plan: ScanPlan, unit: str) -> Placement:
     start = Placement(motion=IN_PLACE, residual_mm=0.0)
     if places.motion is not None:
         start = read_motion(places.motion)
@@ -191,7 +277,7 @@ def _placement(places: BonePlaces, scan: Surface, plan: ScanPlan) -> Placement:
         start = read_landmarks(places.landmarks)
     if places.reference is None:
         return start
-    return by_icp(read_surface(places.reference, plan.bone_unit), scan, start.motion)
+    return by_icp(read_surface(places.reference, plan.bone_unit or unit), scan, start.motion)
 
 
 def _check_names(names: list[str]) -> None:

@@ -83,7 +83,7 @@ def find_marks(
     off = np.linalg.norm(chroma - np.median(chroma, axis=0), axis=1)
     # Further from the skin's than noise and uneven skin explain.
     ink = off > max(5.0 * 1.4826 * float(np.median(off)), 0.25)
-    areas = _point_areas(surface)
+    areas = surface.point_areas_mm2
     marks = []
     for points in _patches(surface, chroma, ink):
         area = float(areas[points].sum())
@@ -183,7 +183,8 @@ def _chroma(surface: Surface) -> FloatArray:
     colours = surface.colours
     if colours is None:
         raise MeshError(
-            f"{surface.name}: no colours; export the scan with vertex colours or with its texture"
+            f"{surface.name}: no colours; export the scan with vertex colours or with its texture, or give "
+            "the spots by place (--spot)"
         )
     if float(np.ptp(colours, axis=0).max()) < 1.0 / 255.0:
         raise MeshError(f"{surface.name}: the scan has a single colour; no marks found. Export its colours")
@@ -207,10 +208,3 @@ def _patches(surface: Surface, chroma: FloatArray, ink: BoolArray) -> list[IntAr
     order = np.argsort(labels[points], kind="stable")
     cuts = np.flatnonzero(np.diff(labels[points][order])) + 1
     return [patch for patch in np.split(points[order], cuts) if patch.size]
-
-
-def _point_areas(surface: Surface) -> FloatArray:
-    """Area [mm²] that belongs to each point: a third of its faces'."""
-    areas = np.linalg.norm(surface.face_areas_mm2, axis=1)
-    total = np.bincount(surface.faces.ravel(), np.repeat(areas / 3.0, 3), minlength=len(surface.points_mm))
-    return np.asarray(total, dtype=np.float64)

@@ -72,6 +72,8 @@ def _outline(ax: "Axes", cut: FloatArray, made: ScannedLimb, turn: FloatArray, s
     """The outer rim of one cut."""
     from scipy.spatial import ConvexHull
 
+    if not (sign * (cut @ made.segment.axis) > 0.0).any():
+        return  # the limb ends there in skin
     flat = (cut[sign * (cut @ made.segment.axis) > 0.0] @ turn.T)[:, :2]
     rim = flat[ConvexHull(flat).vertices]
     ax.plot(*np.vstack([rim, rim[:1]]).T, color="#803030", lw=1.2, ls="--")

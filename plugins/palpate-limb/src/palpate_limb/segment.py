@@ -14,6 +14,12 @@ from palpate.mesh.spot_frame import spot_axes
 from palpate_limb.surfaces import Surface, joined, solid, surface_of
 
 LEAST_GAP_MM = 0.3
+LEAST_SHARE = 1e-6
+"""Of a volume, below which it is rounding."""
+MOST_LOST = 0.01
+"""Share of the tissue that may be shut in between bones."""
+MOST_OVERLAP = 0.02
+"""Share of the smaller of two bones up to which they touch; beyond it, they are misplaced."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,6 +42,8 @@ class Segment:
         Those that reach between the cuts, whole and closed, in the spot's frame.
     tissue : Surface
         Closed surface of what is between skin, bones and cuts.
+    remarks : tuple of str
+        What was done to get it.
     """
 
     name: str
@@ -45,6 +53,7 @@ class Segment:
     skin: Surface
     bones: tuple[Surface, ...]
     tissue: Surface
+    remarks: tuple[str, ...] = ()
 
 
 def limb_axis(scan: Surface) -> FloatArray:
@@ -62,7 +71,13 @@ def limb_axis(scan: Surface) -> FloatArray:
 
 
 def cut(
-    scan: Surface, bones: Sequence[Surface], spot: Spot, axis: FloatArray, length_mm: float = 80.0
+    scan: Surface,
+    bones: Sequence[Surface],
+    spot: Spot,
+    axis: FloatArray,
+    length_mm: float = 80.0,
+    *,
+    stump: bool = False,
 ) -> Segment:
     """Cut the segment of a spot.
 
@@ -76,24 +91,21 @@ def cut(
     axis : (3,) array
         Unit vector along the limb.
     length_mm : float
+    stump : bool
+        The limb ends in skin: a segment may reach past its end.
 
     Raises
     ------
     MeshError
-        The limb ends within the segment, a bone touches the skin, leaves it or is at the spot.
+        The limb ends within the segment, a hole is there, a bone touches the skin or leaves it, or two
+        bones overlap.
     """
     motion = to_spot_frame(spot, axis)
     skin, placed = scan.moved(motion), tuple(bone.moved(motion) for bone in bones)
     along = motion[:3, :3] @ axis
-    reach = skin.points_mm @ along
     half = 0.5 * length_mm
-    if reach.min() > -half or reach.max() < half:
-        raise MeshError(
-            f"spot '{spot.name}': the scan reaches {-reach.min():.4g} mm and {reach.max():.4g} mm along the "
-            f"limb from it, and a segment of {length_mm:g} mm needs {half:g} mm on either side; the mark "
-            "is too near an end: shorten the segment, or scan more of the limb"
-        )
-    tissue, inside = _tissue(spot.name, skin, placed, along, half)
+    _check_reach(spot.name, skin, along, half, stump=stump)
+    tissue, inside, remarks = _tissue(spot.name, skin, placed, along, half)
     return Segment(
         name=spot.name,
         to_spot=motion,
@@ -102,43 +114,104 @@ def cut(
         skin=skin,
         bones=inside,
         tissue=tissue,
+        remarks=remarks,
     )
+
+
+def _check_reach(spot: str, skin: Surface, along: FloatArray, half: float, *, stump: bool) -> None:
+    """Refuse a segment in which the limb ends, or that has a cap for skin."""
+    reach = skin.points_mm @ along
+    short = (reach.min() > -half, reach.max() < half)
+    if all(short) or (any(short) and not stump):
+        raise MeshError(
+            f"spot '{spot}': the scan reaches {-reach.min():.4g} mm and {reach.max():.4g} mm along the "
+            f"limb from it, and a segment of {2.0 * half:g} mm needs {half:g} mm on either side; it is too "
+            "near an end: shorten the segment, scan more of the limb, or say that the limb ends in skin "
+            "(--stump)"
+        )
+    if skin.caps is None:
+        return
+    of_caps = reach[skin.faces[skin.caps]]
+    within = (of_caps.min(axis=1) < half) & (of_caps.max(axis=1) > -half)
+    if within.any():
+        away = float(np.abs(of_caps[within]).min())
+        place = np.round(skin.points_mm[skin.faces[skin.caps[within]]].mean(axis=(0, 1)), 1).tolist()
+        raise MeshError(
+            f"spot '{spot}': the scan has a hole {away:.3g} mm along the limb from it, near {place} mm in "
+            f"the spot's frame, and a segment of {2.0 * half:g} mm takes it in; shorten the segment, scan "
+            "that part, or let palpate close it (--repair)"
+        )
 
 
 def _tissue(
     spot: str, skin: Surface, bones: Sequence[Surface], along: FloatArray, half: float
-) -> tuple[Surface, tuple[Surface, ...]]:
-    """What is left of the limb between the cuts without its bones, and the bones that reach there."""
-    rest, inside = solid(skin), []
-    volume = _between(rest, along, half).volume()
+) -> tuple[Surface, tuple[Surface, ...], tuple[str, ...]]:
+    """What is left of the limb between the cuts without its bones, the bones there, and remarks."""
+    import manifold3d
+
+    parts = _between(solid(skin), along, half).decompose()
+    limb = _at_spot(parts)
+    remarks = []
+    if len(parts) > 1:
+        away = sum(part.volume() for part in parts) - limb.volume()
+        remarks.append(f"left out {away:.3g} mm³ of other parts of the limb between the cuts")
+    inside: list[Surface] = []
+    taken = whole = manifold3d.Manifold()
     for bone in bones:
-        piece = _between(solid(bone), along, half)
-        if piece.is_empty():
+        body = solid(bone)
+        piece = _between(body, along, half)
+        if piece.is_empty() or (len(parts) > 1 and (piece ^ limb).is_empty()):
             continue
-        _check_bone(spot, surface_of(piece, bone.name), rest, skin)
-        # Whole bones, and the cuts last: ends of bone and limb in one plane would leave a film between them.
-        rest = rest - solid(bone)
+        _check_bone(spot, surface_of(piece, bone.name), limb, skin)
+        remarks += _overlap(spot, bone.name, piece, taken)
+        taken, whole = taken + piece, whole + body
         inside.append(bone)
-        volume -= piece.volume()
-    tissue = _in_one(spot, _between(rest, along, half))
-    if abs(tissue.volume_mm3 - volume) > 1e-6 * volume:
+    # Whole bones, and the cuts last: ends of bone and limb in one plane would leave a film between them.
+    tissue = _in_one(_between(solid(skin) - whole, along, half))
+    lost = 1.0 - tissue.volume_mm3 / (limb.volume() - taken.volume())
+    if abs(lost) > MOST_LOST:
         raise MeshError(
-            f"spot '{spot}': {tissue.volume_mm3:.6g} mm³ of tissue where skin less bones leaves "
-            f"{volume:.6g} mm³; check that the bones are closed and do not touch each other"
+            f"spot '{spot}': {100.0 * lost:.3g} % of what the skin less the bones leaves does not "
+            "hang together with the spot; check the axis, where the bones lie, and that they do not touch"
         )
-    return tissue, tuple(inside)
+    if lost > LEAST_SHARE:
+        remarks.append(f"left out {100.0 * lost:.2g} % of the tissue, shut in between bones")
+    return tissue, tuple(inside), tuple(remarks)
 
 
-def _in_one(spot: str, body: Any) -> Surface:  # noqa: ANN401 - manifold3d has no types
-    """The surface of a body without crumbs; bones wholly within it are shells of negative volume."""
-    least = 1e-6 * body.volume()
+def _overlap(spot: str, name: str, piece: Any, taken: Any) -> list[str]:  # noqa: ANN401 - manifold3d has no types
+    """A remark where a bone touches those before it; refuse where it crosses them."""
+    shared = piece ^ taken
+    if shared.volume() <= LEAST_SHARE * piece.volume():
+        return []
+    place = np.round(surface_of(shared, "").points_mm.mean(axis=0), 1).tolist()
+    share = shared.volume() / min(piece.volume(), taken.volume())
+    if share > MOST_OVERLAP:
+        raise MeshError(
+            f"spot '{spot}': bone '{name}' crosses another bone: they share {shared.volume():.3g} mm³ near "
+            f"{place} mm in the spot's frame; check how the bones are placed, and their unit"
+        )
+    return [f"bone '{name}' touches another bone: they share {shared.volume():.3g} mm³ near {place} mm"]
+
+
+def _at_spot(parts: Sequence[Any]) -> Any:  # noqa: ANN401 - manifold3d has no types
+    """The part whose surface is nearest to the spot."""
+    if len(parts) == 1:
+        return parts[0]
+    gaps = [float(surface_of(part, "").nearest(np.zeros((1, 3)))[1][0]) for part in parts]
+    return parts[int(np.argmin(gaps))]
+
+
+def _in_one(body: Any) -> Surface:  # noqa: ANN401 - manifold3d has no types
+    """The surface of the part with the spot, without crumbs; bones in it are shells of negative volume."""
+    least = LEAST_SHARE * body.volume()
     shells = [shell for shell in body.decompose() if abs(shell.volume()) > least]
-    n_parts = sum(shell.volume() > 0.0 for shell in shells)
-    if n_parts != 1:
-        raise MeshError(
-            f"spot '{spot}': the segment falls into {n_parts} parts; check the axis and where the bones lie"
-        )
-    points, faces = joined([surface_of(shell, "tissue") for shell in shells])
+    outer = [shell for shell in shells if shell.volume() > 0.0]
+    chosen = surface_of(_at_spot(outer), "tissue")
+    inner = [surface_of(shell, "tissue") for shell in shells if shell.volume() < 0.0]
+    if len(outer) > 1:
+        inner = [shell for shell in inner if chosen.contains(shell.points_mm[:1])[0]]
+    points, faces = joined([chosen, *inner])
     return Surface(name="tissue", points_mm=points, faces=faces)
 
 
@@ -166,16 +239,15 @@ def _between(body: Any, along: FloatArray, half: float) -> Any:  # noqa: ANN401 
     return body.trim_by_plane(along.tolist(), -half).trim_by_plane((-along).tolist(), -half)
 
 
-def _check_bone(spot: str, piece: Surface, rest: Any, skin: Surface) -> None:  # noqa: ANN401 - as above
-    """Refuse a bone that is not wholly within the tissue that is left, well below the skin."""
+def _check_bone(spot: str, piece: Surface, limb: Any, skin: Surface) -> None:  # noqa: ANN401 - as above
+    """Refuse a bone that is not wholly within the limb, well below the skin."""
     body = solid(piece)
-    outside = body - rest
-    if outside.volume() > 1e-6 * body.volume():
+    outside = body - limb
+    if outside.volume() > LEAST_SHARE * body.volume():
         place = np.round(surface_of(outside, "").points_mm.mean(axis=0), 1).tolist()
         raise MeshError(
-            f"spot '{spot}': bone '{piece.name}' leaves the skin or crosses another bone, by "
-            f"{outside.volume():.3g} mm³ near {place} mm in the spot's frame; check how the bones are "
-            "placed, and their unit"
+            f"spot '{spot}': bone '{piece.name}' leaves the skin, by {outside.volume():.3g} mm³ near {place} "
+            "mm in the spot's frame; check how the bones are placed, and their unit"
         )
     points = piece.points_mm[:: max(1, len(piece.points_mm) // 2000)]
     _, gaps = skin.nearest(points)
@@ -183,5 +255,6 @@ def _check_bone(spot: str, piece: Surface, rest: Any, skin: Surface) -> None:  #
         place = np.round(points[gaps.argmin()], 1).tolist()
         raise MeshError(
             f"spot '{spot}': bone '{piece.name}' touches the skin ({gaps.min():.2g} mm apart) at {place} mm "
-            f"in the spot's frame; check how the bones are placed; {LEAST_GAP_MM:g} mm of tissue are needed"
+            f"in the spot's frame; check how the bones are placed; {LEAST_GAP_MM:g} mm of tissue are needed "
+            "(--cover moves it inwards)"
         )

@@ -1,4 +1,4 @@
-"""The spot under a mark: position and outward normal from a smooth patch, with their uncertainty."""
+"""The spot at a point of the skin: position and normal from a smooth patch, with their uncertainty."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,7 @@ from palpate_limb.marks import Mark
 from palpate_limb.surfaces import Surface
 
 N_COEFFICIENTS = 6
+PATCH_RADIUS_MM = 8.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,38 +34,71 @@ class FoundSpot:
     normal_deg: float
 
 
-def locate(name: str, mark: Mark, surface: Surface, patch_radius_mm: float = 8.0) -> FoundSpot:
-    """Fit z = c₀ + c₁x + c₂y + c₃x² + c₄xy + c₅y² to the scan around a mark, by least squares.
+def locate(name: str, mark: Mark, surface: Surface) -> FoundSpot:
+    """The spot under the centre of a mark; see :func:`locate_at`."""
+    return locate_at(name, mark.centre_mm, surface, _across(mark))
 
-    The position is the patch's point over the mark's centre and the normal the patch's
-    there; z is the mean normal of the faces around.
+
+def locate_at(name: str, centre: FloatArray, surface: Surface, across_mm: float = 0.0) -> FoundSpot:
+    """Fit z = c₀ + c₁x + c₂y + c₃x² + c₄xy + c₅y² to the scan around a point, by least squares.
+
+    The position is the patch's point over the given one and the normal the patch's
+    there; z is the mean normal of the faces around. Large faces count by points within them.
+
+    Parameters
+    ----------
+    name : str
+    centre : (3,) array
+        Near the surface.
+    surface : Surface
+    across_mm : float
+        Standard deviation of ``centre`` along the surface.
 
     Raises
     ------
     MeshError
-        The scan has too few points there, or its edge runs through the mark.
+        The scan has too few points there, or its edge runs through the spot.
     """
-    centre = mark.centre_mm
-    near = np.flatnonzero(np.linalg.norm(surface.points_mm - centre, axis=1) <= patch_radius_mm)
+    surface = _around(surface, centre)
+    near = np.flatnonzero(np.linalg.norm(surface.points_mm - centre, axis=1) <= PATCH_RADIUS_MM)
     up = _mean_normal(surface, near)
-    near = near[(surface.points_mm[near] - centre) @ up > -0.5 * patch_radius_mm]
+    near = near[(surface.points_mm[near] - centre) @ up > -0.5 * PATCH_RADIUS_MM]
     if len(near) < 3 * N_COEFFICIENTS:
         raise MeshError(
-            f"{surface.name}: {len(near)} points within {patch_radius_mm:g} mm of mark '{name}' at "
-            f"{np.round(centre, 1).tolist()} mm; scan finer, or fit a larger patch"
+            f"{surface.name}: {len(near)} points within {PATCH_RADIUS_MM:g} mm of spot '{name}' at "
+            f"{np.round(centre, 1).tolist()} mm; scan finer"
         )
     u = np.linalg.svd(up[None])[2][1]
     frame = np.stack([u, np.cross(up, u), up])
     local = (surface.points_mm[near] - centre) @ frame.T
-    if (np.abs(local[:, :2].mean(axis=0)) > 0.25 * patch_radius_mm).any():
+    # By area, for the points of a model are not spread evenly.
+    middle = np.average(local[:, :2], axis=0, weights=surface.point_areas_mm2[near])
+    if (np.abs(middle) > 0.25 * PATCH_RADIUS_MM).any():
         raise MeshError(
-            f"{surface.name}: mark '{name}' at {np.round(centre, 1).tolist()} mm is at an edge of the "
+            f"{surface.name}: spot '{name}' at {np.round(centre, 1).tolist()} mm is at an edge of the "
             "scan; scan further around it"
         )
-    return _fitted(name, mark, centre, frame, local)
+    return _fitted(name, across_mm, centre, frame, local)
 
 
-def _fitted(name: str, mark: Mark, centre: FloatArray, frame: FloatArray, local: FloatArray) -> FoundSpot:
+def _around(surface: Surface, centre: FloatArray) -> Surface:
+    """The faces around a point, in pieces where they are too large for a patch."""
+    from trimesh.remesh import subdivide_to_size
+
+    corners = surface.points_mm[surface.faces]
+    # Faces whose box comes near: a large one may hold the point and have its corners far away.
+    gaps = np.maximum(np.maximum(corners.min(axis=1) - centre, centre - corners.max(axis=1)), 0.0)
+    near = np.linalg.norm(gaps, axis=1) <= PATCH_RADIUS_MM
+    edges = corners[near] - np.roll(corners[near], 1, axis=1)
+    if np.linalg.norm(edges, axis=2).max(initial=0.0) <= 0.5 * PATCH_RADIUS_MM:
+        return surface
+    points, pieces = subdivide_to_size(  # type: ignore[no-untyped-call]
+        surface.points_mm, surface.faces[near], max_edge=0.3 * PATCH_RADIUS_MM, max_iter=20
+    )
+    return Surface(name=surface.name, points_mm=np.asarray(points), faces=np.asarray(pieces))
+
+
+def _fitted(name: str, across: float, centre: FloatArray, frame: FloatArray, local: FloatArray) -> FoundSpot:
     x, y, z = local.T
     columns = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
     solution, *_ = np.linalg.lstsq(columns, z, rcond=None)
@@ -75,7 +109,6 @@ def _fitted(name: str, mark: Mark, centre: FloatArray, frame: FloatArray, local:
     bend = 2.0 * float(
         np.abs(np.linalg.eigvalsh([[solution[3], solution[4] / 2], [solution[4] / 2, solution[5]]])).max()
     )
-    across = _across(mark)
     tilt = np.sqrt(covariance[1, 1] + covariance[2, 2] + (bend * across) ** 2)
     return FoundSpot(
         spot=Spot(name=name, position_mm=centre + solution[0] * frame[2], normal=normal),

@@ -9,11 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, MeshError
+from palpate_limb.openings import closed, largest, parts
 from palpate_limb.surfaces import Surface, edge_uses, parts_of
 
 LIMB_MM = (60.0, 1500.0)
 """The longest side of the box around a limb, between a child's wrist and an adult's leg."""
 BONE_MM = (10.0, 1500.0)
+MOST_CROSSING, MOST_ROUNDS = 40, 4
+"""Faces that are cut out where they cross, at a time, and how often."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,10 +105,11 @@ def _intersecting(surface: Surface) -> IntArray:
 
 
 def repaired(surface: Surface) -> Surface:
-    """The largest part of a surface, closed and without crossing faces, by MeshFix.
+    """The surface, closed and without crossing faces.
 
-    Colours are lost; ``repairs`` says what was wrong and how far points moved or fell away. A
-    surface without defects comes back as it is.
+    A few crossing faces are cut out and the gaps closed; what that does not repair, MeshFix does:
+    it keeps the largest part and loses the colours. ``repairs`` says what was wrong and how far
+    points moved or fell away. A surface without defects comes back as it is.
 
     Raises
     ------
@@ -114,6 +118,8 @@ def repaired(surface: Surface) -> Surface:
     """
     if not (found := defects(surface)):
         return surface
+    if (mended := _mended(surface)) is not None:
+        return replace(mended, repairs=_repairs(surface, found, mended))
     try:
         import pymeshfix
     except ModuleNotFoundError:
@@ -135,13 +141,31 @@ def repaired(surface: Surface) -> Surface:
     return replace(fixed, repairs=_repairs(surface, found, fixed))
 
 
+def _mended(surface: Surface) -> Surface | None:
+    """The surface with few crossing faces cut out and closed again; None where that does not help."""
+    now = surface
+    for _ in range(MOST_ROUNDS):
+        if (edge_uses(now.faces)[1] != 2).any():
+            return None
+        crossing = _intersecting(now)
+        if not crossing.size:
+            return None if defects(now) else now
+        if crossing.size > MOST_CROSSING:
+            return None
+        # With every face that shares a point: what is left then folds nowhere.
+        out = np.isin(now.faces, now.faces[crossing]).any(axis=1)
+        now = closed(largest(parts(replace(now, faces=now.faces[~out], caps=None))))
+    return None
+
+
 def _repairs(surface: Surface, found: list[Defect], fixed: Surface) -> str:
     """What was repaired, and the place of the old surface that is furthest from the new one."""
     corners = surface.points_mm[np.unique(surface.faces)]
     _, gaps = fixed.nearest(corners)
     x, y, z = corners[gaps.argmax()]
+    before = f"{surface.repairs}; " if surface.repairs else ""
     return (
-        f"{'; '.join(map(str, found))}; repaired, and changed by {gaps.max():.2g} mm at most, near "
+        f"{before}{'; '.join(map(str, found))}; repaired, and changed by {gaps.max():.2g} mm at most, near "
         f"({x:.4g}, {y:.4g}, {z:.4g}) mm"
     )
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import FloatArray, MeshError, convert
+from palpate.api import FloatArray, MeshError
+from palpate_limb.scan_unit import mm_per_unit
 from palpate_limb.surfaces import Surface
 
 SUFFIXES = frozenset({".ply", ".obj", ".glb", ".stl", ".off"})
@@ -23,7 +24,7 @@ def read_surface(path: Path, unit: str = "mm") -> Surface:
         .ply, .obj, .glb, .stl or .off. Nothing but this file (and its own
         material and texture next to it) is read.
     unit : str
-        Of the file's coordinates.
+        Of the file's coordinates, or how long it is ("365 mm").
 
     Raises
     ------
@@ -38,7 +39,7 @@ def read_surface(path: Path, unit: str = "mm") -> Surface:
     if path.stat().st_size > MOST_BYTES:
         raise MeshError(f"{path}: larger than {MOST_BYTES / 1e9:g} GB; reduce the scan")
     try:
-        factor = convert(f"1 {unit}", "mm")
+        factor = mm_per_unit(unit)
     except ValueError as error:
         raise MeshError(f"{path}: its unit: {error}") from error
     mesh = _loaded(path)

@@ -26,6 +26,8 @@ class Surface:
         sRGB of each point, 0 to 1.
     repairs : str
         What was wrong with it and has been repaired; empty where nothing was.
+    caps : (k,) integer array, optional
+        Faces that close an opening and are no skin.
     """
 
     name: str
@@ -33,6 +35,7 @@ class Surface:
     faces: IntArray
     colours: FloatArray | None = None
     repairs: str = ""
+    caps: IntArray | None = None
 
     def moved(self, motion: FloatArray) -> "Surface":
         """The surface after a rigid motion (4, 4)."""
@@ -58,6 +61,13 @@ class Surface:
         a, b, c = np.moveaxis(self.points_mm[self.faces], 1, 0)
         areas: FloatArray = 0.5 * np.cross(b - a, c - a)
         return areas
+
+    @property
+    def point_areas_mm2(self) -> FloatArray:
+        """Area (n,) that belongs to each point: a third of its faces'."""
+        areas = np.linalg.norm(self.face_areas_mm2, axis=1)
+        total = np.bincount(self.faces.ravel(), np.repeat(areas / 3.0, 3), minlength=len(self.points_mm))
+        return np.asarray(total, dtype=np.float64)
 
     def contains(self, points_mm: FloatArray) -> BoolArray:
         """Which of the points (n, 3) lie inside of the closed surface: (n,)."""

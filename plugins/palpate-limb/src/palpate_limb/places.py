@@ -1,0 +1,237 @@
+"""Spots by place: coordinates, a named point, or how far along the limb or a bone and at which angle."""
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from palpate.api import FloatArray, MeshError
+from palpate.mesh.spot_frame import spot_axes
+from palpate_limb.openings import extent
+from palpate_limb.surfaces import Surface, solid
+
+FARTHEST_MM = 10.0
+"""From a given point to the skin, at most."""
+_SHARE = re.compile(r"(?:(?P<bone>[\w-]+):)?(?P<share>[+-]?\d+(?:\.\d*)?)\s*%(?:\s*,\s*(?P<angle>[^,]+))?")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Point:
+    """A point near the skin.
+
+    Parameters
+    ----------
+    at : (3,) array
+        In the scan's own coordinates and unit.
+    """
+
+    at: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Station:
+    """So far along the limb or a bone.
+
+    Parameters
+    ----------
+    share : float
+        Of the limb's extent along its axis, or of the bone's; 0 at the lower coordinate.
+    angle_deg : float, optional
+        About the middle of the limb's section, right-handed about the axis. Without one the skin
+        nearest to the bone is meant.
+    bone : str
+        Empty for the limb.
+    """
+
+    share: float
+    angle_deg: float | None
+    bone: str = ""
+
+
+Place: TypeAlias = Point | Station
+
+
+def place_of(name: str, text: str, points: Mapping[str, FloatArray]) -> Place:
+    """What a text such as ``"12,30,-4"``, ``"45%,120deg"``, ``"fibula:95%"`` or a point's name means.
+
+    Raises
+    ------
+    MeshError
+        None of them; naming the spot.
+    """
+    from palpate.api import convert
+
+    given = text.strip()
+    if given in points:
+        return Point(at=points[given])
+    if match := _SHARE.fullmatch(given):
+        angle, bone = match["angle"], match["bone"] or ""
+        if angle is None and not bone:
+            raise MeshError(
+                f'spot {name}={text}: around the limb is where? Add an angle, such as "{given},90deg"'
+            )
+        try:
+            degrees = None if angle is None else convert(angle, "deg")
+        except ValueError as error:
+            raise MeshError(f"spot {name}={text}: {error}") from error
+        return Station(share=0.01 * float(match["share"]), angle_deg=degrees, bone=bone)
+    try:
+        at = np.array([float(number) for number in given.split(",")])
+    except ValueError:
+        at = np.empty(0)
+    if at.shape != (3,) or not np.isfinite(at).all():
+        known = f"; points: {', '.join(points)}" if points else ""
+        raise MeshError(
+            f"spot {name}={text}: give x,y,z in the scan's coordinates, a share of the limb and an angle "
+            f'("45%,120deg"), a share of a bone ("ulna:40%"), or a point of --points{known}'
+        )
+    return Point(at=at)
+
+
+def read_points(path: Path) -> dict[str, FloatArray]:
+    """Named points: ``name,x,y,z`` a line, in the scan's coordinates; a heading is skipped.
+
+    Raises
+    ------
+    MeshError
+        Not such a table, or a name is there twice.
+    """
+    found: dict[str, FloatArray] = {}
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = [[cell.strip() for cell in row] for row in csv.reader(stream) if any(row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise MeshError(f"{path}: cannot be read ({error}); write name,x,y,z in each line") from error
+    for number, row in enumerate(rows, start=1):
+        if number == 1 and [cell.lower() for cell in row] == ["name", "x", "y", "z"]:
+            continue
+        try:
+            name, at = row[0], np.array([float(cell) for cell in row[1:]])
+        except ValueError:
+            at = np.empty(0)
+        if at.shape != (3,) or not np.isfinite(at).all() or not name or name in found:
+            raise MeshError(f"{path}: line {number}: {','.join(row)}; write name,x,y,z, each name once")
+        found[name] = at
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Around:
+    """What places refer to.
+
+    Parameters
+    ----------
+    skin : Surface
+        Closed.
+    bones : sequence of Surface
+    axis : (3,) array
+        Unit vector along the limb.
+    span_mm : tuple of float
+        Coordinates along the axis of 0 and 100 %.
+    zero : (3,) array
+        Direction of 0 degrees; what of it is along the axis does not count.
+    mm_per_unit : float
+        Of the scan's coordinates.
+    """
+
+    skin: Surface
+    bones: Sequence[Surface]
+    axis: FloatArray
+    span_mm: tuple[float, float]
+    zero: FloatArray
+    mm_per_unit: float
+
+
+def zero_direction(axis: FloatArray) -> FloatArray:
+    """The direction of 0 degrees where none is given: x, or y for a limb along x."""
+    across: FloatArray = np.eye(3)[0 if abs(axis[0]) < 0.8 else 1]
+    return across
+
+
+def position_mm(name: str, place: Place, around: Around) -> FloatArray:
+    """The point (3,) of the skin that a place means.
+
+    Raises
+    ------
+    MeshError
+        No skin near a point, no such bone, or a share beyond the limb; naming the spot.
+    """
+    if isinstance(place, Point):
+        point = place.at * around.mm_per_unit
+        on, gaps = around.skin.nearest(point[None])
+        if gaps[0] > FARTHEST_MM:
+            raise MeshError(
+                f"spot '{name}': ({', '.join(f'{x:.5g}' for x in point)}) mm is {gaps[0]:.3g} mm from "
+                f"{around.skin.name}; give a point on it, in its coordinates and unit"
+            )
+        return np.asarray(on[0])
+    if not place.bone:
+        low, high = around.span_mm
+        return _at_angle(name, low + place.share * (high - low), place.angle_deg or 0.0, around)
+    bone = next((bone for bone in around.bones if bone.name == place.bone), None)
+    if bone is None:
+        raise MeshError(
+            f"spot '{name}': no bone '{place.bone}' (there: "
+            f"{', '.join(bone.name for bone in around.bones) or 'none'}); name one of them"
+        )
+    low, high = extent(bone, around.axis)
+    station = low + place.share * (high - low)
+    if place.angle_deg is not None:
+        return _at_angle(name, station, place.angle_deg, around)
+    return _over(name, bone, station, around)
+
+
+def _over(name: str, bone: Surface, station: float, around: Around) -> FloatArray:
+    """The skin nearest to a bone's section."""
+    low, high = extent(bone, around.axis)
+    if not low <= station <= high:
+        raise MeshError(f"spot '{name}': beyond bone '{bone.name}'; give 0 to 100 %, or an angle too")
+    away = np.abs(bone.points_mm @ around.axis - station)
+    section = bone.points_mm[away <= max(0.02 * (high - low), float(away.min()) + 1e-9)]
+    on, gaps = around.skin.nearest(section)
+    return np.asarray(on[gaps.argmin()])
+
+
+def _at_angle(name: str, station: float, angle_deg: float, around: Around) -> FloatArray:
+    """The skin in a direction from the middle of the limb's section: its outermost point there."""
+    if np.linalg.norm(np.cross(around.zero, around.axis)) < 0.1 * np.linalg.norm(around.zero):
+        raise MeshError(
+            f"spot '{name}': 0 degrees would be along the limb ({np.round(around.axis, 3).tolist()}); give a "
+            "direction across it with --zero"
+        )
+    # Columns x and y across the limb, x towards 0 degrees; z along it.
+    frame = spot_axes(around.axis, around.zero)
+    turned = Surface(name="limb", points_mm=around.skin.points_mm @ frame, faces=around.skin.faces)
+    contours = [np.asarray(c) for c in solid(turned).slice(station).to_polygons()]
+    if not contours:
+        low, high = extent(around.skin, around.axis)
+        raise MeshError(
+            f"spot '{name}': at {station:.4g} mm along the limb, which reaches from {low:.4g} to {high:.4g} "
+            "mm; give a share within it"
+        )
+    contour = max(contours, key=lambda c: abs(_area_and_centre(c)[0]))
+    _, centre = _area_and_centre(contour)
+    angle = float(np.deg2rad(angle_deg))
+    ray, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    start, end = contour - centre, np.roll(contour, -1, axis=0) - centre
+    a, b = start @ across, end @ across
+    crossed = (a <= 0.0) != (b <= 0.0)
+    share = a[crossed] / (a[crossed] - b[crossed])
+    out = ((1.0 - share)[:, None] * start[crossed] + share[:, None] * end[crossed]) @ ray
+    if not (out.size and out.max() > 0.0):
+        raise MeshError(f"spot '{name}': no skin at {angle_deg:g} degrees; give another angle")
+    found: FloatArray = frame @ np.array([*(centre + out.max() * ray), station])
+    return found
+
+
+def _area_and_centre(contour: FloatArray) -> tuple[float, FloatArray]:
+    """Area of a polygon (n, 2), signed, and its centroid."""
+    x, y = contour.T
+    cross = x * np.roll(y, -1) - np.roll(x, -1) * y
+    area = 0.5 * float(cross.sum())
+    middle = ((contour + np.roll(contour, -1, axis=0)) * cross[:, None]).sum(axis=0) / (6.0 * area)
+    return area, middle
