@@ -17,9 +17,9 @@ from palpate.stages.limb import check_fine, check_limb
 from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, write_phantom
 from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan
-from palpate_limb.cli_options import axis_of, layers_of, radii_mm
+from palpate_limb.cli_options import axis_of, radii_mm, thickness_of
 from palpate_limb.first_contact import moved_to_contact
-from palpate_limb.from_scan import sound_mesh
+from palpate_limb.from_scan import ScanPlan, layers_at_bone, sound_mesh
 from palpate_limb.layers import below_skin
 from palpate_limb.meshing import Mesher, MeshingTask, SizeField, run_mesher
 from palpate_limb.quality import assess, cell_volumes, check_quality, dihedral_angles_deg, scaled_jacobians
@@ -162,6 +162,40 @@ def test_a_poor_mesh_is_refused() -> None:
         check_quality(assess(holed, segment(), 6.0), "p1", 4.0)
 
 
+def test_layers_have_their_own_thickness_at_a_spot(tmp_path: Path) -> None:
+    table = tmp_path / "ultrasound.csv"
+    table.write_text("spot,skin_mm,fat_mm\np1, 1.6, 4\np2, 1.4, 7.5\n")
+    thickness = thickness_of("2 mm", ["p2.fat=8mm"], table)
+    assert thickness == {"": {"skin": 2.0}, "p2": {"skin": 1.4, "fat": 8.0}, "p1": {"skin": 1.6, "fat": 4.0}}
+    plan = ScanPlan(
+        mesh=MeshPlan(size=SIZE, layers_mm=thickness.pop(""), core="muscle"), layers_at_mm=thickness
+    )
+    assert plan.layers == ("skin", "fat")
+    assert dict(plan.mesh_at("p1").layers_mm) == {"skin": 1.6, "fat": 4.0}
+    with pytest.raises(MeshError, match="spot 'p3': layer 'fat' has a thickness at other spots"):
+        plan.mesh_at("p3")
+    with pytest.raises(
+        MeshError, match=r"spot 'p2': layer 'skin' is 1\.4 mm thick, .* needs 3\.5 mm or less"
+    ):
+        plan.mesh_at("p2")
+    for wrong in (
+        "spot,skin\np1,2\n",
+        "spot,fat_mm\np1,0\n",
+        "spot,fat_mm\np1,x\n",
+        "fat_mm\n2\n",
+        "spot,fat_mm\np1,\n",
+    ):
+        table.write_text(wrong)
+        with pytest.raises(MeshError, match="line 2: write each spot once"):
+            thickness_of("", [], table)
+
+
+def test_layers_that_reach_a_bone_are_remarked() -> None:
+    assert layers_at_bone(segment(), {"skin": 1.0}) == []
+    (remark,) = layers_at_bone(segment(), {"skin": 2.5, "fat": 20.0})
+    assert "layers of 22.5 mm together reach bone 'bone', " in remark
+
+
 # --------------------------------------------------------------------- meshers
 
 
@@ -240,16 +274,16 @@ def test_the_command_writes_a_mesh_a_note_and_a_picture(
 
 
 def test_layers_axis_and_radii_are_read_from_text() -> None:
-    assert layers_of("2 mm", ["fat=0.5cm"]) == {"skin": 2.0, "fat": 5.0}
+    assert thickness_of("2 mm", ["fat=0.5cm"], None) == {"": {"skin": 2.0, "fat": 5.0}}
     np.testing.assert_array_equal(axis_of("0, -2,1.5"), [0.0, -2.0, 1.5])
     assert axis_of("") is None
     assert radii_mm("1 mm, 1cm") == (1.0, 10.0)
     for wrong in ("1,0", "0,0,0", "a,b,c", "nan,0,1"):
         with pytest.raises(MeshError, match="give three numbers, not all 0"):
             axis_of(wrong)
-    for wrong in ("fat", "=2mm", "skin=1mm"):
+    for wrong in ("fat", "=2mm", "skin=1mm", ".fat=1mm"):
         with pytest.raises(MeshError, match="a name of its own and a thickness"):
-            layers_of("2 mm", [wrong])
+            thickness_of("2 mm", [wrong], None)
     for wrong, message in (("4 mm", "the least and the largest"), ("4 mm,2 mm", "the least first")):
         with pytest.raises(MeshError, match=message):
             radii_mm(wrong)

@@ -45,6 +45,8 @@ def scan(
     fine: options.Fine = False,
     skin: options.Skin = "",
     layers: options.Layers = None,
+    layers_at: options.LayersAt = None,
+    core: options.Core = "soft_tissue",
     motion: options.Motion = None,
     landmarks: options.Landmarks = None,
     reference: options.Reference = None,
@@ -61,11 +63,13 @@ def scan(
     if spots and marks:
         raise MeshError("--spot and --mark: give the spots by place or by ink, not both")
     radius_mm = options.length_mm("--radius", radius)
+    thickness = options.thickness_of(skin, layers or [], layers_at)
     places = options.places_of(spots or [], points)
     plan = ScanPlan(
         marks={} if places else options.marks_of(marks or list(DEFAULT_MARKS)),
         places=places,
-        mesh=_mesh_plan(radius_mm, size, options.layers_of(skin, layers or []), linear, mesher),
+        mesh=_mesh_plan(radius_mm, size, thickness[""], core, linear, mesher),
+        layers_at_mm={spot: of_spot for spot, of_spot in thickness.items() if spot},
         unit=options.unit_of("--unit", unit),
         bone_unit=options.unit_of("--bone-unit", bone_unit),
         length_mm=options.length_mm("--length", length) if length else DEFAULT_LENGTH * radius_mm,
@@ -113,7 +117,7 @@ def _meshed(
 
 
 def _mesh_plan(
-    radius_mm: float, size: str, layers_mm: dict[str, float], linear: bool, mesher: str
+    radius_mm: float, size: str, layers_mm: dict[str, float], core: str, linear: bool, mesher: str
 ) -> "MeshPlan":
     """Fine under the indenter, coarse away from it."""
     from palpate.mesh.contact_edge import NEAR
@@ -126,6 +130,7 @@ def _mesh_plan(
         size=SizeField(fine_mm=fine_mm, coarse_mm=coarse_mm, radius_mm=NEAR * radius_mm),
         kind="tet4" if linear else "tet10",
         layers_mm=layers_mm,
+        core=options.region_of(core),
         mesher=mesher,
     )
 
@@ -162,7 +167,7 @@ def _show(
     for note in first:
         for remark in note["remarks"]:
             session.say(f"{note['spot']}: {remark}")
-    regions = (*plan.mesh.layers_mm, "soft_tissue")
+    regions = (*plan.layers, plan.mesh.core)
     session.say("\n" + study_tables([note["spot"] for note in first], regions, list(notes)))
     session.next("limb STUDY", "put these tables into a study.toml; ")
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from palpate_limb.from_scan import BoneFile
     from palpate_limb.places import Place
 
-PATHS = frozenset({"into", "motion", "landmarks", "reference", "points"})
+PATHS = frozenset({"into", "motion", "landmarks", "reference", "points", "layers-at"})
 """Options that name a file or a folder; --bones does so in its own way."""
 
 ScanFile: TypeAlias = Annotated[
@@ -115,9 +115,19 @@ Layers: TypeAlias = Annotated[
     typer.Option(
         "--layer",
         metavar="NAME=THICKNESS",
-        help="A further layer below the skin, e.g. fat=5mm; repeat for more, from the outside in.",
+        help="A further layer below the skin, e.g. fat=5mm, or p1.fat=6mm for one spot; repeat for more, "
+        "from the outside in.",
     ),
 ]
+LayersAt: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--layers-at",
+        metavar="FILE",
+        help="Thickness of layers by spot, as from ultrasound: a table of spot,skin_mm,fat_mm.",
+    ),
+]
+Core: TypeAlias = Annotated[str, typer.Option(help="Name of the region below all layers.")]
 Motion: TypeAlias = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Bones' motion to the scan: 4 × 4 numbers.")
 ]
@@ -283,15 +293,59 @@ def marks_of(given: list[str]) -> dict[str, str | None]:
     return named
 
 
-def layers_of(skin: str, given: list[str]) -> dict[str, float]:
-    """Thickness [mm] of each layer, from the outside in."""
-    layers = {"skin": length_mm("--skin", skin)} if skin else {}
+def thickness_of(skin: str, given: list[str], file: Path | None) -> dict[str, dict[str, float]]:
+    """Thickness [mm] of each layer from the outside in, for all (``""``) and where a spot has its own."""
+    found: dict[str, dict[str, float]] = {"": {"skin": length_mm("--skin", skin)} if skin else {}}
     for text in given:
         name, equals, thickness = text.partition("=")
-        if not (equals and _is_name(name)) or name in layers:
-            raise MeshError(f"--layer {text}: give a name of its own and a thickness, e.g. fat=5mm")
-        layers[name] = length_mm(f"--layer {name}", thickness)
-    return layers
+        spot, dot, layer = name.rpartition(".")
+        of_spot = found.setdefault(spot, {})
+        if not (equals and _is_name(layer)) or bool(dot) != _is_name(spot) or layer in of_spot:
+            raise MeshError(
+                f"--layer {text}: give a name of its own and a thickness, e.g. fat=5mm, or p1.fat=6mm "
+                "at one spot"
+            )
+        of_spot[layer] = length_mm(f"--layer {name}", thickness)
+    for spot, layers in _layer_table(file).items() if file is not None else ():
+        found[spot] = {**layers, **found.get(spot, {})}
+    return found
+
+
+def _layer_table(file: Path) -> dict[str, dict[str, float]]:
+    """Thickness [mm] by spot and layer."""
+    import csv
+
+    try:
+        with file.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream, skipinitialspace=True))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise MeshError(f"{file}: cannot be read ({error}); write a table of spot,skin_mm,fat_mm") from error
+    found: dict[str, dict[str, float]] = {}
+    for number, row in enumerate(rows, start=2):
+        spot = (row.pop("spot", None) or "").strip()
+        try:
+            layers = {name.removesuffix("_mm"): float(value) for name, value in row.items()}
+        except (TypeError, ValueError, AttributeError):
+            layers = {}
+        wrong = not all(name.endswith("_mm") for name in row if name) or not all(
+            0.0 < thickness < 1000.0 for thickness in layers.values()
+        )
+        if not layers or wrong or not _is_name(spot) or spot in found:
+            raise MeshError(
+                f"{file}: line {number}: write each spot once, with thicknesses > 0 under a heading such as "
+                "spot,skin_mm,fat_mm"
+            )
+        found[spot] = layers
+    if not found:
+        raise MeshError(f"{file}: no spot; write a heading such as spot,skin_mm,fat_mm and a line for each")
+    return found
+
+
+def region_of(given: str) -> str:
+    """Name of the region below all layers."""
+    if not _is_name(given):
+        raise MeshError(f"--core {given}: give a name of letters, digits, - and _")
+    return given
 
 
 def _is_name(name: str) -> bool:

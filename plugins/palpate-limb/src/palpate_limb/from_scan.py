@@ -87,6 +87,8 @@ class ScanPlan:
         Along the limb, if its long principal axis is not it; or the bone that is.
     zero : (3,) array, optional
         Direction of 0 degrees around the limb.
+    layers_at_mm : mapping of spot to thickness by layer
+        Where it is not that of ``mesh``, as ultrasound measures it.
     stump : bool
         The limb ends in skin.
     cover_mm : float
@@ -108,11 +110,37 @@ class ScanPlan:
     indenter_radius_mm: float = 7.5
     axis: FloatArray | str | None = None
     zero: FloatArray | None = None
+    layers_at_mm: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     stump: bool = False
     cover_mm: float = 0.0
     repair: bool = False
     mark_radii_mm: tuple[float, float] = (1.2, 10.0)
     n_smoothing: int = 20
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of all layers, from the skin inwards."""
+        return tuple(
+            dict.fromkeys([*self.mesh.layers_mm, *(n for own in self.layers_at_mm.values() for n in own)])
+        )
+
+    def mesh_at(self, spot: str) -> MeshPlan:
+        """How the segment of a spot is meshed.
+
+        Raises
+        ------
+        MeshError
+            A layer has no thickness there, or is too thin for its elements.
+        """
+        known = {**self.mesh.layers_mm, **self.layers_at_mm.get(spot, {})}
+        if missing := [name for name in self.layers if name not in known]:
+            raise MeshError(
+                f"spot '{spot}': layer '{missing[0]}' has a thickness at other spots and none here; give "
+                "one for this spot, or for all"
+            )
+        made = replace(self.mesh, layers_mm={name: known[name] for name in self.layers})
+        made.check_layers(spot)
+        return made
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -212,13 +240,29 @@ def limbs_of(scan: ReadScan, plan: ScanPlan) -> Iterator[ScannedLimb]:
     MeshError
         Naming the spot, the place and what to do.
     """
-    for found in scan.spots.values():
+    if missing := sorted(set(plan.layers_at_mm) - set(scan.spots)):
+        raise MeshError(f"layers of spot '{missing[0]}': no such spot (there: {', '.join(scan.spots)})")
+    plans = {name: plan.mesh_at(name) for name in scan.spots}
+    for name, found in scan.spots.items():
         segment = cut(scan.surface, scan.bones, found.spot, scan.axis, plan.length_mm, stump=plan.stump)
-        limb, rise = moved_to_contact(sound_mesh(segment, plan.mesh), plan.indenter_radius_mm)
+        limb, rise = moved_to_contact(sound_mesh(segment, plans[name]), plan.indenter_radius_mm)
         quality = assess(limb, segment, plan.mesh.size.radius_mm)
         check_quality(quality, found.spot.name, plan.mesh.size.fine_mm)
         check_limb(limb, limb.mesh.regions)
-        yield ScannedLimb(limb=limb, found=found, segment=segment, quality=quality, rise_mm=rise)
+        remarks = (*segment.remarks, *layers_at_bone(segment, plans[name].layers_mm))
+        yield ScannedLimb(
+            limb=limb, found=found, segment=replace(segment, remarks=remarks), quality=quality, rise_mm=rise
+        )
+
+
+def layers_at_bone(segment: Segment, layers_mm: Mapping[str, float]) -> list[str]:
+    """A remark where the layers reach a bone below the spot."""
+    deep = sum(layers_mm.values())
+    gaps = {bone.name: float(bone.nearest(np.zeros((1, 3)))[1][0]) for bone in segment.bones}
+    reached = [f"'{name}', {gap:.3g} mm from the spot" for name, gap in gaps.items() if gap <= deep]
+    if not reached:
+        return []
+    return [f"layers of {deep:g} mm together reach bone {' and '.join(reached)}: check their thickness there"]
 
 
 def sound_mesh(segment: Segment, plan: MeshPlan) -> Limb:

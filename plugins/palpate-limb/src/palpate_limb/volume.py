@@ -32,7 +32,8 @@ class MeshPlan:
     size : SizeField
     kind : {"tet10", "tet4"}
     layers_mm : mapping of region to thickness, from the skin inwards
-        Below them everything is ``soft_tissue``.
+        Below them everything is ``core``.
+    core : str
     tolerance_mm : float
         How far flat faces may leave the surfaces before they are bent onto them; twice as far
         where elements can be bent.
@@ -43,15 +44,33 @@ class MeshPlan:
     size: SizeField
     kind: Literal["tet10", "tet4"] = "tet10"
     layers_mm: Mapping[str, float] = field(default_factory=lambda: NO_LAYERS)
+    core: str = TISSUE
     tolerance_mm: float = 0.4
     mesher: str = "ftetwild"
     time_limit_s: float = 300.0
 
     def __post_init__(self) -> None:
-        if any(not thickness > 0.0 for thickness in self.layers_mm.values()) or TISSUE in self.layers_mm:
+        if any(not thickness > 0.0 for thickness in self.layers_mm.values()) or self.core in self.layers_mm:
             raise MeshError(
-                f"layers {dict(self.layers_mm)}: give thicknesses > 0 mm; what is below them is '{TISSUE}'"
+                f"layers {dict(self.layers_mm)}: give thicknesses > 0 mm; what is below them is '{self.core}'"
             )
+
+    def check_layers(self, spot: str) -> None:
+        """Refuse a layer that is too thin for the elements under the indenter.
+
+        Raises
+        ------
+        MeshError
+            With the element size that it needs.
+        """
+        for name, thickness in self.layers_mm.items():
+            needed = FLATTEST * thickness
+            if self.size.fine_mm > needed * (1.0 + 1e-9):
+                raise MeshError(
+                    f"spot '{spot}': layer '{name}' is {thickness:g} mm thick, too thin for elements of "
+                    f"{self.size.fine_mm:.3g} mm; it needs {needed:.3g} mm or less (--size), or make it "
+                    "thicker, or one with its neighbour"
+                )
 
     @property
     def finer(self) -> "MeshPlan":
@@ -89,7 +108,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
         points_mm=points,
         cells={plan.kind: tets},
         cell_regions={plan.kind: regions},
-        regions=(*interfaces, TISSUE),
+        regions=(*interfaces, plan.core),
         node_sets={
             "fixed": np.unique(np.concatenate([on["cut"], *bones])),
             "contact": on["skin"],
