@@ -10,7 +10,7 @@ QUIET := $(if $(MAKE_TERMOUT),,--quiet)
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
-.PHONY: coverage help demo test test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-fit bench-logs bench-ledger bench-search bench-solver bench-sparse clean
+.PHONY: coverage coverage-fe help demo test test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-fit bench-logs bench-ledger bench-search bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -83,6 +83,9 @@ bench: $(VENV)/installed ## timings, each with a peer of the same run
 
 coverage: $(VENV)/installed ## how often 95 % intervals hold the truth, over 600 simulated experiments
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_coverage.py
+
+coverage-fe: $(VENV)/installed ## the same by finite elements, and models that do not describe the data
+	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_inadequate.py
 
 bench-core: $(VENV)/installed ## the core's kernels with their peers, and their instruction counts
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py

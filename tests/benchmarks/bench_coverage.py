@@ -6,6 +6,7 @@ path that no parameter explains. The fit knows none of them. Prints how many int
 and joint regions, hold the truth, beside those of the noise alone; and how many are called inadequate.
 
     python tests/benchmarks/bench_coverage.py --n 200 --studies yeoh
+    python tests/benchmarks/bench_coverage.py --n 40 --posterior    # of emulated posteriors too
 """
 
 import argparse
@@ -21,6 +22,7 @@ from pydantic import Field
 
 from palpate import Curve, Job, Limb, Response, Settings, Simulation, Solver, Status
 from palpate.certainty.causes import ONSET_MM, RELATIVE
+from palpate.certainty.posterior_stage import PosteriorStage
 from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Design, ParameterSpace, RegionMaterial
 from palpate.fit.stage import FitStage
@@ -168,7 +170,7 @@ def measured_at(study, row: np.ndarray, rng: np.random.Generator) -> Response:
     return Response(curves=curves)
 
 
-def experiment(name: str, seed: int) -> dict:
+def experiment(name: str, seed: int, *, posterior: bool = False) -> dict:
     """One experiment: which intervals hold the truth, and why the model was called inadequate."""
     rng = np.random.default_rng(seed)
     coarse = MESH * rng.normal()
@@ -193,6 +195,10 @@ def experiment(name: str, seed: int) -> dict:
     for key, density in (("all", assessed.density), ("noise", assessed.noise_only.within())):
         low, high = density.interval(assessed.point)
         found[key] = np.append((low <= truth) & (truth <= high), density.holds(truth))
+    if posterior:
+        (drawn,) = PosteriorStage(study=study, design=stage.design).run([case], [assessed]).posteriors
+        low, high = np.quantile(drawn.values, [0.025, 0.975], axis=0)
+        found["posterior"] = np.append((low <= row) & (row <= high), np.nan)
     return found
 
 
@@ -200,18 +206,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--n", type=int, default=200, help="experiments of each study")
     parser.add_argument("--studies", nargs="*", default=list(STUDIES), help="which studies")
+    parser.add_argument("--posterior", action="store_true", help="draw posteriors too, seconds each")
     chosen = parser.parse_args()
     with ProcessPoolExecutor() as pool:
         for name in chosen.studies:
-            of_name = functools.partial(experiment, name)
+            of_name = functools.partial(experiment, name, posterior=chosen.posterior)
             found = list(pool.map(of_name, range(chosen.n), chunksize=5))
             names = [*(p.name for p in study_of(name, Layered()).space.parameters), "joint region"]
             failed = sum(bool(each["failed"]) for each in found)
             say(f"\n{name}: {chosen.n} experiments, {failed} called inadequate")
-            say("| 95 % interval of | holds the truth | that of the noise alone |\n|---|---|---|")
+            heads = ["holds the truth", "that of the noise alone", "that of the posterior"]
+            kinds = ["all", "noise", "posterior"][: 2 + chosen.posterior]
+            say(f"| 95 % interval of | {' | '.join(heads[: len(kinds)])} |\n|{'---|' * (len(kinds) + 1)}")
             for i, key in enumerate(names):
-                held, noise = (100.0 * np.mean([each[of][i] for each in found]) for of in ("all", "noise"))
-                say(f"| {key} | {held:.1f} % | {noise:.1f} % |")
+                held = [f"{100.0 * np.mean([each[of][i] for each in found]):.1f} %" for of in kinds]
+                if key == "joint region":  # of posteriors there is none
+                    held = held[:2] + ["" for _ in held[2:]]
+                say(f"| {key} | {' | '.join(held)} |")
 
 
 def say(line: str) -> None:
