@@ -1,5 +1,6 @@
 """The paper's figures, for any channels, spots, parameters and scenarios, and those of single presses."""
 
+import gc
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import cycle, product
@@ -56,8 +57,12 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     if data.is_fitted or not data.generalisation.is_empty():
         drawings["generalised"] = partial(generalised, data)
     files: list[Path] = []
-    for name, draw in drawings.items():
-        files += _saved(draw, folder / name)
+    gc.freeze()  # else each collection while drawing goes through everything that was imported
+    try:
+        for name, draw in drawings.items():
+            files += _saved(draw, folder / name)
+    finally:
+        gc.unfreeze()
     return tuple(files)
 
 

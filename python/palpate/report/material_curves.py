@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -75,22 +76,20 @@ def material_curves(data: ReportData, scenario: str) -> Iterator[MaterialCurves]
     if data.study.truth:
         found["known answer"] = dict(data.study.truth)
     draws = draws_of(data, scenario, MOST_DRAWS).to_dicts()
-    for region in data.study.space.regions:
+    unit = convert(f"1 {data.modulus_unit}", "MPa")
+    for region, path in product(data.study.space.regions, PATHS):
         if not data.study.space.columns_of(region.region):
             continue
-        for path in PATHS:
-            every = {fit: _stress(data, region.region, path, row) for fit, row in found.items()}
-            stress = {fit: values for fit, values in every.items() if np.isfinite(values).all()}
-            band = [_stress(data, region.region, path, row) for row in draws]
-            ends = np.quantile(band, BAND, axis=0) if band and np.isfinite(band).all() else (None, None)
-            if stress:
-                yield MaterialCurves(
-                    region=region.region, path=path, stress=stress, lower=ends[0], upper=ends[1]
-                )
+        every = {fit: _stress(data, region.region, path, row) / unit for fit, row in found.items()}
+        stress = {fit: values for fit, values in every.items() if np.isfinite(values).all()}
+        band = np.array([_stress(data, region.region, path, row) / unit for row in draws])
+        ends = np.quantile(band, BAND, axis=0) if band.size and np.isfinite(band).all() else (None, None)
+        if stress:
+            yield MaterialCurves(region=region.region, path=path, stress=stress, lower=ends[0], upper=ends[1])
 
 
 def _stress(data: ReportData, name: str, path: Path, row: Mapping[str, Any]) -> FloatArray:
-    """Nominal stress (n,), the slope of the energy along the path; NaN where the material has directions."""
+    """Nominal stress (n,) [MPa], the slope of the energy along the path; NaN with directions."""
     space = data.study.space
     (region,) = (each for each in space.regions if each.region == name)
     if not isinstance(region.material, IsotropicMaterial):
@@ -104,5 +103,5 @@ def _stress(data: ReportData, name: str, path: Path, row: Mapping[str, Any]) -> 
         np.asarray(region.material.energy(path.stretches(path.amounts + step), theta))
         for step in (STEP, -STEP)
     )
-    stress: FloatArray = (above - below) / (2.0 * STEP) / convert(f"1 {data.modulus_unit}", "MPa")
+    stress: FloatArray = (above - below) / (2.0 * STEP)
     return stress

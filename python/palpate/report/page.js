@@ -392,6 +392,8 @@
 
   function listenToSections() {
     let due = 0;
+    // On a phone the way to the end is long enough without them.
+    if (isNarrow()) document.querySelectorAll("section:not(#section-curves) > details").forEach((d) => { d.open = false; });
     document.querySelectorAll("details").forEach((section) => section.addEventListener("toggle", () => {
       cancelAnimationFrame(due);
       due = requestAnimationFrame(() => { drawAll(); ["pairs", "strip"].forEach(listen); });

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import polars as pl
 
 from palpate.report.latex import escaped, number, plain
-from palpate.report.tables import COMPARISON_TITLES, TITLES
+from palpate.report.tables import COMPARISON_TITLES, TITLES, printed
 from palpate.run.result_files import write_atomically
 
 _TITLES = {**TITLES, **COMPARISON_TITLES}
@@ -28,8 +28,8 @@ def write_tables(
         for name, table in tables.items()
         for suffix, text in (
             (".csv", _csv(table)),
-            (".tex", latex(name, table)),
-            (".md", markdown(name, table)),
+            (".tex", latex(name, printed(name, table))),
+            (".md", markdown(name, printed(name, table))),
         )
     }
     texts |= {folder / f"{name}.tex": text for name, text in paper.items()}

@@ -25,7 +25,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "cost_of_one_set": "What one set for all spots costs at each",
         "fit": "The fits: errors, simulations, and why they ended",
         "intervals": "95 % intervals of the fit",
-        "budget": "Causes of the intervals, by their shares",
+        "budget": "Causes of the intervals, shares in percent",
         "directions": "Combinations of parameters, the best known first",
         "posterior": "Posterior of the joint fits, by an emulator",
         "profile_ends": "Ends of the profiles, by the emulator and by the solver",
@@ -97,6 +97,14 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
         for name, table in tables.items()
         if not table.is_empty()
     }
+
+
+def printed(name: str, table: pl.DataFrame) -> pl.DataFrame:
+    """Rows as people read them: the causes of an interval side by side, in percent."""
+    if name != "budget":
+        return table
+    shares = table.with_columns(share=(100.0 * pl.col("share")).round(1))
+    return shares.pivot("cause", index=["fit", "scenario", "parameter"], values="share")
 
 
 def _with_units(data: ReportData, mesh: pl.DataFrame) -> pl.DataFrame:

@@ -76,15 +76,15 @@ def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdic
     """Sum up a run, from what its stages have left."""
     bests = tuple(best_sets(data))
     no_fit, (about, values, quality) = _no_fit(data, bests), _lead(data, bests)
-    best = leading(data, bests)
+    best, found = leading(data, bests), list(estimates(data, bests))
     return Verdict(
         parameters=tuple(map(label_of, data.searched.values())),
         bests=bests,
         headline=no_fit or (f"{about}: {quality}" if about else ""),
-        estimates=() if no_fit else tuple(estimates(data, bests)),
+        estimates=() if no_fit else tuple(found),
         moduli=() if no_fit or best is None else tuple(_moduli(data, best)),
         lead=no_fit or (f"{about}: {', '.join(values)}; {quality}." if about else ""),
-        identifiability=() if no_fit else tuple(_identifiability(data, name) for name in data.brief),
+        identifiability=() if no_fit else tuple(_identified(data, found)),
         spent=_spent(data),
         warnings=(*report_warnings(data, bests, tables), *section_warnings(data)),
         failure=no_fit,
@@ -184,10 +184,23 @@ def _spent(data: ReportData) -> str:
     fits = data.fit.table.unique(["fit", "scenario"])
     n_sweep = sum(data.completeness.simulated.values())
     fine = f" and {n_fine} of finer meshes" if (n_fine := fits["n_fine"].sum()) else ""
-    return f"Simulations: {n_sweep} of the sweep, {fits['n_runs'].sum()} of the fit{fine}."
+    sweep = f"{n_sweep} of the sweep, " if data.study.n_sets else ""
+    return f"Simulations: {sweep}{fits['n_runs'].sum()} of the fit{fine}."
 
 
-def _identifiability(data: ReportData, parameter: str) -> str:
+def _identified(data: ReportData, found: Sequence[Estimate]) -> Iterator[str]:
+    """Sentence on each parameter: by the intervals of the fit, where it has them, else by the sweep."""
+    if not any(each.level for each in found):
+        yield from (_by_sweep(data, name) for name in data.brief)
+        return
+    for each in found:
+        value = "by spot" if each.value is None else f"{each.value:.4g}"
+        unit = "" if each.unit == "1" else f" {each.unit}"
+        ends = "" if each.lower is None else f", 95 % interval {each.lower:.4g} to {each.upper:.4g}{unit}"
+        yield f"{each.parameter}: {value}{unit}{ends}; {_phrase(each.identifiability)}."
+
+
+def _by_sweep(data: ReportData, parameter: str) -> str:
     """Sentence on one parameter in the scenario that generalises, over all spots."""
     rows = data.identified(together=False).filter(parameter=parameter)
     name, words = data.brief[parameter].name, rows["identifiability"].to_list()

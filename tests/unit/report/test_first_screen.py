@@ -7,10 +7,14 @@ import pytest
 from hypothesis import given, strategies as st
 
 from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.sections import Table, Word
 from palpate.report import make_tables
 from palpate.report.answer import answer, budget_bars
 from palpate.report.forest import Axis, _percent, _widened, forest
+from palpate.report.layout import laid_out
 from palpate.report.page import render
+from palpate.report.result import Report
+from palpate.report.tables import printed
 from palpate.report.verdict import make_verdict
 
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
@@ -112,3 +116,26 @@ def test_warnings_of_what_leads_come_before_those_of_other_fits(fitted):
             if "end of their range" in w.what]  # fmt: skip
     assert ends[0].startswith("grip at all spots, scenario I.")
     assert "grip at p1, scenario I" in ends[1]
+
+
+def test_one_set_of_words_is_on_the_page_of_a_fit(fitted):
+    data = passed(fitted)
+    tables = make_tables(data)
+    verdict = make_verdict(data, tables)
+    row = data.fit.certainty.intervals.row(0, named=True)
+    assert verdict.identifiability[0] == (
+        f"stiffness: {row['value']:.4g} MPa, 95 % interval {row['lower']:.4g} to {row['upper']:.4g} MPa; "
+        "well identifiable."
+    )
+    (sweep,) = (made for made in laid_out(data, Report(tables=tables, files=(), verdict=verdict))
+                if made.name == "identifiability")  # fmt: skip
+    cells = [cell for block in sweep.blocks if isinstance(block, Table) for row in block.rows for cell in row]
+    assert cells
+    assert not [cell for cell in cells if isinstance(cell, Word)]
+
+
+def test_causes_are_printed_side_by_side_in_percent(fitted):
+    shares = printed("budget", fitted.fit.certainty.budget)
+    assert shares.height == fitted.fit.certainty.intervals.height
+    causes = shares.select(pl.exclude("fit", "scenario", "parameter"))
+    assert causes.sum_horizontal().to_list() == pytest.approx([100.0] * shares.height, abs=0.5)

@@ -72,7 +72,7 @@ def test_it_is_drawn_at_every_width_in_light_and_dark_without_an_error_or_a_requ
     for width, dark in ((1100, False), (400, False), (1100, True)):
         browser.open(path, width, dark=dark)
         # Folded as it comes, and drawn without a figure that cannot be seen.
-        assert browser.value("document.documentElement.scrollHeight") < (4000 if width > 400 else 5000)
+        assert browser.value("document.documentElement.scrollHeight") < 4000
         assert count(browser, "#pairs .point") == 0
         unfolded(browser, path, width, dark=dark)
         assert browser.value("document.documentElement.dataset.ready") == "yes"

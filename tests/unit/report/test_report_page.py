@@ -237,7 +237,7 @@ def test_a_fit_without_a_sweep_has_a_page_without_its_sections(page):
     ids = {a.get("id") for _, a, _ in made.elements}
     assert not ids & {"section-distribution", "section-generalisation", "pick", "strip"}
     assert {"section-fit", "figure-0", "section-space", "pairs", "section-curves"} <= ids
-    assert "No sweep" in made.text()
+    assert "2 spots without a sweep" in made.text()
     assert "selected" not in [a.get("data-shown") for _, a, _ in made.all("input")]
     assert "One material for all 2 spots" in made.text()
 

@@ -48,38 +48,51 @@ class Certainty(Section):
 class Identifiability(Section):
     """Which values the sets of the sweep allow."""
 
-    name, title, entry = "identifiability", "How well the parameters are identified", "Identifiability"
-    summary = "intervals that fit about as well, within the ranges of the sweep"
+    name, title, entry = "identifiability", "What the sweep allows", "Identifiability"
+    summary = "values with which sets of the sweep fit about as well as the best"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the intervals of the scenario that generalises, then those of the others."""
         rows = list(_intervals(data))
-        if not rows:
+        if not rows or not data.design.n_sets:
             return
         thin = ", the thin line the known answer" if data.study.truth else ""
         yield Paragraph(
             "The interval holds the values with which a set fits about as well as the best, the other "
             "parameters adjusting themselves within their ranges: Fopt at most twice its fitted least, or "
             "the least plus the effect of the measured spread or of the error of the fit, whichever is "
-            "more. Fopt is fitted to the sweep's own curves; the fitted optimum is where it is least. Up "
-            "to 10 % of the range is called well identifiable, up to 30 % roughly, up to 80 % poorly, "
-            "beyond that not. Unclear: too few sets, or curves that the slopes do not predict. In a bar "
-            f"the thick line is the interval, the dot the best value{thin}."
+            "more. Fopt is fitted to the sweep's own curves; the fitted optimum is where it is least. In a "
+            f"bar the thick line is the interval, the dot the best value{thin}."
         )
-        if sentences := report.verdict.identifiability:
-            yield Listing([("", sentence) for sentence in sentences])
+        is_sure = any(each.level for each in report.verdict.estimates)
+        if is_sure:
+            yield Paragraph(
+                "How well a parameter is identified is said by the 95 % intervals of the fit, which have "
+                "the whole error budget; these ranges do not."
+            )
+        else:
+            yield Paragraph(
+                "Up to 10 % of the range is called well identifiable, up to 30 % roughly, up to 80 % "
+                "poorly, beyond that not. Unclear: too few sets, or curves that the slopes do not predict."
+            )
+            yield Listing([("", sentence) for sentence in report.verdict.identifiability])
         main = data.generalising.name
-        yield _table(f"Intervals in scenario {main}", [row for row in rows if row["scenario"] == main])
+        own = [row for row in rows if row["scenario"] == main]
+        yield _table(f"Intervals in scenario {main}", own, words=not is_sure)
         if others := [row for row in rows if row["scenario"] != main]:
-            yield Fold("The other scenarios", [_table("Intervals in the other scenarios", others)])
-        if "distance_to_truth" in report.tables:
-            yield Fold("Distance to the known answer", list(table(report, "distance_to_truth")))
+            yield Fold(
+                "The other scenarios", [_table("Intervals in the other scenarios", others, words=not is_sure)]
+            )
 
 
-def _table(caption: str, rows: list[dict[str, Any]]) -> Table:
-    heads = ["parameter", "spot", "scenario", "identifiability", "within the range", "best set"]
+def _table(caption: str, rows: list[dict[str, Any]], *, words: bool) -> Table:
+    heads = ["parameter", "spot", "scenario", "within the range", "best set"]
     heads += ["fitted optimum", "about as good", "most correlated with", "sets as good"]
-    return Table(caption, heads, [_cells(row) for row in rows])
+    cells = [_cells(row) for row in rows]
+    if words:
+        heads.append("identifiability")
+        cells = [[*own, Word(row["identifiability"])] for own, row in zip(cells, rows, strict=True)]
+    return Table(caption, heads, cells)
 
 
 def _cells(row: Mapping[str, Any]) -> list[Any]:
@@ -89,7 +102,6 @@ def _cells(row: Mapping[str, Any]) -> list[Any]:
         row["name"],
         row["spot"],
         row["scenario"],
-        Word(row["identifiability"]),
         row["bar"],
         f"{row['value']:.4g}{unit}",
         row["optimum"],

@@ -78,13 +78,14 @@ class Values(Section):
         if verdict.lead and not verdict.failure:
             yield Paragraph(verdict.lead)
         leading = [best for best in verdict.bests if best.scenario == data.generalising.name]
-        every = _every(data, report)
-        if not any(best.found == "fit" for best in leading):
-            yield every
-            return
-        yield _leading(data, report, leading)
-        yield Paragraph(verdict.spent)
-        yield Fold("Every scenario", [every])
+        if any(best.found == "fit" for best in leading):
+            yield _leading(data, report, leading)
+            yield Paragraph(verdict.spent)
+            yield Fold("Every scenario", [_every(data, report)])
+        else:
+            yield _every(data, report)
+        if "distance_to_truth" in report.tables:
+            yield Fold("Distance to the known answer", list(table(report, "distance_to_truth")))
 
 
 class Fits(Section):
@@ -97,10 +98,11 @@ class Fits(Section):
         """Show the ways of the searches, what the meshes do, and every fit."""
         if data.fit.table.is_empty():
             return
+        swept = ", the dotted line the best set of the sweep" if data.design.n_sets else ""
         yield Paragraph(
             "Fopt of every step that was better than all before it, against the simulations that the fit "
             "had spent; a line begins again where another search starts, or where answers of finer meshes "
-            "correct the curves. A diamond is the end of a fit, the dotted line the best set of the sweep."
+            f"correct the curves. A diamond is the end of a fit{swept}."
         )
         for spot in data.spots:
             for scenario in data.study.scenarios:
@@ -129,6 +131,13 @@ def _cell(value: Value) -> Lines:
     return Lines([*lines, Word(value.identifiability)])
 
 
+def _below(bests: Sequence[Best]) -> str:
+    """What is below the values."""
+    if any(value.is_sure for best in bests for value in best.values):
+        return "its 95 % interval"
+    return "the fitted optimum, and what fits about as well as that"
+
+
 def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
     """Show the joint fit with the spots beside it."""
     truth = data.study.truth
@@ -145,8 +154,8 @@ def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
         rows.append([f"R² {channel}{least}", *(best.r2[channel] for best in bests), *known])
     rows.append(["found", *(best.found for best in bests), *([""] if truth else [])])
     return Table(
-        f"The fit to {bests[0].fitted_to} (scenario {data.generalising.name}); below each value, what fits "
-        "about as well",
+        f"The fit to {bests[0].fitted_to} (scenario {data.generalising.name}); below each value "
+        f"{_below(bests)}",
         ["parameter", *(best.spot for best in bests), *(["known answer"] if truth else [])],
         rows,
     )
@@ -167,8 +176,7 @@ def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list
 def _every(data: ReportData, report: Report) -> Table:
     verdict, channels = report.verdict, data.measured_channels
     return Table(
-        "Best set by spot and scenario; below each value the fitted optimum, and what fits about as well "
-        "as that",
+        f"Best values by spot and scenario; below each {_below(verdict.bests)}",
         [
             "spot",
             "scenario",
