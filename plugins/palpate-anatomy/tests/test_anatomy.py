@@ -1,0 +1,68 @@
+"""Real limbs: their spots have segments, and their licences are stated."""
+
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate_anatomy import palpate_studies
+from palpate_limb.cli_options import axis_of, places_of
+from palpate_limb.from_scan import ReadScan, ScanPlan, read_scan
+from palpate_limb.meshing import SizeField
+from palpate_limb.segment import cut
+from palpate_limb.volume import MeshPlan
+
+FOLDERS = {study.name: Path(study.directory) for study in palpate_studies()}
+SIZE = SizeField(fine_mm=2.1, coarse_mm=18.0, radius_mm=9.0)
+
+
+def options(name: str) -> dict[str, object]:
+    return tomllib.loads((FOLDERS[name] / "limb.toml").read_text())
+
+
+@cache
+def read(name: str) -> ReadScan:
+    given = options(name)
+    plan = ScanPlan(
+        mesh=MeshPlan(size=SIZE),
+        places=places_of([f"{spot}={place}" for spot, place in given["spot"].items()], None),
+        unit=None,
+        axis=axis_of(given["axis"]),
+        cover_mm=1.5 if "cover" in given else 0.0,
+        n_smoothing=0,
+    )
+    return read_scan(FOLDERS[name] / "skin.ply", [FOLDERS[name] / bone for bone in given["bones"]], plan)
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_every_spot_has_a_segment_with_bones_below_it(name: str) -> None:
+    scan, stump = read(name), bool(options(name).get("stump"))
+    assert scan.unit == "mm", "guessed as it is declared"
+    study = tomllib.loads((FOLDERS[name] / "study.toml").read_text())
+    assert list(scan.spots) == [spot["name"] for spot in study["spot"]]
+    for found in scan.spots.values():
+        segment = cut(scan.surface, scan.bones, found.spot, scan.axis, stump=stump)
+        assert segment.bones
+        gaps = [float(bone.nearest(np.zeros((1, 3)))[1][0]) for bone in segment.bones]
+        assert 3.0 < min(gaps) < 45.0
+
+
+def test_the_forearm_is_an_adults() -> None:
+    """An adult's ulna is 220 to 290 mm long, and the forearm 61 to 96 mm wide."""
+    scan = read("forearm-real")
+    ulna = next(bone for bone in scan.bones if bone.name == "ulna")
+    assert 220.0 < np.ptp(ulna.points_mm @ scan.axis) < 290.0
+
+
+@pytest.mark.parametrize(("name", "licence"), [("forearm-real", "2.1 Japan"), ("residual-limb", "BY-SA 4.0")])
+def test_the_licence_is_beside_the_files_and_in_the_metadata(name: str, licence: str) -> None:
+    text = (FOLDERS[name] / "LICENCE.md").read_text()
+    assert licence in text
+    assert "Changed:" in text
+    for file in FOLDERS[name].glob("*.ply"):
+        assert file.name in text
+    metadata = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
+    assert {"CC-BY-SA-4.0", "CC-BY-SA-2.1-JP"} <= set(metadata["project"]["license"].split())
+    assert (FOLDERS[name] / "README.md").read_text().count("LICENCE.md") == 1
