@@ -59,6 +59,7 @@ if TYPE_CHECKING:
         Component as Component,
         ExperimentLoader as ExperimentLoader,
         LimbSource as LimbSource,
+        InputFile as InputFile,
         IsotropicMaterial as IsotropicMaterial,
         Material as Material,
         Sampler as Sampler,

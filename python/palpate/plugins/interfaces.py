@@ -11,10 +11,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Generic, cast, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Generic, cast, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict, PlainSerializer, ValidationInfo
 from typing_extensions import TypeVar, get_original_bases
 
 from palpate.domain import (
@@ -36,6 +36,22 @@ Array = Any
 
 NO_FIELDS: Mapping[str, Array] = MappingProxyType({})
 """Where there is no mesh, or a material that takes nothing from it."""
+
+
+def _in_folder(given: Path, info: ValidationInfo) -> Path:
+    """A path from the study's folder; from the current one outside of a study."""
+    context = info.context or {}
+    path: Path = context.get("folder", Path()) / given
+    if context.get("must_exist", True) and not path.is_file():
+        raise ValueError(f"'{given}': no such file (looked for {path}); paths are relative to study.toml")
+    return path
+
+
+InputFile = Annotated[
+    Path, AfterValidator(_in_folder), PlainSerializer(lambda path: path.name, return_type=str)
+]
+"""Type of a setting that names a file. Only its name is in keys and manifests: a component with such a
+setting adds the content to its ``fingerprint()``."""
 
 
 class Settings(BaseModel):

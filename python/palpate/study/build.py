@@ -115,10 +115,11 @@ def build_component(
         component = catalogue[name]
     if component is None:
         return None
+    files = {"folder": context.file.parent, "must_exist": not context.is_copy}
     try:
-        checked = component.Settings.model_validate(dict(settings))
+        checked = component.Settings.model_validate(dict(settings), context=files)
     except ValidationError as error:
-        if other := _fits(catalogue, settings):
+        if other := _fits(catalogue, settings, files):
             context.problems.add(
                 settings_key,
                 f"these are settings of '{other}', not of '{name}'; name '{other}', or change them",
@@ -134,11 +135,11 @@ def build_component(
         return None
 
 
-def _fits(catalogue: Catalogue[type[C]], settings: Mapping[str, object]) -> str:
+def _fits(catalogue: Catalogue[type[C]], settings: Mapping[str, object], files: Mapping[str, object]) -> str:
     """Component that settings of more than one key were written for; empty where there is none."""
     for name, component in catalogue.items() if settings else ():
         try:
-            checked = component.Settings.model_validate(dict(settings))
+            checked = component.Settings.model_validate(dict(settings), context=files)
         except ValidationError:
             continue
         if checked.model_fields_set:

@@ -1,11 +1,19 @@
-"""Limbs from coloured scans and bone models."""
+"""Limbs from coloured scans and bone models, and tools from files of their surface."""
 
 from typing import TYPE_CHECKING
 
 from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api import SubCommand
+    from palpate.api import Indenter, SubCommand
+
+
+@hookimpl
+def palpate_indenters() -> "list[type[Indenter]]":
+    """Provide tools from files of their surface."""
+    from palpate_limb.stl_indenter import StlIndenter
+
+    return [StlIndenter]
 
 
 @hookimpl
