@@ -176,7 +176,7 @@ class Indentation:
     indenter: "Indenter"
     path: FloatArray
     friction: float
-    tilt_deg: tuple[float, float] = (0.0, 0.0)
+    tilt_deg: tuple[float, float] = field(default=(0.0, 0.0), metadata={"in_key": "unless default"})
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", frozen_floats(self.path))

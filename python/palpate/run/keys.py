@@ -8,7 +8,7 @@ import functools
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from importlib import metadata
 from typing import Any
 
@@ -175,11 +175,16 @@ def _fields(value: object) -> tuple[str, list[tuple[str, Any]]]:
             f"a value of class {cls.__module__}.{cls.__qualname__} decides a result but cannot be part of "
             "its key; make the class a dataclass"
         )
-    names = [field.name for field in fields(value)]
+    # A field that a class got later is no part of a key while it has its default: earlier results are found.
+    names = [field.name for field in fields(value) if not _is_as_before(field, getattr(value, field.name))]
     names += [name for name in vars(value) if name not in names] if hasattr(value, "__dict__") else []
     names = [n for n in names if not isinstance(getattr(cls, n, None), functools.cached_property)]
     kind = f"{cls.__module__}.{cls.__qualname__} {code_fingerprint(cls)}"
     return kind, [(name, getattr(value, name)) for name in names]
+
+
+def _is_as_before(field: Field[Any], value: object) -> bool:
+    return field.metadata.get("in_key") == "unless default" and value == field.default
 
 
 def _encoded(part: object) -> bytes:

@@ -191,6 +191,7 @@ def test_every_field_of_a_third_party_s_indenter_and_protocol_is_in_the_key(tiss
         press,
         replace(press, indenter=Punch(PunchSettings(radius="5 mm", edge=1.0))),
         replace(press, indenter=Punch(PunchSettings(radius="5 mm", edge=2.0))),
+        replace(press, tilt_deg=(1.0, 0.0)),
         *(Cyclic(indenter=press.indenter, path=path, friction=0.5, n_cycles=n) for n in (1, 2)),
         Relaxation(hold_s=1.0),
         Relaxation(hold_s=2.0),
