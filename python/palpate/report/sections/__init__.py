@@ -2,7 +2,6 @@
 
 from palpate.plugins.sections import Section
 from palpate.report.sections.certainty import Certainty, Identifiability
-from palpate.report.sections.density import WhatCurvesAllow
 from palpate.report.sections.fits import Curves, Fits, Values, Warnings
 from palpate.report.sections.material import MaterialItself
 from palpate.report.sections.origins import LimbAndContact, Provenance
@@ -12,7 +11,6 @@ SECTIONS: tuple[type[Section], ...] = (
     Curves,
     Warnings,
     Certainty,
-    WhatCurvesAllow,
     Values,
     Fits,
     Space,

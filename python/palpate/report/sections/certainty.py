@@ -8,6 +8,7 @@ from palpate.plugins.sections import Bar, Block, Fold, Listing, Paragraph, Secti
 from palpate.report.answer import budget_bars
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
+from palpate.report.sections.posterior import profiles, ribbons
 from palpate.report.sections.tables import table
 from palpate.stages.identifiability import share_of_range
 
@@ -38,7 +39,10 @@ class Certainty(Section):
         if "posterior" in report.tables:
             names = ("posterior", "profile_ends", "volumes", "emulator")
             found = [t for name in names for t in table(report, name)]
-            yield Fold("Posteriors of the joint fits, by an emulator of the curves", found)
+            yield from ribbons(data)
+            yield Fold(
+                "Posteriors of the joint fits, by an emulator of the curves", [*profiles(data), *found]
+            )
 
     def is_open(self, data: ReportData, report: Report) -> bool:
         """Where there are few parameters."""

@@ -1,0 +1,64 @@
+"""What a posterior adds to the page: profiles, and shares of the parameters along the path."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.sections import Figure
+from palpate.report.sections.posterior import profiles, ribbons
+from palpate.run.result import PosteriorResult
+
+NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")
+TRUTH = dict(zip(NAMES, (0.45, 22.0), strict=True))
+POINTS = np.arange(4)
+
+
+@pytest.fixture
+def fitted(content):
+    return content(search=LeastSquares(), truth=TRUTH)
+
+
+def test_profiles_and_shares_along_the_path_come_with_a_posterior(fitted):
+    rises = pl.concat(
+        pl.DataFrame(
+            {
+                "fit": "all spots",
+                "scenario": "I",
+                "parameter": name,
+                "value": POINTS + 1.0,
+                "rise": POINTS**2.0,
+            }
+        )
+        for name in NAMES
+    )
+    shares = pl.concat(
+        pl.DataFrame(
+            {
+                "spot": spot,
+                "channel": "force",
+                "point": POINTS,
+                "abscissa": 2.0 * POINTS,
+                "parameter": name,
+                "first": share + 0.0 * POINTS,
+                "total": 1.0 + 0.0 * POINTS,
+            }
+        )
+        for spot in fitted.spots
+        for name, share in zip(NAMES, (0.7, -0.01), strict=True)
+    )
+    more = replace(fitted, posterior=PosteriorResult(profiles=rises, ribbons=shares))
+    by_spot = {block.spot: block for block in ribbons(more) if isinstance(block, Figure)}
+    assert list(by_spot) == list(fitted.spots)
+    drawn = {trace["name"]: trace["y"] for trace in by_spot["p1"].traces}
+    assert drawn == {"stiffness": pytest.approx([70.0] * 4), "grip": [0.0] * 4}
+    (figure,) = profiles(more)
+    assert {trace["xaxis"] for trace in figure.traces} == {"x", "x2"}
+    assert figure.traces[0]["y"] == [0.0, 1.0, 4.0, 9.0]
+
+
+def test_without_a_posterior_there_is_neither(fitted):
+    assert not list(profiles(fitted))
+    assert not list(ribbons(fitted))
