@@ -3,7 +3,18 @@ import pytest
 
 from palpate.indenters import Sphere
 from palpate.specimens import block
-from palpate_indentation import Punch, PunchSettings
+from palpate_indentation import (
+    Box,
+    BoxSettings,
+    Capsule,
+    CapsuleSettings,
+    Cuff,
+    CuffSettings,
+    Punch,
+    PunchSettings,
+    Ring,
+    RingSettings,
+)
 from palpate_jax.contact import Contact, ContactLaw, ContactState, Memory
 from palpate_jax.load_stepping import motion, pose
 
@@ -147,3 +158,35 @@ def test_a_node_that_slides_along_the_indenter_keeps_its_depth(contact, at_rest)
     near = np.abs(shape.distance(rest)) < 0.5
     np.testing.assert_allclose(reached[near], flat[near], atol=1e-3)
     assert np.abs(along - aside).max() > 5e-3
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        Sphere(radius_mm=7.5),
+        Punch(PunchSettings(radius="3 mm", edge="1 mm")),
+        Capsule(CapsuleSettings(radius="3 mm", length="4 mm")),
+        Box(BoxSettings(length="5 mm", width="3 mm", height="4 mm", edge="1 mm")),
+        Ring(RingSettings(radius="2 mm", edge="1 mm")),
+        Cuff(CuffSettings(radius="20 mm", angle="30 deg", width="4 mm", edge="1 mm")),
+    ],
+    ids=lambda shape: shape.name,
+)
+def test_a_tool_that_slides_is_pulled_with_friction_times_its_normal_force(contact, at_rest, shape):
+    """F_t = μ F_n: the skin below every tool has moved far to one side, all of it slides."""
+    friction = 0.3
+    law, place = ContactLaw(shape, 4.0, friction), pose(np.array([0.1, 0.0]))
+    memory = Memory(
+        place.into(contact.positions(at_rest)) - [5.0, 0.0, 0.0], np.ones(len(contact.areas), bool)
+    )
+    points = contact.touched(at_rest, ContactState(place, memory, law)).points
+    touching = points.depth > 0.0
+    assert touching.sum() > 4
+    assert points.sliding[touching].all()
+    pull = np.linalg.norm(points.friction[touching], axis=1)
+    np.testing.assert_allclose(pull, friction * points.pressure[touching], rtol=1e-12)
+    # Nowhere has friction a part along the normal, and on a flat face all of it is along the motion.
+    normals = shape.normals(points.positions[touching])[0]
+    np.testing.assert_allclose((points.friction[touching] * normals).sum(axis=1), 0.0, atol=1e-12)
+    flat = normals[:, 2] < -1.0 + 1e-12
+    np.testing.assert_allclose(points.friction[touching][flat][:, 1:], 0.0, atol=1e-12)

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.api import MeshError, Sphere
+from palpate.api import Indentation, Job, MeshError, Sphere
+from palpate.specimens import block
 from palpate.study.model import IndenterTable
 from palpate.testing import IndenterContract
 from palpate_indentation import Box, BoxSettings
+from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_limb.stl_indenter import StlIndenter, StlSettings
+from palpate_materials.neo_hookean import NeoHookean
 
 SIDES = (20.0, 12.0, 8.0)
 
@@ -103,6 +106,28 @@ def test_the_key_has_the_content_and_not_the_folder(files, tmp_path):
     assert moved.settings.model_dump(mode="json") == here.settings.model_dump(mode="json")
     there.write_bytes((files / "ball.stl").read_bytes())
     assert tool(tmp_path, "plate").fingerprint() != here.fingerprint()
+
+
+def test_a_sphere_from_a_file_presses_and_turns_like_the_sphere(files):
+    limb = block("hex8", n_across=6, n_down=2, width_mm=24.0, height_mm=12.0)
+
+    def curves(indenter):
+        press = Indentation(indenter=indenter, path=[(0, 0), (2, 0), (2, 15)], friction=0.5)
+        job = Job(
+            spot="block",
+            set_id=0,
+            materials={"soft_tissue": NeoHookean()},
+            thetas={"soft_tissue": np.array([0.1, 0.45])},
+            protocol=press,
+        )
+        return JaxSolver(JaxSettings(depth_steps=4, rotation_step_deg=7.5)).simulate(job, limb).response
+
+    known, found = curves(Sphere(radius_mm=7.5)), curves(tool(files, "ball"))
+    for channel in ("force", "torque"):
+        peak = np.abs(known[channel].ordinate).max()
+        np.testing.assert_allclose(
+            found[channel].ordinate, known[channel].ordinate, atol=0.005 * peak, err_msg=channel
+        )
 
 
 def test_a_file_is_looked_for_next_to_the_study(files):
