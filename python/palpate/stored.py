@@ -1,6 +1,7 @@
 """A run directory read back: what its stages have found, refused where it is another study's."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Self
 
 import polars as pl
@@ -18,7 +19,7 @@ from palpate.stages import scoring, selection, simulation
 from palpate.stages.generalisation import generalise
 from palpate.stages.identifiability import assess_identifiability, at_measured
 from palpate.stages.limb import load_limbs
-from palpate.study.reading import Study
+from palpate.study.reading import Study, StudySpot
 
 
 def best_sets(study: Study, design: Design, scores: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
@@ -112,6 +113,7 @@ class StoredRun:
             study=study,
             channels=plugins.channels,
             sections=plugins.sections,
+            pictures={spot.spot.name: self._pictures(spot) for spot in study.spots},
             measured=inputs.measured,
             design=inputs.design,
             scores=found.scores,
@@ -132,6 +134,12 @@ class StoredRun:
             comparisons=self.run.comparisons(),
             unfinished=unfinished,
         )
+
+    def _pictures(self, spot: StudySpot) -> tuple[Path, ...]:
+        """Pictures next to the mesh of a spot, and in the run of how its presses were processed."""
+        of_limb = [] if spot.mesh is None else [spot.mesh.with_suffix(".png")]
+        drawn = sorted(self.run.plots(spot.spot.name).rglob("*.png"))
+        return (*(path for path in of_limb if path.is_file()), *drawn)
 
     def _found(self) -> "_Found":
         run, swept = self.run, self.swept()

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import polars as pl
@@ -54,6 +55,8 @@ class ReportData:
         What ``palpate certify`` has written to the run directory.
     factors : mapping of full parameter name to number
         From the material's unit to that of the values here, where they are not the same.
+    pictures : mapping of spot name to sequence of Path
+        Pictures that there are of its mesh, and of how its presses were processed, in that order.
     sections : mapping of name to type of Section
         Of the page.
     unfinished : str
@@ -81,6 +84,7 @@ class ReportData:
     verification: pl.DataFrame = field(default_factory=pl.DataFrame)
     comparisons: Mapping[str, Any] = field(default_factory=dict)
     factors: Mapping[str, float] = field(default_factory=dict)
+    pictures: Mapping[str, Sequence[Path]] = field(default_factory=dict)
     sections: Mapping[str, type[Section]] = field(default_factory=dict)
     unfinished: str = ""
 

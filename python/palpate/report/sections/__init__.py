@@ -5,6 +5,7 @@ from palpate.report.sections.certainty import Certainty, Identifiability
 from palpate.report.sections.fits import Curves, Fits, Values, Warnings
 from palpate.report.sections.material import MaterialItself
 from palpate.report.sections.origins import LimbAndContact, Provenance
+from palpate.report.sections.pictures import Pictures
 from palpate.report.sections.sweep import Convergence, Distribution, Generalisation, OtherChannels, Space
 
 SECTIONS: tuple[type[Section], ...] = (
@@ -21,6 +22,7 @@ SECTIONS: tuple[type[Section], ...] = (
     Identifiability,
     Convergence,
     LimbAndContact,
+    Pictures,
     Provenance,
 )
 """In the order of the page."""
