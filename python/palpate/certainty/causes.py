@@ -4,8 +4,9 @@ Each cause is a further value of the fit's problem, so its derivative comes from
 parameters come from: exact slopes, or differences of simulations that the run keeps.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -111,9 +112,21 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[Cause]:
 
 def _onset_mm(response: Response) -> float:
     """Standard deviation of the onset, as the loader found it in the files of a spot."""
+    return _found(response, lambda uncertainty: uncertainty["depth_mm"], ONSET_MM)
+
+
+def drift_of(study: Study, response: Response, channel: str) -> float:
+    """Standard deviation of what a channel drifts by along its curve, in its unit."""
+    if study.budget.zero is not None:
+        return study.budget.zero * float(np.abs(response[channel].ordinate).max())
+    return _found(response, lambda uncertainty: uncertainty.get("drift", {}).get(channel, 0.0), 0.0)
+
+
+def _found(response: Response, size: Callable[[Mapping[str, Any]], float], usual: float) -> float:
+    """Root of the mean square of what the loader found in the files of a spot; else the usual size."""
     files = response.record.get("files", {}).values()
-    found = [each["uncertainty"]["depth_mm"] for each in files if "uncertainty" in each]
-    return float(np.sqrt(np.mean(np.square(found)))) if found else ONSET_MM
+    found = [size(each["uncertainty"]) for each in files if "uncertainty" in each]
+    return float(np.sqrt(np.mean(np.square(found)))) if found else usual
 
 
 class WithCauses(Parametrisation):

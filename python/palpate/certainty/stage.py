@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.certainty.adequacy import checks
-from palpate.certainty.causes import Columns, causes_of, columns_of
+from palpate.certainty.causes import Columns, causes_of, columns_of, drift_of
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.laplace import laplace
 from palpate.certainty.likelihood import whitening
@@ -131,7 +131,7 @@ class CertaintyStage:
             for cause, ordinates in columns.get((term.spot, channel), {}).items():
                 add(_label(cause), cause, at, (scale * ordinates)[inside])
             along = path_of(curve.abscissa) / path_of(curve.abscissa)[-1]
-            drift = self.study.budget.zero * np.abs(curve.ordinate).max() * along
+            drift = drift_of(self.study, self.measured[term.spot], channel) * along
             add(ZERO, f"{term.spot} {channel}", at, (scale * drift)[inside])
             if term.spot in self.refinement and channel in term.corrections:
                 left = term.corrections[channel] / (self.refinement[term.spot] ** ORDER - 1.0)

@@ -384,11 +384,12 @@ class BudgetTable(Table):
     gain: Ratio = Field(
         default=0.01, ge=0.0, lt=1.0, description="Of the calibration of each channel, relative."
     )
-    zero: Ratio = Field(
-        default=0.0,
+    zero: Ratio | None = Field(
+        default=None,
         ge=0.0,
         lt=1.0,
-        description="Of what a channel drifts by along its curve, over its largest ordinate.",
+        description="Of what a channel drifts by along its curve, over its largest ordinate; if left out, as "
+        "the loader has found, else none.",
     )
     mesh: Ratio = Field(
         default=0.01,

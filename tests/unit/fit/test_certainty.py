@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate import pipeline
-from palpate.certainty.causes import Cause, WithCauses, causes_of, columns_of
+from palpate.certainty.causes import Cause, WithCauses, causes_of, columns_of, drift_of
 from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Response, Simulation, Status
 from palpate.fit.least_squares import LeastSquares
@@ -91,6 +91,17 @@ def test_the_onset_is_as_uncertain_as_the_loader_found_it(ended):
     assert sds["onset"] == pytest.approx(np.hypot(0.03, 0.04) / np.sqrt(2.0))
     stated = replace(study, budget=BudgetTable.model_validate({"onset": "0.2 mm"}))
     assert {c.kind: c.sd for c in causes_of(stated, logged, [])}["onset"] == 0.2
+
+
+def test_the_drift_is_as_uncertain_as_the_loader_found_it(ended):
+    study, measured, *_ = ended()
+    files = {"a": {"uncertainty": {"depth_mm": 0.03, "drift": {"force": 0.02}}}}
+    logged = replace(measured["p1"], record={"files": files})
+    assert drift_of(study, logged, "force") == pytest.approx(0.02)
+    assert drift_of(study, logged, "torque") == drift_of(study, measured["p1"], "force") == 0.0
+    stated = replace(study, budget=BudgetTable(zero=0.01))
+    peak = np.abs(logged["force"].ordinate).max()
+    assert drift_of(stated, logged, "force") == pytest.approx(0.01 * peak)
 
 
 def test_a_tilt_has_two_directions_at_each_spot(ended):

@@ -70,7 +70,7 @@ def with_record(
         }
         for phase in processed.phases
     ]
-    uncertainty = {"depth_mm": processed.onset.std_mm}
+    uncertainty = {"depth_mm": processed.onset.std_mm, "drift": _drift(processed)}
     about = {"units": UNITS, "uncertainty": uncertainty, "steps": steps, "phases": phases}
     return replace(processed, record=plain(about))
 
@@ -86,6 +86,16 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a finding holds
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return int(value) if isinstance(value, np.integer) else value
+
+
+def _drift(processed: Processed) -> dict[str, float]:
+    """Standard deviation of each channel at the end of the press by that of the drift [N, N·mm]."""
+    drift, phases = processed.drift, processed.phases
+    if drift is None:
+        return {}
+    start, stop = processed.phase("press").start.time_s, phases[-1].stop.time_s
+    rates = {"force": drift.force_std_N_per_s, "torque": drift.moment_std_Nmm_per_s}
+    return {channel: float(rate.max() * (stop - start)) for channel, rate in rates.items()}
 
 
 def _farthest(processed: Processed) -> float:
