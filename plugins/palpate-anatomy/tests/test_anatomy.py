@@ -30,7 +30,6 @@ def read(name: str) -> ReadScan:
         places=places_of([f"{spot}={place}" for spot, place in given["spot"].items()], None),
         unit=None,
         axis=axis_of(given["axis"]),
-        cover_mm=1.5 if "cover" in given else 0.0,
         n_smoothing=0,
     )
     return read_scan(FOLDERS[name] / "skin.ply", [FOLDERS[name] / bone for bone in given["bones"]], plan)
