@@ -1,5 +1,7 @@
 """A tool from a file is the shape in the file, with round edges, or is refused by name."""
 
+import pickle
+
 import numpy as np
 import pytest
 import trimesh
@@ -128,6 +130,10 @@ def test_a_sphere_from_a_file_presses_and_turns_like_the_sphere(files):
         np.testing.assert_allclose(
             found[channel].ordinate, known[channel].ordinate, atol=0.005 * peak, err_msg=channel
         )
+
+
+def test_a_pickle_has_no_grid(files):
+    assert len(pickle.dumps(tool(files, "plate"))) < 2_000
 
 
 def test_a_file_is_looked_for_next_to_the_study(files):

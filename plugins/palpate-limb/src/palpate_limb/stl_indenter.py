@@ -2,7 +2,7 @@
 
 import functools
 import hashlib
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -50,7 +50,10 @@ class StlIndenter(Indenter[StlSettings]):
             half = float(np.hypot(*np.maximum(np.abs(lower), np.abs(upper))[:2]))
             self.bounds_mm = np.array([[-half, -half, 0.0], [half, half, upper[2]]])
 
-    @property
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_solid"}
+
+    @functools.cached_property
     def _solid(self) -> RoundedSolid:
         """Shared by equal tools of a process, and in no pickle."""
         return _solid_of(self.settings.model_dump_json(exclude={"turn"}), self.fingerprint(), self.settings)
