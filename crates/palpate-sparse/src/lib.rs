@@ -13,6 +13,7 @@
 //! | `precision` | a factor in double precision, or in single precision of a scaled matrix |
 //! | `triangular_solve` | the triangular solutions |
 //! | `rows`, `krylov` | products with the whole matrix; GMRES with an older factor |
+//! | `smoother` | a sweep over the rows that changed since that factor |
 //! | [`solver`] | [`SparseFactor`]: analyse, factorise, probe, precondition |
 //! | [`error`] | what can be wrong with the input, and with the matrix |
 
@@ -25,6 +26,7 @@ mod pattern;
 mod precision;
 mod rows;
 mod separator;
+mod smoother;
 pub mod solver;
 mod triangular_solve;
 

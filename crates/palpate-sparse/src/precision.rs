@@ -7,6 +7,7 @@ use crate::factor::Factor;
 use crate::krylov::{Cycle, Iterated, iterate};
 use crate::pattern::Pattern;
 use crate::rows::Rows;
+use crate::smoother::{Smoother, Work};
 use crate::triangular_solve::Number;
 
 /// Numbers that a factor is kept in.
@@ -127,10 +128,12 @@ impl Numbers {
 const LEAST: f64 = 1e-5;
 
 impl Numbers {
-    /// Solves with another matrix, of these `data`, by GMRES with this factor as preconditioner.
+    /// Solves with another matrix, of these `data`, by GMRES with this factor, of the matrix
+    /// `factored`, as preconditioner.
     pub(crate) fn iterate(
         &self,
         rows: &Rows,
+        factored: &[f64],
         data: &[f64],
         rhs: &[f64],
         tolerance: f64,
@@ -139,8 +142,9 @@ impl Numbers {
         match self {
             Self::Double(factor) => {
                 let mut work = vec![0.0; factor.n_work()];
-                let precondition =
+                let solve =
                     |v: &[f64], z: &mut [f64]| factor.apply(&mut work, |i| v[i], |i, x| z[i] = x);
+                let precondition = swept(rows, data, factored, data, solve);
                 let mut cycle = Cycle { rows, values: data, precondition };
                 iterate(rows, data, rhs, tolerance, most_steps, 0.0, |r, target, steps| {
                     cycle.run(r, target, steps)
@@ -154,9 +158,10 @@ impl Numbers {
                 let mut work = vec![0.0; factor.n_work()];
                 let (before, after): (Vec<f32>, Vec<f32>) =
                     scales.iter().map(|s| (f32::rounded(s * size), f32::rounded(*s))).unzip();
-                let precondition = |v: &[f32], z: &mut [f32]| {
+                let solve = |v: &[f32], z: &mut [f32]| {
                     factor.apply(&mut work, |i| v[i] * before[i], |i, x| z[i] = x * after[i]);
                 };
+                let precondition = swept(rows, data, factored, &values, solve);
                 let mut cycle = Cycle { rows, values: &values, precondition };
                 iterate(rows, data, rhs, tolerance, most_steps, LEAST, |r, target, steps| {
                     let (mut x, n_steps) = cycle.run(r, target, steps);
@@ -166,6 +171,26 @@ impl Numbers {
                     (x, n_steps)
                 })
             }
+        }
+    }
+}
+
+/// A solution with an older factor after a sweep over the rows that changed since.
+fn swept<'a, T: Number>(
+    rows: &'a Rows,
+    data: &[f64],
+    factored: &[f64],
+    values: &'a [T],
+    mut solve: impl FnMut(&[T], &mut [T]) + 'a,
+) -> impl FnMut(&[T], &mut [T]) + 'a {
+    let mut smoother = Smoother::new(rows, data, factored, values);
+    let mut work = Work::new(rows.n());
+    move |v, z| {
+        if smoother.sweep(rows, values, v, &mut work) {
+            solve(&work.left, z);
+            smoother.add(z);
+        } else {
+            solve(v, z);
         }
     }
 }

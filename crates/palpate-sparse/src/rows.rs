@@ -12,7 +12,7 @@ use crate::error::InputError;
 use crate::triangular_solve::Number;
 
 /// Rows that share their columns are multiplied together.
-const PANEL: usize = 3;
+pub(crate) const PANEL: usize = 3;
 
 /// Every entry of a square matrix, in the order of the caller's data.
 pub(crate) struct Rows {
@@ -63,10 +63,34 @@ impl Rows {
         found.ok().map(|k| self.starts[row] + k)
     }
 
+    /// First row and height of all panels.
+    pub(crate) fn panels(&self) -> &[(usize, usize)] {
+        &self.panels
+    }
+
+    /// Panels with an entry in one of some columns.
+    pub(crate) fn panels_at(&self, wanted: impl Fn(usize) -> bool) -> Vec<(usize, usize)> {
+        let reaches = |&&(row, _): &&(usize, usize)| {
+            self.columns[self.range(row)].iter().any(|&column| wanted(column as usize))
+        };
+        self.panels.iter().filter(reaches).copied().collect()
+    }
+
     /// A x.
     pub(crate) fn multiply<T: Number>(&self, values: &[T], x: &[T], out: &mut [T]) {
+        self.multiply_panels(&self.panels, values, x, out);
+    }
+
+    /// A x in the rows of some panels; the others stay as they are.
+    pub(crate) fn multiply_panels<T: Number>(
+        &self,
+        panels: &[(usize, usize)],
+        values: &[T],
+        x: &[T],
+        out: &mut [T],
+    ) {
         Arch::new().dispatch(|| {
-            for &(row, height) in &self.panels {
+            for &(row, height) in panels {
                 let range = self.range(row);
                 let (columns, values) = (&self.columns[range.clone()], &values[range.start..]);
                 let out = &mut out[row..row + height];

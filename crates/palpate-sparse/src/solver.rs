@@ -21,6 +21,8 @@ use crate::precision::{Numbers, Precision};
 pub struct SparseFactor {
     pattern: Pattern,
     numbers: Numbers,
+    /// Values of the last factorisation, in the order of the caller's data.
+    factored: Vec<f64>,
     /// Whether the last factorisation succeeded.
     is_ready: bool,
 }
@@ -35,7 +37,7 @@ impl SparseFactor {
     pub fn new(indptr: &[i32], indices: &[i32], precision: Precision) -> Result<Self, Error> {
         let pattern = Pattern::new(indptr, indices)?;
         let numbers = Numbers::analyse(&pattern, precision)?;
-        Ok(Self { pattern, numbers, is_ready: false })
+        Ok(Self { pattern, numbers, factored: Vec::new(), is_ready: false })
     }
 
     /// Numbers that the factor is kept in.
@@ -59,6 +61,7 @@ impl SparseFactor {
         let probe_error = self.probe(&values);
         if probe_error <= self.precision().largest_probe_error() {
             self.is_ready = true;
+            self.factored = data.to_vec();
             return Ok(());
         }
         // NaN ends here too.
@@ -80,7 +83,7 @@ impl SparseFactor {
     }
 
     /// Solves A x = b for another matrix A of the same pattern by GMRES, preconditioned with the
-    /// last factor, until ‖b − A x‖ is at most `tolerance` ‖b‖ or the factor was applied
+    /// last factor and a sweep over the rows that changed since, until ‖b − A x‖ is at most `tolerance` ‖b‖ or the factor was applied
     /// `most_steps` times. A may be unsymmetric.
     ///
     /// # Errors
@@ -106,7 +109,8 @@ impl SparseFactor {
         self.check_ready()?;
         pattern::finite("data", data, self.pattern.n_data())?;
         pattern::finite("rhs", rhs, self.pattern.n())?;
-        Ok(self.numbers.iterate(self.pattern.rows(), data, rhs, tolerance, most_steps))
+        let rows = self.pattern.rows();
+        Ok(self.numbers.iterate(rows, &self.factored, data, rhs, tolerance, most_steps))
     }
 
     fn check_ready(&self) -> Result<(), InputError> {

@@ -167,6 +167,34 @@ fn small_pivots_outside_the_reach_of_pivoting_are_iterated_away() {
     assert!(left(&found.solution) < 1e-11);
 }
 
+/// A chain of springs with stiff ones, coupled and unsymmetric, on every other five rows.
+fn chain(stiffness: impl Fn(usize) -> f64) -> Dense {
+    let n = 90;
+    let mut a = vec![vec![0.0; n]; n];
+    for i in 0..n {
+        a[i][i] = 2.05 + stiffness(i);
+        if i > 0 {
+            let both = stiffness(i).min(stiffness(i - 1));
+            (a[i][i - 1], a[i - 1][i]) = (-1.0 + 0.35 * both, -1.0 + 0.15 * both);
+        }
+    }
+    Dense(a)
+}
+
+#[test]
+fn rows_that_change_by_much_cost_few_steps() {
+    let stiff = |i: usize| if i % 10 < 5 { f64::from(u32::try_from(i + 1).unwrap()) } else { 0.0 };
+    let after = chain(stiff);
+    let rhs = waves(after.n());
+    for precision in [Precision::Double, Precision::Single] {
+        let factor = factorised(&chain(|_| 0.0), precision).unwrap();
+        let found = factor.krylov(&after.compressed().2, &rhs, 1e-4, 100).unwrap();
+        assert!(found.residual <= 1e-4, "{}", found.residual);
+        // The factor alone takes 37.
+        assert!(found.n_steps <= 28, "{} steps", found.n_steps);
+    }
+}
+
 fn says<T>(result: Result<T, Error>, parts: &[&str]) {
     let message = result.map(|_| ()).unwrap_err().to_string();
     for part in parts {

@@ -18,7 +18,7 @@ CPU_INFO = Path("/proc/cpuinfo")
 
 def keep_compilations() -> None:
     """Let JAX keep what it compiles in the user's cache folder, unless JAX is told where already."""
-    if jax.config.jax_compilation_cache_dir is not None:
+    if jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
         return
     folder = platformdirs.user_cache_path("palpate") / "compiled" / _processor()
     try:

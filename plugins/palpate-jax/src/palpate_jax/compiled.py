@@ -79,10 +79,11 @@ class CompiledKernel:
         self._material = material
         self._make = partial(ElementBlock, nodes, gradients, volumes, mean_dilatation=mean_dilatation)
         self._block = self._make()
+        self._last: tuple[FloatArray, Deformation] | None = None
 
     def bind(self, places: IntArray) -> None:
         """Take the places (e, 3n, 3n) of stiffness entries in the values of a sparse matrix."""
-        self._block = self._make(places=places)
+        self._block, self._last = self._make(places=places), None
 
     def add_force(self, displacements: FloatArray, theta: FloatArray, total: FloatArray) -> float:
         """Add nodal forces to ``total`` (n_nodes, 3) [N]; the least J."""
@@ -111,7 +112,13 @@ class CompiledKernel:
         displacements: FloatArray,
         theta: FloatArray,
     ) -> tuple[Deformation, tuple[FloatArray, ...]]:
-        deformation = self._block.deform(displacements)
+        deformation = self._deformed(displacements)
         at_theta = partial(derivatives, self._material)
         theta = np.asarray(theta, dtype=np.float64)
         return deformation, _at_points(lambda s: at_theta(s, theta), deformation.stretches)
+
+    def _deformed(self, displacements: FloatArray) -> Deformation:
+        """The deformation, kept for the tangent of a state whose forces were asked for."""
+        if self._last is None or not np.array_equal(self._last[0], displacements):
+            self._last = displacements.copy(), self._block.deform(displacements)
+        return self._last[1]

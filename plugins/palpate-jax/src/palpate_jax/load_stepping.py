@@ -112,6 +112,7 @@ class LoadStepping:
         self._tolerance = tolerance
         self._initial_guess = initial_guess
         self._sensitivity = sensitivity
+        self._settled = False  # whether the last tangent is of an iteration that ended in balance
         self.linear = model.linear
         self.linear.restart()
         self.n_cuts = 0
@@ -164,7 +165,8 @@ class LoadStepping:
         """
         model, way = self._model, position - state.position
         ahead = self._load(state, state.position + PROBE * way)
-        here = model.linearised(model.carried(state.displacements, ahead.pose), self._thetas)
+        carried = model.carried(state.displacements, ahead.pose)
+        here = model.linearised(carried, self._thetas, nearly=self._settled)
         rate = here.rate(ahead, motion(way))
         if not rate.any():
             return state.displacements
@@ -196,6 +198,7 @@ class LoadStepping:
         balance = equilibrium(self._model, self._thetas, load, start, self.linear, self._tolerance)
         self.n_iterations += balance.n_iterations
         self.n_held += balance.held
+        self._settled = not balance.reason and balance.n_iterations > 0
         if not balance.reason:
             state.displacements, state.position, state.felt = balance.displacements, position, state.memory
             if self._sensitivity is not None:

@@ -145,13 +145,23 @@ class Model:
         internal, least = self.body.force(displacements, thetas)
         return Forces(self, displacements, internal, least)
 
-    def linearised(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> "Linearised":
-        """Internal forces of a state and their derivative, cached for the next call with the same state."""
+    def linearised(
+        self, displacements: FloatArray, thetas: Mapping[str, FloatArray], *, nearly: bool = False
+    ) -> "Linearised":
+        """Derivative of the forces of a state, cached for the next call with the same state.
+
+        If the state is ``nearly`` that of the last call, the body's tangent of that one serves, and the
+        contact's is of this state. Not with bonded nodes, which need the internal forces too.
+        """
         last = self._last
-        if last is None or last.thetas is not thetas or not np.array_equal(last.displacements, displacements):
-            internal, values, least = self.body.tangent(displacements, thetas)
-            last = self._last = Linearised(self, displacements.copy(), internal, least, values, thetas)
-        return last
+        if last is not None and last.thetas is thetas:
+            if np.array_equal(last.displacements, displacements):
+                return last
+            if nearly and not self.bonded.size:
+                return replace(last, displacements=displacements)
+        internal, values, least = self.body.tangent(displacements, thetas)
+        self._last = Linearised(self, displacements.copy(), internal, least, values, thetas)
+        return self._last
 
     def free(self, nodal: FloatArray) -> FloatArray:
         """Free unknowns (n,) of a nodal field (n_nodes, 3)."""

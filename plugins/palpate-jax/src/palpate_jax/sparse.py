@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from palpate.api import FloatArray, IntArray, SparseFactor
 from palpate_jax.krylov import Space
 
-PATIENCE = 120
+PATIENCE = 60
 """Extra Krylov steps of an older factor, compared with a new one, before a new factorisation.
 
 A new factorisation is due when the extra steps since the last one have cost about as much.
