@@ -16,9 +16,7 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import chi2, qmc
 
 from palpate.domain import FloatArray
-
-LEVEL = 0.95
-"""Probability of an interval."""
+from palpate.run.result import LEVEL
 
 RANGE = "range"
 """Name of the share that is due to the width of the range alone."""

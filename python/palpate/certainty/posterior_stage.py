@@ -14,12 +14,13 @@ from scipy.stats import qmc
 from palpate.certainty.emulated_curves import EmulatedCurves, ScenarioDensity, SimulatedCurves
 from palpate.certainty.emulator import Runs
 from palpate.certainty.posterior import Draws, draw
-from palpate.certainty.profiles import RISE, Profile, best_point, profile, refitted
+from palpate.certainty.profiles import Profile, best_point, profile, refitted
 from palpate.certainty.tables import Assessed
 from palpate.domain import Design, FloatArray, channel_of
 from palpate.fit.box import Box
 from palpate.fit.stage import Case
 from palpate.progress import SILENT, Progress
+from palpate.run.result import RISE
 from palpate.study.reading import Study
 
 PRECISE = 0.002

@@ -5,16 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares, lsq_linear
-from scipy.stats import chi2
 
-from palpate.certainty.laplace import LEVEL
 from palpate.domain import FloatArray
+from palpate.run.result import RISE
 
 N_POINTS = 9
 """Points of a profile to either side of the least."""
-
-RISE = float(chi2.ppf(LEVEL, 1))
-"""By how much −2 log of the density is larger at the ends of a 95 % interval."""
 
 STEP = 1e-4
 """Step in the box for slopes of emulated curves."""

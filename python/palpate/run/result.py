@@ -2,11 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from statistics import NormalDist
 from typing import Any
 
 import polars as pl
 
 from palpate.domain import Design, Limb, Response
+
+LEVEL = 0.95
+"""Probability with which an interval holds the truth."""
+
+RISE = NormalDist().inv_cdf(0.5 + LEVEL / 2.0) ** 2
+"""By how much −2 log of the density is larger at the ends of such an interval: quantile of χ² of one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

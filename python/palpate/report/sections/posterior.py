@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate.certainty.profiles import RISE
 from palpate.domain import Parameter
 from palpate.plugins.sections import Block, Figure, Paragraph
 from palpate.report.report_data import ReportData
+from palpate.run.result import RISE
 
 N_COLUMNS = 3
 """Panels side by side."""
