@@ -318,3 +318,20 @@ def test_relaxation_in_a_dwell_is_measured():
     assert dwell.fall == pytest.approx(2.0 * (1.0 - np.exp(-1.0 / 0.3)), abs=0.06)
     assert dwell.time_constant_s == pytest.approx(0.3, rel=0.25)
     assert dwell.share == pytest.approx(dwell.fall / 12.8, rel=0.05)
+
+
+def test_the_spread_of_the_drift_is_that_where_each_curve_ends():
+    found, truth = logs.processed("p1"), logs.truth("p1")
+    start, drift = found.phase("press").start.time_s, found.drift
+    turn = Rotation.from_quat(found.raw.quaternion[found.phase("twist_1").rows(found.raw.time_s)]).mean()
+    normal = turn.inv().apply(truth.normal)
+    last = [phase for phase in found.phases if phase.name.startswith("twist")][-1]
+    force = np.linalg.norm(normal * drift.force_std_N_per_s) * (found.phase("press").stop.time_s - start)
+    torque = np.linalg.norm(normal * drift.moment_std_Nmm_per_s) * (last.stop.time_s - start)
+    spread = found.record["uncertainty"]["drift"]
+    assert spread == {"force": pytest.approx(force, rel=0.1), "torque": pytest.approx(torque, rel=0.1)}
+    assert last.stop.time_s < found.phases[-1].stop.time_s
+    # No more than the curve itself is said to be off by there.
+    assert spread["force"] < found.force.std[-1]
+    without = process(logs.recording("p1"), logs.settings(drift={"enabled": False}))
+    assert without.record["uncertainty"]["drift"] == {}

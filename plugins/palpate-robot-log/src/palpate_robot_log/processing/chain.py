@@ -1,5 +1,6 @@
 """The steps in their order: from a recording to curves, with a record of each."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -79,7 +80,8 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
     touch, leave = instants(located, onset)
     phases = name_phases(located.motion.time_s, located.strokes, touch, leave)
     depth = located.motion.travel_mm - onset.travel_mm
-    spread = _zero_std(located, clean)
+    drift_std_per_s = _drift_std_per_s(located, clean)
+    spread = _zero_std(located, clean, drift_std_per_s)
     force, force_smoothed = _force(located, settings, phases, depth, wrench.pressing, spread[0], onset)
     torque, torque_smoothed = _torque(located, settings, phases, wrench.twisting, spread[1])
     processed = Processed(
@@ -102,7 +104,7 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         record={},
     )
     smoothings = {"force": [force_smoothed], "torque": torque_smoothed}
-    counts = record.Counts(block, used.rows[spikes], lag_taken)
+    counts = record.Counts(block, used.rows[spikes], lag_taken, drift_std_per_s)
     return record.with_record(processed, settings, counts, smoothings)
 
 
@@ -171,20 +173,34 @@ def _at_spot(located: Located, clean: Recording, settings: ProcessingSettings) -
     )
 
 
-def _zero_std(located: Located, clean: _Clean) -> tuple[FloatArray, FloatArray]:
-    """Standard deviation (n,) of the zero of force and of torque, from bias and drift."""
-    time = located.recording.time_s
+def _along_normal(located: Located, std: FloatArray) -> float:
+    """Standard deviation along the contact normal, of that (3,) in the sensor's frame."""
     pressing = slice(located.contact.first, located.contact.last + 1)
     orientation = mean_orientation(located.recording.quaternion[pressing])
-    inside = np.abs(unrotated(orientation[None, :], located.normal.vector)[0])  # the normal, to the sensor
+    normal = unrotated(orientation[None, :], located.normal.vector)[0]
+    return float(np.linalg.norm(normal * std))
+
+
+def _drift_std_per_s(located: Located, clean: _Clean) -> dict[str, float]:
+    """Standard deviation of the drift of force and torque [N/s, N·mm/s]; empty without a drift."""
+    if clean.drift is None:
+        return {}
+    rates = {"force": clean.drift.force_std_N_per_s, "torque": clean.drift.moment_std_Nmm_per_s}
+    return {channel: _along_normal(located, rate) for channel, rate in rates.items()}
+
+
+def _zero_std(
+    located: Located, clean: _Clean, drift_std_per_s: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Standard deviation (n,) of the zero of force and of torque, from bias and drift."""
+    time, bias = located.recording.time_s, clean.bias
     elapsed = np.abs(time - time[clean.free].mean())
-    spreads = []
-    for unit in ("_N", "_Nmm"):
-        quantity = "force" if unit == "_N" else "moment"
-        fixed = getattr(clean.bias, f"{quantity}_std{unit}") if clean.bias is not None else np.zeros(3)
-        rate = getattr(clean.drift, f"{quantity}_std{unit}_per_s") if clean.drift is not None else np.zeros(3)
-        spreads.append(np.hypot(np.linalg.norm(inside * fixed), elapsed * np.linalg.norm(inside * rate)))
-    return spreads[0], spreads[1]
+    fixed = (0.0, 0.0) if bias is None else (bias.force_std_N, bias.moment_std_Nmm)
+    force, torque = (
+        np.hypot(_along_normal(located, np.asarray(std)), elapsed * drift_std_per_s.get(channel, 0.0))
+        for channel, std in zip(("force", "torque"), fixed, strict=True)
+    )
+    return force, torque
 
 
 def _branch(

@@ -20,11 +20,16 @@ _MOST_LISTED = 50
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Rows that thinning averaged, numbers of rows that had spikes, whether a lag was taken out."""
+    """What is not in the result itself.
+
+    Rows that thinning averaged, numbers of rows that had spikes, whether a lag was taken out, and the
+    standard deviation of the drift of each channel [N/s, N·mm/s].
+    """
 
     block: int
     spiky_rows: IntArray
     lag_taken: bool
+    drift_std_per_s: Mapping[str, float]
 
 
 def with_record(
@@ -70,7 +75,7 @@ def with_record(
         }
         for phase in processed.phases
     ]
-    uncertainty = {"depth_mm": processed.onset.std_mm, "drift": _drift(processed)}
+    uncertainty = {"depth_mm": processed.onset.std_mm, "drift": _drift(processed, counts.drift_std_per_s)}
     about = {"units": UNITS, "uncertainty": uncertainty, "steps": steps, "phases": phases}
     return replace(processed, record=plain(about))
 
@@ -88,14 +93,13 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a finding holds
     return int(value) if isinstance(value, np.integer) else value
 
 
-def _drift(processed: Processed) -> dict[str, float]:
-    """Standard deviation of each channel at the end of the press by that of the drift [N, N·mm]."""
-    drift, phases = processed.drift, processed.phases
-    if drift is None:
-        return {}
-    start, stop = processed.phase("press").start.time_s, phases[-1].stop.time_s
-    rates = {"force": drift.force_std_N_per_s, "torque": drift.moment_std_Nmm_per_s}
-    return {channel: float(rate.max() * (stop - start)) for channel, rate in rates.items()}
+def _drift(processed: Processed, std_per_s: Mapping[str, float]) -> dict[str, float]:
+    """Standard deviation of each channel where its curve ends, by the drift since the touch [N, N·mm]."""
+    press = processed.phase("press")
+    ends = {"force": press.stop.time_s}
+    if twists := [phase for phase in processed.phases if phase.name.startswith("twist")]:
+        ends["torque"] = twists[-1].stop.time_s
+    return {c: rate * (ends[c] - press.start.time_s) for c, rate in std_per_s.items() if c in ends}
 
 
 def _farthest(processed: Processed) -> float:
