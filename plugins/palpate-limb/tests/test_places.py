@@ -282,9 +282,20 @@ def test_bones_that_touch_are_one_hole_and_bones_that_cross_are_refused() -> Non
     spot = locate_at("p1", np.array([0.0, RADIUS, 100.0]), tube()).spot
     touching = replace(tube(6.0, LENGTH, shift=11.9), name="b")
     segment = cut(tube(), [bone, touching], spot, axis)
-    assert segment.remarks[0].startswith("bone 'b' touches another bone: they share")
-    with pytest.raises(MeshError, match="bone 'b' crosses another bone"):
+    assert segment.remarks[0].startswith("bone 'b' touches bone 'a': they share")
+    with pytest.raises(MeshError, match="bone 'b' crosses bone 'a'"):
         cut(tube(), [bone, replace(tube(6.0, LENGTH, shift=9.0), name="b")], spot, axis)
+
+
+def test_a_bone_in_another_is_refused_however_large_the_other_bones_are() -> None:
+    spot = locate_at("p1", np.array([0.0, RADIUS, 100.0]), tube()).spot
+    thin, far, around_thin = (
+        replace(tube(radius, LENGTH, shift=shift), name=name)
+        for name, radius, shift in (("thin", 1.0, -10.0), ("far", 8.0, 12.0), ("shell", 8.0, -10.0))
+    )
+    for bones in ([thin, far, around_thin], [around_thin, far, thin]):
+        with pytest.raises(MeshError, match="crosses bone"):
+            cut(tube(), bones, spot, UP)
 
 
 def test_a_bone_at_the_skin_is_moved_inwards_where_a_cover_is_asked_for() -> None:

@@ -156,6 +156,7 @@ def _tissue(
         away = sum(part.volume() for part in parts) - limb.volume()
         remarks.append(f"left out {away:.3g} mm³ of other parts of the limb between the cuts")
     inside: list[Surface] = []
+    pieces: list[tuple[str, Any]] = []
     taken = whole = manifold3d.Manifold()
     for bone in bones:
         body = solid(bone)
@@ -163,7 +164,9 @@ def _tissue(
         if piece.is_empty() or (len(parts) > 1 and (piece ^ limb).is_empty()):
             continue
         _check_bone(spot, surface_of(piece, bone.name), limb, skin)
-        remarks += _overlap(spot, bone.name, piece, taken)
+        for other, before in pieces:
+            remarks += _overlap(spot, (bone.name, other), piece, before)
+        pieces.append((bone.name, piece))
         taken, whole = taken + piece, whole + body
         inside.append(bone)
     # Whole bones, and the cuts last: ends of bone and limb in one plane would leave a film between them.
@@ -179,19 +182,22 @@ def _tissue(
     return tissue, tuple(inside), tuple(remarks)
 
 
-def _overlap(spot: str, name: str, piece: Any, taken: Any) -> list[str]:  # noqa: ANN401 - manifold3d has no types
-    """A remark where a bone touches those before it; refuse where it crosses them."""
-    shared = piece ^ taken
-    if shared.volume() <= LEAST_SHARE * piece.volume():
+def _overlap(spot: str, names: tuple[str, str], one: Any, other: Any) -> list[str]:  # noqa: ANN401 - as above
+    """A remark where two bones touch; refuse where they cross, or one is in the other."""
+    shared = one ^ other
+    share = shared.volume() / min(one.volume(), other.volume())
+    if share <= LEAST_SHARE:
         return []
     place = np.round(surface_of(shared, "").points_mm.mean(axis=0), 1).tolist()
-    share = shared.volume() / min(piece.volume(), taken.volume())
     if share > MOST_OVERLAP:
         raise MeshError(
-            f"spot '{spot}': bone '{name}' crosses another bone: they share {shared.volume():.3g} mm³ near "
-            f"{place} mm in the spot's frame; check how the bones are placed, and their unit"
+            f"spot '{spot}': bone '{names[0]}' crosses bone '{names[1]}': they share "
+            f"{shared.volume():.3g} mm³ near {place} mm in the spot's frame; "
+            "check how the bones are placed, and their unit"
         )
-    return [f"bone '{name}' touches another bone: they share {shared.volume():.3g} mm³ near {place} mm"]
+    return [
+        f"bone '{names[0]}' touches bone '{names[1]}': they share {shared.volume():.3g} mm³ near {place} mm"
+    ]
 
 
 def _at_spot(parts: Sequence[Any]) -> Any:  # noqa: ANN401 - manifold3d has no types
