@@ -3,14 +3,25 @@
 import base64
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from palpate.errors import PluginError
 from palpate.plugins.guard import answering_for
-from palpate.plugins.sections import Block, Figure, Fold, Paragraph, Picture, Section
+from palpate.plugins.sections import (
+    Block,
+    Drawing,
+    Facts,
+    Figure,
+    Fold,
+    Listing,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+)
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
 from palpate.report.section_order import is_core, ordered
@@ -38,16 +49,17 @@ def laid_out(data: ReportData, report: Report) -> list[Laid]:
     """Every section that has something to show; one that fails says why, unless it is the core's own."""
     found: list[Laid] = []
     for section in ordered(data.sections):
-        made, is_open = section(), False
-        blocks: tuple[Block, ...]
+        is_open, blocks = False, tuple[Block, ...]()
         try:
             if is_core(section):
+                made = section()
                 is_open, blocks = made.is_open(data, report), tuple(made.blocks(data, report))
             else:
                 with answering_for(section, "laying out the report"):
+                    made = section()
                     is_open, blocks = made.is_open(data, report), checked(made, made.blocks(data, report))
         except PluginError as error:
-            blocks = (Paragraph(f"This section could not be made: {error}."),)
+            is_open, blocks = False, (Paragraph(f"This section could not be made: {error}."),)
         if blocks:
             entry = section.entry or section.title
             found.append(Laid(section.name, section.title, entry, is_open, blocks))
@@ -55,26 +67,53 @@ def laid_out(data: ReportData, report: Report) -> list[Laid]:
 
 
 def checked(section: Section, blocks: Iterable[Block]) -> tuple[Block, ...]:
-    """Blocks of a section.
+    """Blocks of a section, each of them as it can be shown.
 
     Raises
     ------
     PluginError
         One of them is no block, or cannot be shown.
     """
-    found = tuple(blocks)
-    for block in found:
-        if not isinstance(block, Block):
+    return tuple(_checked(section, block) for block in blocks)
+
+
+def _checked(section: Section, block: Block) -> Block:
+    match block:
+        case Drawing() if not is_core(type(section)):
+            raise PluginError(
+                f"section '{section.name}' has {block!r}, which only the page's own sections can draw; "
+                "give a palpate.api.Figure"
+            )
+        case Fold():
+            # A generator would be used up by the first who looks.
+            return replace(block, blocks=checked(section, block.blocks))
+        case Table():
+            return _table(section, block)
+        case Listing():
+            return replace(block, items=tuple((strong, rest) for strong, rest in block.items))
+        case Facts():
+            return replace(block, rows=tuple((name, value) for name, value in block.rows))
+        case Figure():
+            block = replace(block, steps=tuple(block.steps))
+            plain(block.traces), plain(block.layout), plain([step.traces for step in block.steps])
+        case Picture():
+            address(block)
+        case _ if not isinstance(block, Block):
             raise PluginError(
                 f"section '{section.name}' has {block!r}, which is no block; see palpate.api.Section"
             )
-        if isinstance(block, Fold):
-            checked(section, block.blocks)
-        elif isinstance(block, Figure):
-            plain(block.traces), plain(block.layout), plain([step.traces for step in block.steps])
-        elif isinstance(block, Picture):
-            address(block)
-    return found
+    return block
+
+
+def _table(section: Section, table: Table) -> Table:
+    columns, rows = tuple(table.columns), tuple(map(tuple, table.rows))
+    for k, row in enumerate(rows):
+        if len(row) != len(columns):
+            raise PluginError(
+                f"section '{section.name}', table '{table.caption}': row {k} has {len(row)} cells for "
+                f"{len(columns)} columns; give one cell for each"
+            )
+    return replace(table, columns=columns, rows=rows)
 
 
 def figure_data(figure: Figure) -> dict[str, Any]:

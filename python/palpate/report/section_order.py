@@ -25,7 +25,13 @@ def section_warnings(data: ReportData) -> Iterator[ReportWarning]:
     for section in ordered(data.sections):
         try:
             with answering_for(section, "warning of its section"):
-                yield from tuple(section().warnings(data))
+                found = tuple(section().warnings(data))
+            for each in found:
+                if not isinstance(each, ReportWarning):
+                    raise PluginError(
+                        f"section '{section.name}' warns of {each!r}, which is no palpate.api.ReportWarning"
+                    )
+            yield from found
         except PluginError as error:
             yield ReportWarning("A section of the report has failed", f"{error}.")
 

@@ -18,7 +18,7 @@ import palpate.report
 from palpate.domain import Indentation, Job, Simulation, Status
 from palpate.fit.least_squares import LeastSquares
 from palpate.indenters import Sphere
-from palpate.plugins.sections import Fold, Listing, Section, Table
+from palpate.plugins.sections import Drawing, Fold, Listing, Section, Table
 from palpate.report import contact_along, make_tables, write_report
 from palpate.report.limb_view import limb_view
 from palpate.report.page import render
@@ -331,6 +331,43 @@ def test_a_section_that_fails_says_so_and_the_others_are_there(page):
     assert "raised KeyError: 'misspelt'" in text
     assert "A section of the report has failed" in text
     assert "section-provenance" in {a.get("id") for _, a, _ in made.elements}
+
+
+class Generated(Extra):
+    def blocks(self, data, report):
+        yield Fold("more", (Table("Sums", iter(["a", "b"]), iter([iter([1, 2])])) for _ in range(1)))
+
+
+class NotMade(Extra):
+    def __init__(self):
+        raise KeyError("not made")
+
+
+def of(name, blocks, warnings=()):
+    return type(name, (Extra,), {"blocks": lambda *_: blocks, "warnings": lambda *_: warnings})
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        (of("Longer", [Table("Sums", ["a"], [[1], [1, 2]])]), "row 1 has 2 cells for 1 columns"),
+        (of("Shorter", [Table("Sums", ["a", "b"], [[1]])]), "row 0 has 1 cells for 2 columns"),
+        (of("Drawn", [Fold("more", [Drawing("nothing")])]), "only the page's own sections can draw"),
+        (of("Triples", [Listing([("a", "b", "c")])]), "raised ValueError"),
+        (of("Warns", [], ["beware"]), "warns of 'beware', which is no palpate.api.ReportWarning"),
+        (NotMade, "raised KeyError: 'not made'"),
+    ],
+)
+def test_what_the_page_cannot_show_is_refused_by_the_name_of_its_section(page, section, said):
+    made = page(lambda c: replace(c, sections={**c.sections, "extra": section}))
+    assert "'extra'" in made.text()
+    assert said in made.text()
+    assert "section-provenance" in {a.get("id") for _, a, _ in made.elements}
+
+
+def test_blocks_that_are_made_one_by_one_are_all_shown(page):
+    made = page(lambda c: replace(c, sections={**c.sections, "extra": Generated}))
+    assert "Sums" in [text for _, _, text in made.all("caption")]
 
 
 # --------------------------------------------------------------------- colours
