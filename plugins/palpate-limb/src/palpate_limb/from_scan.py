@@ -310,7 +310,8 @@ def _closed(scan: Surface, plan: ScanPlan) -> Surface:
             f"{scan.name}: {'; '.join(map(str, found))}. Fix the scan, let palpate repair it with --repair, "
             "or, if its parts are bones, name the file under --bones too"
         )
-    return repaired(whole)
+    # Caps of holes, and of what was cut out with crossing faces, are skin now.
+    return replace(repaired(whole), caps=None)
 
 
 def _placement(places: BonePlaces, scan: Surface, plan: ScanPlan, unit: str) -> Placement:
