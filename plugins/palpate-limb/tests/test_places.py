@@ -132,6 +132,17 @@ def test_a_few_crossing_faces_are_cut_out_and_closed() -> None:
     assert fixed.volume_mm3 == pytest.approx(tube().volume_mm3, rel=0.02)
 
 
+def test_a_gap_that_a_repair_leaves_is_skin_and_no_hole(tmp_path: Path) -> None:
+    points = tube().points_mm.copy()
+    points[int(np.abs(points - [RADIUS, 0.0, 100.0]).sum(axis=1).argmin())] += [-6.0, 30.0, 0.0]
+    file = write(tmp_path, "crossing.stl", replace(tube(), points_mm=points))
+    spot = Station(share=0.5, angle_deg=180.0)
+    read = read_scan(file, [], replace(PLAN, repair=True, places={"p1": spot}))
+    assert "faces that intersect" in read.surface.repairs
+    tissue = cut(read.surface, [], read.spots["p1"].spot, UP).tissue
+    assert tissue.volume_mm3 == pytest.approx(80.0 * np.pi * RADIUS**2, rel=0.02)
+
+
 # ------------------------------------------------------------------------ unit
 
 
@@ -360,3 +371,7 @@ def test_bones_and_spots_are_read_from_text(capsys: pytest.CaptureFixture[str]) 
             places_of(given_twice, None)
     assert main(["limb", "skin.stl", "--spot", "p1=1,2,3", "--mark", "p1=red"]) == 2
     assert "not both" in capsys.readouterr().err
+    for unused in (["--points", "points.csv"], ["--zero", "1,0,0"]):
+        assert main(["limb", "skin.stl", *unused]) == 2
+        assert f"{unused[0]}: " in (shown := " ".join(capsys.readouterr().err.split()))
+        assert "add --spot NAME=POINT" in shown

@@ -62,6 +62,12 @@ def scan(
     session = Session.of(context)
     if spots and marks:
         raise MeshError("--spot and --mark: give the spots by place or by ink, not both")
+    for option, given_too, what in (("--points", points, "names points"), ("--zero", zero, "counts angles")):
+        if given_too and not spots:
+            raise MeshError(
+                f"{option}: {what} for --spot, which is not given; add --spot NAME=POINT, or leave "
+                f"{option} out"
+            )
     radius_mm = options.length_mm("--radius", radius)
     thickness = options.thickness_of(skin, layers or [], layers_at)
     places = options.places_of(spots or [], points)
