@@ -190,6 +190,45 @@ def test_layers_have_their_own_thickness_at_a_spot(tmp_path: Path) -> None:
             thickness_of("", [], table)
 
 
+@pytest.mark.parametrize(
+    ("layers", "columns", "order"),
+    [
+        (["fat=5 mm"], "skin_mm", ("skin", "fat")),
+        (["p1.skin=1 mm", "fat=5 mm"], None, ("skin", "fat")),
+        (["p1.fascia=1 mm", "p1.fat=4 mm", "p2.fat=4 mm", "p2.deep=3 mm"], None, ("fascia", "fat", "deep")),
+        (["p1.deep=3 mm"], "fat_mm,deep_mm", ("fat", "deep")),
+    ],
+)
+def test_layers_come_in_the_order_of_what_is_named_together(
+    tmp_path: Path, layers: list[str], columns: str | None, order: tuple[str, ...]
+) -> None:
+    table = tmp_path / "u.csv"
+    if columns is not None:
+        table.write_text(f"spot,{columns}\np1" + ",1.6" * len(columns.split(",")) + "\n")
+    thickness = thickness_of("", layers, table if columns is not None else None)
+    plan = ScanPlan(mesh=MeshPlan(size=SIZE, layers_mm=thickness.pop("")), layers_at_mm=thickness)
+    assert plan.layers == order
+
+
+@pytest.mark.parametrize(
+    ("layers", "columns", "why"),
+    [
+        (["p1.fat=4 mm", "p1.deep=3 mm", "p2.deep=3 mm", "p2.fat=4 mm"], None, "named above the other"),
+        (["fat=4 mm", "p1.deep=3 mm"], None, "is not said"),
+        (["fat=4 mm"], "skin_mm,deep_mm", "is not said"),
+        (["p1.fat=4 mm"], "deep_mm", "is not said"),
+    ],
+)
+def test_layers_in_no_order_or_in_several_are_refused(
+    tmp_path: Path, layers: list[str], columns: str | None, why: str
+) -> None:
+    table = tmp_path / "u.csv"
+    if columns is not None:
+        table.write_text(f"spot,{columns}\np1" + ",1.6" * len(columns.split(",")) + "\n")
+    with pytest.raises(MeshError, match=f"layers '(fat' and 'deep|deep' and 'fat)': .*{why}"):
+        thickness_of("", layers, table if columns is not None else None)
+
+
 def test_layers_that_reach_a_bone_are_remarked() -> None:
     assert layers_at_bone(segment(), {"skin": 1.0}) == []
     (remark,) = layers_at_bone(segment(), {"skin": 2.5, "fat": 20.0})

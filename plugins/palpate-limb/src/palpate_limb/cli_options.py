@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import typer
 
 from palpate.api import MeshError
+from palpate_limb.layer_order import layer_order
 
 if TYPE_CHECKING:
     from palpate.api import FloatArray
@@ -306,9 +307,12 @@ def thickness_of(skin: str, given: list[str], file: Path | None) -> dict[str, di
                 "at one spot"
             )
         of_spot[layer] = length_mm(f"--layer {name}", thickness)
-    for spot, layers in _layer_table(file).items() if file is not None else ():
+    table = _layer_table(file) if file is not None else {}
+    # Before the two are merged, which names none of them together.
+    order = layer_order([list(layers) for layers in (*found.values(), *table.values())])
+    for spot, layers in table.items():
         found[spot] = {**layers, **found.get(spot, {})}
-    return found
+    return {spot: {name: layers[name] for name in order if name in layers} for spot, layers in found.items()}
 
 
 def _layer_table(file: Path) -> dict[str, dict[str, float]]:

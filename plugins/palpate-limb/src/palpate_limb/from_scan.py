@@ -10,6 +10,7 @@ import numpy as np
 from palpate.api import FloatArray, Limb, MeshError, check_limb
 from palpate_limb.bones import IN_PLACE, Placement, by_icp, covered, read_bones, read_landmarks, read_motion
 from palpate_limb.first_contact import moved_to_contact
+from palpate_limb.layer_order import layer_order
 from palpate_limb.marks import find_marks, name_marks
 from palpate_limb.openings import closed, extent, joined_parts, largest, parts
 from palpate_limb.places import Around, Place, position_mm, zero_direction
@@ -119,10 +120,14 @@ class ScanPlan:
 
     @property
     def layers(self) -> tuple[str, ...]:
-        """Names of all layers, from the skin inwards."""
-        return tuple(
-            dict.fromkeys([*self.mesh.layers_mm, *(n for own in self.layers_at_mm.values() for n in own)])
-        )
+        """Names of all layers, from the skin inwards.
+
+        Raises
+        ------
+        MeshError
+            What is named together at the spots and for all leaves their order open, or contradicts itself.
+        """
+        return layer_order([list(named) for named in (self.mesh.layers_mm, *self.layers_at_mm.values())])
 
     def mesh_at(self, spot: str) -> MeshPlan:
         """How the segment of a spot is meshed.
