@@ -1,4 +1,4 @@
-"""Limbs from coloured scans and bone models, and tools from files of their surface."""
+"""Limbs from scans and models with their bones, and tools from files of their surface."""
 
 from typing import TYPE_CHECKING
 
