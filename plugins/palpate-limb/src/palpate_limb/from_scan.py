@@ -1,4 +1,4 @@
-"""From a coloured scan and bone models to the limb around every marked spot."""
+"""From a scan or model and bones to the limb around every spot."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -254,7 +254,7 @@ def limbs_of(scan: ReadScan, plan: ScanPlan) -> Iterator[ScannedLimb]:
         quality = assess(limb, segment, plan.mesh.size.radius_mm)
         check_quality(quality, found.spot.name, plan.mesh.size.fine_mm)
         check_limb(limb, limb.mesh.regions)
-        remarks = (*segment.remarks, *layers_at_bone(segment, plans[name].layers_mm))
+        remarks = (*found.remarks, *segment.remarks, *layers_at_bone(segment, plans[name].layers_mm))
         yield ScannedLimb(
             limb=limb, found=found, segment=replace(segment, remarks=remarks), quality=quality, rise_mm=rise
         )

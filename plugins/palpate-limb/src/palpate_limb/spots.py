@@ -26,12 +26,15 @@ class FoundSpot:
         Standard deviation of the position along the normal, from the scan's noise.
     normal_deg : float
         Standard deviation of the normal's direction, from the scan's noise and from ``across_mm``.
+    remarks : tuple of str
+        On what makes these deviations uncertain themselves.
     """
 
     spot: Spot
     across_mm: float
     along_normal_mm: float
     normal_deg: float
+    remarks: tuple[str, ...] = ()
 
 
 def locate(name: str, mark: Mark, surface: Surface) -> FoundSpot:
@@ -43,7 +46,8 @@ def locate_at(name: str, centre: FloatArray, surface: Surface, across_mm: float 
     """Fit z = c₀ + c₁x + c₂y + c₃x² + c₄xy + c₅y² to the scan around a point, by least squares.
 
     The position is the patch's point over the given one and the normal the patch's
-    there; z is the mean normal of the faces around. Large faces count by points within them.
+    there; z is the mean normal of the faces around. Large faces count by points within them for the
+    patch, and by their corners for its uncertainty: points of one face share its error.
 
     Parameters
     ----------
@@ -59,7 +63,7 @@ def locate_at(name: str, centre: FloatArray, surface: Surface, across_mm: float 
     MeshError
         The scan has too few points there, or its edge runs through the spot.
     """
-    surface = _around(surface, centre)
+    scan, surface = surface, _around(surface, centre)
     near = np.flatnonzero(np.linalg.norm(surface.points_mm - centre, axis=1) <= PATCH_RADIUS_MM)
     up = _mean_normal(surface, near)
     near = near[(surface.points_mm[near] - centre) @ up > -0.5 * PATCH_RADIUS_MM]
@@ -78,7 +82,9 @@ def locate_at(name: str, centre: FloatArray, surface: Surface, across_mm: float 
             f"{surface.name}: spot '{name}' at {np.round(centre, 1).tolist()} mm is at an edge of the "
             "scan; scan further around it"
         )
-    return _fitted(name, across_mm, centre, frame, local)
+    off = scan.points_mm - centre
+    own = (np.linalg.norm(off, axis=1) <= PATCH_RADIUS_MM) & (off @ up > -0.5 * PATCH_RADIUS_MM)
+    return _fitted(name, across_mm, centre, frame, local, int(np.count_nonzero(own)))
 
 
 def _around(surface: Surface, centre: FloatArray) -> Surface:
@@ -98,13 +104,16 @@ def _around(surface: Surface, centre: FloatArray) -> Surface:
     return Surface(name=surface.name, points_mm=np.asarray(points), faces=np.asarray(pieces))
 
 
-def _fitted(name: str, across: float, centre: FloatArray, frame: FloatArray, local: FloatArray) -> FoundSpot:
+def _fitted(
+    name: str, across: float, centre: FloatArray, frame: FloatArray, local: FloatArray, n_own: int
+) -> FoundSpot:
+    """The spot from points in the frame of the patch, of which ``n_own`` are the scan's own."""
     x, y, z = local.T
     columns = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
     solution, *_ = np.linalg.lstsq(columns, z, rcond=None)
     residual = z - columns @ solution
     variance = float(residual @ residual) / (len(z) - N_COEFFICIENTS)
-    covariance = variance * np.linalg.inv(columns.T @ columns)
+    covariance = variance * len(z) / max(n_own, 1) * np.linalg.inv(columns.T @ columns)
     normal = frame.T @ np.array([-solution[1], -solution[2], 1.0])
     bend = 2.0 * float(
         np.abs(np.linalg.eigvalsh([[solution[3], solution[4] / 2], [solution[4] / 2, solution[5]]])).max()
@@ -115,6 +124,16 @@ def _fitted(name: str, across: float, centre: FloatArray, frame: FloatArray, loc
         across_mm=across,
         along_normal_mm=float(np.sqrt(covariance[0, 0])),
         normal_deg=float(np.rad2deg(tilt)),
+        remarks=_few(n_own),
+    )
+
+
+def _few(n_own: int) -> tuple[str, ...]:
+    if n_own >= 3 * N_COEFFICIENTS:
+        return ()
+    return (
+        f"{n_own} points of the scan within {PATCH_RADIUS_MM:g} mm of the spot, where {3 * N_COEFFICIENTS} "
+        "make its uncertainty a good estimate; scan finer",
     )
 
 
