@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from palpate.indenters import SphereSettings
 from palpate.plugins.catalogue import Plugins
 from palpate.study.model import ScoringTable, SpotTable
 from palpate_robot_log import RobotLogLoader, RobotLogSettings
@@ -45,7 +46,7 @@ def test_the_tables_are_read() -> None:
     assert RobotLogSettings.model_validate(settings).gravity.method == "known"
     one, small = map(SpotTable.model_validate, SPOTS["spot"])
     assert [len(files) for files in (one.measured[""], small.measured[""])] == [3, 1]
-    assert small.protocol.indenter.radius == 5.0
+    assert SphereSettings.model_validate(small.protocol.indenter.settings).radius == 5.0
     assert RobotLogSettings.model_validate(settings | small.settings).gravity.weight == pytest.approx(0.61)
     assert ScoringTable.model_validate(SPOTS["scoring"]).point_weighting == "std"
 

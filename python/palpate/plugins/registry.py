@@ -47,6 +47,7 @@ GROUP = "palpate"
 FIRST_PARTY = frozenset(
     f"palpate-{name}"
     for name in (
+        "anatomy",
         "dask",
         "febio",
         "forearm",
