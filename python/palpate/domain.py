@@ -75,11 +75,16 @@ class PointWeighting(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spot:
-    """A marked place on the limb: position [mm] and unit outward normal, in the frame of its mesh."""
+    """A marked place on the limb: position [mm] and unit outward normal, in the frame of its mesh.
+
+    ``along`` is the direction (3,) of the x axis of the spot's frame, as far as it is tangential; by itself
+    that of :func:`palpate.mesh.spot_frame.spot_axes`.
+    """
 
     name: str
     position_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
     normal: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    along: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position_mm", frozen_floats(self.position_mm))
@@ -189,8 +194,10 @@ class Indentation:
             raise StudyError(f"protocol: depth {path[:, 0].min()} mm is outside the limb; keep depths >= 0")
         if not (np.isfinite(self.friction) and self.friction >= 0.0):
             raise StudyError(f"protocol: friction {self.friction}; give a coefficient >= 0")
-        if not np.hypot(*self.tilt_deg) < MOST_TILT_DEG:
-            raise StudyError(f"protocol: tilt {self.tilt_deg}; give two angles below {MOST_TILT_DEG:g}°")
+        tilt_deg = tuple(map(float, self.tilt_deg))
+        if len(tilt_deg) != 2 or not np.hypot(*tilt_deg) < MOST_TILT_DEG:
+            raise StudyError(f"protocol: tilt {tilt_deg}; give two angles below {MOST_TILT_DEG:g}°")
+        object.__setattr__(self, "tilt_deg", tilt_deg)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -38,9 +38,11 @@ class Sphere(Indenter[SphereSettings]):
     summary = "a sphere, touched at its lowest point"
 
     def __init__(self, settings: SphereSettings | None = None, *, radius_mm: float = 0.0) -> None:
+        if settings is not None and radius_mm:
+            raise MeshError("indenter: a sphere of settings and of radius_mm; give one of them")
         super().__init__(settings or SphereSettings.model_construct(radius=float(radius_mm)))
         self.radius_mm = self.edge_mm = self.settings.radius
-        if not self.radius_mm > 0.0:
+        if not 0.0 < self.radius_mm < np.inf:
             raise MeshError(f"indenter: a sphere of radius {self.radius_mm} mm; give a radius > 0 mm")
         r = self.radius_mm
         self.bounds_mm = np.array([[-r, -r, 0.0], [r, r, 2.0 * r]])

@@ -84,12 +84,24 @@ def test_the_section_of_a_punch_is_its_face():
     assert punch.reach_mm(2.0) == pytest.approx(5.0, rel=0.02)
 
 
+def test_bounds_hold_a_turned_cuff():
+    turned = Cuff(CuffSettings(radius="40 mm", angle="120 deg", width="60 mm", edge="3 mm", turn="35 deg"))
+    points, _ = turned.surface()
+    assert (turned.distance(turned.bounds_mm[1] * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])) > 0.0).all()
+    assert np.abs(turned.distance(points)).max() < 3.0
+
+
+def test_a_radius_does_not_shrink_to_nothing():
+    with pytest.raises(MeshError, match=r"smaller radius in \[budget\]"):
+        Capsule(CapsuleSettings(radius="1 mm", length="10 mm")).grown(-2.0)
+
+
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Punch(PunchSettings(radius="3 mm", edge="4 mm")), "rounded by 4 mm, where at most 3 mm"),
+        (lambda: Punch(PunchSettings(radius="3 mm", edge="4 mm")), "rounded by 4 mm, where less than 3 mm"),
         (lambda: Box(BoxSettings(**BOX | {"edge": "6 mm"})), "at most 5 mm fit"),
-        (lambda: Ring(RingSettings(radius="3 mm", edge="4 mm")), "at most 3 mm fit"),
+        (lambda: Ring(RingSettings(radius="3 mm", edge="3 mm")), "less than 3 mm fit"),
         (lambda: Cuff(CuffSettings(**CUFF | {"edge": "11 mm"})), "at most 10 mm fit"),
     ],
 )

@@ -202,7 +202,8 @@ def is_along_slopes(one: SpotInputs, other: SpotInputs) -> bool:
     """Whether the slopes of a simulation lead from one to the other: only parameters and friction differ."""
     a, b = one.protocol, other.protocol
     if isinstance(a, Indentation) and isinstance(b, Indentation):
-        return a is b or (a.indenter == b.indenter and np.array_equal(a.path, b.path))
+        same = a.indenter == b.indenter and a.tilt_deg == b.tilt_deg
+        return a is b or (same and np.array_equal(a.path, b.path))
     return a is b
 
 

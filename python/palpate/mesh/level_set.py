@@ -36,7 +36,7 @@ def level_set_surface(
     counts = np.ceil((upper - lower) / size).astype(np.int64) + 2
     axes = [lower[k] + size * (np.arange(counts[k]) - 0.503) for k in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    values = np.asarray(distance(nodes), dtype=np.float64)
+    values = np.array(distance(nodes), dtype=np.float64)
     values[values == 0.0] = np.finfo(float).tiny
     tets = _tets(counts)
     tets = tets[(values[tets] < 0.0).any(axis=1) & (values[tets] > 0.0).any(axis=1)]

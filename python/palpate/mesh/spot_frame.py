@@ -6,13 +6,15 @@ The spot is the origin and z its outward normal. The three signs depend on z alo
 * rotation is about z by the right-hand rule: positive is counter-clockwise, seen from outside;
 * torque is the moment of the indenter on the tissue about z: positive with a positive rotation.
 
-The axes x and y are arbitrary: no force along z and no moment about it depends on them.
+No force along z and no moment about it depends on x and y, but by the turn of an indenter that is not
+round, and the direction of a tilt.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from palpate.domain import Curve, FloatArray, Indentation, Job, Limb, Mesh, Response, moving_span
 from palpate.errors import StudyError
@@ -38,7 +40,7 @@ def spot_axes(normal: FloatArray, along: FloatArray | None = None) -> FloatArray
 
 def in_spot_frame(limb: Limb) -> Mesh:
     """The mesh in the frame of its spot; vectors in its ``cell_fields`` keep the limb's frame."""
-    points = (limb.mesh.points_mm - limb.spot.position_mm) @ spot_axes(limb.spot.normal)
+    points = (limb.mesh.points_mm - limb.spot.position_mm) @ spot_axes(limb.spot.normal, limb.spot.along)
     return replace(limb.mesh, points_mm=points)
 
 
@@ -90,13 +92,12 @@ def indentation_of(job: Job, limb: Limb | None, solver: str) -> tuple[Indentatio
 
 
 def _tilted(limb: Limb, tilt_deg: tuple[float, float]) -> Limb:
-    """The limb with the normal of its spot rotated by a vector along x and y of the spot's frame."""
-    angle = np.radians(np.hypot(*tilt_deg))
-    if angle == 0.0:
+    """The limb with the frame of its spot rotated by a vector along x and y of that frame."""
+    if not any(tilt_deg):
         return limb
-    x, y = np.radians(tilt_deg) / angle
-    turned = np.array([np.sin(angle) * y, -np.sin(angle) * x, np.cos(angle)])
-    return replace(limb, spot=replace(limb.spot, normal=spot_axes(limb.spot.normal) @ turned))
+    axes = spot_axes(limb.spot.normal, limb.spot.along)
+    axes = axes @ Rotation.from_rotvec(np.radians([*tilt_deg, 0.0])).as_matrix()
+    return replace(limb, spot=replace(limb.spot, normal=axes[:, 2], along=axes[:, 0]))
 
 
 def indentation_response(

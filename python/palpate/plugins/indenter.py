@@ -108,12 +108,16 @@ class Indenter(Component[SettingsT]):
                 "leave radius out of [budget]"
             )
         radius = getattr(self.settings, "radius") + by_mm  # noqa: B009 -- of the settings of a subclass
+        if not radius > 0.0:
+            raise MeshError(
+                f"indenter '{self.name}': a radius of {radius:g} mm; give a smaller radius in [budget]"
+            )
         return type(self)(self.settings.model_copy(update={"radius": radius}))
 
-    def _section(self, depth_mm: float, n: int = 96) -> tuple[FloatArray, float]:
-        """Points (m, 2) inside at half of a depth, and the area of each."""
+    def _section(self, depth_mm: float, n: int = 97) -> tuple[FloatArray, float]:
+        """Points (m, 2) inside at half of a depth, at most of the body's height, and the area of each."""
         lower, upper = self.bounds_mm[:, :2]
-        height = 0.5 * max(depth_mm, 0.0)
+        height = 0.5 * min(max(depth_mm, 0.0), float(self.bounds_mm[1, 2]))
         for _ in range(2):  # over the whole body, then over what is inside
             size = (upper - lower) / n
             x, y = (lower[k] + size[k] * (np.arange(n) + 0.5) for k in range(2))

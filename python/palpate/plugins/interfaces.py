@@ -361,7 +361,7 @@ class Solver(Component[SettingsT]):
     channels: ClassVar[tuple[str, ...] | None] = None
     """Channels that it computes; a study that weights another one is refused. None: not declared."""
 
-    indenters: ClassVar[tuple[str, ...] | None] = None
+    indenters: ClassVar[tuple[str, ...] | None] = ("sphere",)
     """Indenters that it simulates; a study with another one is refused. None: all, by their distance."""
 
     def ignored(self, material: Material) -> tuple[str, ...]:

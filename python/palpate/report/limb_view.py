@@ -192,7 +192,7 @@ def _indenter(spot: Spot, indenter: Indenter) -> ViewPart:
         name=indenter.name,
         role="indenter",
         region="",
-        points_mm=spot.position_mm + points @ spot_axes(spot.normal).T,
+        points_mm=spot.position_mm + points @ spot_axes(spot.normal, spot.along).T,
         triangles=triangles,
     )
 

@@ -48,7 +48,7 @@ def edge_of_contact(limb: Limb, protocol: Indentation, contact: Contact) -> dict
     turns = np.linspace(0.0, 2.0 * np.pi, 49)
     edge = radius * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(turns.size)])
     edge[:, 2] = _height(indenter, edge) - depths[k]
-    points = limb.spot.position_mm + edge @ spot_axes(limb.spot.normal).T
+    points = limb.spot.position_mm + edge @ spot_axes(limb.spot.normal, limb.spot.along).T
     name = f"edge of the contact at {depths[k]:g} mm: radius {radius:.3g} mm"
     return scatter_trace(name, points, "lines")
 

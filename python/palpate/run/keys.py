@@ -184,7 +184,9 @@ def _fields(value: object) -> tuple[str, list[tuple[str, Any]]]:
 
 
 def _is_as_before(field: Field[Any], value: object) -> bool:
-    return field.metadata.get("in_key") == "unless default" and value == field.default
+    if field.metadata.get("in_key") != "unless default":
+        return False
+    return value is field.default or (not isinstance(value, np.ndarray) and value == field.default)
 
 
 def _encoded(part: object) -> bytes:

@@ -1,13 +1,13 @@
 """From the tables of study.toml to the parts of a Study: what the names in them mean."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from pydantic import ValidationError
 
-from palpate.domain import ParameterSpace, Scenario, channel_of, weighed_channels
+from palpate.domain import Indentation, ParameterSpace, Protocol, Scenario, channel_of, weighed_channels
 from palpate.errors import PalpateError
 from palpate.plugins.catalogue import Catalogue, Plugins
 from palpate.plugins.execution import Executor
@@ -228,8 +228,17 @@ def check_parametrisation(
             context.problems.add(("fit", "searched", *key), reason)
 
 
-def check_budget(context: Context, budget: BudgetTable, space: ParameterSpace) -> None:
-    """Refuse the spread of a parameter that is not fixed or tied, or not there at all."""
+def check_budget(
+    context: Context, budget: BudgetTable, space: ParameterSpace, protocols: Iterable[Protocol | None]
+) -> None:
+    """Refuse the spread of a parameter that is not fixed or tied, and of a radius that no indenter has."""
+    indenters = [protocol.indenter for protocol in protocols if isinstance(protocol, Indentation)]
+    try:
+        for indenter in indenters if budget.radius else ():
+            indenter.grown(budget.radius)
+            indenter.grown(-budget.radius)
+    except PalpateError as error:
+        context.problems.add(("budget", "radius"), str(error))
     searched = {p.name for p in space.parameters}
     every = (f"{r.region}.{p.name}" for r in space.regions for p in r.material.parameters)
     known = {name: None for name in every if name not in searched}
@@ -289,7 +298,8 @@ def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None
     if not solver.needs_limb and tables.fit and tables.fit.fine_edge:
         problems.add(("fit", "fine_edge"), f"{name} takes no mesh; remove the key")
     for place, shape in _indenters(tables):
-        if solver.indenters is not None and shape not in solver.indenters:
+        is_known = shape in context.plugins.indenters  # else that is said already
+        if solver.indenters is not None and is_known and shape not in solver.indenters:
             known = ", ".join(solver.indenters)
             problems.add(
                 place,

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from palpate.domain import Normaliser, PointWeighting
+from palpate.domain import MOST_TILT_DEG, Normaliser, PointWeighting
 from palpate.study.plain_values import MOST_FILES, MOST_NAMED, MOST_SETS, MOST_WAYPOINTS
 from palpate.units import Quantity
 
@@ -375,6 +375,7 @@ class BudgetTable(Table):
     tilt: Angle = Field(
         default=0.0,
         ge=0.0,
+        lt=MOST_TILT_DEG / 2.0,
         description="Of the axis of press and twist from the normal, about each of two directions; costs "
         "four simulations for each spot.",
     )

@@ -292,7 +292,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     truth = build_truth(context, tables, space)
     _check_together(context, tables, parts, space)
     if tables.budget:
-        check_budget(context, tables.budget, space)
+        check_budget(context, tables.budget, space, [protocol, *(spot.protocol for spot in spots)])
     if parts.parametrisation:
         check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
     if parts.solver and selection:

@@ -74,6 +74,7 @@ class HalfSpace(Solver):
     name = "half_space"
     summary = "an indenter on a half-space in closed form, for tests of plugins"
     needs_limb = False
+    indenters = None
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job."""

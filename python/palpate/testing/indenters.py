@@ -1,5 +1,7 @@
 """Laws of indenters."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -120,10 +122,12 @@ class IndenterContract(ComponentContract):
         )
 
     def test_deeper_contacts_are_larger(self, indenter: Indenter) -> None:
-        depths = [0.1 * indenter.edge_mm, 0.5 * indenter.edge_mm]
+        beyond = 1.5 * abs(indenter.bounds_mm[1, 2])  # deeper than the body is high
+        depths = [0.1 * indenter.edge_mm, 0.5 * indenter.edge_mm, beyond]
         for name in ("contact_radius_mm", "reach_mm"):
-            small, large = (getattr(indenter, name)(depth) for depth in depths)
-            assert 0.0 < small <= large * 1.01, f"{name} must grow with depth: {small:.3g}, {large:.3g} mm"
+            sizes = [getattr(indenter, name)(depth) for depth in depths]
+            for small, large in pairwise(sizes):
+                assert 0.0 < small <= large * 1.01, f"{name} must grow: {small:.3g}, {large:.3g} mm"
 
     def test_its_surface_is_on_it(self, indenter: Indenter) -> None:
         points, triangles = indenter.surface()

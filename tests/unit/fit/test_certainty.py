@@ -11,6 +11,7 @@ from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Response, Simulation, Status
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
+from palpate.fit.spot_term import is_along_slopes, is_same_job
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.study.model import BudgetTable
@@ -45,6 +46,16 @@ def simulated(case):
     (term,) = case.end.problem.terms
     inputs = case.end.problem.inputs("p1", case.end.best.point)
     return case.end.problem.simulated(term, inputs)
+
+
+def test_inputs_of_another_tilt_are_another_job(ended):
+    problem = ended()[2].end.problem
+    (term,) = problem.terms
+    inputs = problem.inputs("p1", problem.point_of({}))
+    tilted = replace(inputs, protocol=replace(term.protocol, tilt_deg=(2.0, 0.0)))
+    assert is_same_job(inputs, inputs)
+    assert not is_same_job(inputs, tilted)
+    assert not is_along_slopes(inputs, tilted)
 
 
 def test_a_gain_adds_its_share_of_the_curve(ended):

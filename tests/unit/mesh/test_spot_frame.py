@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
 
 from palpate.domain import Indentation, Job, Limb, Mesh, Spot
 from palpate.errors import StudyError
@@ -39,6 +42,26 @@ def test_a_tilt_rotates_the_axis_about_an_axis_of_the_spot():
         pressed((0.0, 20.0)).spot.normal, np.cos(angle) * z + np.sin(angle) * x, atol=1e-12
     )
     assert pressed((3.0, 4.0)).spot.normal @ z == pytest.approx(np.cos(np.radians(5.0)))
+
+
+@given(
+    normal=arrays(float, 3, elements=st.floats(-1.0, 1.0)).filter(lambda n: np.linalg.norm(n) > 0.1),
+    tilt_deg=st.tuples(*2 * [st.floats(-15.0, 15.0)]),
+)
+def test_a_tilt_turns_no_tool_about_its_axis(normal, tilt_deg):
+    limb = replace(LIMB, spot=Spot(name="p1", normal=normal))
+    job = Job(spot="p1", set_id=0, materials={}, thetas={}, protocol=replace(PROTOCOL, tilt_deg=tilt_deg))
+    spot = indentation_of(job, limb, "a solver")[1].spot
+    rotation = spot_axes(spot.normal, spot.along) @ spot_axes(limb.spot.normal).T
+    vector = Rotation.from_matrix(rotation).as_rotvec(degrees=True)
+    np.testing.assert_allclose(vector @ limb.spot.normal, 0.0, atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(vector), np.hypot(*tilt_deg), atol=1e-5)
+
+
+def test_tilts_are_the_same_by_their_values():
+    assert [replace(PROTOCOL, tilt_deg=t).tilt_deg for t in ([0, 0], np.zeros(2))] == [(0.0, 0.0)] * 2
+    with pytest.raises(StudyError, match="two angles"):
+        replace(PROTOCOL, tilt_deg=(1.0, 0.0, 0.0))
 
 
 def test_without_a_tilt_the_limb_is_as_it_was():

@@ -21,7 +21,7 @@ class PunchSettings(Settings):
     """Settings of the indenter ``punch``."""
 
     radius: Length = Field(gt=0.0, description="Radius of the cylinder.")
-    edge: Length = Field(gt=0.0, description="Radius of the rounded edge, at most the radius.")
+    edge: Length = Field(gt=0.0, description="Radius of the rounded edge, less than the radius.")
 
 
 class Punch(Indenter[PunchSettings]):
@@ -33,7 +33,7 @@ class Punch(Indenter[PunchSettings]):
     def __init__(self, settings: PunchSettings) -> None:
         super().__init__(settings)
         self.radius_mm, self.edge_mm = settings.radius, settings.edge
-        _check_edge(self.name, self.edge_mm, self.radius_mm)
+        _check_edge(self.name, self.edge_mm, self.radius_mm, is_less=True)
         r = self.radius_mm
         self.bounds_mm = np.array([[-r, -r, 0.0], [r, r, 2.0 * r]])
 
@@ -122,7 +122,7 @@ class Ring(Indenter[RingSettings]):
 
     def __init__(self, settings: RingSettings) -> None:
         super().__init__(settings)
-        _check_edge(self.name, settings.edge, settings.radius)
+        _check_edge(self.name, settings.edge, settings.radius, is_less=True)
         self.radius_mm = self.edge_mm = settings.edge
         half = settings.radius + settings.edge
         self.bounds_mm = np.array([[-half, -half, 0.0], [half, half, 2.0 * settings.edge]])
@@ -160,7 +160,7 @@ class Cuff(Indenter[CuffSettings]):
         self.radius_mm, self.edge_mm = 0.5 * settings.width, settings.edge
         _check_edge(self.name, settings.edge, 0.5 * settings.width)
         outer = settings.radius + 2.0 * settings.edge
-        half = max(outer, 0.5 * settings.width)
+        half = float(np.hypot(outer, 0.5 * settings.width))  # however it is turned
         lowest = -settings.radius * (1.0 - np.cos(np.deg2rad(0.5 * settings.angle))) - 2.0 * settings.edge
         self.bounds_mm = np.array([[-half, -half, lowest], [half, half, 2.0 * settings.edge]])
 
@@ -187,10 +187,11 @@ class Cuff(Indenter[CuffSettings]):
         return self.settings.radius * float(np.sin(np.deg2rad(min(0.5 * self.settings.angle, 90.0))))
 
 
-def _check_edge(name: str, edge_mm: float, most_mm: float) -> None:
-    if edge_mm > most_mm * (1.0 + 1e-9):
+def _check_edge(name: str, edge_mm: float, most_mm: float, *, is_less: bool = False) -> None:
+    if edge_mm > most_mm * (1.0 + 1e-9) or (is_less and edge_mm >= most_mm):
+        limit = "less than" if is_less else "at most"
         raise MeshError(
-            f"indenter '{name}': an edge rounded by {edge_mm:g} mm, where at most {most_mm:g} mm fit; "
+            f"indenter '{name}': an edge rounded by {edge_mm:g} mm, where {limit} {most_mm:g} mm fit; "
             "give a smaller edge"
         )
 

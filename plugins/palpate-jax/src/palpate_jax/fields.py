@@ -48,7 +48,7 @@ class FieldWriter:
     def __init__(
         self, limb: Limb, materials: Mapping[str, Material], mean_dilatation: bool | Collection[str]
     ) -> None:
-        self._mesh, self._axes = in_spot_frame(limb), spot_axes(limb.spot.normal)
+        self._mesh, self._axes = in_spot_frame(limb), spot_axes(limb.spot.normal, limb.spot.along)
         self._original = limb.mesh
         self._materials = materials
         self._blocks = blocks(self._mesh, mean_dilatation)

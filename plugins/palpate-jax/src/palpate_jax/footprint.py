@@ -58,7 +58,9 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
     reach = protocol.indenter.reach_mm(depth)
     rim = _rim(mesh)
-    rim = rim[mesh.points_mm[rim, 2] > -(depth + radius)]  # the edge on the limb's other side does not matter
+    # The edge on the limb's other side does not matter.
+    lowest = depth + max(radius, -float(protocol.indenter.bounds_mm[0, 2]))
+    rim = rim[mesh.points_mm[rim, 2] > -lowest]
     if not rim.size:
         return
     distances = np.hypot(mesh.points_mm[rim, 0], mesh.points_mm[rim, 1])

@@ -57,7 +57,7 @@ class Model:
         mean_dilatation: bool | Collection[str],
     ) -> None:
         mesh = in_spot_frame(limb)
-        self.body = Body(mesh, materials, mean_dilatation, spot_axes(limb.spot.normal))
+        self.body = Body(mesh, materials, mean_dilatation, spot_axes(limb.spot.normal, limb.spot.along))
         self.contact = Contact(mesh)
         self.points = mesh.points_mm
         self.touched_region = _touched_region(mesh, self.body)

@@ -114,6 +114,7 @@ class JaxSolver(Solver[JaxSettings]):
     takes_fields = True
     gives_slopes = True
     channels = ("force", "torque")
+    indenters = None
 
     def __init__(self, settings: JaxSettings | None = None) -> None:
         super().__init__(settings)
