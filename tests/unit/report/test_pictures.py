@@ -48,3 +48,12 @@ def test_pictures_that_do_not_fit_are_counted(drawn, monkeypatch):
     paragraph, fold = shown([drawn("a.png", (800, 800)), drawn("b.png", (80, 80))])
     assert [picture.label.rpartition(": ")[2] for picture in fold.blocks] == ["b"]
     assert "1 more are in the run directory" in paragraph.text
+
+
+def test_a_picture_that_cannot_be_read_is_counted(drawn, tmp_path):
+    whole = drawn("c.png", (80, 80))
+    (tmp_path / "a.png").touch()
+    (tmp_path / "b.png").write_bytes(whole.read_bytes()[:2000])
+    paragraph, fold = shown([tmp_path / "a.png", tmp_path / "b.png", whole, tmp_path / "gone.png"])
+    assert [picture.label.rpartition(": ")[2] for picture in fold.blocks] == ["c"]
+    assert "3 more are in the run directory" in paragraph.text

@@ -31,7 +31,7 @@ class Pictures(Section):
             found = []
             for path in paths:
                 content = _small(path)
-                if len(content) > left:
+                if content is None or len(content) > left:
                     n_left_out += 1
                     continue
                 left -= len(content)
@@ -39,7 +39,7 @@ class Pictures(Section):
                 found.append(Picture(label=f"{spot}, {path.parent.name}: {step}", content=content))
             if found:
                 folds.append(Fold(spot, found))
-        if not folds:
+        if not folds and not n_left_out:
             return
         more = f" {n_left_out} more are in the run directory." if n_left_out else ""
         yield Paragraph(
@@ -48,12 +48,15 @@ class Pictures(Section):
         yield from folds
 
 
-def _small(path: Path) -> bytes:
-    """A picture with fewer pixels and colours, as lines and faces have few."""
+def _small(path: Path) -> bytes | None:
+    """A picture with fewer pixels and colours, as lines and faces have few; None where it cannot be read."""
     from PIL import Image
 
-    with Image.open(path) as picture:
-        reduced = picture.convert("RGB")
+    try:
+        with Image.open(path) as picture:
+            reduced = picture.convert("RGB")
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return None
     reduced.thumbnail((WIDTH, 2 * WIDTH))
     written = io.BytesIO()
     # Chosen to cover all hues: by their number those of thin lines would be lost.
