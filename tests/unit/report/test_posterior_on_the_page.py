@@ -1,6 +1,7 @@
 """What a posterior adds to the page: profiles, and shares of the parameters along the path."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import polars as pl
@@ -8,7 +9,7 @@ import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Figure
-from palpate.report.sections.posterior import profiles, ribbons
+from palpate.report.sections.posterior import N_COLUMNS, grid, profiles, ribbons
 from palpate.run.result import PosteriorResult
 
 NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")
@@ -62,3 +63,14 @@ def test_profiles_and_shares_along_the_path_come_with_a_posterior(fitted):
 def test_without_a_posterior_there_is_neither(fitted):
     assert not list(profiles(fitted))
     assert not list(ribbons(fitted))
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 24, 60])
+def test_panels_of_many_parameters_are_apart_and_tall_enough(n):
+    axes = grid([("x", "y")] * n)
+    rows = sorted({tuple(axis["domain"]) for name, axis in axes.items() if name.startswith("yaxis")})
+    assert len(rows) == -(-n // N_COLUMNS)
+    assert all(below[1] < above[0] for below, above in pairwise(rows))
+    # Of the height of the figure at least 65 % is panels.
+    assert sum(high - low for low, high in rows) >= 0.65
+    assert (rows[0][0], rows[-1][1]) == pytest.approx((0.0, 1.0))

@@ -16,6 +16,9 @@ N_COLUMNS = 3
 GAP = 0.12
 """Space between panels, over the width of the figure."""
 
+ROW_GAPS = 0.35
+"""Most of the height of the figure that is between rows of panels."""
+
 
 def profiles(data: ReportData) -> Iterator[Block]:
     """How much worse the fit is at each value, with the other parameters fitted again."""
@@ -41,7 +44,7 @@ def profiles(data: ReportData) -> Iterator[Block]:
     yield Figure(
         label="Profiles of the parameters; their ends are in the table of posteriors",
         traces=traces,
-        layout=_grid(titles) | {"showlegend": True},
+        layout=grid(titles) | {"showlegend": True},
         height=60 + 260 * _n_rows(len(names)),
     )
 
@@ -81,7 +84,7 @@ def ribbons(data: ReportData) -> Iterator[Block]:
             label=f"Shares of the parameters in the variance of the curves at {spot}; the table is "
             "ribbons.parquet",
             traces=traces,
-            layout=_grid(titles) | {"showlegend": True},
+            layout=grid(titles) | {"showlegend": True},
             height=60 + 220 * _n_rows(len(channels)),
             spot=spot,
         )
@@ -102,14 +105,15 @@ def _n_rows(n: int) -> int:
     return -(-n // N_COLUMNS)
 
 
-def _grid(titles: Sequence[tuple[str, str]]) -> dict[str, Any]:
+def grid(titles: Sequence[tuple[str, str]]) -> dict[str, Any]:
     """Axes of panels side by side, by the titles of x and y of each."""
     n_columns, n_rows = min(len(titles), N_COLUMNS), _n_rows(len(titles))
-    width, height = ((1.0 - GAP * (n - 1)) / n for n in (n_columns, n_rows))
+    row_gap = min(ROW_GAPS / n_rows, GAP)
+    width, height = (1.0 - GAP * (n_columns - 1)) / n_columns, (1.0 - row_gap * (n_rows - 1)) / n_rows
     axes: dict[str, Any] = {}
     for k, (x, y) in enumerate(titles):
         row, column = divmod(k, n_columns)
-        left, low = column * (width + GAP), 1.0 - height - row * (height + GAP)
+        left, low = column * (width + GAP), 1.0 - height - row * (height + row_gap)
         number = "" if k == 0 else str(k + 1)
         ends = np.clip([left, left + width, low, low + height], 0.0, 1.0).tolist()
         axes[f"xaxis{number}"] = {"title": x, "domain": ends[:2], "anchor": f"y{number}", "nticks": 5}
