@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from palpate.api import Indentation, Job, MeshError, Sphere
+from palpate.report.scene import edge_of_contact, scene
 from palpate.specimens import block
 from palpate.study.model import IndenterTable
 from palpate.testing import IndenterContract
@@ -147,3 +148,17 @@ def test_a_file_is_looked_for_next_to_the_study(files):
     )
     with pytest.raises(MeshError, match=r"none\.stl: the tool cannot be read"):
         StlIndenter(copied).distance(np.zeros((1, 3)))
+
+
+def test_a_run_is_shown_where_the_file_of_its_tool_is_not(files):
+    limb, paths = block("tet4", n_across=4, n_down=3), {"path": [(0, 0), (2, 0)], "friction": 0.3}
+    there = tool(files, "plate")
+    # The settings of a copy of a study are read without a look at its files.
+    gone = StlIndenter(there.settings.model_copy(update={"file": files / "gone.stl"}))
+    there, lost = (Indentation(indenter=each, **paths) for each in (there, gone))
+    bare = scene(limb, None, 1000)
+    assert scene(limb, lost, 1000) == bare
+    assert len(scene(limb, there, 1000)) == len(bare) + 2
+    contact = {"depth_mm": [1.0, 2.0], "contact_radius_mm": [2.0, 3.0]}
+    assert edge_of_contact(limb, there, contact) is not None
+    assert edge_of_contact(limb, lost, contact) is None

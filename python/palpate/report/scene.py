@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import FloatArray, Indentation, Limb, Protocol
+from palpate.errors import MeshError
 from palpate.mesh.spot_frame import spot_axes
 from palpate.plugins.indenter import Indenter
 from palpate.report.convergence import Contact
@@ -19,11 +20,11 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
     ----------
     limb : Limb
     protocol : Protocol, optional
-        Whose indenter is shown; none without one.
+        Whose indenter is shown; none without one, or where the file of its shape cannot be read.
     most : int
         Triangles beyond which parts are made coarser, all to the same size of detail.
     """
-    if not isinstance(protocol, Indentation):
+    if not isinstance(protocol, Indentation) or not _is_known(protocol.indenter):
         return coarsened(limb_view(limb), most).traces()
     traces = coarsened(limb_view(limb, protocol.indenter), most).traces()
     name = protocol.indenter.name
@@ -38,9 +39,12 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
 
 
 def edge_of_contact(limb: Limb, protocol: Indentation, contact: Contact) -> dict[str, Any] | None:
-    """Trace of the circle on the indenter, where it presses deepest, up to which it is touched."""
+    """Trace of the circle on the indenter, where it presses deepest, up to which it is touched.
+
+    None where the radius is not known, or the file of the indenter's shape cannot be read.
+    """
     depths, radii = contact["depth_mm"], contact.get("contact_radius_mm")
-    if radii is None:
+    if radii is None or not _is_known(protocol.indenter):
         return None
     k = int(np.argmax(depths))
     indenter = protocol.indenter
@@ -51,6 +55,15 @@ def edge_of_contact(limb: Limb, protocol: Indentation, contact: Contact) -> dict
     points = limb.spot.position_mm + edge @ spot_axes(limb.spot.normal, limb.spot.along).T
     name = f"edge of the contact at {depths[k]:g} mm: radius {radius:.3g} mm"
     return scatter_trace(name, points, "lines")
+
+
+def _is_known(indenter: Indenter) -> bool:
+    """Whether the shape can be had: a run may be shown where the file of its tool is not."""
+    try:
+        indenter.distance(np.zeros((1, 3)))
+    except MeshError:
+        return False
+    return True
 
 
 def _height(indenter: Indenter, points: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ import pytest
 
 import palpate.report
 from palpate.domain import Indentation, Job, Simulation, Status
+from palpate.errors import MeshError
 from palpate.fit.least_squares import LeastSquares
 from palpate.indenters import Sphere
 from palpate.plugins.sections import Drawing, Fold, Listing, Section, Table
@@ -428,6 +429,21 @@ def test_the_sphere_is_shown_at_rest_and_where_it_presses_deepest():
     assert min(traces["sphere"]["z"]) == pytest.approx(0.0, abs=0.01)
     assert min(traces["sphere at 4 mm"]["z"]) == pytest.approx(-4.0, abs=0.01)
     assert not [name for name in (t["name"] for t in scene(limb, None, 1000)) if name.startswith("sphere")]
+
+
+class Lost(Sphere):
+    name = "lost"
+
+    def distance(self, points):
+        raise MeshError("tool.stl: the tool cannot be read")
+
+
+def test_a_limb_is_shown_without_a_tool_whose_file_is_lost():
+    limb = block("tet4", n_across=4, n_down=3)
+    protocol = Indentation(indenter=Lost(radius_mm=7.5), path=[(0, 0), (4, 0)], friction=1.0)
+    assert scene(limb, protocol, 1000) == scene(limb, None, 1000)
+    path = {"depth_mm": [2.0, 4.0], "contact_radius_mm": [2.0, 5.0]}
+    assert edge_of_contact(limb, protocol, path) is None
 
 
 def test_the_edge_of_the_contact_is_on_the_pressed_sphere():
