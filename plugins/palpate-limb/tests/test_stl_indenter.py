@@ -13,6 +13,8 @@ from palpate.study.model import IndenterTable
 from palpate.testing import IndenterContract
 from palpate_indentation import Box, BoxSettings
 from palpate_jax.solver import JaxSettings, JaxSolver
+from palpate_limb import stl_indenter
+from palpate_limb.rounded_solid import rounded_solid
 from palpate_limb.stl_indenter import StlIndenter, StlSettings
 from palpate_materials.neo_hookean import NeoHookean
 
@@ -74,6 +76,16 @@ def test_a_plate_is_a_box_with_round_edges(files):
     face = points[(np.abs(points[:, :2]) < [7.0, 3.0]).all(axis=1) & (points[:, 2] < 1.0)]
     assert len(face) > 20
     np.testing.assert_allclose(tool(files, "plate").distance(face), -face[:, 2], atol=1e-3)
+
+
+def test_a_tool_is_read_once_however_it_is_turned(files, monkeypatch):
+    read = []
+    monkeypatch.setattr(
+        stl_indenter, "rounded_solid", lambda *given: read.append(given) or rounded_solid(*given)
+    )
+    for turn in ("0 deg", "40 deg", "80 deg"):
+        tool(files, "plate", "1.7 mm", turn=turn)
+    assert len(read) == 1
 
 
 def test_far_points_are_far(files):

@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -55,8 +56,8 @@ class StlIndenter(Indenter[StlSettings]):
 
     @functools.cached_property
     def _solid(self) -> RoundedSolid:
-        """Shared by equal tools of a process, and in no pickle."""
-        return _solid_of(self.settings.model_dump_json(exclude={"turn"}), self.fingerprint(), self.settings)
+        """Shared by equal tools of a process, however they are turned, and in no pickle."""
+        return _solid_of(self.settings.file, self.settings.unit, self.settings.edge, self.fingerprint())
 
     def fingerprint(self) -> str:
         """Code, and content of the file."""
@@ -87,6 +88,6 @@ class StlIndenter(Indenter[StlSettings]):
 
 
 @functools.lru_cache(maxsize=4)
-def _solid_of(key: str, fingerprint: str, settings: StlSettings) -> RoundedSolid:
-    """Solid of a file, once per process."""
-    return rounded_solid(read_surface(settings.file, settings.unit), settings.edge)
+def _solid_of(file: Path, unit: str, edge_mm: float, fingerprint: str) -> RoundedSolid:
+    """Solid of a file, once per process and content."""
+    return rounded_solid(read_surface(file, unit), edge_mm)
