@@ -42,6 +42,8 @@ class Draws:
         Split-R̂ of each coordinate.
     autocorrelation : (n_parameters,) array
         Steps after which a walker has forgotten where it was.
+    n_steps : int
+        Steps of each walker, those at the start that are not kept too.
     n_independent : float
         Number of draws that are worth as much as independent ones.
     accepted : float
@@ -51,13 +53,14 @@ class Draws:
     points: FloatArray
     split_r: FloatArray
     autocorrelation: FloatArray
+    n_steps: int
     n_independent: float
     accepted: float
 
     @property
     def is_converged(self) -> bool:
         """Whether the chains agree and are long enough."""
-        return bool(self.split_r.max() <= CONVERGED_R and self.n_independent >= TIMES)
+        return _is_converged(self.n_steps, self.autocorrelation, self.split_r)
 
     def at_bounds(self) -> FloatArray:
         """Share of the draws at the lower and at the upper bound of each range, (2, n_parameters)."""
@@ -100,7 +103,7 @@ def draw(
         steps += CHUNK
         chains = np.stack([each.run(CHUNK)[steps // 4 :] for each in ensembles])
         times, split_r = _autocorrelation(chains), _split_r(chains)
-        if steps >= TIMES * times.max() and split_r.max() <= CONVERGED_R:
+        if _is_converged(steps, times, split_r):
             break
     flat = chains.reshape(-1, start.shape[1])
     kept = flat[rng.permutation(len(flat))[:n_draws]]
@@ -111,9 +114,14 @@ def draw(
         points=kept[accepted],
         split_r=split_r,
         autocorrelation=times,
+        n_steps=steps,
         n_independent=float(len(flat) / times.max()),
         accepted=float(accepted.mean()),
     )
+
+
+def _is_converged(n_steps: int, autocorrelation: FloatArray, split_r: FloatArray) -> bool:
+    return bool(n_steps >= TIMES * autocorrelation.max() and split_r.max() <= CONVERGED_R)
 
 
 class _Ensemble:

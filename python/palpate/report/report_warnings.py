@@ -106,6 +106,7 @@ def report_warnings(
     leading = [best for best in bests if (best.spot, best.scenario) == main] or list(bests)
     yield from _about_ends(data, leading, "Best")
     yield from _about_identifiability(data)
+    yield from _about_posterior(data)
     yield from _about_meshes(data)
     yield from _about_ends(data, [best for best in bests if best not in leading], "Other")
     yield from _about_searches(data)
@@ -319,6 +320,25 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
             lowest, highest = known.sort("upper")["spot"][0], known.sort("lower")["spot"][-1]
             apart.append(f"{brief.name} at {lowest} and {highest} have intervals that do not meet")
     yield from _listed("The spots disagree", apart, "One material may not explain them all.")
+
+
+def _about_posterior(data: ReportData) -> Iterator[ReportWarning]:
+    table = data.posterior.posterior
+    if table.is_empty():
+        return
+    worst = table.group_by("scenario", maintain_order=True).agg(
+        pl.col("converged").all(), pl.col("split_r", "autocorrelation").max()
+    )
+    yield from _listed(
+        "A posterior has not converged",
+        (
+            f"scenario {row['scenario']}: split-R̂ up to {row['split_r']:.4g}, autocorrelation time up to "
+            f"{row['autocorrelation']:.3g} steps"
+            for row in worst.filter(~pl.col("converged")).iter_rows(named=True)
+        ),
+        "Do not read its means and intervals as results; fix what the curves do not decide, or narrow its "
+        "range, and run palpate certainty again.",
+    )
 
 
 def _brief(data: ReportData, name: str) -> str:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from palpate.certainty.posterior import draw
+from palpate.certainty.posterior import Draws, draw
 from palpate.certainty.posterior_stage import PRECISE, PosteriorStage
 from palpate.certainty.posterior_tables import posterior_result
 from palpate.certainty.profiles import RISE, best_point, profile, refitted
@@ -44,6 +44,18 @@ def test_draws_of_a_normal_density_have_its_mean_and_covariance():
     np.testing.assert_array_equal(found.at_bounds(), 0.0)
     again = draw(misfit, everywhere, start, 1)
     np.testing.assert_array_equal(found.points, again.points)
+
+
+@pytest.mark.parametrize(
+    ("n_steps", "split_r", "is_converged"),
+    [(2000, 1.01, True), (1999, 1.0, False), (4000, 1.011, False)],
+)
+def test_chains_have_converged_when_they_agree_and_are_long(n_steps, split_r, is_converged):
+    found = Draws(
+        points=np.zeros((1, 2)), split_r=np.array([1.0, split_r]), autocorrelation=np.array([3.0, 40.0]),
+        n_steps=n_steps, n_independent=1e6, accepted=1.0,
+    )  # fmt: skip
+    assert found.is_converged == is_converged
 
 
 def test_draws_are_within_the_box_and_the_filters():

@@ -9,6 +9,9 @@ import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Figure
+from palpate.report import make_tables
+from palpate.report.best_sets import best_sets
+from palpate.report.report_warnings import report_warnings
 from palpate.report.sections.posterior import N_COLUMNS, grid, profiles, ribbons
 from palpate.run.result import PosteriorResult
 
@@ -74,3 +77,26 @@ def test_panels_of_many_parameters_are_apart_and_tall_enough(n):
     # Of the height of the figure at least 65 % is panels.
     assert sum(high - low for low, high in rows) >= 0.65
     assert (rows[0][0], rows[-1][1]) == pytest.approx((0.0, 1.0))
+
+
+def test_a_posterior_that_has_not_converged_is_warned_of(fitted):
+    rows = pl.DataFrame(
+        {
+            "scenario": ["I", "I", "III"],
+            "split_r": [1.003, 1.234, 1.002],
+            "autocorrelation": [91.0, 20.0, 10.0],
+            "converged": [False, False, True],
+        }
+    )
+
+    tables = make_tables(fitted)
+
+    def warned(table):
+        made = replace(fitted, posterior=PosteriorResult(posterior=table))
+        found = report_warnings(made, tuple(best_sets(made)), tables)
+        return [str(each) for each in found if "posterior" in each.what]
+
+    (said,) = warned(rows)
+    assert said.startswith("A posterior has not converged. scenario I: split-R̂ up to 1.234, auto")
+    assert "time up to 91 steps. Do not" in said
+    assert warned(rows.filter(scenario="III")) == warned(pl.DataFrame()) == []
