@@ -127,7 +127,8 @@ class IndenterContract(ComponentContract):
         for name in ("contact_radius_mm", "reach_mm"):
             sizes = [getattr(indenter, name)(depth) for depth in depths]
             for small, large in pairwise(sizes):
-                assert 0.0 < small <= large * 1.01, f"{name} must grow: {small:.3g}, {large:.3g} mm"
+                found = f"{small:.3g}, {large:.3g} mm"
+                assert 0.0 < small <= large * 1.01, f"{name} must grow with depth: {found}"
 
     def test_its_surface_is_on_it(self, indenter: Indenter) -> None:
         points, triangles = indenter.surface()

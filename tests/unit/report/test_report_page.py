@@ -190,7 +190,9 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
     made = replace(made, fit=fit, verification=verification, scores=failed, stiffness_scaling=scaled)
     names = ("posterior", "profile_ends", "volumes", "emulator")
     of_joint = pl.DataFrame({"fit": ["all spots"], "scenario": ["I"]})
-    made = replace(made, posterior=PosteriorResult(**dict.fromkeys(names, of_joint)))
+    drawn = of_joint.with_columns(split_r=1.0, autocorrelation=10.0, converged=True)
+    posterior = PosteriorResult(**dict.fromkeys(names, of_joint) | {"posterior": drawn})
+    made = replace(made, posterior=posterior)
     tables = make_tables(made)
     assert set(tables) == set(TITLES) - {"convergence", "parameters", "errors", "criteria"}
     captions = [
