@@ -17,14 +17,14 @@ CPU_INFO = Path("/proc/cpuinfo")
 
 
 def keep_compilations() -> None:
-    """Let JAX keep what it compiles in the user's cache folder, unless JAX is told where already."""
+    """Let JAX keep what it compiles in the user's cache folder, unless JAX has a folder already."""
     if jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
         return
     folder = platformdirs.user_cache_path("palpate") / "compiled" / _processor()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
-        return  # without a folder of its own, a user compiles anew
+        return  # without a folder of its own, a user compiles each time
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache", UserWarning)
     for name, value in (
         ("jax_compilation_cache_dir", str(folder)),

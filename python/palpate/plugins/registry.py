@@ -412,6 +412,7 @@ def _check_item(item: object, kind: Kind, hook: str) -> None:
 
 def _check_component(component: "type[Component]", hook: str) -> None:
     from palpate.plugins.interfaces import Material
+    from palpate.plugins.sections import Section
 
     if inspect.isabstract(component):
         missing = ", ".join(sorted(component.__abstractmethods__))
@@ -420,7 +421,7 @@ def _check_component(component: "type[Component]", hook: str) -> None:
     _check_text(component, "summary", hook)
     if issubclass(component, Material):
         _check_parameters(component, hook)
-    if hasattr(component, "blocks"):
+    if issubclass(component, Section):
         _check_text(component, "title", hook)
     for name, info in component.Settings.model_fields.items():
         if not info.description:

@@ -109,6 +109,12 @@ def _value(best: Mapping[str, Any], name: str, interval: Mapping[str, Any]) -> V
     return Value(best.get(name), optimum, *ends, word, name in at_bound, is_sure)
 
 
+def every_value(data: ReportData, row: Mapping[str, Any]) -> dict[str, float]:
+    """Values of all parameters in the units of their materials, from a row in those of the study."""
+    names = (name for name in data.study.space.names if row.get(name) is not None)
+    return data.study.space.complete({name: row[name] / data.factors.get(name, 1.0) for name in names})
+
+
 def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:
     """Initial shear and Young's modulus of each region that is searched, where its material has them.
 
@@ -120,8 +126,7 @@ def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[
         Searched values among others, by full name; None where it differs from spot to spot.
     """
     space, unit = data.study.space, convert(f"1 {data.modulus_unit}", "MPa")
-    known = {name: best[name] for name in space.names if best.get(name) is not None}
-    every = space.complete({name: value / data.factors.get(name, 1.0) for name, value in known.items()})
+    every = every_value(data, best)
     for region in space.regions:
         values = {p.name: every[f"{region.region}.{p.name}"] for p in region.material.parameters}
         if space.columns_of(region.region) and np.isfinite(list(values.values())).all():

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.domain import FloatArray
 from palpate.plugins.interfaces import IsotropicMaterial
+from palpate.report.best_sets import every_value
 from palpate.report.estimates import draws_of
 from palpate.report.report_data import ReportData
 from palpate.units import convert
@@ -90,14 +91,10 @@ def material_curves(data: ReportData, scenario: str) -> Iterator[MaterialCurves]
 
 def _stress(data: ReportData, name: str, path: Path, row: Mapping[str, Any]) -> FloatArray:
     """Nominal stress (n,) [MPa], the slope of the energy along the path; NaN with directions."""
-    space = data.study.space
-    (region,) = (each for each in space.regions if each.region == name)
+    (region,) = (each for each in data.study.space.regions if each.region == name)
     if not isinstance(region.material, IsotropicMaterial):
         return np.full(path.amounts.size, np.nan)
-    known = {
-        each: row[each] / data.factors.get(each, 1.0) for each in space.names if row.get(each) is not None
-    }
-    every = space.complete(known)
+    every = every_value(data, row)
     theta = region.theta({p.name: every[f"{name}.{p.name}"] for p in region.material.parameters})
     above, below = (
         np.asarray(region.material.energy(path.stretches(path.amounts + step), theta))

@@ -118,8 +118,8 @@ def repaired(surface: Surface) -> Surface:
     """
     if not (found := defects(surface)):
         return surface
-    if (mended := _mended(surface)) is not None:
-        return replace(mended, repairs=_repairs(surface, found, mended))
+    if (whole := _without_crossings(surface)) is not None:
+        return replace(whole, repairs=_repairs(surface, found, whole))
     try:
         import pymeshfix
     except ModuleNotFoundError:
@@ -141,7 +141,7 @@ def repaired(surface: Surface) -> Surface:
     return replace(fixed, repairs=_repairs(surface, found, fixed))
 
 
-def _mended(surface: Surface) -> Surface | None:
+def _without_crossings(surface: Surface) -> Surface | None:
     """The surface with few crossing faces cut out and closed again; None where that does not help."""
     now = surface
     for _ in range(MOST_ROUNDS):
