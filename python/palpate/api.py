@@ -19,6 +19,18 @@ from palpate.plugins.versions import API_VERSION as API_VERSION
 # ruff: isort: off
 if TYPE_CHECKING:
     # ---- Values of a study
+    from palpate.balanced_states import (
+        STATE_COLUMNS as STATE_COLUMNS,
+        BalancedStates as BalancedStates,
+    )
+    from palpate.channels import (
+        BALANCED as BALANCED,
+        FORCE as FORCE,
+        LATERAL_FORCE as LATERAL_FORCE,
+        PRESS_AND_TWIST as PRESS_AND_TWIST,
+        TILT_MOMENT as TILT_MOMENT,
+        TORQUE as TORQUE,
+    )
     from palpate.domain import (
         BoolArray as BoolArray,
         Channel as Channel,

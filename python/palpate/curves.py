@@ -1,6 +1,6 @@
 """Curves, measured or simulated, with points in the order travelled."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
@@ -65,6 +65,13 @@ class Channel:
     ordinates; an ordinate that is ``zero_at_start``; ``dissipative``: the curve never returns
     more work (integral of the ordinate over the abscissa) than was put in; and ``length_power``:
     the peak is compared with modulus × length^n, 2 for a force and 3 for a moment.
+
+    A solver that gives balanced states (:class:`palpate.balanced_states.BalancedStates`) computes every
+    channel whose ``abscissa`` and ``ordinate`` are columns of theirs. For another ordinate, ``observe``
+    makes it (k,) of the columns (k,) by name that ``needs`` lists, such as the quotient of two. Write it
+    with the arrays' own namespace, so that JAX differentiates it: slopes follow. ``mirrored`` is by what
+    the ordinate is multiplied where a shift, tilt or rotation has the other sign, on a symmetric body:
+    −1 for a torque (odd), 1 for a normal force (even).
     """
 
     name: str
@@ -77,12 +84,24 @@ class Channel:
     zero_at_start: bool = False
     dissipative: bool = False
     length_power: Literal[2, 3] | None = None
+    mirrored: Literal[-1, 1] | None = None
+    needs: tuple[str, ...] = ()
+    observe: Callable[[Mapping[str, Any]], Any] | None = None
 
     def __post_init__(self) -> None:
         if "/" in self.name:
             raise CurveError(
                 f"channel '{self.name}': a slash is for phases, such as torque/unload; rename it"
             )
+        if bool(self.needs) != (self.observe is not None):
+            raise CurveError(
+                f"channel '{self.name}': `needs` and `observe` belong together; give both or none"
+            )
+
+    @property
+    def columns(self) -> frozenset[str]:
+        """Columns of balanced states that it is made of."""
+        return frozenset({self.abscissa, *(self.needs or (self.ordinate,))})
 
     @property
     def units(self) -> tuple[str, str]:

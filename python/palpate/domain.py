@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.balanced_states import BalancedStates as BalancedStates
+from palpate.channels import PRESS_AND_TWIST
 from palpate.curves import (
     PHASES as PHASES,
     BoolArray as BoolArray,
@@ -302,6 +304,8 @@ class Job:
         solver that declares ``gives_slopes``.
     fine : bool
         Whether to use the spot's finer mesh.
+    channels : tuple of Channel
+        What to observe of the balanced states, where the solver has them; by itself force and torque.
     """
 
     spot: str
@@ -311,6 +315,7 @@ class Job:
     protocol: Protocol
     slopes: bool = False
     fine: bool = False
+    channels: tuple[Channel, ...] = PRESS_AND_TWIST
 
     @property
     def limb_name(self) -> str:

@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.domain import Limb, Spot
-from palpate.mesh.spot_frame import SpotWrench, in_spot_frame, indentation_response, spot_axes
+from palpate.mesh.spot_frame import SpotWrench, in_spot_frame, spot_axes
 from palpate.specimens import block
 
 normals = st.one_of(
@@ -56,9 +56,13 @@ def test_force_and_torque_do_not_depend_on_the_axes_in_the_plane(normal, degrees
     assert wrench.twisting[0] == pytest.approx(5.0)
 
 
-def test_curves_are_of_the_parts_of_the_path_that_move():
-    depth, turn = np.array([0.0, 1.0, 2.0, 2.0, 2.0]), np.array([0.0, 0.0, 0.0, -5.0, 5.0])
-    response = indentation_response(depth, turn, np.arange(5.0), np.arange(5.0) - 2.0)
-    np.testing.assert_array_equal(response["force"].ordinate, [0.0, 1.0, 2.0])
-    np.testing.assert_array_equal(response["torque"].abscissa, [0.0, -5.0, 5.0])
-    assert not indentation_response(*np.zeros((4, 1))).curves
+@given(normals, st.integers(0, 2**31 - 1))
+def test_a_wrench_does_the_work_of_its_tractions(normal, seed):
+    """Power of any traction at any point of a moving body = wrench on the tissue · rate of the pose."""
+    random = np.random.default_rng(seed)
+    tip, arm, pull, velocity, spin = random.standard_normal((5, 1, 3))
+    power = float((pull * (velocity + np.cross(spin, arm - tip))).sum())
+    wrench = SpotWrench(force_N=-pull, moment_Nmm=-np.cross(arm, pull)).on_tissue(-tip)
+    rate = np.concatenate([-velocity[:, 2:], velocity[:, :2], spin], axis=1)
+    assert float((wrench * rate).sum()) == pytest.approx(power)
+    np.testing.assert_allclose(wrench[0, 0], -pull[0, 2])

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import Status
-from palpate.mesh.spot_frame import indentation_response
 from palpate.sandbox import Ended
 from palpate_febio.log import BAD_BANNER, GOOD_BANNER, last_reason, read_log
 from palpate_febio.record import RecordError, read_record
 from palpate_febio.steps import Steps
-from palpate_febio.verdict import judge
+from palpate_febio.verdict import as_rows, judge
 
 BOX = " " + 73 * "*"
 STEPS = Steps(np.array([0.0, 1.0, 2.0, 2.0, 2.0]), np.array([0.0, 0.0, 0.0, -10.0, 10.0]))
@@ -141,7 +141,14 @@ def test_a_good_run_of_febio_is_read():
     assert said.converged[-1] == 2.0
     verdict = judge(ended(), recorded("good.log"), recorded("good.csv"), GOOD_STEPS, 7.5)
     assert verdict.status is Status.OK, verdict.message
-    np.testing.assert_allclose(verdict.rows[-1], [1.0, -5.0, 1.10880987723, -0.708773624838])
+    reached = {name: values[-1] for name, values in as_rows(verdict.states).items()}
+    expected = {
+        "depth_mm": 1.0,
+        "rotation_deg": -5.0,
+        "force_N": 1.10880987723,
+        "torque_Nmm": -0.708773624838,
+    }
+    assert reached == pytest.approx(expected)
 
 
 def test_a_run_of_febio_that_diverged_keeps_what_it_reached():
@@ -149,14 +156,14 @@ def test_a_run_of_febio_that_diverged_keeps_what_it_reached():
     assert verdict.status is Status.DIVERGED
     assert "negative Jacobian" in verdict.message
     assert "no balance at step 1.5" in verdict.message
-    force = indentation_response(*verdict.rows.T)["force"]
+    force = verdict.states.observed(PRESS_AND_TWIST)["force"]
     np.testing.assert_allclose(force.ordinate, [0.0, 0.00982525103588])
 
 
 def test_a_record_of_another_body_is_rejected():
     verdict = judge(ended(), recorded("good.log"), recorded("other_body.csv"), GOOD_STEPS, 7.5)
     assert verdict.status is Status.UNREADABLE
-    assert not indentation_response(*verdict.rows.T).curves
+    assert not verdict.states.observed(PRESS_AND_TWIST).curves
 
 
 @pytest.mark.parametrize(
@@ -227,7 +234,7 @@ def test_garbled_records_are_refused(text):
 def test_all_is_well():
     verdict = judge(ended(), GOOD_LOG, record_of(), STEPS, 7.5)
     assert (verdict.status, verdict.message) == (Status.OK, "")
-    response = indentation_response(*verdict.rows.T)
+    response = verdict.states.observed(PRESS_AND_TWIST)
     np.testing.assert_allclose(response["force"].ordinate, [0.0, 0.1, 0.2])
     np.testing.assert_allclose(response["torque"].abscissa, [0.0, -10.0, 10.0])
     np.testing.assert_allclose(response["torque"].ordinate, [0.4, 0.6, 0.8])
@@ -273,9 +280,9 @@ def test_what_febio_claims_is_checked(how, log, record, status, words):
 
 def test_a_partial_run_keeps_what_it_reached():
     verdict = judge(ended(1), BAD_LOG, record_of(n=3), STEPS, 7.5)
-    np.testing.assert_allclose(indentation_response(*verdict.rows.T)["force"].abscissa, [0.0, 1.0, 2.0])
-    assert "torque" not in indentation_response(*verdict.rows.T).curves
-    assert not indentation_response(*verdict.rows[:1].T).curves
+    np.testing.assert_allclose(verdict.states.observed(PRESS_AND_TWIST)["force"].abscissa, [0.0, 1.0, 2.0])
+    assert "torque" not in verdict.states.observed(PRESS_AND_TWIST).curves
+    assert not verdict.states.cut(slice(1)).observed(PRESS_AND_TWIST).curves
 
 
 def test_a_turn_beyond_half_a_circle_is_recognised():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate.domain import Curve, Response, Simulation, Status
-from palpate.mesh.spot_frame import indentation_response
+from palpate.domain import BalancedStates, Curve, Response, Simulation, Status
+from palpate.mesh.spot_frame import pose_of
 from palpate_febio.steps import steps_of
 from palpate_validation.friction_memory import SCENARIOS, best_multiple, friction_results, recorded, resampled
 
@@ -99,8 +99,9 @@ def test_tissue_with_s_times_the_force_is_s_times_as_stiff(s, scenario):
 def elastic(self, job, limb):
     """What friction that remembers gives, by a formula."""
     rows = steps_of(job.protocol, 20, self.settings.rotation_step_deg)
-    answers = np.column_stack([rows.depth_mm, rows.rotation_deg, rows.depth_mm**1.5, rows.rotation_deg])
-    return Simulation(job=job, status=Status.OK, response=indentation_response(*answers.T))
+    pose, wrench = pose_of(rows.depth_mm, rows.rotation_deg), pose_of(rows.depth_mm**1.5, rows.rotation_deg)
+    states = BalancedStates(pose=pose, wrench=wrench)
+    return Simulation(job=job, status=Status.OK, response=states.observed(job.channels))
 
 
 def test_with_febio_every_form_is_run_and_without_it_is_missed(call, fake_febio, monkeypatch, tmp_path):

@@ -7,16 +7,16 @@ The spot is the origin and z its outward normal. The three signs depend on z alo
 * torque is the moment of the indenter on the tissue about z: positive with a positive rotation.
 
 No force along z and no moment about it depends on x and y, but by the turn of an indenter that is not
-round, and the direction of a tilt.
+round, and the direction of a tilt. All six components of pose and wrench are those of
+:mod:`palpate.balanced_states`.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from palpate.domain import Curve, FloatArray, Indentation, Job, Limb, Mesh, Response, moving_span
+from palpate.domain import FloatArray, Indentation, Job, Limb, Mesh
 from palpate.errors import StudyError
 
 
@@ -70,6 +70,19 @@ class SpotWrench:
         torque: FloatArray = -self.moment_Nmm[:, 2]
         return torque
 
+    def on_tissue(self, from_tip_mm: FloatArray) -> FloatArray:
+        """Wrench (n, 6) of :class:`palpate.balanced_states.BalancedStates`.
+
+        Parameters
+        ----------
+        from_tip_mm : (n, 3) array
+            From the indenter's point to the one that ``moment_Nmm`` is about.
+        """
+        moved = np.cross(from_tip_mm, self.force_N)
+        # A zero is not added: it could change the sign of another.
+        moment = np.where(moved == 0.0, self.moment_Nmm, self.moment_Nmm + moved)
+        return np.column_stack([self.pressing, -self.force_N[:, :2], -moment])
+
 
 def indentation_of(job: Job, limb: Limb | None, solver: str) -> tuple[Indentation, Limb]:
     """Protocol and limb of a job that presses an indenter into a limb.
@@ -100,24 +113,8 @@ def _tilted(limb: Limb, tilt_deg: tuple[float, float]) -> Limb:
     return replace(limb, spot=replace(limb.spot, normal=axes[:, 2], along=axes[:, 0]))
 
 
-def indentation_response(
-    depth_mm: FloatArray,
-    rotation_deg: FloatArray,
-    force_N: FloatArray,
-    torque_Nmm: FloatArray,
-    slopes: Mapping[str, Mapping[str, FloatArray]] | None = None,
-) -> Response:
-    """Curves of force over depth and torque over rotation (n,), over the parts of the path that move.
-
-    ``slopes``, if any, are derivatives (n,) by channel and parameter.
-    """
-    curves = {}
-    for channel, abscissa, ordinate in (
-        ("force", depth_mm, force_N),
-        ("torque", rotation_deg, torque_Nmm),
-    ):
-        if len(abscissa) > 1 and np.ptp(abscissa) > 0.0:
-            own = (slopes or {}).get(channel, {})
-            curve = Curve(channel=channel, abscissa=abscissa, ordinate=ordinate, slopes=own)
-            curves[channel] = curve.cut(moving_span(abscissa))
-    return Response(curves=curves)
+def pose_of(depth_mm: FloatArray, rotation_deg: FloatArray) -> FloatArray:
+    """Poses (n, 6) of a press along the normal and a twist about it (n,)."""
+    pose = np.zeros((len(depth_mm), 6))
+    pose[:, 0], pose[:, 5] = depth_mm, rotation_deg
+    return pose

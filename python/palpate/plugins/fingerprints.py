@@ -12,7 +12,7 @@ import hashlib
 import importlib.metadata
 import importlib.util
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES
 from pathlib import Path
 
@@ -27,12 +27,16 @@ CONTENT_HASH = "__content_hash__"
 """Attribute of a one-file plugin's module: hash of the file as it was imported."""
 
 
-def code_fingerprint(cls: type) -> str:
+Code = type | Callable[..., object]
+"""A class or a function."""
+
+
+def code_fingerprint(code: Code) -> str:
     """Distribution, version and hash of the code of a class and its bases; empty within palpate itself.
 
-    A PluginError where a class is in no file, so that another version of it could not be distinguished.
+    A PluginError where it is in no file, so that another version of it could not be distinguished.
     """
-    found = dict.fromkeys(_fingerprint_of(base) for base in cls.__mro__)
+    found = dict.fromkeys(_fingerprint_of(each) for each in getattr(code, "__mro__", (code,)))
     return "; ".join(text for text in found if text)
 
 
@@ -41,15 +45,16 @@ def content_hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:DIGITS]
 
 
-def _fingerprint_of(cls: type) -> str:
-    """Of one class alone; empty for one of palpate or of Python."""
+def _fingerprint_of(cls: Code) -> str:
+    """Of one class or function alone; empty for one of palpate or of Python."""
     top, module = cls.__module__.partition(".")[0], sys.modules.get(cls.__module__)
     if top == CORE or (top in sys.stdlib_module_names and getattr(module, cls.__name__, None) is cls):
         return ""
     # What is typed into an interactive session is in no file, even where __main__ has one.
     if module is None or (cls.__module__ == "__main__" and hasattr(sys, "ps1")):
         raise _no_file(cls)
-    if any(base.__module__.partition(".")[0] == CORE for base in cls.__mro__):
+    bases = cls.__mro__ if isinstance(cls, type) else ()
+    if not bases or any(base.__module__.partition(".")[0] == CORE for base in bases):
         return _of_package(cls.__module__) or _of_module(cls)
     return _of_module(cls)  # a base from a library, which may be huge
 
@@ -66,7 +71,7 @@ def _of_package(module: str) -> str:
     return ""
 
 
-def _of_module(cls: type) -> str:
+def _of_module(cls: Code) -> str:
     module = sys.modules[cls.__module__]
     if known := getattr(module, CONTENT_HASH, ""):
         return f"source {known}"
@@ -124,9 +129,10 @@ def distributions() -> dict[str, tuple[str, str]]:
     }
 
 
-def _no_file(cls: type) -> PluginError:
+def _no_file(cls: Code) -> PluginError:
+    kind = "class" if isinstance(cls, type) else "function"
     return PluginError(
-        f"class {cls.__qualname__} ({cls.__module__}) is defined in no file, so that its results could not "
+        f"{kind} {cls.__qualname__} ({cls.__module__}) is defined in no file, so that its results could not "
         "be distinguished from those of another version of it; put it in a Python file (--plugin FILE), "
         "or override fingerprint()"
     )

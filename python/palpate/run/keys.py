@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Job, Limb, Protocol, Simulation
+from palpate.channels import PRESS_AND_TWIST
+from palpate.domain import Channel, Job, Limb, Protocol, Simulation
 from palpate.errors import PluginError
 from palpate.indenters import Sphere
 from palpate.plugins.fingerprints import CORE, code_fingerprint
@@ -30,9 +31,10 @@ def job_key(job: Job, limb: Limb | None, solver: Solver, trusted: Mapping[str, s
     """Hash of everything that decides the result of a job.
 
     That is the mesh, the spot, each region's material with its code, settings and values, the
-    protocol, the solver with its version, code and settings, and whether slopes are wanted. The
-    ``set_id`` is a name and decides nothing. ``trusted`` has fingerprints of earlier code whose results
-    count as those of the code as it is, by ``material:NAME`` or ``solver:NAME``.
+    protocol, the solver with its version, code and settings, whether slopes are wanted, and which
+    channels beyond force and torque. The ``set_id`` is a name and decides nothing. ``trusted`` has
+    fingerprints of earlier code whose results count as those of the code as it is, by
+    ``material:NAME`` or ``solver:NAME``.
     """
     return JobKeys(solver, {} if limb is None else {job.limb_name: limb}, trusted).key(job)
 
@@ -92,6 +94,8 @@ class JobKeys:
             _add(digest, job.thetas[region])
         if job.slopes:
             _add(digest, "slopes")
+        if job.channels != PRESS_AND_TWIST:  # every key so far is of these two
+            _add(digest, "channels", [_observation(channel) for channel in job.channels])
         return digest.hexdigest()
 
     def _head(self, protocol: Protocol, limb: str) -> "hashlib._Hash":
@@ -156,6 +160,13 @@ def _add_items(digest: "hashlib._Hash", kind: str, items: Iterable[tuple[str, ob
     digest.update(f"{kind} {len(listed)};".encode())
     for name, value in listed:
         _add(digest, name, value)
+
+
+def _observation(channel: Channel) -> list[object]:
+    """What decides a channel's curve; its labels and its checks do not."""
+    code = "" if channel.observe is None else code_fingerprint(channel.observe)
+    named = "" if channel.observe is None else channel.observe.__qualname__
+    return [channel.name, channel.abscissa, channel.ordinate, list(channel.needs), named, code]
 
 
 def _indenter(indenter: Indenter) -> tuple[str, list[tuple[str, Any]]]:

@@ -27,7 +27,7 @@ from palpate.api import (
     Status,
     StudyError,
 )
-from palpate.mesh.spot_frame import in_spot_frame, indentation_of, indentation_response
+from palpate.mesh.spot_frame import in_spot_frame, indentation_of
 from palpate.sandbox import Ended, Limits, run_program
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
@@ -246,10 +246,10 @@ class FebioSolver(Solver[FebioSettings]):
         except PalpateError as error:
             return Simulation(job=job, status=Status.CRASHED, response=None, message=str(error))
         last = tries[-1]
-        rows = last.verdict.rows
+        states = last.verdict.states
         if last.method.endswith("half_steps"):
-            rows = rows[::2]
-        response = indentation_response(*rows.T)
+            states = states.cut(slice(None, None, 2))
+        response = states.observed(job.channels)
         remarks = (self.binary().remark, "" if self._right else PAPER_CONTACT)
         simulation = Simulation(
             job=job,
@@ -258,7 +258,7 @@ class FebioSolver(Solver[FebioSettings]):
             message=last.verdict.message,
             seconds=time.perf_counter() - started,
             diagnostics={
-                **as_rows(rows),
+                **as_rows(states),
                 "tries": [t.row() for t in tries],
                 "conventions": conventions,
                 "contact": "augmented" if protocol.friction > 0.0 and self._right else "penalty",

@@ -73,8 +73,10 @@ def check_torque(
     fine = halved(up_to_first_turn(steps))
     verdict = run(with_hold(fine, N_HELD))
     turned = verdict.status in (Status.OK, Status.DIVERGED) and verdict.n_steps >= fine.n
-    before = float(verdict.rows[fine.n, 3]) if turned else None
-    held = None if before is None or verdict.status is not Status.OK else float(verdict.rows[-1, 3]) - before
+    before = float(verdict.torque_Nmm[fine.n]) if turned else None
+    held = (
+        None if before is None or verdict.status is not Status.OK else float(verdict.torque_Nmm[-1]) - before
+    )
     return Verification(
         tolerance=tolerance,
         halving=None if before is None else (before - torque_Nmm) / torque_Nmm,

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import FloatArray, Status
-from palpate.mesh.spot_frame import SpotWrench
+from palpate.api import BalancedStates, FloatArray, Status
+from palpate.mesh.spot_frame import SpotWrench, pose_of
 from palpate.sandbox import Ended
 from palpate_febio.deck import RECORD_DATA
 from palpate_febio.log import LogSummary, read_log
@@ -27,20 +27,25 @@ class Verdict:
     status : Status
     message : str
         Empty when all is well.
-    rows : (k, 4) array
-        Depth [mm], rotation [degrees], force [N] and torque [N·mm] at the first k − 1 steps and at rest.
+    states : BalancedStates
+        At rest and at the first k − 1 steps.
     log : LogSummary
     """
 
     status: Status
     message: str
-    rows: FloatArray
+    states: BalancedStates
     log: LogSummary
 
     @property
     def n_steps(self) -> int:
         """Steps that balanced."""
-        return max(len(self.rows) - 1, 0)
+        return max(len(self.states.pose) - 1, 0)
+
+    @property
+    def torque_Nmm(self) -> FloatArray:  # noqa: N802 -- the unit
+        """Torque (k,) of the states."""
+        return self.states.columns["torque_Nmm"]
 
 
 def judge(ended: Ended, log: str | None, record: str | None, steps: Steps, radius_mm: float) -> Verdict:
@@ -64,24 +69,25 @@ def judge(ended: Ended, log: str | None, record: str | None, steps: Steps, radiu
         printed = read_log(ended.tail)
         said = replace(said, version=said.version or printed.version, reason=printed.reason)
     failure = _failure(ended, said)
-    status, message, rows = failure or Status.UNREADABLE, "", np.zeros((0, 4))
+    status, message = failure or Status.UNREADABLE, ""
+    states = BalancedStates(pose=np.zeros((0, 6)), wrench=np.zeros((0, 6)))
     try:
         if record is None:
             raise RecordError("there is none")
-        rows = _matched(read_record(record, len(RECORD_DATA)), steps, radius_mm)
+        states = _matched(read_record(record, len(RECORD_DATA)), steps, radius_mm)
     except RecordError as error:
         message = _message(ended, said, f"record: {error}")
     else:
-        missing = steps.n + 1 - len(rows)
+        missing = steps.n + 1 - len(states.pose)
         if failure is not None:
             message = _message(ended, said, "")
         elif missing:
             message = f"FEBio ended well with {missing} of {steps.n} steps missing from its record"
-        elif not rows[:, 2:].any():
+        elif not states.wrench[:, [0, 5]].any():
             message = "every reaction is zero: the record is of another body, or nothing was touched"
         else:
             status = Status.OK
-    return Verdict(status=status, message=message, rows=rows, log=said)
+    return Verdict(status=status, message=message, states=states, log=said)
 
 
 def _failure(ended: Ended, said: LogSummary) -> Status | None:
@@ -110,8 +116,8 @@ def _message(ended: Ended, said: LogSummary, record: str) -> str:
     return " · ".join([*parts, record] if record else parts)
 
 
-def _matched(record: Record, steps: Steps, radius_mm: float) -> FloatArray:
-    """Rows (k, 4) of the steps from rest up to the first that is missing.
+def _matched(record: Record, steps: Steps, radius_mm: float) -> BalancedStates:
+    """States of the steps from rest up to the first that is missing.
 
     Raises
     ------
@@ -136,12 +142,13 @@ def _matched(record: Record, steps: Steps, radius_mm: float) -> FloatArray:
             f"{np.rad2deg(values[k, 1]):.6g} "
             f"degrees, and was sent to {depth[k]:.6g} mm, {steps.rotation_deg[k]:.6g} degrees"
         )
-    # FEBio prints the force and moment that move the indenter, the opposite of the tissue's.
-    wrench = SpotWrench(force_N=-values[:, 2:5], moment_Nmm=-values[:, 5:8])
-    return np.column_stack([depth, steps.rotation_deg[:n], wrench.pressing + 0.0, wrench.twisting])
+    # FEBio prints force and moment, about the centre, that move the indenter: the opposite of the tissue's.
+    wrench = SpotWrench(force_N=-values[:, 2:5] + 0.0, moment_Nmm=-values[:, 5:8])
+    centre = np.tile([0.0, 0.0, radius_mm], (n, 1))
+    return BalancedStates(pose=pose_of(depth, steps.rotation_deg[:n]), wrench=wrench.on_tissue(centre))
 
 
-def as_rows(rows: FloatArray) -> Mapping[str, Any]:
-    """The rows by name, for the diagnostics."""
+def as_rows(states: BalancedStates) -> Mapping[str, Any]:
+    """The columns of a press and twist, for the diagnostics."""
     names = ("depth_mm", "rotation_deg", "force_N", "torque_Nmm")
-    return {name: rows[:, k].tolist() for k, name in enumerate(names)}
+    return {name: states.columns[name].tolist() for name in names}

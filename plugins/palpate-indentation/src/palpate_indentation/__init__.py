@@ -1,4 +1,4 @@
-"""Indentation: force and torque, the three scenarios, indenters, loaders of curves and of meshes.
+"""Indentation: channels, the three scenarios, indenters, loaders of curves and of meshes.
 
 Names are imported when they are first used, so that loading the plugin is fast.
 """
@@ -30,32 +30,10 @@ if not TYPE_CHECKING:
 
 @hookimpl
 def palpate_channels() -> "list[Channel]":
-    """Provide the paper's two variables."""
-    from palpate.api import Channel
+    """Provide the paper's two variables, and those of a slide and of a tilt."""
+    from palpate.api import BALANCED
 
-    return [
-        Channel(
-            name="force",
-            abscissa="depth_mm",
-            ordinate="force_N",
-            abscissa_label="indentation depth (mm)",
-            ordinate_label="normal force (N)",
-            non_negative=True,
-            zero_at_start=True,
-            dissipative=True,
-            length_power=2,
-        ),
-        Channel(
-            name="torque",
-            abscissa="rotation_deg",
-            ordinate="torque_Nmm",
-            abscissa_label="rotation (degrees)",
-            ordinate_label="torque (N·mm)",
-            zero_at_start=True,
-            dissipative=True,
-            length_power=3,
-        ),
-    ]
+    return list(BALANCED)
 
 
 @hookimpl

@@ -15,7 +15,7 @@ Where a point just begins to touch or to slide, the response has a kink; the
 derivative is one-sided, on the side of the state.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -45,28 +45,19 @@ class Slopes:
     ----------
     names : tuple of m str
         ``region.parameter`` of each parameter, then ``friction``.
-    force_N, torque_Nmm : (m,) array
-        About the axis, per unit of the parameter; NaN from the first state with a singular tangent on.
+    force_N, moment_Nmm : (m, 3) array
+        As in :class:`palpate_jax.contact.Answer`, per unit of the parameter; NaN from the first state with a
+        singular tangent on.
     """
 
     names: tuple[str, ...]
     force_N: FloatArray
-    torque_Nmm: FloatArray
+    moment_Nmm: FloatArray
 
     @property
     def finite(self) -> bool:
         """Whether every derivative is a number."""
-        return bool(np.isfinite([self.force_N, self.torque_Nmm]).all())
-
-
-def by_channel(steps: Sequence[Slopes]) -> dict[str, dict[str, FloatArray]]:
-    """Derivatives (1 + n_steps,) of force and torque by name of the parameter; the first, at rest, is 0."""
-    columns = {"force": [s.force_N for s in steps], "torque": [s.torque_Nmm for s in steps]}
-    return {
-        channel: dict(zip(steps[0].names, np.transpose([np.zeros_like(rows[0]), *rows]), strict=True))
-        for channel, rows in columns.items()
-        if rows
-    }
+        return bool(np.isfinite([self.force_N, self.moment_Nmm]).all())
 
 
 @partial(jax.jit, static_argnums=0)
@@ -111,7 +102,7 @@ class Sensitivity:
         self._moved = np.zeros((n, *model.points.shape))
         n_points = len(model.contact.positions(model.rest()))
         self._anchors = np.zeros((n, n_points, 3))
-        self.slopes = Slopes(self._names, np.zeros(n), np.zeros(n))
+        self.slopes = Slopes(self._names, np.zeros((n, 3)), np.zeros((n, 3)))
 
     def balanced(self, displacements: FloatArray, load: ContactState) -> None:
         """Advance the derivatives from the last balanced state to this one."""
@@ -174,7 +165,7 @@ class Sensitivity:
             pulls = self._pull_rates(displacements, body)
             force -= pulls.sum(axis=1)
             moment += np.cross((model.points + displacements)[model.bonded], pulls).sum(axis=1)
-        self.slopes = Slopes(self._names, force[:, 2], moment[:, 2])
+        self.slopes = Slopes(self._names, force, moment)
 
     def _pull_rates(self, displacements: FloatArray, body: FloatArray) -> FloatArray:
         """Derivative (m, n_bonded, 3) of the internal forces at the bonded nodes."""

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from palpate.api import (
+    BalancedStates,
     FloatArray,
     Indentation,
     Job,
@@ -26,14 +27,14 @@ from palpate.api import (
     StudyError,
 )
 from palpate.mechanics import check_reference_state, initial_moduli
-from palpate.mesh.spot_frame import indentation_of, indentation_response
+from palpate.mesh.spot_frame import SpotWrench, indentation_of, pose_of
 from palpate_jax.contact import ContactLaw
 from palpate_jax.diagnosis import explained
 from palpate_jax.footprint import check_footprint, check_touch
 from palpate_jax.initial_guess import InitialGuess, WarmStart
 from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, load_steps
 from palpate_jax.model import Model
-from palpate_jax.sensitivity import Sensitivity, Slopes, by_channel
+from palpate_jax.sensitivity import Sensitivity
 
 NODES_KEPT = 40_000
 """Nodes of the limbs that stay prepared, at about 25 kB each and more in large meshes.
@@ -180,11 +181,10 @@ class JaxSolver(Solver[JaxSettings]):
         # A negative set_id is that of a set outside the design, which has no folder.
         if self.settings.fields != "none" and reached and job.set_id >= 0:
             self._write_fields(prepared, job, reached)
-        slopes = [s.slopes for s in reached if s.slopes is not None]
         simulation = Simulation(
             job=job,
             status=Status.OK if stop is None else Status.DIVERGED,
-            response=_response(reached, slopes),
+            response=balanced_states(reached).observed(job.channels),
             message="" if stop is None else explained(stop, prepared.model, prepared.materials, job.thetas),
             seconds=time.perf_counter() - started,
             diagnostics=_diagnostics(reached, stepping),
@@ -306,15 +306,27 @@ def _scaled(known: Simulation, factor: float, job: Job, seconds: float) -> Simul
     )
 
 
-def _response(reached: list[LoadStep], slopes: list[Slopes]) -> Response:
-    """Curves; without slopes where one of them is not finite."""
-    rows = np.array(
-        [(0.0, 0.0, 0.0, 0.0)]
-        + [(s.depth_mm, s.rotation_deg, s.answer.force_N[2], s.answer.moment_Nmm[2]) for s in reached]
+def balanced_states(reached: Sequence[LoadStep]) -> BalancedStates:
+    """States from rest on; without slopes where one of them is not finite."""
+    path = np.array([(0.0, 0.0), *((s.depth_mm, s.rotation_deg) for s in reached)])
+    pose = pose_of(*path.T)
+    answers = [(s.answer.force_N, s.answer.moment_Nmm) for s in reached]
+    slopes = [s.slopes for s in reached if s.slopes is not None and s.slopes.finite]
+    rates = [(s.force_N, s.moment_Nmm) for s in slopes] if len(slopes) == len(reached) else []
+    names = slopes[0].names if rates else ()
+    return BalancedStates(
+        pose=pose,
+        wrench=_wrench(pose, answers),
+        slopes={name: _wrench(pose, [(f[k], m[k]) for f, m in rates]) for k, name in enumerate(names)},
     )
-    depth, rotation, force, torque = rows.T
-    found = by_channel(slopes) if all(s.finite for s in slopes) else None
-    return indentation_response(depth, rotation, force, torque, found)
+
+
+def _wrench(pose: FloatArray, found: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """Wrenches (k, 6), or derivatives of them, of forces and moments about the spot; zeros at rest."""
+    values = np.zeros((len(pose), 2, 3))
+    values[1:] = np.reshape(found, (-1, 2, 3))
+    from_tip = np.column_stack([-pose[:, 1:3], pose[:, 0]])
+    return SpotWrench(force_N=values[:, 0], moment_Nmm=-values[:, 1]).on_tissue(from_tip)
 
 
 def _diagnostics(reached: list[LoadStep], stepping: LoadStepping) -> dict[str, Any]:

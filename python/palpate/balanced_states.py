@@ -1,0 +1,167 @@
+"""Balanced states of an indenter along its path, and the curves that channels observe of them.
+
+Pose and wrench are in the frame of the spot (:mod:`palpate.mesh.spot_frame`), and conjugate: each
+component of the wrench is positive where the indenter does work on the tissue as that component of the
+pose grows. A component's column is named with its unit, as channels name it.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from palpate.curves import Channel, Curve, FloatArray, Response, frozen_floats, moving_span
+from palpate.errors import CurveError
+
+POSE = ("depth_mm", "shift_x_mm", "shift_y_mm", "tilt_x_deg", "tilt_y_deg", "rotation_deg")
+"""Columns of a pose: where the indenter's point is below the spot and beside its axis, the rotation
+vector of the indenter's axis from the normal, and the rotation about that axis."""
+
+WRENCH = ("force_N", "lateral_x_N", "lateral_y_N", "moment_x_Nmm", "moment_y_Nmm", "torque_Nmm")
+"""Columns of a wrench: of the indenter on the tissue, its moment about the indenter's point; the force
+is against the normal."""
+
+ALONG = ("slide_mm", "tilt_deg", "lateral_force_N", "tilt_moment_Nmm")
+"""Columns along the direction in which the path first shifts, or tilts: they depend on no axes."""
+
+TIME = "time_s"
+"""Column of the time, where the path has one."""
+
+STATE_COLUMNS = (*POSE, *WRENCH, *ALONG, TIME)
+"""Columns that balanced states have by themselves."""
+
+_SHIFT, _TILT = slice(1, 3), slice(3, 5)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BalancedStates:
+    """The k balanced states of a simulation in the order travelled, from rest on.
+
+    Parameters
+    ----------
+    pose : (k, 6) array
+        Columns :data:`POSE` [mm, degrees].
+    wrench : (k, 6) array
+        Columns :data:`WRENCH` [N, N·mm].
+    time_s : (k,) array, optional
+        Where the path has times.
+    others : mapping of column to (k,) array
+        More columns that the solver has, such as ``contact_radius_mm``.
+    slopes : mapping of parameter to (k, 6) array
+        Derivatives of the wrench in the parameters and the friction, as in a curve; empty if not requested.
+
+    Raises
+    ------
+    CurveError
+        Shapes differ, or another column has a name of these.
+    """
+
+    pose: FloatArray
+    wrench: FloatArray
+    time_s: FloatArray | None = None
+    others: Mapping[str, FloatArray] = field(default_factory=dict)
+    slopes: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("pose", "wrench", "time_s"):
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen_floats(values))
+        for name in ("others", "slopes"):
+            frozen = {key: frozen_floats(values) for key, values in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(frozen))
+        n = len(self.pose)
+        shapes: dict[str, tuple[FloatArray, tuple[int, ...]]]
+        shapes = {"wrench": (self.wrench, (n, 6)), "pose": (self.pose, (n, 6))}
+        shapes |= {f"slopes in '{name}'": (values, (n, 6)) for name, values in self.slopes.items()}
+        shapes |= {f"'{name}'": (values, (n,)) for name, values in self.others.items()}
+        shapes |= {TIME: (self.time_s, (n,))} if self.time_s is not None else {}
+        for what, (values, shape) in shapes.items():
+            if values.shape != shape:
+                raise CurveError(f"balanced states: {what} of shape {values.shape}, expected {shape}")
+        if taken := self.others.keys() & set(STATE_COLUMNS):
+            raise CurveError(f"balanced states: column '{min(taken)}' is one of pose or wrench; rename it")
+
+    @property
+    def columns(self) -> dict[str, FloatArray]:
+        """Every column (k,) by name."""
+        times = {} if self.time_s is None else {TIME: self.time_s}
+        return {**self._placed(), **self._felt(self.wrench), **times, **self.others}
+
+    def observed(self, channels: Iterable[Channel]) -> Response:
+        """Curves of the channels, each over the part of the path where its abscissa moves.
+
+        A channel is left out where its abscissa does not move, or where a column is missing.
+        """
+        columns, curves = self.columns, {}
+        for channel in channels:
+            if not channel.columns <= columns.keys():
+                continue
+            abscissa = columns[channel.abscissa]
+            if len(abscissa) > 1 and np.ptp(abscissa) > 0.0:
+                curve = Curve(
+                    channel=channel.name,
+                    abscissa=abscissa,
+                    ordinate=_ordinate(channel, columns),
+                    slopes=self._slopes(channel, columns),
+                )
+                curves[channel.name] = curve.cut(moving_span(abscissa))
+        return Response(curves=curves)
+
+    def cut(self, rows: slice) -> "BalancedStates":
+        """Keep some of the states."""
+        return BalancedStates(
+            pose=self.pose[rows],
+            wrench=self.wrench[rows],
+            time_s=None if self.time_s is None else self.time_s[rows],
+            others={name: values[rows] for name, values in self.others.items()},
+            slopes={name: values[rows] for name, values in self.slopes.items()},
+        )
+
+    def _placed(self) -> dict[str, FloatArray]:
+        along = {
+            "slide_mm": self.pose[:, _SHIFT] @ _first_direction(self.pose[:, _SHIFT]),
+            "tilt_deg": self.pose[:, _TILT] @ _first_direction(self.pose[:, _TILT]),
+        }
+        return dict(zip(POSE, self.pose.T, strict=True)) | along
+
+    def _felt(self, wrench: FloatArray) -> dict[str, FloatArray]:
+        """Columns of a wrench (k, 6), or of a derivative of it: they are linear in it."""
+        along = {
+            "lateral_force_N": wrench[:, _SHIFT] @ _first_direction(self.pose[:, _SHIFT]),
+            "tilt_moment_Nmm": wrench[:, _TILT] @ _first_direction(self.pose[:, _TILT]),
+        }
+        return dict(zip(WRENCH, wrench.T, strict=True)) | along
+
+    def _slopes(self, channel: Channel, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Derivatives (k,) of the ordinate by parameter; none of what is known without derivatives."""
+        if channel.columns & self.others.keys():
+            return {}
+        return {name: _rate(channel, columns, self._felt(slope)) for name, slope in self.slopes.items()}
+
+
+def _first_direction(parts: FloatArray) -> FloatArray:
+    """Unit vector (2,) of the first row (k, 2) that is not zero; zeros where all are."""
+    sizes = np.hypot(*parts.T)
+    moved = np.flatnonzero(sizes > 0.0)
+    direction: FloatArray = parts[moved[0]] / sizes[moved[0]] if moved.size else np.zeros(2)
+    return direction
+
+
+def _ordinate(channel: Channel, columns: Mapping[str, FloatArray]) -> FloatArray:
+    if channel.observe is None:
+        return columns[channel.ordinate]
+    return np.asarray(channel.observe({name: columns[name] for name in channel.needs}), dtype=np.float64)
+
+
+def _rate(channel: Channel, columns: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> FloatArray:
+    """Derivative (k,) of the ordinate, given those of some columns; the other columns do not change."""
+    names = channel.needs or (channel.ordinate,)
+    moved = {name: rates.get(name, np.zeros(len(columns[name]))) for name in names}
+    if channel.observe is None:
+        return moved[channel.ordinate]
+    import jax  # here: slow to import, and only a channel of several columns needs it
+
+    jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
+    held = {name: columns[name] for name in names}
+    return np.asarray(jax.jvp(channel.observe, (held,), (moved,))[1], dtype=np.float64)
