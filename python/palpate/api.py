@@ -55,6 +55,7 @@ if TYPE_CHECKING:
         Spot as Spot,
         Status as Status,
         StudyTemplate as StudyTemplate,
+        SurfaceStates as SurfaceStates,
         Tie as Tie,
         moving_span as moving_span,
     )

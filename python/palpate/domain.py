@@ -39,6 +39,7 @@ from palpate.parameters import (
     RegionMaterial as RegionMaterial,
     Tie as Tie,
 )
+from palpate.surface import SurfaceStates as SurfaceStates
 
 if TYPE_CHECKING:
     from palpate.plugins.indenter import Indenter
@@ -306,6 +307,8 @@ class Job:
         Whether to use the spot's finer mesh.
     channels : tuple of Channel
         What to observe of the balanced states, where the solver has them; by itself force and torque.
+    surface : bool
+        Whether the states of the skin are wanted too; only for a solver that declares ``gives_surface``.
     """
 
     spot: str
@@ -316,6 +319,7 @@ class Job:
     slopes: bool = False
     fine: bool = False
     channels: tuple[Channel, ...] = PRESS_AND_TWIST
+    surface: bool = False
 
     @property
     def limb_name(self) -> str:
@@ -330,7 +334,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Simulation:
-    """Result of a job. ``response`` is partial if the status is ``diverged``."""
+    """Result of a job. ``response`` and ``surface`` are partial if the status is ``diverged``."""
 
     job: Job
     status: Status
@@ -338,6 +342,7 @@ class Simulation:
     message: str = ""
     seconds: float = 0.0
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
+    surface: SurfaceStates | None = None
 
     @property
     def id(self) -> SimulationId:

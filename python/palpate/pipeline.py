@@ -6,7 +6,7 @@ checked before the first file is written.
 """
 
 import contextlib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,15 +37,17 @@ from palpate.run.ownership import drawing_in
 from palpate.run.result import FitResult, PosteriorResult, SelectionResult, StudyInputs
 from palpate.run.stage_records import design_from, fit_from, measured_from, scores_from, selection_from
 from palpate.run.study_diff import Changed, changed
+from palpate.run.surface_files import surface_path
 from palpate.stages import scoring, selection, simulation
 from palpate.stages.completeness import completeness, without_result
 from palpate.stages.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
 from palpate.stages.limb import limb_warnings, load_limbs
 from palpate.stages.stiffness_scaling import best_scaled_sets
 from palpate.stages.study_design import draw_study
+from palpate.stages.surfaces import simulate_surfaces
 from palpate.stages.sweep import Simulations
 from palpate.stages.verification import verify
-from palpate.stored import StoredRun, best_sets
+from palpate.stored import StoredRun, best_sets, opened_run
 from palpate.study.checks import odd_settings
 from palpate.study.reading import Study
 
@@ -136,7 +138,7 @@ def run_study(
                 f"the first {n_kept} sets of the design are those of an earlier one with wider ranges"
             )
         stored = StoredRun(study=study, run=run, inputs=inputs)
-        with _simulations(stored, progress, check_lock) as simulations:
+        with stored.simulations(progress, check_lock) as simulations:
             swept = simulation.run_sweep(simulations, inputs.design, inputs.measured)
             scores = _score(stored, swept)
             selected = _select(simulations, stored, swept, scores)
@@ -221,7 +223,7 @@ def simulate(
     study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT
 ) -> tuple[Simulation, ...]:
     """Simulate every set at every spot; each result is stored as it comes."""
-    with _opened(study, run_folder, plugins, needs="design") as (stored, check_lock):
+    with opened_run(study, run_folder, plugins, needs="design") as (stored, check_lock):
         study, inputs = stored.study, stored.inputs
         simulation.check_jobs(study, simulation.jobs(study, inputs.design, inputs.measured), inputs.limbs)
         stored.run.initialise(study, plugins.channels, simulating=True)
@@ -253,7 +255,7 @@ def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simu
 
 def score(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:
     """Compare simulated with measured curves into ``scores.parquet``."""
-    with _opened(study, run_folder, plugins, needs="design") as (stored, _):
+    with opened_run(study, run_folder, plugins, needs="design") as (stored, _):
         study, inputs = stored.study, stored.inputs
         scoring.check_scorable(inputs.measured, study.scoring, study.scenarios)
         progress.begin("score", 1)
@@ -275,12 +277,12 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
     NothingSelectableError
         Every simulation failed.
     """
-    with _opened(study, run_folder, plugins, needs="scores") as (stored, check_lock):
+    with opened_run(study, run_folder, plugins, needs="scores") as (stored, check_lock):
         swept = stored.swept()
         scores = stored.scores(swept)
         progress.begin("select", 1)
         stored.run.initialise(stored.study, plugins.channels)
-        with _simulations(stored, progress, check_lock) as simulations:
+        with stored.simulations(progress, check_lock) as simulations:
             selected = _select(simulations, stored, swept, scores)
         _warn_of_missing(stored, scores, progress)
     progress.step()
@@ -289,12 +291,12 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
 
 def fit(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> FitResult:
     """Search the parameters for which the curves fit best, from the selected sets."""
-    with _opened(study, run_folder, plugins, needs="scores") as (stored, check_lock):
+    with opened_run(study, run_folder, plugins, needs="scores") as (stored, check_lock):
         run = stored.run
         scores = stored.scores(stored.swept())
         run.records.check("selection", selection_from(stored.study, run.records))
         run.initialise(stored.study, plugins.channels)
-        with _simulations(stored, progress, check_lock) as simulations:
+        with stored.simulations(progress, check_lock) as simulations:
             return _fit(simulations, stored, plugins, scores)
 
 
@@ -308,11 +310,11 @@ def certainty(
     StudyError
         There is no fit, or none with intervals.
     """
-    with _opened(study, run_folder, plugins, needs="fit") as (stored, check_lock):
+    with opened_run(study, run_folder, plugins, needs="fit") as (stored, check_lock):
         study, run, inputs = stored.study, stored.run, stored.inputs
         scores = stored.scores(stored.swept())
         run.records.check("fit", fit_from(study, run.records))
-        with _simulations(stored, progress, check_lock) as simulations:
+        with stored.simulations(progress, check_lock) as simulations:
             cases = [] if isinstance(study.search, BestSet) else _cases(simulations, stored, plugins, scores)
             remove_fit_state(run_folder)
             assessed = _assessed(simulations, inputs, cases)
@@ -326,6 +328,24 @@ def certainty(
         found = posterior_result(sampled, study.seed)
         run.write_posterior(found)
         return found
+
+
+def surface(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> pl.DataFrame:
+    """Simulate the skin under the press with what the run has found, once for each spot.
+
+    Returns
+    -------
+    DataFrame
+        As :func:`palpate.stages.surfaces.simulate_surfaces` returns it; the states are read back by
+        :meth:`palpate.stored.StoredRun.surfaces`.
+    """
+    with opened_run(study, run_folder, plugins, needs="selection") as (stored, check_lock):
+        run = stored.run
+        with stored.simulations(progress, check_lock) as simulations:
+            table = simulate_surfaces(simulations, stored.fitted())
+        files = [surface_path(run_folder, key) for key in table["key"]]
+        run.write_surface(table, [file for file in files if file.exists()])
+        return table
 
 
 def report(
@@ -356,21 +376,6 @@ def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Pro
 
 
 # -------------------------------------------------------------------- internals
-
-
-@contextlib.contextmanager
-def _opened(
-    study: Study, run_folder: Path, plugins: Plugins, *, needs: str
-) -> Iterator[tuple[StoredRun, Callable[[], None]]]:
-    """Lock a run and read it back; yields it, and what raises where the lock is lost."""
-    run = RunDirectory(run_folder)
-    run.require(needs)
-    with run.locked(study, plugins.channels) as check_lock:
-        yield StoredRun.by_files(study, run), check_lock
-
-
-def _simulations(stored: StoredRun, progress: Progress, check_lock: Callable[[], None]) -> Simulations:
-    return Simulations(stored.study, stored.run.folder, stored.inputs.limbs, progress, check_lock)
 
 
 def _unfinished(run: RunDirectory, *, runs_now: bool) -> str:

@@ -1,12 +1,14 @@
 """A run directory read back: what its stages have found, refused where it is another study's."""
 
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
 import polars as pl
 
-from palpate.domain import Design, Simulation
+from palpate.domain import Design, Simulation, SurfaceStates
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import Progress
@@ -16,9 +18,12 @@ from palpate.run.keys import answers_key
 from palpate.run.result import FitResult, PosteriorResult, StudyInputs
 from palpate.run.stage_records import design_from, measured_from, scores_from, selection_from
 from palpate.stages import scoring, selection, simulation
+from palpate.stages.fitted import Fitted, fitted
 from palpate.stages.generalisation import generalise
 from palpate.stages.identifiability import assess_identifiability, at_measured
 from palpate.stages.limb import load_limbs
+from palpate.stages.surfaces import stored_surfaces
+from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study, StudySpot
 
 
@@ -94,6 +99,20 @@ class StoredRun:
         self.run.records.check("scores", scores_from(self.study, self.run.records, answers_key(swept)))
         return scores
 
+    def fitted(self) -> Fitted:
+        """What the run has found for all spots together."""
+        run = self.run
+        run.records.check("selection", selection_from(self.study, run.records))
+        return fitted(self.study, run.selection(), run.generalisation(), run.fit())
+
+    def surfaces(self) -> Mapping[str, SurfaceStates]:
+        """States of the skin by spot, as ``palpate surface`` has simulated them; empty where it has not."""
+        return stored_surfaces(self.run.folder, self.run.surface())
+
+    def simulations(self, progress: Progress, check_lock: Callable[[], None]) -> Simulations:
+        """Open its simulations, as a context; the caller holds the lock on the folder."""
+        return Simulations(self.study, self.run.folder, self.inputs.limbs, progress, check_lock)
+
     def report_data(self, plugins: Plugins, *, unfinished: str = "") -> ReportData:
         """Read everything that a report shows; of an unfinished run, the best sets so far."""
         found = self._found_so_far() if unfinished else self._found()
@@ -133,6 +152,7 @@ class StoredRun:
             verification=found.verification,
             comparisons=self.run.comparisons(),
             unfinished=unfinished,
+            surfaces=self.surfaces(),
         )
 
     def _pictures(self, spot: StudySpot) -> tuple[Path, ...]:
@@ -165,6 +185,17 @@ class StoredRun:
         scores = scoring.score(swept, self.inputs.measured, study.scoring, study.scenarios)
         chosen, general = best_sets(study, self.inputs.design, scores)
         return _Found(swept=swept, scores=scores, selection=chosen, generalisation=general)
+
+
+@contextlib.contextmanager
+def opened_run(
+    study: Study, run_folder: Path, plugins: Plugins, *, needs: str
+) -> Iterator[tuple[StoredRun, Callable[[], None]]]:
+    """Lock a run and read it back; yields it, and what raises where the lock is lost."""
+    run = RunDirectory(run_folder)
+    run.require(needs)
+    with run.locked(study, plugins.channels) as check_lock:
+        yield StoredRun.by_files(study, run), check_lock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

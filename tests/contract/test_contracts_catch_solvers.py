@@ -19,6 +19,7 @@ from palpate import (
     Status,
     mechanics,
 )
+from palpate.domain import SurfaceStates
 from palpate.specimens import block
 from palpate.testing import LinearMaterial, SolverContract
 
@@ -32,7 +33,7 @@ class Sound(Solver):
     """
 
     name, summary, needs_limb, n_steps = "sound", "without fault", False, 40
-    gives_slopes = True
+    gives_slopes = gives_surface = True
 
     def simulate(self, job, limb):
         stiffness = self.stiffness(job)
@@ -42,7 +43,27 @@ class Sound(Solver):
         curves = self.curves(stiffness, job.protocol, thickness)
         if job.slopes:
             curves = {name: replace(c, slopes=self.slopes(c, job)) for name, c in curves.items()}
-        return Simulation(job=job, status=Status.OK, response=Response(curves=curves))
+        surface = self.surface(job, limb, curves["force"]) if job.surface else None
+        return Simulation(job=job, status=Status.OK, response=Response(curves=curves), surface=surface)
+
+    def surface(self, job, limb, force):
+        """One triangle at the spot, which carries everything."""
+        depth, spot, k = force.abscissa, limb.spot, len(force.abscissa)
+        push = -np.outer(force.ordinate, spot.normal)
+        return SurfaceStates(
+            points_mm=spot.position_mm + np.eye(3),
+            triangles=[[0, 1, 2]],
+            depth_mm=depth,
+            rotation_deg=np.zeros(k),
+            positions_mm=spot.position_mm - np.outer(depth, spot.normal),
+            rotations=np.tile(np.eye(3), (k, 1, 1)),
+            displacements_mm=np.zeros((k, 3, 3)),
+            areas_mm2=np.ones((k, 3)) / 3.0,
+            touching=np.ones((k, 3)),
+            pressures_MPa=np.outer(force.ordinate, np.ones(3)),
+            shears_MPa=np.zeros((k, 3, 3)),
+            tractions_MPa=np.repeat(push[:, None], 3, axis=1),
+        )
 
     def slopes(self, curve, job):
         per_e = curve.ordinate / sum(theta[0] for theta in job.thetas.values())
@@ -195,6 +216,23 @@ class FewSlopes(Sound):
         return {"r0.e": super().slopes(curve, job)["r0.e"]}
 
 
+class Pulling(Sound):
+    def surface(self, job, limb, force):
+        found = super().surface(job, limb, force)
+        return replace(found, tractions_MPa=-found.tractions_MPa)
+
+
+class Withholding(Sound):
+    def surface(self, job, limb, force):
+        return None
+
+
+class Astray(Sound):
+    def surface(self, job, limb, force):
+        found = super().surface(job, limb, force)
+        return replace(found, positions_mm=found.positions_mm + 1.0)
+
+
 class WithSinkage(Sound):
     """Also measures how far the skin sinks next to the sphere: no modulus changes it."""
 
@@ -228,6 +266,7 @@ def hold(test, solver, contract=SolverContract):
 HALF_SPACE = "a_half_space_has_the_force_of_hertz_and_the_torque_of_reissner_and_sagoci"
 INPUTS, PARAMETERS = "radius_friction_and_limb_matter", "a_parameter_matters_unless_it_is_ignored"
 SLOPES = "slopes_are_those_of_central_differences"
+SURFACE = "a_surface_carries_the_force_of_the_curves"
 FAULTS = [
     ("simulates_the_whole_protocol", CutShort(), r"'force'.* runs 0 → 1\.75 where"),
     (
@@ -254,6 +293,9 @@ FAULTS = [
     (HALF_SPACE, InKilonewtons(), "force is in N"),
     (SLOPES, Steep(), r"'force': the slope in 'r0\.e' is off the central difference by"),
     (SLOPES, BlindSlopes(), "'torque': the slope in 'friction' is off"),
+    (SURFACE, Pulling(), "the tractions press with 0 N where|the tractions press with -"),
+    (SURFACE, Withholding(), "no surface, although the job asks for it"),
+    (SURFACE, Astray(), "the indenter is not at its depth"),
     (SLOPES, FewSlopes(), r"slopes in r0\.e instead of friction, r0\.e, r1\.e"),
 ]
 

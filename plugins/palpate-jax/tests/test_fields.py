@@ -14,7 +14,8 @@ from palpate.mechanics import stress
 from palpate.specimens import block
 from palpate_jax.body import Body, blocks, points_of_cells
 from palpate_jax.contact_surface import contact_surfaces
-from palpate_jax.fields import cell_fields, nodal_tractions
+from palpate_jax.fields import cell_fields
+from palpate_jax.skin import nodal_tractions
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.yeoh import Yeoh
@@ -198,7 +199,8 @@ def test_a_nodal_mean_of_a_uniform_traction_is_that_traction():
             ),
         )
         state = SimpleNamespace(displacements=mesh.points_mm * [1.0, 0.0, 0.0], load=load)
-        pressure, shear = nodal_tractions(contact, mesh.points_mm, state)
+        found = nodal_tractions(contact, mesh.points_mm, state)
+        pressure, shear = found.pressures_MPa, found.shears_MPa
         on_skin = mesh.points_mm[:, 2] == 0.0
         # Stretched to twice its area, the skin carries half the nominal pressure.
         np.testing.assert_allclose(pressure[on_skin], 0.15, rtol=1e-12)

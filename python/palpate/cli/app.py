@@ -41,7 +41,7 @@ from palpate.cli.resume import resume
 from palpate.cli.run import run
 from palpate.cli.schema import schema
 from palpate.cli.session import Session, visible
-from palpate.cli.stages import certainty, fit, sample, score, select, simulate
+from palpate.cli.stages import certainty, fit, sample, score, select, simulate, surface
 from palpate.cli.status import status
 from palpate.cli.synthesise import synthesise
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError
@@ -51,7 +51,18 @@ PANELS = MappingProxyType(
     {
         START: (init, check, demo, explain, doctor, plugins, new_plugin, schema),
         RUN: (run, resume, status, compare, synthesise),
-        STAGES_PANEL: (experiment, limb, sample, simulate, score, select, fit, certainty, report),
+        STAGES_PANEL: (
+            experiment,
+            limb,
+            sample,
+            simulate,
+            score,
+            select,
+            fit,
+            certainty,
+            surface,
+            report,
+        ),
     }
 )
 """Commands by the heading under which help lists them."""

@@ -38,6 +38,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "select": ("palpate select arm",),
         "fit": ("palpate fit arm",),
         "certainty": ("palpate certainty arm",),
+        "surface": ("palpate surface arm",),
         "report": ("palpate report runs/arm --open",),
     }
 )

@@ -239,6 +239,17 @@ class CertaintyOutput(Closed):
     warnings: list[str]
 
 
+class SurfaceRow(Closed):
+    """One spot whose skin was simulated; ``key`` names its file in ``surface``."""
+
+    spot: str
+    scenario: str
+    source: str
+    key: str
+    status: str
+    message: str
+
+
 class TermOutput(Closed):
     """A term of the method."""
 
@@ -305,6 +316,7 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "select": SelectOutput,
         "fit": FitOutput,
         "certainty": CertaintyOutput,
+        "surface": list[SurfaceRow],
         "report": ReportOutput,
     }
 )

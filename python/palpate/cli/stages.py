@@ -1,4 +1,4 @@
-"""``palpate sample``, ``simulate``, ``score``, ``select``, ``fit`` and ``certainty``: stages of a run."""
+"""The stages of a run: ``palpate sample``, ``simulate``, ``score``, ``select``, ``fit`` and after it."""
 
 import faulthandler
 from collections import Counter
@@ -159,4 +159,18 @@ def certainty(
     session.frame("Ends of profiles", found.profile_ends)
     session.frame("Volumes of posteriors", found.volumes)
     session.frame("Errors of emulated curves", found.emulator)
+    session.next(f"report {study} --out {folder}", f"written to {folder}; ")
+
+
+def surface(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False) -> None:
+    """Simulate the skin under the press with what was found; one simulation per spot."""
+    from palpate import pipeline
+
+    session, checked, folder = opened(context, study, out)
+    with StageProgress(session) as progress:
+        table = pipeline.surface(checked, folder, session.plugins, progress)
+    if as_json:
+        session.json(table.to_dicts())
+        return
+    session.frame("Skin", table.drop("key"))
     session.next(f"report {study} --out {folder}", f"written to {folder}; ")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Curve, Indentation, Job, Response, Simulation, Status
+from palpate.domain import Curve, Indentation, Job, Response, Simulation, Status, SurfaceStates
 from palpate.errors import CurveError
 
 LONGEST_MESSAGE = 4000
@@ -45,7 +45,17 @@ def checked(answer: object) -> Simulation:
         message=storable(answer.message),
         seconds=answer.seconds,
         diagnostics=plain(answer.diagnostics),
+        surface=_checked_surface(answer),
     )
+
+
+def _checked_surface(answer: Simulation) -> SurfaceStates | None:
+    """States of the skin, made again since arrays may have been replaced; none that nobody asked for."""
+    if not answer.job.surface or (answer.surface is None and answer.status is not Status.OK):
+        return None
+    if not isinstance(answer.surface, SurfaceStates):
+        raise UnreadableError(f"the surface is a {type(answer.surface).__name__}; give SurfaceStates")
+    return replace(answer.surface)
 
 
 def _checked_curves(response: object) -> Response:

@@ -58,7 +58,7 @@ class _InFlight:
 
 
 def _name(job: Job) -> tuple[object, ...]:
-    return job.limb_name, job.set_id, job.slopes
+    return job.limb_name, job.set_id, job.slopes, job.surface
 
 
 def attempt(
@@ -137,6 +137,7 @@ def job_result(index: int, job: Job, answer: object, seconds: float) -> JobResul
         message=simulation.message,
         seconds=simulation.seconds if took else seconds,
         diagnostics=simulation.diagnostics,
+        surface=simulation.surface,
     )
 
 

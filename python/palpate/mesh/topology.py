@@ -96,6 +96,16 @@ def outer_faces(kind: str, cells: IntArray, *, febio: bool = False) -> IntArray:
     return np.asarray(faces[np.sort(outer) if febio else outer])
 
 
+def triangles_of(faces: IntArray) -> IntArray:
+    """Triangles (m, 3) that cover faces (n, 3), (n, 4) or (n, 6), over all of their nodes."""
+    corners = {
+        3: ((0, 1, 2),),
+        4: ((0, 1, 2), (0, 2, 3)),
+        6: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+    }[faces.shape[1]]
+    return np.concatenate([faces[:, list(three)] for three in corners])
+
+
 def with_midpoints(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     """Points (n + m, 3), quadratic tetrahedra (k, 10) and the ends (m, 2) of the edges that gained a node."""
     edges = np.sort(tets[:, np.array(CELLS["tet10"].edges)], axis=2)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from palpate.domain import Job, Limb, Response, Simulation, Status
+from palpate.domain import Job, Limb, Response, Simulation, Status, SurfaceStates
 from palpate.plugins.interfaces import Component, SettingsT, Solver
 
 
@@ -27,6 +27,7 @@ class JobResult:
     seconds: float = 0.0
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
     quarantined: bool = False
+    surface: SurfaceStates | None = None
 
     def simulation(self, job: Job) -> Simulation:
         """Return the result as a simulation of its job."""
@@ -37,6 +38,7 @@ class JobResult:
             message=self.message,
             seconds=self.seconds,
             diagnostics=self.diagnostics,
+            surface=self.surface,
         )
 
 

@@ -355,6 +355,9 @@ class Solver(Component[SettingsT]):
     gives_slopes: ClassVar[bool] = False
     """Whether a job with ``slopes`` gets exact derivatives with its curves; else they are differenced."""
 
+    gives_surface: ClassVar[bool] = False
+    """Whether a job with ``surface`` gets the states of the skin with its curves."""
+
     accuracy: float = 1e-4
     """Scatter of its curves, relative to their size: slopes are differenced over steps that fit it."""
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Channel, Design, Limb, Parameter, Response, Scenario
+from palpate.domain import Channel, Design, Limb, Parameter, Response, Scenario, SurfaceStates
 from palpate.plugins.sections import Section
 from palpate.report.convergence import Contact
 from palpate.run.result import ALL_SPOTS, FitResult, PosteriorResult
@@ -61,6 +61,8 @@ class ReportData:
         Of the page.
     unfinished : str
         How far the run is where it has not ended.
+    surfaces : mapping of spot name to SurfaceStates
+        Skin under the press with what was found; empty where it was not simulated.
     """
 
     study: Study
@@ -87,6 +89,7 @@ class ReportData:
     pictures: Mapping[str, Sequence[Path]] = field(default_factory=dict)
     sections: Mapping[str, type[Section]] = field(default_factory=dict)
     unfinished: str = ""
+    surfaces: Mapping[str, SurfaceStates] = field(default_factory=dict)
 
     @property
     def spots(self) -> tuple[str, ...]:

@@ -14,6 +14,7 @@
     ribbons.parquet  volumes.parquet  emulator.parquet
     fit.json                how far the fit is, while it goes on
     stiffness_scaling.parquet  verification.parquet
+    surface.parquet  surface/<key>.npz  states of the skin at each spot
     stages.json             checksums of these files, and what each stage was made from
     report/
 
@@ -49,7 +50,7 @@ from palpate.study.reading import Study
 _CERTAINTY = tuple(each.name for each in fields(CertaintyResult))
 _POSTERIOR = tuple(each.name for each in fields(PosteriorResult))
 _OF_FIT = ("fit", "fit_trace", "fit_mesh", "fit_curves", *_CERTAINTY)
-_OPTIONAL = ("stiffness_scaling", "verification", *_OF_FIT, *_POSTERIOR)
+_OPTIONAL = ("stiffness_scaling", "verification", "surface", *_OF_FIT, *_POSTERIOR)
 
 
 class RunDirectory:
@@ -279,6 +280,17 @@ class RunDirectory:
         if not self.records.is_made_from("posterior", {"fit": self.records.fingerprint("fit")}):
             return PosteriorResult()
         return PosteriorResult(**{name: self._optional("posterior", name) for name in _POSTERIOR})
+
+    def write_surface(self, table: pl.DataFrame, files: Iterable[Path]) -> None:
+        """Write which simulations have states of the skin; ``files`` are these."""
+        made_from = {name: self.records.fingerprint(name) for name in ("selection", "fit")}
+        self._write("surface", {"surface": table}, made_from, files)
+
+    def surface(self) -> pl.DataFrame:
+        """Simulations with states of the skin; empty where there are none of this selection and fit."""
+        made_from = {name: self.records.fingerprint(name) for name in ("selection", "fit")}
+        is_current = self.records.is_made_from("surface", made_from)
+        return self._optional("surface", "surface") if is_current else pl.DataFrame()
 
     def comparisons(self) -> dict[str, Any]:
         """Read what was kept here as ``solver-comparison*.json``, by file name; not JSON is its error."""

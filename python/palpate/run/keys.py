@@ -31,7 +31,7 @@ def job_key(job: Job, limb: Limb | None, solver: Solver, trusted: Mapping[str, s
     """Hash of everything that decides the result of a job.
 
     That is the mesh, the spot, each region's material with its code, settings and values, the
-    protocol, the solver with its version, code and settings, whether slopes are wanted, and which
+    protocol, the solver with its version, code and settings, whether slopes or the skin are wanted, and which
     channels beyond force and torque. The ``set_id`` is a name and decides nothing. ``trusted`` has
     fingerprints of earlier code whose results count as those of the code as it is, by
     ``material:NAME`` or ``solver:NAME``.
@@ -96,6 +96,8 @@ class JobKeys:
             _add(digest, "slopes")
         if job.channels != PRESS_AND_TWIST:  # every key so far is of these two
             _add(digest, "channels", [_observation(channel) for channel in job.channels])
+        if job.surface:
+            _add(digest, "surface")
         return digest.hexdigest()
 
     def _head(self, protocol: Protocol, limb: str) -> "hashlib._Hash":

@@ -36,6 +36,7 @@ COMMANDS = MappingProxyType(
         "verification": "select",
         "fit": "fit",
         "posterior": "certainty",
+        "surface": "surface",
     }
 )
 """The command that makes the files of a stage."""

@@ -22,6 +22,8 @@ from palpate.progress import SILENT, CountsRunning, Progress
 from palpate.run.keys import JobKeys
 from palpate.run.ledger import Entry, Finished, Ledger, Writer
 from palpate.run.ledger.cache import ResultCache
+from palpate.run.ledger.format import disk_errors
+from palpate.run.surface_files import read_surface, surface_path, write_surface
 from palpate.stages.cost import cost
 from palpate.study.reading import Study
 
@@ -146,7 +148,9 @@ class Simulations:
         kept = {key: job for key, job in by_key.items() if key in final}
         if kept:
             with Ledger(self.folder) as ledger:
-                yield from ledger.simulations(kept).items()
+                for key, simulation in ledger.simulations(kept).items():
+                    if (whole := self._with_surface(key, simulation)) is not None:
+                        yield key, whole
 
     def _in_cache(self, by_key: Mapping[str, Job]) -> _Found:
         if self.study.cache is None:
@@ -154,6 +158,7 @@ class Simulations:
         cache = ResultCache(self.study.cache)
         for key, job in by_key.items():
             if (simulation := cache.load(key, job)) is not None:
+                self._keep_surface(key, simulation)
                 self._writer.store(Finished(key=key, simulation=simulation))
                 yield key, simulation
 
@@ -167,10 +172,26 @@ class Simulations:
         for result in results(self.study, self._executor, jobs, self.limbs, self.progress):
             key, simulation = keys[result.index], result.simulation(jobs[result.index])
             quarantined = self.study.n_attempts if result.quarantined else 0
+            self._keep_surface(key, simulation)
             self._writer.store(Finished(key=key, simulation=simulation, quarantined=quarantined))
             if cache is not None:
                 cache.store(key, simulation)
             yield key, simulation
+
+    def _keep_surface(self, key: str, simulation: Simulation) -> None:
+        """Write the states of the skin, before the ledger has the simulation."""
+        if simulation.surface is not None:
+            self._check()
+            with disk_errors(self.folder):
+                write_surface(surface_path(self.folder, key), simulation.surface)
+
+    def _with_surface(self, key: str, simulation: Simulation) -> Simulation | None:
+        """A stored simulation with its states of the skin; None where they are gone, to be done again."""
+        if not simulation.job.surface:
+            return simulation
+        states = read_surface(surface_path(self.folder, key))
+        is_gone = states is None and simulation.status is Status.OK
+        return None if is_gone else replace(simulation, surface=states)
 
     # ------------------------------------------------------------------- the ledger
 

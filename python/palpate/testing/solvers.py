@@ -219,6 +219,26 @@ class SolverContract(ComponentContract):
                     f"{off / step:.3g}, where the difference reaches {np.abs(change).max() / step:.3g}"
                 )
 
+    def test_a_surface_carries_the_force_of_the_curves(
+        self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
+    ) -> None:
+        if not solver.gives_surface or limb is None or "force" not in (answer.response or {}):
+            pytest.skip("the solver declares no surface, or has no force")
+        simulation = solver.simulate(replace(job, surface=True), limb)
+        self.assert_scaled(simulation, answer, 1.0)
+        states = simulation.surface
+        assert states is not None, "no surface, although the job asks for it"
+        assert simulation.response is not None
+        force, _ = states.resultants(limb.spot.position_mm)
+        wanted = float(np.abs(simulation.response["force"].ordinate).max())
+        carried = float(-(force @ limb.spot.normal).min())
+        assert abs(carried / wanted - 1.0) <= 0.01, (
+            f"the tractions press with {carried:g} N where the curve has {wanted:g} N: they are those of the "
+            "indenter on the skin, per deformed area, in the frame of the mesh"
+        )
+        below = (limb.spot.position_mm - states.positions_mm) @ limb.spot.normal
+        assert np.allclose(below, states.depth_mm, atol=1e-3), "the indenter is not at its depth"
+
     def test_a_half_space_has_the_force_of_hertz_and_the_torque_of_reissner_and_sagoci(
         self, half_space_solver: Solver | None, half_space: Limb | None, job: Job
     ) -> None:

@@ -14,7 +14,7 @@ J                     elements  volume over reference volume
 region                elements  index into the regions of the mesh
 ====================  ========  ============================================================
 
-Nodal tractions are means over the quadrature points around a node.
+Nodal tractions are means around a node, such that area × traction adds up to the force.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -28,8 +28,9 @@ from palpate.mechanics import stress
 from palpate.mesh.spot_frame import in_spot_frame, spot_axes
 from palpate.mesh.topology import CELLS
 from palpate_jax.body import Block, blocks, points_of_cells
-from palpate_jax.contact import Contact, Points
+from palpate_jax.contact import Contact
 from palpate_jax.load_stepping import LoadStep
+from palpate_jax.skin import nodal_tractions
 
 _stress = jax.jit(stress, static_argnums=0)
 
@@ -97,7 +98,7 @@ class FieldWriter:
         mesh = self._original
         kinds = [(kind, cell.meshio) for kind, cell in CELLS.items() if len(mesh.cells.get(kind, ()))]
         by_kind = self._of_cells(thetas, state.displacements)
-        pressure, shear = nodal_tractions(self._contact, self._mesh.points_mm, state)
+        found = nodal_tractions(self._contact, self._mesh.points_mm, state)
         names = ("cauchy_stress_MPa", "principal_stretches", "J", "region")
         meshio.write_points_cells(
             path,
@@ -105,8 +106,8 @@ class FieldWriter:
             [(name, mesh.cells[kind]) for kind, name in kinds],
             point_data={
                 "displacement_mm": state.displacements @ self._axes.T,
-                "contact_pressure_MPa": pressure,
-                "contact_shear_MPa": shear @ self._axes.T,
+                "contact_pressure_MPa": found.pressures_MPa,
+                "contact_shear_MPa": found.shears_MPa @ self._axes.T,
             },
             cell_data={name: [by_kind[kind][name] for kind, _ in kinds] for name in names},
         )
@@ -194,24 +195,3 @@ def _cauchy(
         pressure = np.broadcast_to((w * pressure).sum(axis=1, keepdims=True) / volume, J.shape)
     deviator = kirchhoff - third[..., None, None] * np.eye(3)
     return deviator / J[..., None, None] + pressure[..., None, None] * np.eye(3), J
-
-
-def nodal_tractions(contact: Contact, rest_mm: FloatArray, state: LoadStep) -> tuple[FloatArray, FloatArray]:
-    """Contact pressure (n_nodes,) and shear (n_nodes, 3) [MPa] per deformed area, in the spot's frame."""
-    pose, memory, law = state.load.pose, state.load.memory, state.load.law
-    points = Points(pose.into(contact.positions(state.displacements)), memory.anchors, memory.anchored, law)
-    shear = np.where((points.depth > 0.0)[:, None], -points.friction, 0.0) @ pose.rotation.T
-    values = np.column_stack([points.pressure, shear])
-    total, weight = np.zeros((len(state.displacements), 4)), np.zeros(len(state.displacements))
-    coordinates = rest_mm + state.displacements
-    start = 0
-    for surface in contact.surfaces:
-        part = values[start : start + surface.areas.size].reshape(*surface.areas.shape, 4)
-        start += surface.areas.size
-        # Squared shape functions, because those of a corner of tet10 are negative across the face.
-        near = surface.areas[:, :, None] * surface.values**2
-        nominal = part * (surface.areas / surface.face.areas(coordinates[surface.nodes]))[:, :, None]
-        np.add.at(total, surface.nodes, np.einsum("fqa,fqk->fak", near, nominal))
-        np.add.at(weight, surface.nodes, near.sum(axis=1))
-    mean = total / np.where(weight > 0.0, weight, 1.0)[:, None]
-    return mean[:, 0], mean[:, 1:]

@@ -35,6 +35,7 @@ from palpate_jax.initial_guess import InitialGuess, WarmStart
 from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, load_steps
 from palpate_jax.model import Model
 from palpate_jax.sensitivity import Sensitivity
+from palpate_jax.skin import surface_states
 
 NODES_KEPT = 40_000
 """Nodes of the limbs that stay prepared, at about 25 kB each and more in large meshes.
@@ -114,6 +115,7 @@ class JaxSolver(Solver[JaxSettings]):
     summary = "finite elements (hex8, tet10, tet4) under a rigid indenter, friction with history; embedded"
     takes_fields = True
     gives_slopes = True
+    gives_surface = True
     channels = ("force", "torque")
     indenters = None
 
@@ -168,7 +170,7 @@ class JaxSolver(Solver[JaxSettings]):
         prepared = self._prepared(limb, job.materials)
         finished = prepared.warm_start(protocol)
         started = time.perf_counter()
-        scales = warm_start and self.settings.fields == "none" and not job.slopes
+        scales = warm_start and self.settings.fields == "none" and not (job.slopes or job.surface)
         known = finished.multiple(job.thetas) if scales else None
         if known is not None:
             return _scaled(*known, job, time.perf_counter() - started)
@@ -188,6 +190,7 @@ class JaxSolver(Solver[JaxSettings]):
             message="" if stop is None else explained(stop, prepared.model, prepared.materials, job.thetas),
             seconds=time.perf_counter() - started,
             diagnostics=_diagnostics(reached, stepping),
+            surface=surface_states(limb, prepared.model, reached) if job.surface else None,
         )
         if warm_start and stop is None:
             stack = [prepared.model.rest(), *(s.displacements for s in reached)]

@@ -11,11 +11,12 @@ from pathlib import Path
 
 import polars as pl
 
-from palpate.domain import Job, Simulation, Status
+from palpate.domain import Job, Simulation, Status, SurfaceStates
 from palpate.errors import CurveError, LedgerError
 from palpate.executors.answers import believable, plain
 from palpate.run.ledger.curve_files import pack, unpack
 from palpate.run.result_files import write_atomically
+from palpate.run.surface_files import read_surface, write_surface
 
 _SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)
 
@@ -31,6 +32,8 @@ class ResultCache:
         path = self._path(key)
         if simulation.status not in _SHARED or self.load(key, simulation.job) is not None:
             return
+        if simulation.surface is not None:
+            self._store_surface(key, simulation.surface)
         curves = b"" if simulation.response is None else pack({key: simulation.response})
         about = {
             "status": simulation.status.value,
@@ -42,10 +45,7 @@ class ResultCache:
         try:
             write_atomically(path, _checksum(key, content) + b"\n" + content)
         except OSError as error:
-            raise LedgerError(
-                f"{path}: cannot be written ({error.strerror}); fix it, or take executor.cache out"
-                " of the study"
-            ) from error
+            raise _unwritten(path, error) from error
 
     def load(self, key: str, job: Job) -> Simulation | None:
         """Read the simulation of a job; None where nobody shared it, or the file does not hold it."""
@@ -58,20 +58,40 @@ class ResultCache:
             if isinstance(response, CurveError):
                 return None
             about = json.loads(head)
+            status = Status(about["status"])
+            surface = read_surface(self._surface(key)) if job.surface else None
+            if job.surface and surface is None and status is Status.OK:
+                return None
             found = Simulation(
                 job=job,
-                status=Status(about["status"]),
+                status=status,
                 response=response,
                 message=str(about["message"]),
                 seconds=float(about["seconds"]),
                 diagnostics=dict(about["diagnostics"]),
+                surface=surface,
             )
             return found if believable(found) is found else None
         except (OSError, ValueError, KeyError, TypeError, RecursionError, pl.exceptions.PolarsError):
             return None
 
+    def _store_surface(self, key: str, states: SurfaceStates) -> None:
+        try:
+            write_surface(self._surface(key), states)
+        except OSError as error:
+            raise _unwritten(self._surface(key), error) from error
+
+    def _surface(self, key: str) -> Path:
+        return self.folder / key[:2] / f"{key}.npz"
+
     def _path(self, key: str) -> Path:
         return self.folder / key[:2] / f"{key}.simulation"
+
+
+def _unwritten(path: Path, error: OSError) -> LedgerError:
+    return LedgerError(
+        f"{path}: cannot be written ({error.strerror}); fix it, or take executor.cache out of the study"
+    )
 
 
 def _checksum(key: str, content: bytes) -> bytes:

@@ -1,0 +1,62 @@
+"""The skin under the fitted material: one simulation for each spot, with the states of its surface."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import polars as pl
+
+from palpate.domain import Status, SurfaceStates
+from palpate.errors import SolverError, StudyError
+from palpate.run.surface_files import read_surface, surface_path
+from palpate.stages.fitted import Fitted, inputs_at, job_of
+from palpate.stages.simulation import check_jobs
+from palpate.stages.sweep import Simulations
+
+
+def simulate_surfaces(simulations: Simulations, found: Fitted) -> pl.DataFrame:
+    """Simulate the press at every spot with what was found, unless that is in the ledger already.
+
+    Returns
+    -------
+    DataFrame
+        One row per spot: spot, scenario, source ("fit" or the set), key (of the simulation), status and
+        message.
+
+    Raises
+    ------
+    StudyError
+        The solver gives no surface.
+    SolverError
+        No simulation has ended with a balanced state.
+    """
+    study = simulations.study
+    if not study.solver.gives_surface:
+        raise StudyError(
+            f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
+        )
+    jobs = [job_of(study, s, inputs_at(study, s, found.values), surface=True) for s in found.spots]
+    check_jobs(study, jobs, simulations.limbs)
+    simulations.progress.begin("surface", len(jobs))
+    ended = simulations.of(jobs)
+    if all(each.surface is None for each in ended):
+        why = next((each.message for each in ended if each.status is not Status.OK), "no balanced state")
+        raise SolverError(f"{study.file}: no press with the fitted material can be shown: {why}")
+    return pl.DataFrame(
+        {
+            "spot": [each.job.spot for each in ended],
+            "scenario": [found.scenario for _ in ended],
+            "source": [found.source for _ in ended],
+            "key": [simulations.key(job) for job in jobs],
+            "status": [each.status.value for each in ended],
+            "message": [each.message for each in ended],
+        }
+    )
+
+
+def stored_surfaces(folder: Path, table: pl.DataFrame) -> Mapping[str, SurfaceStates]:
+    """States of the skin by spot that a table names, as far as their files are there."""
+    found = {}
+    for spot, key in table.select("spot", "key").iter_rows() if not table.is_empty() else ():
+        if (states := read_surface(surface_path(folder, key))) is not None:
+            found[spot] = states
+    return found

@@ -1,0 +1,161 @@
+"""States of the skin in a run: simulated once, kept in files, and lost with nothing else."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate import pipeline
+from palpate.domain import Job, Limb, Simulation, Status, SurfaceStates
+from palpate.errors import MeshError, StudyError
+from palpate.executors import InProcess
+from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.interfaces import Settings, Solver
+from palpate.run.directory import RunDirectory
+from palpate.run.surface_files import read_surface, write_surface
+from palpate.stored import StoredRun
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+K, N = 3, 4
+STATES = SurfaceStates(
+    points_mm=np.arange(3.0 * N).reshape(N, 3) / 7.0,
+    triangles=[[0, 1, 2], [0, 2, 3]],
+    depth_mm=np.arange(K),
+    rotation_deg=np.zeros(K),
+    positions_mm=np.zeros((K, 3)),
+    rotations=np.tile(np.eye(3), (K, 1, 1)),
+    displacements_mm=np.full((K, N, 3), 1.0 / 3.0),
+    areas_mm2=np.ones((K, N)),
+    touching=np.ones((K, N)),
+    pressures_MPa=np.full((K, N), 0.1),
+    shears_MPa=np.zeros((K, N, 3)),
+    tractions_MPa=np.full((K, N, 3), [0.0, 0.0, -0.1]),
+)
+
+
+class LogSettings(Settings):
+    log: str = ""
+
+
+class Skinned(Solver[LogSettings]):
+    """The analytic tissue with a skin that never changes."""
+
+    name, summary, needs_limb, gives_surface = "skinned", "with a skin", False, True
+    answer = None  # of the analytic tissue
+
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        with Path(self.settings.log).open("a") as file:
+            file.write(f"{job.spot} {job.surface}\n")
+        (theta,) = job.thetas.values()
+        response = type(self).answer(*theta)
+        return Simulation(job=job, status=Status.OK, response=response, surface=STATES)
+
+
+@pytest.fixture
+def skinned(make_study, tissue, tmp_path, monkeypatch):
+    monkeypatch.setattr(Skinned, "answer", staticmethod(tissue.answer))
+    log = tmp_path / "log.txt"
+
+    def made(**changes):
+        solver = Skinned(LogSettings(log=str(log)))
+        return make_study(**({"solver": solver, "n_sets": 8, "executor": InProcess()} | changes))
+
+    def simulated():
+        lines = log.read_text().split("\n") if log.exists() else []
+        return [line for line in lines if line.endswith("True")]
+
+    return made, simulated
+
+
+def same(one, other):
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in one.__dataclass_fields__)
+
+
+def surfaces(study, folder):
+    return StoredRun.by_files(study, RunDirectory(folder)).surfaces()
+
+
+@pytest.mark.parametrize("search", [None, LeastSquares()])
+def test_the_skin_is_simulated_once_for_each_spot_and_read_back(skinned, plugins, tmp_path, search):
+    made, simulated = skinned
+    study, run = made(**({} if search is None else {"search": search})), tmp_path / "run"
+    pipeline.run_study(study, run, plugins)
+    assert simulated() == []
+    assert surfaces(study, run) == {}
+    table = pipeline.surface(study, run, plugins)
+    assert sorted(simulated()) == ["p1 True"]  # both spots have the same press
+    assert table["source"][0].startswith("set" if search is None else "fit")
+    found = surfaces(study, run)
+    assert list(found) == ["p1", "p2"]
+    assert all(same(states, STATES) for states in found.values())
+    pipeline.surface(study, run, plugins)
+    assert len(simulated()) == 1
+    assert len(list((run / "surface").iterdir())) == 1
+
+
+def test_a_file_that_is_gone_or_cut_short_is_made_again(skinned, plugins, tmp_path):
+    made, simulated = skinned
+    study, run = made(), tmp_path / "run"
+    pipeline.run_study(study, run, plugins)
+    pipeline.surface(study, run, plugins)
+    (file,) = (run / "surface").iterdir()
+    file.write_bytes(file.read_bytes()[:100])
+    assert surfaces(study, run) == {}
+    pipeline.surface(study, run, plugins)
+    assert len(simulated()) == 2
+    assert list(surfaces(study, run)) == ["p1", "p2"]
+
+
+def test_the_cache_shares_the_skin_too(skinned, plugins, tmp_path):
+    made, simulated = skinned
+    study = replace(made(), cache=tmp_path / "cache")
+    for name in ("one", "two"):
+        pipeline.run_study(study, tmp_path / name, plugins)
+        pipeline.surface(study, tmp_path / name, plugins)
+    assert len(simulated()) == 1
+    assert same(surfaces(study, tmp_path / "two")["p1"], STATES)
+
+
+def test_a_solver_without_skin_is_refused(make_study, plugins, tmp_path):
+    study, run = make_study(n_sets=4), tmp_path / "run"
+    pipeline.run_study(study, run, plugins)
+    with pytest.raises(StudyError, match="solver 'analytic' does not give the states of the skin; use 'jax'"):
+        pipeline.surface(study, run, plugins)
+
+
+def test_another_selection_has_no_skin_yet(skinned, plugins, tmp_path):
+    made, _ = skinned
+    study, run = made(), tmp_path / "run"
+    pipeline.run_study(study, run, plugins)
+    pipeline.surface(study, run, plugins)
+    other = replace(study, search=LeastSquares())
+    pipeline.run_study(other, run, plugins)
+    assert surfaces(other, run) == {}
+
+
+def test_states_are_the_same_bits_after_a_file(tmp_path):
+    write_surface(tmp_path / "a.npz", STATES)
+    assert same(read_surface(tmp_path / "a.npz"), STATES)
+    assert read_surface(tmp_path / "b.npz") is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"pressures_MPa": np.zeros((K, N + 1))}, r"'pressures_MPa' has shape \(3, 5\) with 4 points and 3"),
+        ({"areas_mm2": np.full((K, N), np.nan)}, "'areas_mm2' has values that are not finite"),
+        ({"triangles": [[0, 1, N]]}, "a triangle names a point beyond the 4"),
+    ],
+)
+def test_states_that_do_not_fit_together_are_refused(changes, expected):
+    with pytest.raises(MeshError, match=expected):
+        replace(STATES, **changes)
+
+
+def test_resultants_are_of_area_times_traction():
+    force, moment = STATES.resultants(np.zeros(3))
+    np.testing.assert_allclose(force, np.tile([0.0, 0.0, -0.4], (K, 1)), rtol=1e-6)
+    arms = (STATES.points_mm + STATES.displacements_mm[0]).sum(axis=0)
+    np.testing.assert_allclose(moment[0], np.cross(arms, [0.0, 0.0, -0.1]), rtol=1e-6)
