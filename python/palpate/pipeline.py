@@ -15,7 +15,7 @@ import polars as pl
 from palpate.certainty.posterior_stage import PosteriorStage
 from palpate.certainty.posterior_tables import posterior_result
 from palpate.certainty.stage import CertaintyStage
-from palpate.certainty.tables import Assessed, certainty_result
+from palpate.certainty.tables import certainty_result
 from palpate.domain import Design, Response, Simulation
 from palpate.errors import StudyError
 from palpate.executors.attempts import simulate_alone
@@ -317,7 +317,7 @@ def certainty(
         with stored.simulations(progress, check_lock) as simulations:
             cases = [] if isinstance(study.search, BestSet) else _cases(simulations, stored, plugins, scores)
             remove_fit_state(run_folder)
-            assessed = _assessed(simulations, inputs, cases)
+            assessed = _certainty(simulations, inputs, cases).assessed(cases)
             stage = PosteriorStage(study=study, design=inputs.design, progress=progress)
             sampled = stage.run(cases, assessed)
         if sampled is None:
@@ -431,7 +431,10 @@ def _fit(simulations: Simulations, stored: StoredRun, plugins: Plugins, scores: 
     study, run, found = stored.study, stored.run, FitResult()
     if not isinstance(study.search, BestSet):  # else the selection has it already
         cases = _cases(simulations, stored, plugins, scores)
-        certainty = certainty_result(_assessed(simulations, stored.inputs, cases), study)
+        stage = _certainty(simulations, stored.inputs, cases)
+        assessed = stage.assessed(cases)
+        planes = stage.planes(assessed, stored.inputs.design)
+        certainty = replace(certainty_result(assessed, study), planes=planes)
         found = replace(fit_result(cases, simulations), certainty=certainty)
     run.write_fit(found, fit_from(study, run.records))
     return found
@@ -456,14 +459,13 @@ def _cases(simulations: Simulations, stored: StoredRun, plugins: Plugins, scores
     return stage.run()
 
 
-def _assessed(simulations: Simulations, inputs: StudyInputs, cases: Sequence[Case]) -> list[Assessed]:
-    stage = CertaintyStage(
+def _certainty(simulations: Simulations, inputs: StudyInputs, cases: Sequence[Case]) -> CertaintyStage:
+    return CertaintyStage(
         study=simulations.study,
         measured=inputs.measured,
         refinement=refinement(simulations) if any(case.n_fine for case in cases) else {},
         progress=simulations.progress,
     )
-    return stage.assessed(cases)
 
 
 def _report(stored: StoredRun, plugins: Plugins, progress: Progress, *, unfinished: str = "") -> Report:

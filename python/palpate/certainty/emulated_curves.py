@@ -7,9 +7,13 @@ import numpy as np
 
 from palpate.certainty.emulator import Emulator, Runs
 from palpate.certainty.rows import pieces
-from palpate.domain import FloatArray, channel_of
+from palpate.domain import Design, FloatArray, channel_of
 from palpate.fit.problem import Problem
+from palpate.fit.stage import Case
 from palpate.plugins.search import Trial
+
+MOST_SETS = 32
+"""Sets of a sweep that fit best, and as many others, of which an emulator is made."""
 
 
 class SimulatedCurves:
@@ -86,6 +90,33 @@ class EmulatedCurves:
     def __call__(self, values: FloatArray) -> FloatArray:
         """Ordinates (n, n_ordinates) at values (n, n_parameters)."""
         return np.concatenate([emulator(values[:, own]) for _, own, emulator in self.parts], axis=1)
+
+    def variance(self, values: FloatArray) -> FloatArray:
+        """Variance (n, n_ordinates) of the ordinates at values (n, n_parameters)."""
+        parts = [emulator.variance(values[:, own]) for _, own, emulator in self.parts]
+        return np.concatenate(parts, axis=1)
+
+
+def runs_of_fits(simulated: SimulatedCurves, cases: Sequence[Case]) -> Runs:
+    """Runs of all searches of these cases that had slopes, and their ends; simulates nothing."""
+    traced = [each for case in cases for fit in case.fits for each in fit.trace if each.jacobian is not None]
+    ends = [case.end.best for case in cases if case.end is not None and case.end.best is not None]
+    # Slopes by differences are at hand where the fit has been.
+    sloped = {each.point.tobytes(): each.point for each in (*traced, *ends)}
+    return simulated.runs(np.stack(list(sloped.values())), slopes=True).ended
+
+
+def runs_of_sets(simulated: SimulatedCurves, design: Design) -> Runs | None:
+    """Runs of the sets of a sweep that fit best, and of as many others; None where there was no sweep."""
+    names = [p.name for p in design.parameters]
+    rows = design.values.tolist()
+    sets = [simulated.problem.point_of(dict(zip(names, row, strict=True))) for row in rows]
+    if not sets:
+        return None
+    swept = simulated.runs(np.stack(sets), slopes=False).ended
+    misfit = (((swept.ordinates - simulated.measured) / simulated.peak) ** 2).sum(axis=1)
+    best = np.argsort(misfit, kind="stable")[:MOST_SETS]
+    return swept[np.unique(np.concatenate([best, np.arange(min(MOST_SETS, misfit.size))]))]
 
 
 class ScenarioDensity:

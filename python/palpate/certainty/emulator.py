@@ -110,6 +110,13 @@ class Emulator:
         ordinates: FloatArray = curves * total[:, None] * self.scale
         return ordinates
 
+    def variance(self, values: FloatArray) -> FloatArray:
+        """Variance (n, n_points) of the ordinates at values (n, n_parameters)."""
+        total, free = self._coordinates(values)
+        of_curves = self.process.variance(self._scaled(free)) @ self.axes**2
+        found: FloatArray = of_curves * (total[:, None] * self.scale) ** 2
+        return found
+
     def _coordinates(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What the curves are in proportion to (n,), and the other coordinates (n, d)."""
         if self.weights is None:

@@ -54,12 +54,25 @@ class GaussianProcess:
         self.coefficients = normal @ through.T @ observed
         self.weights = inverse @ (observed - trend @ self.coefficients)
         projected = inverse - through @ normal @ through.T
-        self.left_out = self._left_out(projected, projected @ observed, n, d)
+        weighted = projected @ observed
+        self.left_out = self._left_out(projected, weighted, n, d)
+        n_free = len(observed) - len(self.powers)
+        self._sizes = (observed * weighted).sum(axis=0) / n_free if n_free > 0 else np.inf
+        self._parts = (inverse, through, normal)
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Outputs (n, n_outputs) at points (n, d)."""
         process = _kernel(points, self.points, self.lengths, NO_SLOPES, self.sloped) @ self.weights
         found: FloatArray = _trend(points, NO_SLOPES, self.powers) @ self.coefficients + process
+        return found
+
+    def variance(self, points: FloatArray) -> FloatArray:
+        """Variance (n, n_outputs) of the outputs at points (n, d); infinite where nothing is known of it."""
+        inverse, through, normal = self._parts
+        kernel = _kernel(points, self.points, self.lengths, NO_SLOPES, self.sloped)
+        rest = _trend(points, NO_SLOPES, self.powers) - kernel @ through
+        shares = 1.0 - (kernel @ inverse * kernel).sum(axis=1) + (rest @ normal * rest).sum(axis=1)
+        found: FloatArray = np.maximum(shares, 1e-12)[:, None] * self._sizes
         return found
 
     def _covariance(self, lengths: FloatArray, nugget: float) -> FloatArray:

@@ -11,7 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from palpate.certainty.emulated_curves import EmulatedCurves, ScenarioDensity, SimulatedCurves
+from palpate.certainty.emulated_curves import (
+    EmulatedCurves,
+    ScenarioDensity,
+    SimulatedCurves,
+    runs_of_fits,
+    runs_of_sets,
+)
 from palpate.certainty.emulator import Runs
 from palpate.certainty.posterior import Draws, draw
 from palpate.certainty.profiles import Profile, best_point, profile, refitted
@@ -31,9 +37,6 @@ MOST_ROUNDS = 4
 
 RUNS_EACH = 4
 """Runs with slopes for each parameter that the first emulator has."""
-
-MOST_SETS = 32
-"""Sets of the sweep that fit best, and as many others, of which the emulator is made."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -168,24 +171,13 @@ class PosteriorStage:
         return float((np.abs(found.emulated - found.checked.ordinates) / curves.peak).max(initial=0.0))
 
     def _first_runs(self, simulated: SimulatedCurves, cases: Sequence[Case]) -> Runs:
-        problem = simulated.problem
-        traced = [each for case in cases for fit in case.fits for each in fit.trace]
-        sloped = {each.point.tobytes(): each.point for each in traced if each.jacobian is not None}
+        problem, runs = simulated.problem, runs_of_fits(simulated, cases)
         n = RUNS_EACH * len(problem.parameters)
         spread = qmc.Halton(len(problem.parameters), rng=self.study.seed).random(64 * n)
-        accepted = spread[problem.accepts(spread)][: max(n - len(sloped), n // 2)]
-        # Slopes by differences are at hand where the fit has been.
-        runs = simulated.runs(np.stack(list(sloped.values())), slopes=True).ended
+        accepted = spread[problem.accepts(spread)][: max(n - len(runs.values), n // 2)]
         runs = runs.and_others(simulated.runs(accepted, slopes=self.study.solver.gives_slopes).ended)
-        names = [p.name for p in self.design.parameters]
-        sets = [problem.point_of(dict(zip(names, row, strict=True))) for row in self.design.values.tolist()]
-        if not sets:
-            return runs
-        swept = simulated.runs(np.stack(sets), slopes=False).ended
-        misfit = (((swept.ordinates - simulated.measured) / simulated.peak) ** 2).sum(axis=1)
-        best = np.argsort(misfit, kind="stable")[:MOST_SETS]
-        chosen = np.unique(np.concatenate([best, np.arange(min(MOST_SETS, misfit.size))]))
-        return runs.and_others(swept[chosen])
+        swept = runs_of_sets(simulated, self.design)
+        return runs if swept is None else runs.and_others(swept)
 
     def _sampled(self, assessed: Assessed, curves: EmulatedCurves) -> Posterior:
         """A short sample of a posterior, some of it simulated."""

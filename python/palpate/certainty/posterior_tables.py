@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from palpate.certainty.planes import planes
 from palpate.certainty.posterior_stage import Posterior, Sampled
 from palpate.certainty.ribbons import sobol_indices
 from palpate.run.result import PosteriorResult
@@ -24,6 +25,7 @@ def posterior_result(found: Sampled, seed: int) -> PosteriorResult:
         ribbons=pl.from_dicts(list(_ribbons(found, seed))),
         volumes=pl.from_dicts(list(_volumes(found))),
         emulator=pl.from_dicts(list(_emulator(found))),
+        posterior_planes=planes([each.assessed for each in found.posteriors], found.curves),
     )
 
 

@@ -4,15 +4,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import polars as pl
 
 from palpate.certainty.adequacy import checks
 from palpate.certainty.causes import Columns, causes_of, columns_of, drift_of
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.laplace import laplace
 from palpate.certainty.likelihood import whitening
+from palpate.certainty.planes import planes_of_fits
 from palpate.certainty.rows import Rows, grouped, groups_of, path_of, pieces, rows_of
 from palpate.certainty.tables import ALLOWED, Assessed, certainty_result
-from palpate.domain import FloatArray, Response, channel_of
+from palpate.domain import Design, FloatArray, Response, channel_of
 from palpate.errors import PalpateError, StoppedError
 from palpate.fit.running import Fit
 from palpate.fit.stage import Case
@@ -56,6 +58,16 @@ class CertaintyStage:
             return []
         columns = self.columns(by)
         return [each for case in ended if (each := self._assessed(case, columns))]
+
+    def planes(self, assessed: Sequence[Assessed], design: Design) -> pl.DataFrame:
+        """Fopt of the joint fits in the planes of the parameters; empty where there is no emulator."""
+        try:
+            return planes_of_fits(assessed, design, main=self.study.generalise_by)
+        except StoppedError:
+            raise
+        except (PalpateError, np.linalg.LinAlgError) as error:
+            self.progress.note(f"warning: no contours of Fopt: {error}")
+            return pl.DataFrame()
 
     def _assessed(self, case: Case, columns: Columns) -> Assessed | None:
         try:

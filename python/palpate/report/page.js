@@ -225,8 +225,21 @@
     const n = data.parameters.length, found = [];
     for (let i = 0; i < n; i += 1) for (let j = i + 1; j < n; j += 1) found.push([i, j]);
     const pairs = found.slice(0, data.limits.pairs);
-    if (pairs.length && !data.sets.ids.length) return pairs;
-    return pairs.concat(data.parameters.map((_, i) => [i, -1]));
+    const lines = data.parameters.map((_, i) => [i, -1]);
+    return pairs.length && !data.sets.ids.length ? pairs.concat(lines.filter(([i]) => isProfiled(i))) : pairs.concat(lines);
+  }
+
+  const isProfiled = (i) => data.along.some((of) => of[i] !== null);
+
+  /** Contour lines of Fopt in a plane, or Fopt along one parameter, of the fit that leads. */
+  function valleyTraces(i, j, axes) {
+    const quiet = { color: colour("soft"), width: 1 }, label = (line) => line.x.map((_, k) => (k === line.label ? four(line.level) : ""));
+    if (j < 0) {
+      const found = data.along[state.scenario][i];
+      return found ? [Object.assign(line("least Fopt, the others fitted again", found.x, found.y, { color: colour("soft"), width: 1.6 }), axes)] : [];
+    }
+    return (data.contours[state.scenario][`${i} ${j}`] || []).map((each) => Object.assign(line(`Fopt ${four(each.level)}`, each.x, each.y, quiet),
+      { mode: "lines+text", text: label(each), textfont: { size: 10, color: colour("soft") }, hovertemplate: "%{fullData.name}<extra></extra>" }, axes));
   }
 
   /** What the curves allow in a plane of two parameters, by draws of the fit that leads. */
@@ -267,9 +280,9 @@
       const p = data.parameters[i], q = data.parameters[j], axes = { xaxis: `x${id}`, yaxis: `y${id}` };
       const kind = (of) => (of && of.log ? "log" : "linear");
       shape[`xaxis${id}`] = axis(p.label, { domain: [left, left + size[0]], anchor: `y${id}`, type: kind(p), nticks: 5 });
-      shape[`yaxis${id}`] = axis(q ? q.label : "Fopt (NMSE)", { domain: [Math.max(0, top - size[1]), top], anchor: `x${id}`, type: kind(q), nticks: 5 });
+      shape[`yaxis${id}`] = axis(q ? q.label : "Fopt (NMSE)", { domain: [Math.max(0, top - size[1]), top], anchor: `x${id}`, type: q || !isProfiled(i) ? kind(q) : "log", nticks: 5 });
       const x = data.sets.values[i], y = q ? data.sets.values[j] : capped;
-      traces.push(points(x, y, values, axes));
+      traces.push(...valleyTraces(i, j, axes), points(x, y, values, axes));
       if (best >= 0 && y[best] !== null) traces.push(star(x[best], y[best], axes));
       traces.push(...drawsTrace(i, j, axes));
       truths.push(...truthLines(i, j, id));

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from itertools import combinations
 from typing import Any
 
 import matplotlib as mpl
@@ -9,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import Curve, FloatArray, Indentation, IntArray, Scenario
+from palpate.report.contours import along, contours
 from palpate.report.estimates import draws_of
 from palpate.report.figures import fits_at, residuals
 from palpate.report.fit_path import paths
@@ -67,6 +69,8 @@ def page_data(data: ReportData) -> dict[str, Any]:
             for name, parameter in data.brief.items()
         ],
         "draws": [_draws(data, scenario) for scenario in data.study.scenarios],
+        "contours": [_contours(data, scenario) for scenario in data.study.scenarios],
+        "along": [_along(data, scenario) for scenario in data.study.scenarios],
         "limits": {"colour": COLOUR_LIMIT, "distribution": DISTRIBUTION_LIMIT, "pairs": MOST_PAIRS},
         "colours": [mpl.colors.to_hex(c) for c in colours()(np.linspace(0.0, 1.0, N_COLOURS))],
         "measured": [_curves(data, data.measured[spot].curves) for spot in data.spots],
@@ -153,6 +157,25 @@ def _draws(data: ReportData, scenario: Scenario) -> list[list[float | None] | No
     """Draws of the fit that leads by parameter; None where a parameter differs from spot to spot."""
     found = draws_of(data, scenario.name, MOST_DRAWS)
     return [_digits(found[name].to_numpy()) if name in found.columns else None for name in data.brief]
+
+
+def _contours(data: ReportData, scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
+    """Contour lines by plane, under the numbers of its parameters."""
+    pairs = list(combinations(enumerate(data.brief), 2))[:MOST_PAIRS]
+    found = {f"{i} {j}": contours(data, scenario.name, one, other) for (i, one), (j, other) in pairs}
+    return {
+        plane: [
+            {"level": line.level, "x": _digits(line.x), "y": _digits(line.y), "label": line.label}
+            for line in lines
+        ]
+        for plane, lines in found.items()
+    }
+
+
+def _along(data: ReportData, scenario: Scenario) -> list[dict[str, Any] | None]:
+    """Fopt along each parameter, the others fitted again."""
+    found = [along(data, scenario.name, name) for name in data.brief]
+    return [None if each is None else {"x": _digits(each[0]), "y": _digits(each[1])} for each in found]
 
 
 # ---------------------------------------------------------------------- sets

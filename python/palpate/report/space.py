@@ -13,6 +13,7 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
 from palpate.domain import FloatArray, Parameter
+from palpate.report.contours import contours
 from palpate.report.fit_path import paths
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.style import (
@@ -48,9 +49,10 @@ def colours() -> Colormap:
 def parameter_space(data: ReportData, spot: str) -> Figure:
     """Show sets in the space of their parameters: coloured by the logarithm of Fopt, red the least.
 
-    The ways of the joint fit and of the spot's own are drawn over them, each to a diamond at its end.
-    Three parameters are shown in space and in pairs, more in pairs (at most ``MOST_PAIRS``), one over
-    its own axis. Axes are logarithmic where the sweep is; space has none such.
+    The ways of the joint fit and of the spot's own are drawn over them, each to a diamond at its end, and
+    below them contour lines of Fopt. Three parameters of a sweep are shown in space and in pairs, more in
+    pairs (at most ``MOST_PAIRS``), one over its own axis. Axes are logarithmic where the sweep is; space has
+    none such.
     """
     values, fopt = _sets_at(data, spot)
     parameters = tuple(data.brief.values())
@@ -62,16 +64,18 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
         _draw_paths(data, spot, flat[0], [data.design.parameters[0].name, "fopt"])
     else:
         pairs = list(combinations(range(n), 2))[:MOST_PAIRS]
-        in_space = n == 3 and not any(p.scale == "log" for p in parameters)
+        in_space = n == 3 and data.design.n_sets > 0 and not any(p.scale == "log" for p in parameters)
         figure, flat = _pair_grid(len(pairs) + in_space)
         if in_space:
             _draw_space(figure, flat, values, fopt, parameters)
             _draw_paths(data, spot, flat[0], [p.name for p in data.design.parameters])
         for axis, (i, j) in zip(flat[in_space:], pairs, strict=True):
+            _draw_contours(data, axis, data.design.parameters[i].name, data.design.parameters[j].name)
             _scatter(axis, (values[:, i], values[:, j]), fopt)
             _draw_paths(data, spot, axis, [data.design.parameters[k].name for k in (i, j)])
             axis.set_xlabel(label_of(parameters[i]))
             axis.set_ylabel(label_of(parameters[j]))
+            _draw_truth(data, axis, [data.design.parameters[k].name for k in (i, j)])
             _set_scales(axis, (parameters[i], parameters[j]))
     if n > 1 and np.isfinite(fopt).any():
         _colour_bar(figure, flat, data, fopt)
@@ -170,6 +174,26 @@ def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
     scatter(*(x[least : least + 1] for x in at), color=LEAST_COLOUR, marker="*", s=70,
             edgecolors="white", linewidths=0.4, zorder=5,
             label=f"least: set {least}, {fopt[least]:.3g}")  # fmt: skip
+
+
+def _draw_contours(data: ReportData, axis: Axes, parameter: str, other: str) -> None:
+    """Draw Fopt of the fit that leads, with its levels, below everything else."""
+    label = f"Fopt of the fit to {data.together}"
+    for each in contours(data, data.generalising.name, parameter, other):
+        axis.plot(each.x, each.y, color="0.55", linewidth=0.5, zorder=1, label=label)
+        at = (each.x[each.label], each.y[each.label])
+        axis.text(*at, f"{each.level:g}", fontsize=4.5, color="0.35", ha="center", va="center", zorder=1)
+        label = "_"
+
+
+def _draw_truth(data: ReportData, axis: Axes, names: Sequence[str]) -> None:
+    """Draw the known answer across the panel."""
+    truth = data.study.truth
+    look: dict[str, Any] = {"color": LEAST_COLOUR, "linestyle": ":", "linewidth": 0.7, "zorder": 2}
+    if names[0] in truth:
+        axis.axvline(truth[names[0]], label="known answer", **look)
+    if names[1] in truth:
+        axis.axhline(truth[names[1]], **look)
 
 
 def _draw_paths(data: ReportData, spot: str, axis: Axes, names: Sequence[str]) -> None:

@@ -50,6 +50,7 @@ def in_written_units(data: ReportData) -> ReportData:
                 ),
                 budget=_long(fit.certainty.budget, ("sd",), factors),
                 draws=_wide(fit.certainty.draws, factors),
+                planes=_planes(fit.certainty.planes, factors),
             ),
         ),
         posterior=replace(
@@ -60,6 +61,7 @@ def in_written_units(data: ReportData) -> ReportData:
             posterior_draws=_wide(data.posterior.posterior_draws, factors),
             profiles=_long(data.posterior.profiles, ("value",), factors, units),
             profile_ends=_long(data.posterior.profile_ends, ("value", "value_solved"), factors, units),
+            posterior_planes=_planes(data.posterior.posterior_planes, factors),
         ),
         identifiability=_long(data.identifiability, (*ends, "optimum"), factors, units),
         disagreements=_long(data.disagreements, optima, factors, units),
@@ -76,6 +78,17 @@ def _wide(frame: pl.DataFrame, factors: Mapping[str, float]) -> pl.DataFrame:
     """Convert columns of parameters, those by spot too."""
     heads = {column: column.partition("@")[0] for column in frame.columns}
     return frame.with_columns(pl.col(c) * factors[head] for c, head in heads.items() if head in factors)
+
+
+def _planes(frame: pl.DataFrame, factors: Mapping[str, float]) -> pl.DataFrame:
+    """Convert both values of rows that each name two parameters, or one."""
+    if frame.is_empty():
+        return frame
+    pairs = (("parameter", "value"), ("other", "other_value"))
+    return frame.with_columns(
+        pl.col(value) * pl.col(name).replace_strict(factors, default=1.0, return_dtype=pl.Float64)
+        for name, value in pairs
+    )
 
 
 def _long(

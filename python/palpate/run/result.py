@@ -100,6 +100,10 @@ class CertaintyResult:
     draws : DataFrame
         One row per draw from the density of each fit, cut off at the ranges and the filters: fit, scenario
         and what was searched.
+    planes : DataFrame
+        Fopt of the joint fits by emulated curves, the other parameters fitted again, over the planes of two
+        parameters and along each: fit, scenario, parameter, other (null along one), value, other_value, fopt
+        (null where the emulator knows too little).
     """
 
     intervals: pl.DataFrame = field(default_factory=pl.DataFrame)
@@ -107,6 +111,7 @@ class CertaintyResult:
     directions: pl.DataFrame = field(default_factory=pl.DataFrame)
     adequacy: pl.DataFrame = field(default_factory=pl.DataFrame)
     draws: pl.DataFrame = field(default_factory=pl.DataFrame)
+    planes: pl.DataFrame = field(default_factory=pl.DataFrame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,6 +143,8 @@ class PosteriorResult:
         One row per scenario and channel: fit, scenario, channel, n_runs of which the emulator was made,
         n_solved (draws that were simulated), error (largest at these, over the measured peak), left_out
         (largest error at runs left out, anywhere in the ranges).
+    posterior_planes : DataFrame
+        As ``planes`` of :class:`CertaintyResult`, by this emulator.
     """
 
     posterior: pl.DataFrame = field(default_factory=pl.DataFrame)
@@ -147,6 +154,7 @@ class PosteriorResult:
     ribbons: pl.DataFrame = field(default_factory=pl.DataFrame)
     volumes: pl.DataFrame = field(default_factory=pl.DataFrame)
     emulator: pl.DataFrame = field(default_factory=pl.DataFrame)
+    posterior_planes: pl.DataFrame = field(default_factory=pl.DataFrame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from palpate.plugins.sections import Block, Drawing, Paragraph, Section, Table
+from palpate.report.contours import planes_of
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
 from palpate.report.sections.tables import table
@@ -28,6 +29,12 @@ class Space(Section):
                 "Lines are the ways of the joint fit and of the spot's own, each to a diamond at its end. "
                 "The cloud of small points is what the curves allow: draws of the fit that leads, within "
                 "its error budget."
+            )
+        if not planes_of(data, data.generalising.name).is_empty():
+            yield Paragraph(
+                f"Contour lines: Fopt of the fit to {data.together}, the other parameters fitted again, by "
+                "an emulator of the simulated curves; there are none where it knows too little. A long "
+                "valley is a combination of parameters that the curves do not tell apart."
             )
         if data.study.truth:
             yield Paragraph("Dotted lines: the known answer.")
