@@ -57,8 +57,10 @@ if TYPE_CHECKING:
         StudyTemplate as StudyTemplate,
         SurfaceStates as SurfaceStates,
         Tie as Tie,
+        Waypoints as Waypoints,
         moving_span as moving_span,
     )
+    from palpate.waypoints import MOST_WAYPOINTS as MOST_WAYPOINTS
 
     from palpate.indenters import Sphere as Sphere
 
@@ -81,6 +83,7 @@ if TYPE_CHECKING:
         SettingsT as SettingsT,
         Solver as Solver,
     )
+    from palpate.plugins.motion import Motion as Motion
     from palpate.plugins.parametrisation import (
         Parametrisation as Parametrisation,
         SpotInputs as SpotInputs,

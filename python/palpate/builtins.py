@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from palpate.plugins.execution import Executor
     from palpate.plugins.indenter import Indenter
     from palpate.plugins.interfaces import Sampler
+    from palpate.plugins.motion import Motion
     from palpate.plugins.parametrisation import Parametrisation
     from palpate.plugins.search import Search
     from palpate.plugins.sections import Section
@@ -19,6 +20,14 @@ def palpate_indenters() -> "list[type[Indenter]]":
     from palpate.indenters import Sphere
 
     return [Sphere]
+
+
+@hookimpl
+def palpate_motions() -> "list[type[Motion]]":
+    """Provide the motion of the paper."""
+    from palpate.motions import PressAndTwist
+
+    return [PressAndTwist]
 
 
 @hookimpl

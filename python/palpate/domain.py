@@ -40,6 +40,12 @@ from palpate.parameters import (
     Tie as Tie,
 )
 from palpate.surface import SurfaceStates as SurfaceStates
+from palpate.waypoints import (
+    DEPTH as DEPTH,
+    MOST_TILT_DEG as MOST_TILT_DEG,
+    ROTATION as ROTATION,
+    Waypoints as Waypoints,
+)
 
 if TYPE_CHECKING:
     from palpate.plugins.indenter import Indenter
@@ -160,13 +166,9 @@ class Limb:
     mesh: Mesh
 
 
-MOST_TILT_DEG = 30.0
-"""Tilt from which an indenter no longer presses along the normal."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Indentation:
-    """Press along the spot's normal, then twist about it.
+    """Press a rigid indenter into the limb and move it: by itself along the normal, then about it.
 
     Parameters
     ----------
@@ -179,12 +181,18 @@ class Indentation:
         Coulomb coefficient, ≥ 0.
     tilt_deg : pair of float
         Rotation vector of the axis of press and twist from the normal, along x and y of the spot's frame.
+    aside : (n_waypoints, 4) array, optional
+        Shifts and tilts, and ``loads`` (n_waypoints, 6) and ``time_s`` (n_waypoints,), as in
+        :class:`Waypoints`; where a load moves a component, its value is the farthest that it may move to.
     """
 
     indenter: "Indenter"
     path: FloatArray
     friction: float
     tilt_deg: tuple[float, float] = field(default=(0.0, 0.0), metadata={"in_key": "unless default"})
+    aside: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
+    loads: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
+    time_s: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", frozen_floats(self.path))
@@ -193,14 +201,56 @@ class Indentation:
             raise StudyError("protocol: the path needs at least two finite rows of (depth_mm, rotation_deg)")
         if path[0].any():
             raise StudyError(f"protocol: the path starts at {tuple(path[0])}; start it at (0, 0)")
-        if (path[:, 0] < 0.0).any():
-            raise StudyError(f"protocol: depth {path[:, 0].min()} mm is outside the limb; keep depths >= 0")
+        if (path[:, 0] < 0.0).any() and not path[:, 0].max() > 0.0:
+            raise StudyError(
+                f"protocol: depth {path[:, 0].min()} mm is outside the limb; press by depths > 0"
+            )
         if not (np.isfinite(self.friction) and self.friction >= 0.0):
             raise StudyError(f"protocol: friction {self.friction}; give a coefficient >= 0")
         tilt_deg = tuple(map(float, self.tilt_deg))
         if len(tilt_deg) != 2 or not np.hypot(*tilt_deg) < MOST_TILT_DEG:
             raise StudyError(f"protocol: tilt {tilt_deg}; give two angles below {MOST_TILT_DEG:g}°")
         object.__setattr__(self, "tilt_deg", tilt_deg)
+        if self.aside is not None and np.shape(self.aside) != (len(path), 4):
+            raise StudyError(f"protocol: shifts and tilts of shape {np.shape(self.aside)}; give four a row")
+        checked = self.waypoints
+        for name in ("aside", "loads", "time_s"):
+            if getattr(self, name) is not None:
+                values = checked.pose[:, 1:5] if name == "aside" else getattr(checked, name)
+                object.__setattr__(self, name, values)
+
+    @classmethod
+    def along(cls, waypoints: Waypoints, *, indenter: "Indenter", friction: float) -> "Indentation":
+        """Build the indentation that moves an indenter along waypoints."""
+        pose, loads = waypoints.pose, waypoints.loads
+        return cls(
+            indenter=indenter,
+            path=pose[:, [DEPTH, ROTATION]],
+            friction=friction,
+            aside=pose[:, 1:5] if pose[:, 1:5].any() else None,
+            loads=None if loads is None or np.isnan(loads).all() else loads,
+            time_s=waypoints.time_s,
+        )
+
+    @property
+    def waypoints(self) -> Waypoints:
+        """The whole motion."""
+        aside = np.zeros((len(self.path), 4)) if self.aside is None else self.aside
+        pose = np.column_stack([self.path[:, 0], aside, self.path[:, 1]])
+        return Waypoints(pose=pose, loads=self.loads, time_s=self.time_s)
+
+    @property
+    def moves(self) -> tuple[str, ...]:
+        """What it moves: ``depth``, ``rotation``, ``shift``, ``tilt``; and ``load`` if loads do."""
+        pose = self.waypoints.pose
+        parts = {
+            "depth": pose[:, DEPTH],
+            "rotation": pose[:, ROTATION],
+            "shift": pose[:, 1:3],
+            "tilt": pose[:, 3:5],
+        }
+        loads = () if self.loads is None else ("load",)
+        return (*(name for name, values in parts.items() if values.any()), *loads)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

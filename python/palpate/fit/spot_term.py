@@ -203,7 +203,7 @@ def is_along_slopes(one: SpotInputs, other: SpotInputs) -> bool:
     a, b = one.protocol, other.protocol
     if isinstance(a, Indentation) and isinstance(b, Indentation):
         same = a.indenter == b.indenter and a.tilt_deg == b.tilt_deg
-        return a is b or (same and np.array_equal(a.path, b.path))
+        return a is b or (same and a.waypoints.is_same(b.waypoints))
     return a is b
 
 

@@ -19,6 +19,7 @@ from palpate.errors import PluginError
 from palpate.plugins.execution import Executor
 from palpate.plugins.indenter import Indenter
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, Sampler, SetFilter, Solver
+from palpate.plugins.motion import Motion
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.registry import KINDS, BrokenPlugin, Registry, registered, suggestion
 from palpate.plugins.search import Search
@@ -100,6 +101,7 @@ class Plugins:
     loaders: Catalogue[type[ExperimentLoader]]
     limb_sources: Catalogue[type[LimbSource]]
     indenters: Catalogue[type[Indenter]]
+    motions: Catalogue[type[Motion]]
     materials: Catalogue[type[Material]]
     samplers: Catalogue[type[Sampler]]
     set_filters: Catalogue[type[SetFilter]]

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         SetFilter,
         Solver,
     )
+    from palpate.plugins.motion import Motion
     from palpate.plugins.parametrisation import Parametrisation
     from palpate.plugins.search import Search
     from palpate.plugins.sections import Section
@@ -76,6 +77,15 @@ def palpate_indenters() -> "Iterable[type[Indenter]]":  # type: ignore[empty-bod
 
     A study names one as the ``shape`` of ``[protocol.indenter]``, whose other keys are its settings. It is
     given by its signed distance; normals and curvature follow.
+    """
+
+
+@hookspec
+def palpate_motions() -> "Iterable[type[Motion]]":  # type: ignore[empty-body]
+    """Motions of the indenter.
+
+    A study names one as ``motion`` of ``[protocol]``, whose other keys are its settings. It gives the
+    waypoints of a rigid motion, or loads to be reached.
     """
 
 

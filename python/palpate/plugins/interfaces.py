@@ -367,6 +367,9 @@ class Solver(Component[SettingsT]):
     indenters: ClassVar[tuple[str, ...] | None] = ("sphere",)
     """Indenters that it simulates; a study with another one is refused. None: all, by their distance."""
 
+    motions: ClassVar[tuple[str, ...]] = ("depth", "rotation")
+    """Parts of a motion that it simulates, of those that :attr:`palpate.Indentation.moves` may name."""
+
     def ignored(self, material: Material) -> tuple[str, ...]:
         """Names of the material's parameters that cannot change an answer; a study has to fix them."""
         return ()

@@ -91,6 +91,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "loaders": Kind("palpate_experiment_loaders", "experiment loader", INTERFACES, "ExperimentLoader"),
         "limb_sources": Kind("palpate_limb_sources", "limb source", INTERFACES, "LimbSource"),
         "indenters": Kind("palpate_indenters", "indenter", "palpate.plugins.indenter", "Indenter"),
+        "motions": Kind("palpate_motions", "motion", "palpate.plugins.motion", "Motion"),
         "materials": Kind(
             "palpate_materials", "material", INTERFACES, "IsotropicMaterial or AnisotropicMaterial"
         ),

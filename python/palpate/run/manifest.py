@@ -126,11 +126,16 @@ def _protocol(protocol: Protocol | None) -> dict[str, Any]:
             "kind": "indentation",
             "indenter": _component(protocol.indenter),
             "path_depth_mm_rotation_deg": protocol.path.tolist(),
-            **plain(_fields(protocol, ("indenter", "path"))),
+            **plain(_fields(protocol, ("indenter", "path", *_unused(protocol)))),
         }
     if protocol is None or type(protocol) is HomogeneousTests:
         return {"kind": "homogeneous tests"}
     return {"kind": type(protocol).__qualname__, **plain(_fields(protocol))}
+
+
+def _unused(protocol: Indentation) -> tuple[str, ...]:
+    """What only other motions than a press and twist have."""
+    return tuple(name for name in ("aside", "loads", "time_s") if getattr(protocol, name) is None)
 
 
 def _fields(value: Any, left_out: tuple[str, ...] = ()) -> dict[str, Any]:  # noqa: ANN401 - any dataclass

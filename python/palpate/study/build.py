@@ -313,6 +313,20 @@ def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None
                 problems.add(("spot", index, key), f"{name} takes no mesh; remove the key")
 
 
+def check_solver_motions(
+    context: Context, solver: Solver, protocols: Iterable[tuple[Key, Protocol | None]]
+) -> None:
+    """Refuse a motion that the solver does not simulate; each comes with the key of its table."""
+    for key, protocol in protocols:
+        moves = protocol.moves if isinstance(protocol, Indentation) else ()
+        if missing := [part for part in moves if part not in solver.motions]:
+            context.problems.add(
+                (*key, "motion"),
+                f"solver '{solver.name}' simulates no motion with {', '.join(missing)} "
+                f"(it has {', '.join(solver.motions)}); choose another of either",
+            )
+
+
 def _indenters(tables: Tables) -> Iterator[tuple[Key, str]]:
     """Each indenter that the file names, with its key."""
     named: list[tuple[Key, ProtocolTable | SpotProtocolTable | None]] = [(("protocol",), tables.protocol)]

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from palpate.domain import MOST_TILT_DEG, Normaliser, PointWeighting
-from palpate.study.plain_values import MOST_FILES, MOST_NAMED, MOST_SETS, MOST_WAYPOINTS
+from palpate.study.plain_values import MOST_FILES, MOST_NAMED, MOST_SETS
 from palpate.units import Quantity
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
@@ -77,38 +77,37 @@ def _by_channel(given: object) -> object:
     return files
 
 
-class IndenterTable(Table):
-    """The rigid indenter; the other keys are its settings."""
+class OpenTable(Table):
+    """A table that names a component, whose settings are its other keys."""
 
     model_config = ConfigDict(extra="allow")
 
-    shape: str = Field(description="Name of an indenter.")
-
     @property
     def settings(self) -> dict[str, Any]:
-        """Settings of the indenter."""
+        """Settings of the component."""
         return self.model_extra or {}
 
 
-class ProtocolTable(Table):
-    """What is done to the limb: press along the normal, then twist at depth."""
+class IndenterTable(OpenTable):
+    """The rigid indenter; the other keys are its settings."""
+
+    shape: str = Field(description="Name of an indenter.")
+    friction: float | None = Field(default=None, ge=0.0, description="Coulomb coefficient of this indenter.")
+
+
+class ProtocolTable(OpenTable):
+    """What is done to the limb; the other keys are the settings of the motion."""
 
     indenter: IndenterTable = Field(description="What touches the limb.")
-    depth: Length = Field(gt=0.0, description="Indentation depth.")
-    twist: list[Angle] = Field(
-        default=[], max_length=MOST_WAYPOINTS, description="Rotations travelled to, in order, at full depth."
-    )
-    friction: float = Field(ge=0.0, description="Coulomb coefficient.")
+    motion: str = Field(default="press_and_twist", description="Name of a motion.")
+    friction: float | None = Field(default=None, ge=0.0, description="Coulomb coefficient of any indenter.")
 
 
-class SpotProtocolTable(Table):
+class SpotProtocolTable(OpenTable):
     """What is done otherwise at one spot; each key takes the place of that of [protocol]."""
 
     indenter: IndenterTable | None = Field(default=None, description="What touches the limb here.")
-    depth: Length | None = Field(default=None, gt=0.0, description="Indentation depth here.")
-    twist: list[Angle] | None = Field(
-        default=None, max_length=MOST_WAYPOINTS, description="Rotations travelled to here, in order."
-    )
+    motion: str | None = Field(default=None, description="Name of a motion; its settings are given here.")
     friction: float | None = Field(default=None, ge=0.0, description="Coulomb coefficient here.")
 
 
@@ -125,9 +124,7 @@ class SpotTable(Table):
         "files holds repeated presses, which are averaged.",
     )
     mesh: FileName | None = Field(default=None, description="File of the limb around the spot.")
-    fine_mesh: FileName | None = Field(
-        default=None, description="File of a finer mesh of the same limb, which corrects a fit on the first."
-    )
+    fine_mesh: FileName | None = Field(default=None, description="A finer mesh of it, to correct a fit.")
     position: list[Length] = Field(
         default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="Where the indenter first touches."
     )
@@ -476,6 +473,7 @@ NAMED_BY: Mapping[str, tuple[type[Table], str, str]] = MappingProxyType(
     {
         "loaders": (ExperimentTable, "loader", "settings"),
         "limb_sources": (LimbTable, "source", "settings"),
+        "motions": (ProtocolTable, "motion", ""),
         "materials": (RegionTable, "material", "settings"),
         "samplers": (SamplingTable, "sampler", "settings"),
         "solvers": (SolverTable, "name", "settings"),
@@ -484,7 +482,7 @@ NAMED_BY: Mapping[str, tuple[type[Table], str, str]] = MappingProxyType(
         "parametrisations": (FitTable, "parametrisation", "searched"),
     }
 )
-"""Table, key that names a component of a kind there, and key of the component's settings."""
+"""Table, key that names a component of a kind there, and key of its settings; empty: next to the name."""
 
 
 def json_schema(settings: Mapping[str, Mapping[str, type[BaseModel]]] | None = None) -> dict[str, Any]:
@@ -506,5 +504,7 @@ def json_schema(settings: Mapping[str, Mapping[str, type[BaseModel]]] | None = N
             named: dict[str, Any] = {"properties": {key: {"const": name}}}
             if table.model_fields[key].default != name:
                 named["required"] = [key]
-            choices.append({"if": named, "then": {"properties": {settings_key: own}}})
+            within = own | {"properties": dict.fromkeys(table.model_fields, True) | own.get("properties", {})}
+            then = {"properties": {settings_key: own}} if settings_key else within
+            choices.append({"if": named, "then": then})
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -19,7 +19,6 @@ MOST_SETS = 100_000
 MOST_NAMED = 100
 """Spots, regions or scenarios."""
 MOST_FILES = 1_000
-MOST_WAYPOINTS = 1_000
 MOST_SIMULATIONS = 1_000_000
 
 

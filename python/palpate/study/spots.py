@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.domain import Indentation, Protocol, Spot
+from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.study.build import Context, build_component
 from palpate.study.model import ExperimentTable, ProtocolTable, SpotTable, Tables
@@ -127,15 +128,21 @@ def _file(context: Context, name: str, key: Key, needed: bool = True) -> Path:
 def _spot_protocol(
     context: Context, base: ProtocolTable | None, table: SpotTable, key: Key
 ) -> Indentation | None:
-    if table.protocol is None:
+    own = table.protocol
+    if own is None:
         return None
     if base is None:
         context.problems.add(
             (*key, "protocol"), "changes a [protocol] that the study does not have; add the table"
         )
         return None
-    own = {name: getattr(table.protocol, name) for name in table.protocol.model_fields_set}
-    return build_protocol(context, base.model_copy(update=own), (*key, "protocol"))
+    named = {name: getattr(own, name) for name in own.model_fields_set & type(own).model_fields.keys()}
+    motion = named.get("motion", base.motion)
+    settings = (base.settings if motion == base.motion else {}) | own.settings
+    kept = {name: getattr(base, name) for name in type(base).model_fields}
+    return build_protocol(
+        context, ProtocolTable.model_construct(**(kept | named | settings)), (*key, "protocol")
+    )
 
 
 def _spot_loader(
@@ -153,20 +160,18 @@ def _spot_loader(
 
 
 def build_protocol(context: Context, table: ProtocolTable, key: Key = ("protocol",)) -> Indentation | None:
-    """Press to the depth, then twist to each rotation in turn."""
+    """Put together the indenter, its motion and its friction."""
     place: Key = (*key, "indenter")
-    given = table.indenter
+    given, plugins = table.indenter, context.plugins
     indenter = build_component(
-        context, context.plugins.indenters, given.shape, given.settings, (*place, "shape"), place
+        context, plugins.indenters, given.shape, given.settings, (*place, "shape"), place
     )
-    if indenter is None:
+    motion = build_component(context, plugins.motions, table.motion, table.settings, (*key, "motion"), key)
+    friction = table.friction if given.friction is None else given.friction
+    if friction is None:
+        context.problems.add((*key, "friction"), "missing; add friction = … here, or to the indenter")
+    if indenter is None or motion is None or friction is None:
         return None
-    with context.problems.at(*key):
-        rotations = [0.0, 0.0, *table.twist]
-        depths = [0.0] + [table.depth] * (len(rotations) - 1)
-        return Indentation(
-            indenter=indenter,
-            path=np.column_stack([depths, rotations]),
-            friction=table.friction,
-        )
+    with context.problems.at(*key), answering_for(motion, "its waypoints"):
+        return Indentation.along(motion.waypoints(), indenter=indenter, friction=friction)
     return None

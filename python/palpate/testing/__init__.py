@@ -17,6 +17,7 @@ from palpate.testing.executors import ExecutorContract, LinearMaterial
 from palpate.testing.files import Expected, LimbSourceContract, LoaderContract
 from palpate.testing.indenters import IndenterContract
 from palpate.testing.materials import MaterialContract
+from palpate.testing.motions import MotionContract
 from palpate.testing.parametrisations import ParametrisationContract
 from palpate.testing.plugins import plugins_with
 from palpate.testing.scenarios import ScenarioContract
@@ -34,6 +35,7 @@ __all__ = [
     "LinearMaterial",
     "LoaderContract",
     "MaterialContract",
+    "MotionContract",
     "ParametrisationContract",
     "Rehearsal",
     "SamplerContract",

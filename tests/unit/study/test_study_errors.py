@@ -222,13 +222,6 @@ CASES = {
         "spot 's2', protocol",
         "does not have; add the table",
     ),
-    "protocol of a spot": (
-        'name = "s2"',
-        'name = "s2"\nprotocol = { depht = "5 mm" }',
-        "depht",
-        "spot 's2', protocol.depht",
-        "did you mean 'depth'",
-    ),
     "loader setting of a spot": (
         'name = "s2"',
         'name = "s2"\nsettings = { skp = 1 }',
@@ -533,6 +526,13 @@ LIMB_STUDY = LIMB_STUDY.replace('.txt" }', '.txt" }\nmesh = "s1.txt"')
         ('= "10 mm"', "= 10\n", "protocol.depth", 'write "10 mm"'),
         ('"-22.5 deg"', '"-22.5"', "protocol.twist[0]", 'write "-22.5 deg"'),
         ("friction = 1.0", "friction = -1.0", "protocol.friction", "greater than or equal to 0"),
+        ("twist =", "twits =", "protocol.twits", "unknown key; did you mean 'twist'"),
+        (
+            'depth = "10 mm"',
+            'motion = "move"',
+            "protocol.motion",
+            "no motion 'move' (known:",
+        ),
         ('"sphere"', '"spher"', "protocol.indenter.shape", "no indenter 'spher'; did you mean 'sphere'"),
         ('"7.5 mm"', '"7.5 kg"', "protocol.indenter.radius", "not of the kind of mm"),
         ('"7.5 mm"', '"7.5 mm", edge = "1 mm"', "protocol.indenter.edge", "unknown key (known: radius)"),
@@ -578,6 +578,26 @@ def test_a_solver_refuses_an_indenter_that_it_does_not_simulate(
     )
     assert "'needs_limb' does not simulate indenter 'sphere' (it has punch, cuff); choose" in whole
     assert own.split(": ")[1] == "spot 's2', protocol.indenter.shape"
+
+
+def test_a_spot_has_a_motion_of_its_own(
+    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = LIMB_STUDY + '\n[spot.protocol]\ndepht = "5 mm"\n'
+    (message,) = messages(tmp_path, plugins, text)
+    assert "spot 's2', protocol.depht: unknown key; did you mean 'depth'" in message
+    monkeypatch.setattr(plugins.solvers["needs_limb"], "motions", ("depth",))
+    text = LIMB_STUDY.replace('twist = ["-22.5 deg", "0 deg"]\n', "")
+    (message,) = messages(tmp_path, plugins, text + '\n[spot.protocol]\ntwist = ["5 deg"]\n')
+    assert "spot 's2', protocol.motion: solver 'needs_limb' simulates no motion with rotation" in message
+
+
+def test_friction_is_that_of_the_protocol_or_of_the_tool(tmp_path: Path, plugins: Plugins) -> None:
+    (message,) = messages(tmp_path, plugins, LIMB_STUDY.replace("friction = 1.0", ""))
+    assert "protocol.friction: missing; add friction = … here, or to the indenter" in message
+    own = LIMB_STUDY.replace("friction = 1.0", "").replace('"7.5 mm"', '"7.5 mm", friction = -1.0')
+    (message,) = messages(tmp_path, plugins, own)
+    assert "protocol.indenter.friction: -1.0: must be greater than or equal to 0" in message
 
 
 def test_all_mistakes_are_reported_at_once_in_the_order_of_the_file(tmp_path: Path, plugins: Plugins) -> None:

@@ -202,6 +202,11 @@ class FebioSolver(Solver[FebioSettings]):
                 f"spot '{job.spot}': FEBio's deck has a faceted sphere, and no '{protocol.indenter.name}'; "
                 "use solver 'jax', or a sphere"
             )
+        if unknown := [part for part in protocol.moves if part not in self.motions]:
+            raise StudyError(
+                f"spot '{job.spot}': FEBio's deck presses and twists, and has no {', '.join(unknown)}; "
+                "use solver 'jax', or the motion 'press_and_twist'"
+            )
         method = method or self.settings.fallbacks[0]
         steps = steps_of(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
         known = conventions or {r: expected_convention(m) for r, m in job.materials.items()}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api import Channel, ExperimentLoader, Indenter, LimbSource, Scenario
+    from palpate.api import Channel, ExperimentLoader, Indenter, LimbSource, Motion, Scenario
     from palpate_indentation.csv_loader import CsvLoader as CsvLoader, CsvSettings as CsvSettings
     from palpate_indentation.indenters import (
         Box as Box,
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         RingSettings as RingSettings,
     )
     from palpate_indentation.mesh_source import MeshioSettings as MeshioSettings, MeshioSource as MeshioSource
+    from palpate_indentation.motions import Move as Move, Moves as Moves, MovesSettings as MovesSettings
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)
@@ -70,3 +71,11 @@ def palpate_indenters() -> "list[type[Indenter]]":
     from palpate_indentation.indenters import Box, Capsule, Cuff, Punch, Ring
 
     return [Punch, Capsule, Box, Ring, Cuff]
+
+
+@hookimpl
+def palpate_motions() -> "list[type[Motion]]":
+    """Provide moves to places and loads."""
+    from palpate_indentation.motions import Moves
+
+    return [Moves]

@@ -1,0 +1,36 @@
+"""The motion of the paper; others come from plugins."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from palpate.domain import DEPTH, ROTATION, Waypoints
+from palpate.plugins.interfaces import Settings
+from palpate.plugins.motion import Motion
+from palpate.units import Quantity
+from palpate.waypoints import MOST_WAYPOINTS
+
+
+class PressAndTwistSettings(Settings):
+    """Settings of the motion ``press_and_twist``."""
+
+    depth: Annotated[float, Quantity("mm")] = Field(gt=0.0, description="Indentation depth.")
+    twist: tuple[Annotated[float, Quantity("deg")], ...] = Field(
+        (), max_length=MOST_WAYPOINTS, description="Rotations travelled to, in order, at full depth."
+    )
+
+
+class PressAndTwist(Motion[PressAndTwistSettings]):
+    """Press along the normal, then twist about it."""
+
+    name = "press_and_twist"
+    summary = "press to a depth, then rotate there to each angle in turn"
+
+    def waypoints(self) -> Waypoints:
+        """Rest, the depth, and each rotation at that depth."""
+        rotations = [0.0, 0.0, *self.settings.twist]
+        pose = np.zeros((len(rotations), 6))
+        pose[1:, DEPTH] = self.settings.depth
+        pose[:, ROTATION] = rotations
+        return Waypoints(pose=pose)
