@@ -85,8 +85,7 @@ class BalancedStates:
     @property
     def columns(self) -> dict[str, FloatArray]:
         """Every column (k,) by name."""
-        times = {} if self.time_s is None else {TIME: self.time_s}
-        return {**self._placed(), **self._felt(self.wrench), **times, **self.others}
+        return {**pose_columns(self.pose, self.time_s), **self._felt(self.wrench), **self.others}
 
     def observed(self, channels: Iterable[Channel]) -> Response:
         """Curves of the channels, each over the part of the path where its abscissa moves.
@@ -94,18 +93,24 @@ class BalancedStates:
         A channel is left out where its abscissa does not move, or where a column is missing.
         """
         columns, curves = self.columns, {}
+        rates = {name: self._felt(slope) for name, slope in self.slopes.items()}
         for channel in channels:
             if not channel.columns <= columns.keys():
                 continue
             abscissa = columns[channel.abscissa]
-            if len(abscissa) > 1 and np.ptp(abscissa) > 0.0:
-                curve = Curve(
-                    channel=channel.name,
-                    abscissa=abscissa,
-                    ordinate=_ordinate(channel, columns),
-                    slopes=self._slopes(channel, columns),
-                )
-                curves[channel.name] = curve.cut(moving_span(abscissa))
+            if len(abscissa) < 2 or not np.ptp(abscissa) > 0.0:
+                continue
+            # Only there it is observed: at rest a quotient of two columns has no value.
+            rows = moving_span(abscissa)
+            known = {name: columns[name][rows] for name in channel.columns}
+            # There are no derivatives of the columns that a solver adds.
+            slopes = {} if channel.columns & self.others.keys() else rates
+            curves[channel.name] = Curve(
+                channel=channel.name,
+                abscissa=known[channel.abscissa],
+                ordinate=_ordinate(channel, known),
+                slopes={name: _rate(channel, known, rate, rows) for name, rate in slopes.items()},
+            )
         return Response(curves=curves)
 
     def cut(self, rows: slice) -> "BalancedStates":
@@ -118,13 +123,6 @@ class BalancedStates:
             slopes={name: values[rows] for name, values in self.slopes.items()},
         )
 
-    def _placed(self) -> dict[str, FloatArray]:
-        along = {
-            "slide_mm": self.pose[:, _SHIFT] @ _first_direction(self.pose[:, _SHIFT]),
-            "tilt_deg": self.pose[:, _TILT] @ _first_direction(self.pose[:, _TILT]),
-        }
-        return dict(zip(POSE, self.pose.T, strict=True)) | along
-
     def _felt(self, wrench: FloatArray) -> dict[str, FloatArray]:
         """Columns of a wrench (k, 6), or of a derivative of it: they are linear in it."""
         along = {
@@ -133,11 +131,15 @@ class BalancedStates:
         }
         return dict(zip(WRENCH, wrench.T, strict=True)) | along
 
-    def _slopes(self, channel: Channel, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Derivatives (k,) of the ordinate by parameter; none of what is known without derivatives."""
-        if channel.columns & self.others.keys():
-            return {}
-        return {name: _rate(channel, columns, self._felt(slope)) for name, slope in self.slopes.items()}
+
+def pose_columns(pose: FloatArray, time_s: FloatArray | None = None) -> dict[str, FloatArray]:
+    """Columns (k,) by name of poses (k, 6), and of their times (k,) where there are some."""
+    along = {
+        "slide_mm": pose[:, _SHIFT] @ _first_direction(pose[:, _SHIFT]),
+        "tilt_deg": pose[:, _TILT] @ _first_direction(pose[:, _TILT]),
+    }
+    times = {} if time_s is None else {TIME: time_s}
+    return dict(zip(POSE, pose.T, strict=True)) | along | times
 
 
 def _first_direction(parts: FloatArray) -> FloatArray:
@@ -154,10 +156,12 @@ def _ordinate(channel: Channel, columns: Mapping[str, FloatArray]) -> FloatArray
     return np.asarray(channel.observe({name: columns[name] for name in channel.needs}), dtype=np.float64)
 
 
-def _rate(channel: Channel, columns: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> FloatArray:
-    """Derivative (k,) of the ordinate, given those of some columns; the other columns do not change."""
+def _rate(
+    channel: Channel, columns: Mapping[str, FloatArray], rates: Mapping[str, FloatArray], rows: slice
+) -> FloatArray:
+    """Derivative (k,) of the ordinate, from ``rows`` of those of columns; other columns are fixed."""
     names = channel.needs or (channel.ordinate,)
-    moved = {name: rates.get(name, np.zeros(len(columns[name]))) for name in names}
+    moved = {n: rates[n][rows] if n in rates else np.zeros(len(columns[n])) for n in names}
     if channel.observe is None:
         return moved[channel.ordinate]
     import jax  # here: slow to import, and only a channel of several columns needs it

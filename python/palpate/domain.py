@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.balanced_states import BalancedStates as BalancedStates
+from palpate.balanced_states import BalancedStates as BalancedStates, pose_columns
 from palpate.channels import PRESS_AND_TWIST
 from palpate.curves import (
     PHASES as PHASES,
@@ -251,6 +251,13 @@ class Indentation:
         }
         loads = () if self.loads is None else ("load",)
         return (*(name for name, values in parts.items() if values.any()), *loads)
+
+    @property
+    def columns(self) -> dict[str, FloatArray]:
+        """What the path prescribes (n_waypoints,), by the column of balanced states."""
+        pose = np.zeros((len(self.path), 6))
+        pose[:, [0, 5]] = self.path
+        return pose_columns(pose)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

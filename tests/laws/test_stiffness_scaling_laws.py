@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from palpate import _core, pipeline
+from palpate.channels import TORQUE
 from palpate.domain import Design, Parameter, Response, Scenario, Status
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
@@ -114,7 +115,8 @@ def test_a_channel_of_degree_0_stays_as_it_is_along_a_ray(swept, tissue):
             ratio = replace(torque, ordinate=torque.ordinate / stiffness)
             return replace(whole, response=Response(curves={**whole.response.curves, "torque": ratio}))
 
-    messages = [swept(solver=Ratio(), unscaled=names).best()["message"] for names in ({"torque"}, set())]
+    declared = [{"torque": replace(TORQUE, degree=degree)} for degree in (0, 1)]
+    messages = [swept(solver=Ratio(), channels=channels).best()["message"] for channels in declared]
     assert [(m == "as expected").all() for m in messages] == [True, False]
 
 

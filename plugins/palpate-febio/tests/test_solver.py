@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import HomogeneousTests, Indentation, Job, Status
+from palpate.domain import BalancedStates, HomogeneousTests, Indentation, Job, Status
 from palpate.errors import MaterialError, MeshError, PluginError, StudyError
 from palpate.indenters import Sphere
+from palpate.mesh.spot_frame import pose_of
 from palpate.run.keys import solver_key
 from palpate.specimens import block
 from palpate.testing import SolverContract
@@ -195,9 +196,10 @@ def test_an_unfinished_finer_run_verifies_nothing_and_reports_what_it_has(n_rows
     steps = Steps(np.array([0.0, 1.0, 2.0, 2.0, 2.0]), np.array([0.0, 0.0, 0.0, -10.0, -20.0]))
 
     def run(finer):
-        rows = np.column_stack([finer.depth_mm, finer.rotation_deg, finer.depth_mm, finer.rotation_deg / 10])
-        status = Status.DIVERGED
-        return Verdict(status=status, message="no balance", rows=rows[:n_rows], log=read_log(""))
+        wrench = pose_of(finer.depth_mm, finer.rotation_deg / 10)
+        states = BalancedStates(pose=pose_of(finer.depth_mm, finer.rotation_deg), wrench=wrench)
+        status, reached = Status.DIVERGED, states.cut(slice(n_rows))
+        return Verdict(status=status, message="no balance", states=reached, log=read_log(""))
 
     verification = check_torque(steps, -2.0, run, 0.02)
     assert (verification.passed, verification.halving, verification.hold) == (False, halving, None)

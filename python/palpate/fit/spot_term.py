@@ -10,8 +10,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import (
     BoolArray,
+    Channel,
     Curve,
     FloatArray,
     Indentation,
@@ -55,6 +57,8 @@ class SpotTerm:
         Names of the abscissae, such as ``depth_mm``, by which offsets go.
     corrections : mapping of channel to (n,) array
         Added to the simulated ordinates at the measured points.
+    channels : tuple of Channel
+        What its jobs observe.
     """
 
     spot: str
@@ -65,6 +69,7 @@ class SpotTerm:
     rules: ScoringRules
     abscissae: Mapping[str, str]
     corrections: Mapping[str, FloatArray] = field(default_factory=dict)
+    channels: tuple[Channel, ...] = PRESS_AND_TWIST
 
     @property
     def n_points(self) -> int:
@@ -89,6 +94,7 @@ class SpotTerm:
             protocol=inputs.protocol,
             slopes=slopes,
             fine=fine,
+            channels=self.channels,
         )
 
     def residuals(self, simulation: Simulation, inputs: SpotInputs) -> FloatArray:
@@ -195,6 +201,7 @@ def term_of(
         rules=study.scoring,
         abscissae=abscissae,
         corrections=corrections or {},
+        channels=study.observed(measured),
     )
 
 

@@ -364,6 +364,10 @@ class Solver(Component[SettingsT]):
     channels: ClassVar[tuple[str, ...] | None] = None
     """Channels that it computes; a study that weights another one is refused. None: not declared."""
 
+    state_columns: ClassVar[tuple[str, ...]] = ()
+    """Columns of its balanced states: it computes every channel of them that a job asks for, as
+    ``states.observed(job.channels)``, besides those that it declares by name."""
+
     indenters: ClassVar[tuple[str, ...] | None] = ("sphere",)
     """Indenters that it simulates; a study with another one is refused. None: all, by their distance."""
 

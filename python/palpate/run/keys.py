@@ -94,7 +94,7 @@ class JobKeys:
             _add(digest, job.thetas[region])
         if job.slopes:
             _add(digest, "slopes")
-        if job.channels != PRESS_AND_TWIST:  # every key so far is of these two
+        if job.channels != PRESS_AND_TWIST:  # the first keys were of these two
             _add(digest, "channels", [_observation(channel) for channel in job.channels])
         if job.surface:
             _add(digest, "surface")

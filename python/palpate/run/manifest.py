@@ -71,7 +71,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "budget": study.budget.model_dump(mode="json"),
         "stiffness_scaling": study.stiffness_scaling,
         "truth": plain(study.truth),
-        "channels": {name: asdict(channel) for name, channel in channels.items() if name in weighted},
+        "channels": {name: _channel(channel) for name, channel in channels.items() if name in weighted},
     }
 
 
@@ -95,6 +95,11 @@ def _hashes(study: Study) -> dict[str, str]:
         for file in files
         if file.is_file()
     }
+
+
+def _channel(channel: Channel) -> dict[str, Any]:
+    found = _fields(channel, ("mirrored", "needs", "observe"))
+    return found | ({"needs": list(channel.needs)} if channel.needs else {})
 
 
 def _component(component: Component) -> dict[str, Any]:

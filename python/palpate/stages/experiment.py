@@ -31,7 +31,8 @@ COVERED_SHARE = 0.98
 TURN_SLACK = 0.1
 """Share of the protocol's travel by which a turning point may differ from the protocol's."""
 
-_PATH_COLUMNS = {"depth_mm": (0, "mm"), "rotation_deg": (1, "degrees")}
+_UNITS = {"deg": "degrees"}
+"""Units of abscissae that messages spell otherwise than columns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,7 +199,7 @@ def _check_response(
             _check_known(name, channels)
             if isinstance(protocol, Indentation):
                 check_covers(curve, channels[name], protocol, study.scoring.minimum_coverage)
-                if channels[name].abscissa in _PATH_COLUMNS:
+                if channels[name].abscissa in protocol.columns:
                     check_gaps(curve)
             found += check_curve(curve, channels[name])
         if isinstance(protocol, Indentation):
@@ -277,23 +278,22 @@ def check_covers(
 
     It must cover ``COVERED_SHARE`` of the protocol's travel, turn where the protocol
     does and as often, and be within it for at least ``minimum_coverage`` of its points. Only
-    channels over depth or rotation are checked.
+    channels over what the protocol prescribes are checked.
 
     Raises
     ------
     CurveError
         With the covered and the required travel.
     """
-    if channel.abscissa not in _PATH_COLUMNS:
+    asked, unit = protocol.columns.get(channel.abscissa), channel.units[0]
+    if asked is None:
         return
-    column, unit = _PATH_COLUMNS[channel.abscissa]
-    asked = protocol.path[:, column]
     if not np.ptp(asked) > 0.0:
         raise CurveError(
             f"channel '{curve.channel}' is measured over {channel.abscissa}, which the protocol does not "
             "move; add it to the protocol's path or leave the channel out"
         )
-    for problem in _departures(curve, asked, unit, minimum_coverage):
+    for problem in _departures(curve, asked, _UNITS.get(unit, unit), minimum_coverage):
         raise CurveError(f"channel '{curve.channel}' {problem}")
 
 

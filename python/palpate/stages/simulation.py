@@ -39,6 +39,7 @@ def jobs(study: Study, design: Design, measured: Mapping[str, Response]) -> list
             materials=first.materials,
             thetas=thetas[set_id],
             protocol=first.protocol,
+            channels=first.channels,
         )
         for first in firsts
         for set_id in range(design.n_sets)
@@ -63,6 +64,7 @@ def _job(
         materials={region.region: region.material for region in study.space.regions},
         thetas=thetas,
         protocol=study.protocol_at(spot) or homogeneous_tests(measured[spot]),
+        channels=study.observed(measured.get(spot, ())),
     )
 
 

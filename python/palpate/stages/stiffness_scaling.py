@@ -204,7 +204,7 @@ def _scaled(study: Study, simulations: Iterable[Simulation], scale: float) -> It
             yield simulation
             continue
         multiplied = {
-            name: curve if name in study.unscaled else replace(curve, ordinate=scale * curve.ordinate)
+            name: replace(curve, ordinate=scale ** study.degree(name) * curve.ordinate)
             for name, curve in simulation.response.curves.items()
         }
         yield replace(simulation, response=Response(curves=multiplied))

@@ -15,7 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Channel, Curve, FloatArray, Job, Limb, Response, Status, moving_span
+from palpate.domain import (
+    Channel,
+    Curve,
+    FloatArray,
+    Job,
+    Limb,
+    Response,
+    Status,
+    channel_of,
+    moving_span,
+)
 from palpate.errors import CurveError, StudyError
 from palpate.executors.answers import plain
 from palpate.plugins.guard import answering_for
@@ -170,8 +180,17 @@ def _jobs(study: Study, channels: Mapping[str, Channel]) -> list[Job]:
     protocols = {spot.spot.name: study.protocol_at(spot.spot.name) for spot in study.spots}
     if study.protocol is None:
         protocols = {spot: homogeneous_tests(m) for spot, m in _planned(study, channels).items()}
+    weighed = [channel_of(name) for scenario in study.scenarios for name in scenario.weighed]
+    named = {s.spot.name: [*weighed, *(name for name in s.measured if name)] for s in study.spots}
     return [
-        Job(spot=spot, set_id=0, materials=materials, thetas=thetas, protocol=protocol)
+        Job(
+            spot=spot,
+            set_id=0,
+            materials=materials,
+            thetas=thetas,
+            protocol=protocol,
+            channels=study.observed(named[spot]),
+        )
         for spot, protocol in protocols.items()
         if protocol is not None
     ]

@@ -274,8 +274,10 @@ def check_solver_channels(
     context: Context, solver: Solver, selection: SelectionTable, scenarios: Collection[Scenario]
 ) -> None:
     """Refuse a scenario of a channel that the solver declares not to compute."""
-    computed = solver.channels or ()
-    for scenario in scenarios if computed else ():
+    declared, states = context.plugins.channels, set(solver.state_columns)
+    observed = [name for name, channel in declared.items() if channel.columns <= states]
+    computed = list(dict.fromkeys([*(solver.channels or ()), *observed]))
+    for scenario in scenarios if solver.channels is not None else ():
         missing = [c for c in map(channel_of, scenario.weighed) if c not in computed]
         if missing:
             context.problems.add(

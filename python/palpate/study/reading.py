@@ -2,12 +2,13 @@
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from palpate.domain import ParameterSpace, Protocol, Scenario, ScoringRules
+from palpate.channels import PRESS_AND_TWIST
+from palpate.domain import Channel, ParameterSpace, Protocol, Scenario, ScoringRules
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.execution import Executor
@@ -74,8 +75,8 @@ class Study:
         Whether the meshes of all spots are in one frame.
     cache : Path, optional
         Folder of results shared with other studies.
-    unscaled : frozenset of str
-        Channels of degree 0: their ordinates stay as they are when all moduli are scaled.
+    channels : mapping of name to Channel
+        Those that plugins declare.
     search, parametrisation
         How a fit is found, and what it searches.
     noise : float
@@ -119,7 +120,7 @@ class Study:
     n_attempts: int = 2
     one_frame: bool = False
     cache: Path | None = None
-    unscaled: frozenset[str] = frozenset()
+    channels: Mapping[str, Channel] = field(default_factory=dict)
     search: Search
     parametrisation: Parametrisation
     units: Mapping[str, str] = field(default_factory=dict)
@@ -158,6 +159,22 @@ class Study:
     def protocol_at(self, spot: str) -> Protocol | None:
         """What is done at a spot; None for homogeneous tests."""
         return self._at(spot).protocol or self.protocol
+
+    def degree(self, channel: str) -> int:
+        """Degree of a channel in the moduli."""
+        return self.channels[channel].degree if channel in self.channels else 1
+
+    def observed(self, channels: Iterable[str]) -> tuple[Channel, ...]:
+        """What a job asks of the balanced states, so that it answers these channels.
+
+        These are force and torque, and each of ``channels`` that the solver does not declare by name and
+        has the columns of.
+        """
+        solver, more = self.solver, dict.fromkeys(channels)
+        for name in [*(solver.channels or ()), *(channel.name for channel in PRESS_AND_TWIST)]:
+            more.pop(name, None)
+        known = [self.channels[name] for name in more if name in self.channels]
+        return (*PRESS_AND_TWIST, *(c for c in known if c.columns <= set(solver.state_columns)))
 
     def place(self, *key: str | int) -> str:
         """File, line and name of a key, as messages start; without the line where the file is gone."""
@@ -332,7 +349,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         n_workers=require(tables.solver).n_workers,
         time_limit_s=require(tables.solver).time_limit,
         plugin_files=context.plugins.files,
-        unscaled=frozenset(n for n, channel in context.plugins.channels.items() if channel.degree == 0),
+        channels=dict(context.plugins.channels),
         one_frame=tables.limb is not None and tables.limb.one_frame,
     )
     return _with_executor(study, parts.executor, tables.executor or ExecutorTable())

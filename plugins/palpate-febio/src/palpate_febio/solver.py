@@ -15,6 +15,7 @@ from urllib.parse import quote
 import numpy as np
 
 from palpate.api import (
+    STATE_COLUMNS,
     AnisotropicMaterial,
     Job,
     Limb,
@@ -90,6 +91,7 @@ class FebioSolver(Solver[FebioSettings]):
     name = "febio"
     summary = "finite elements by FEBio 4 (a program of its own): decks, conventions probed, torque gated"
     channels = ("force", "torque")
+    state_columns = STATE_COLUMNS
     indenters = ("sphere",)
 
     def __init__(self, settings: FebioSettings | None = None) -> None:

@@ -11,7 +11,9 @@ import numpy as np
 from pydantic import Field
 
 from palpate.api import (
+    STATE_COLUMNS,
     BalancedStates,
+    Channel,
     FloatArray,
     Indentation,
     Job,
@@ -102,9 +104,9 @@ class _Prepared:
     model: Model
     finished: dict[tuple[object, ...], WarmStart] = field(default_factory=dict)
 
-    def warm_start(self, protocol: Indentation) -> WarmStart:
-        """The sets finished on the same path."""
-        key = (protocol.indenter, protocol.friction, protocol.path.tobytes())
+    def warm_start(self, protocol: Indentation, channels: tuple[Channel, ...]) -> WarmStart:
+        """The sets finished on the same path, with the same channels."""
+        key = (protocol.indenter, protocol.friction, protocol.path.tobytes(), channels)
         return self.finished.setdefault(key, WarmStart(self.materials))
 
 
@@ -117,6 +119,7 @@ class JaxSolver(Solver[JaxSettings]):
     gives_slopes = True
     gives_surface = True
     channels = ("force", "torque")
+    state_columns = STATE_COLUMNS
     indenters = None
 
     def __init__(self, settings: JaxSettings | None = None) -> None:
@@ -168,7 +171,7 @@ class JaxSolver(Solver[JaxSettings]):
     def _simulate(self, job: Job, limb: Limb | None, *, warm_start: bool) -> Simulation:
         protocol, limb = indentation_of(job, limb, self.name)
         prepared = self._prepared(limb, job.materials)
-        finished = prepared.warm_start(protocol)
+        finished = prepared.warm_start(protocol, job.channels)
         started = time.perf_counter()
         scales = warm_start and self.settings.fields == "none" and not (job.slopes or job.surface)
         known = finished.multiple(job.thetas) if scales else None
@@ -290,8 +293,9 @@ def _check_names(mean_dilatation: bool | tuple[str, ...], limb: Limb) -> None:
 def _scaled(known: Simulation, factor: float, job: Job, seconds: float) -> Simulation:
     """The simulation of a set whose moduli are ``factor`` times a finished set's."""
     assert known.response is not None
+    degrees = {channel.name: channel.degree for channel in job.channels}
     curves = {
-        name: replace(curve, ordinate=factor * curve.ordinate, slopes={})
+        name: replace(curve, ordinate=factor ** degrees[name] * curve.ordinate, slopes={})
         for name, curve in known.response.curves.items()
     }
     diagnostics = dict(known.diagnostics) | dict.fromkeys(
