@@ -6,7 +6,7 @@ edges included, are moved onto the surface; where that would fold an element, it
 edges stay straight.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -25,6 +25,7 @@ def curved(
     on: Mapping[str, IntArray],
     segment: Segment,
     inner: Mapping[str, tuple[IntArray, Surface]],
+    between: Sequence[tuple[IntArray, Surface, Surface]] = (),
 ) -> FloatArray:
     """Points (n, 3) with those on a surface moved onto it.
 
@@ -37,14 +38,16 @@ def curved(
     segment : Segment
     inner : mapping of layer to nodes and surface
         Of its lower surface.
+    between : sequence of nodes and two surfaces
+        Nodes of edges from one surface to the other, which belong half-way.
     """
     corner = np.zeros(len(points), dtype=np.bool_)
     corner[cells[:, :4]] = True
-    moved = _accepted(points, _targets(points, on, segment, inner, corner), cells[:, :4])
+    moved = _accepted(points, _targets(points, on, segment, inner, (), corner), cells[:, :4])
     if cells.shape[1] == 4:
         return moved
     moved = _recentred(moved, cells)
-    return _accepted(moved, _targets(moved, on, segment, inner, ~corner), cells)
+    return _accepted(moved, _targets(moved, on, segment, inner, between, ~corner), cells)
 
 
 def _targets(
@@ -52,6 +55,7 @@ def _targets(
     on: Mapping[str, IntArray],
     segment: Segment,
     inner: Mapping[str, tuple[IntArray, Surface]],
+    between: Sequence[tuple[IntArray, Surface, Surface]],
     allowed: BoolArray,
 ) -> FloatArray:
     """Where the nodes that may move would lie on their surfaces."""
@@ -66,6 +70,9 @@ def _targets(
         for nodes, surface in places:
             chosen = nodes[allowed[nodes]]
             target[chosen], _ = surface.nearest(target[chosen])
+        for nodes, upper, lower in between:
+            chosen = nodes[allowed[nodes]]
+            target[chosen] = 0.5 * (upper.nearest(target[chosen])[0] + lower.nearest(target[chosen])[0])
         chosen = np.flatnonzero(cut & allowed)
         along = target[chosen] @ segment.axis
         target[chosen] += (np.sign(along) * half - along)[:, None] * segment.axis

@@ -4,7 +4,7 @@ The x axis of the frame (:mod:`palpate.mesh.spot_frame`) is the limb's axis, as 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -116,6 +116,23 @@ def cut(
         tissue=tissue,
         remarks=remarks,
     )
+
+
+def core_of(segment: Segment, surface: Surface) -> Segment:
+    """The segment without what is above a closed surface below its skin; bones lie within that."""
+    whole = solid(surface)
+    for bone in segment.bones:
+        whole -= solid(bone)
+    tissue = _in_one(_between(whole, segment.axis, 0.5 * segment.length_mm))
+    return replace(segment, skin=surface, tissue=tissue)
+
+
+def gap_of_bones(segment: Segment) -> float:
+    """Least distance [mm] from a bone between the cuts to the skin; infinite without bones."""
+    half = 0.5 * segment.length_mm
+    points = [bone.points_mm[np.abs(bone.points_mm @ segment.axis) < half] for bone in segment.bones]
+    gaps = [float(segment.skin.nearest(near)[1].min()) for near in points if len(near)]
+    return min(gaps, default=np.inf)
 
 
 def _check_reach(spot: str, skin: Surface, along: FloatArray, half: float, *, stump: bool) -> None:

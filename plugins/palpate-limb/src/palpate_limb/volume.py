@@ -9,10 +9,11 @@ import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, Mesh, MeshError, Spot
 from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
+from palpate_limb.extrusion import extruded
 from palpate_limb.layers import below_skin
 from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, run_mesher, run_mmg
 from palpate_limb.midside_nodes import curved
-from palpate_limb.segment import Segment
+from palpate_limb.segment import Segment, core_of, gap_of_bones
 from palpate_limb.surfaces import Surface, joined, parts_of, solid, surface_of
 
 TISSUE = "soft_tissue"
@@ -20,7 +21,9 @@ NO_LAYERS: Mapping[str, float] = MappingProxyType({})
 FINER = 0.6
 """Edges of a finer mesh over those of the first: about three times as many nodes."""
 FLATTEST = 2.5
-"""Edges of a layer's elements over its thickness, at most: flatter ones are too poor."""
+"""Edges over a layer's thickness, at most, under the indenter and in layers that reach a bone."""
+LEAST_CORE_MM = 0.5
+"""Tissue between layers and bones that a mesh of the core alone needs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,8 +95,9 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
         The mesher fails, or what it made has not the surfaces of the segment.
     """
     interfaces = _interfaces(segment, plan.layers_mm)
-    points, tets = _filled(segment, interfaces, plan)
-    points, tets, regions, boundary = _adapted(points, tets, segment, interfaces, plan)
+    flat = bool(interfaces) and gap_of_bones(segment) > sum(plan.layers_mm.values()) + LEAST_CORE_MM
+    made = (_with_flat_layers if flat else _with_nested_layers)(segment, interfaces, plan)
+    points, tets, regions, boundary = made
     on = {name: np.unique(faces) for name, faces in boundary.items()}
     if plan.kind == "tet10":
         points, tets, on = _quadratic(points, tets, boundary)
@@ -102,7 +106,8 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
         name: (np.setdiff1d(_shared(tets, regions, i), outer), interface)
         for i, (name, interface) in enumerate(interfaces.items())
     }
-    points = curved(points, tets, on, segment, inner)
+    between = _between(tets, regions, segment.skin, interfaces, on) if flat else []
+    points = curved(points, tets, on, segment, inner, between)
     bones = [on[bone.name] for bone in segment.bones]
     mesh = Mesh(
         points_mm=points,
@@ -123,6 +128,27 @@ def _interfaces(segment: Segment, layers_mm: Mapping[str, float]) -> dict[str, S
     """The lower surface of each layer."""
     depths = np.cumsum(list(layers_mm.values()))
     return {name: below_skin(segment, float(depth)) for name, depth in zip(layers_mm, depths, strict=True)}
+
+
+Body: TypeAlias = tuple[FloatArray, IntArray, IntArray, Boundary]
+"""Points (n, 3), tetrahedra (m, 4), their regions (m,) and their boundary."""
+
+
+def _with_flat_layers(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan) -> Body:
+    """The core meshed alone, and the layers extruded from it to the skin."""
+    *_, lowest = interfaces.values()
+    core, alone = core_of(segment, lowest), replace(plan, layers_mm=NO_LAYERS)
+    points, tets = _filled(core, {}, alone)
+    points, tets, _, boundary = _adapted(points, tets, core, {}, alone)
+    depths = np.cumsum(list(plan.layers_mm.values())).tolist()
+    points, tets, regions, boundary = extruded(points, tets, boundary, segment.skin, depths)
+    return points, _positive(points, tets), regions, boundary
+
+
+def _with_nested_layers(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan) -> Body:
+    """All regions meshed at once, where layers reach a bone."""
+    points, tets = _filled(segment, interfaces, plan)
+    return _adapted(points, tets, segment, interfaces, plan)
 
 
 def _filled(
@@ -154,8 +180,8 @@ def _filled(
 
 def _adapted(
     points: FloatArray, tets: IntArray, segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan
-) -> tuple[FloatArray, IntArray, IntArray, Boundary]:
-    """Points, tetrahedra, their regions and their boundary, with elements of the sizes asked for."""
+) -> Body:
+    """Elements of the sizes asked for."""
     boundary = classify(points, tets, segment)
     names = list(boundary)
     made = run_mmg(
@@ -255,6 +281,26 @@ def _quadratic(
         middle = n + np.searchsorted(key, edges[:, 0] * n + edges[:, 1])
         on[name] = np.unique(np.concatenate([faces.ravel(), middle]))
     return points, cells, on
+
+
+def _between(
+    cells: IntArray,
+    regions: IntArray,
+    skin: Surface,
+    interfaces: Mapping[str, Surface],
+    on: Mapping[str, IntArray],
+) -> list[tuple[IntArray, Surface, Surface]]:
+    """Nodes of each layer on neither of its surfaces, and these surfaces."""
+    surfaces = [skin, *interfaces.values()]
+    nodes = [on["skin"], *(_shared(cells, regions, i) for i in range(len(interfaces)))]
+    return [
+        (
+            np.setdiff1d(cells[regions == i], np.union1d(nodes[i], nodes[i + 1])),
+            surfaces[i],
+            surfaces[i + 1],
+        )
+        for i in range(len(interfaces))
+    ]
 
 
 def _shared(cells: IntArray, regions: IntArray, layer: int) -> IntArray:
