@@ -117,6 +117,10 @@ if TYPE_CHECKING:
         Table as Table,
         Word as Word,
     )
+    from palpate.plugins.energy_form import (
+        EnergyForm as EnergyForm,
+        StandardMaterial as StandardMaterial,
+    )
     from palpate.plugins.optional import (
         CurveWriter as CurveWriter,
         FileInspector as FileInspector,

@@ -342,7 +342,7 @@ def surface(study: Study, run_folder: Path, plugins: Plugins, progress: Progress
     with opened_run(study, run_folder, plugins, needs="selection") as (stored, check_lock):
         run = stored.run
         with stored.simulations(progress, check_lock) as simulations:
-            table = simulate_surfaces(simulations, stored.fitted())
+            table = simulate_surfaces(simulations, stored.fitted(), stored.inputs.measured)
         files = [surface_path(run_folder, key) for key in table["key"]]
         run.write_surface(table, [file for file in files if file.exists()])
         return table

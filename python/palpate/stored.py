@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import polars as pl
 
@@ -22,7 +22,7 @@ from palpate.stages.fitted import Fitted, fitted
 from palpate.stages.generalisation import generalise
 from palpate.stages.identifiability import assess_identifiability, at_measured
 from palpate.stages.limb import load_limbs
-from palpate.stages.surfaces import stored_surfaces
+from palpate.stages.surfaces import stored_strains, stored_surfaces
 from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study, StudySpot
 
@@ -108,6 +108,10 @@ class StoredRun:
     def surfaces(self) -> Mapping[str, SurfaceStates]:
         """States of the skin by spot, as ``palpate surface`` has simulated them; empty where it has not."""
         return stored_surfaces(self.run.folder, self.run.surface())
+
+    def strains(self) -> dict[str, dict[str, Any]]:
+        """Strains by spot and region under that press; empty without ``palpate surface``."""
+        return stored_strains(self.run.folder, self.run.surface())
 
     def simulations(self, progress: Progress, check_lock: Callable[[], None]) -> Simulations:
         """Open its simulations, as a context; the caller holds the lock on the folder."""

@@ -1,5 +1,6 @@
 """The fit on the command line: without a sweep, stage by stage, and where it fails."""
 
+import json
 import re
 import signal
 
@@ -225,3 +226,24 @@ def test_a_search_that_raises_later_leaves_its_best(call, with_plugin):
     assert row["rubber.k"] > 0.0
     assert "'wrong' (" in row["message"]
     assert "raised KeyError: 'gone'" in row["message"]
+
+
+def test_a_card_is_printed_or_written_and_what_cannot_be_is_refused(call, without_sweep, tmp_path):
+    assert call("run", without_sweep).code == 0
+    run = ("runs/toy", "--trust-plugins")
+    printed = call("card", *run, "--for", "json")
+    assert printed.code == 0, printed.err
+    assert json.loads(printed.out)["parameters"]["k"]["value"] == pytest.approx(2.0, rel=1e-3)
+    assert call("card", *run, "--into", "rubber.json").code == 0
+    assert (tmp_path / "rubber.json").read_text() == printed.out
+    for options, expected in (
+        (("--into", "rubber.json"), "exists and is not overwritten"),
+        (("--for", "comsol"), "no such program; choose one of febio, abaqus, ansys, ls-dyna, json"),
+        (("--for", "abaqus"), "declares no standard energy"),
+        (("--region", "bone"), "--region bone: not in the study"),
+    ):
+        refused = call("card", *run, *options)
+        assert (refused.code, expected in " ".join(refused.err.split())) == (2, True), refused.err
+    skin = call("surface", without_sweep)
+    assert skin.code == 2
+    assert "does not give the states of the skin" in " ".join(skin.err.split())

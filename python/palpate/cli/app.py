@@ -16,6 +16,7 @@ from typing import Annotated
 import typer
 
 from palpate import __version__
+from palpate.cli.card import card
 from palpate.cli.check import check
 from palpate.cli.compare import compare
 from palpate.cli.demo import demo
@@ -50,7 +51,7 @@ from palpate.plugins.guard import noting_interrupts
 PANELS = MappingProxyType(
     {
         START: (init, check, demo, explain, doctor, plugins, new_plugin, schema),
-        RUN: (run, resume, status, compare, synthesise),
+        RUN: (run, resume, status, compare, card, synthesise),
         STAGES_PANEL: (
             experiment,
             limb,

@@ -307,6 +307,7 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "resume": RunOutput,
         "status": StatusOutput,
         "compare": CompareOutput,
+        "card": dict[str, str],
         "synthesise": SynthesiseOutput,
         "experiment": list[ExperimentRow],
         "limb": list[LimbRow],

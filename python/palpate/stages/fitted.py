@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.domain import Job
+from palpate.domain import Job, Response
 from palpate.errors import StudyError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.parametrisation import SpotInputs, at_spot
 from palpate.run.result import ALL_SPOTS, FitResult
+from palpate.stages.simulation import homogeneous_tests
 from palpate.study.reading import Study
 
 
@@ -88,17 +89,11 @@ def _values(
         yield name, float(by_spot[spot or spots[0]][head])
 
 
-def inputs_at(study: Study, spot: str, values: Mapping[str, float]) -> SpotInputs:
-    """What is simulated at a spot for values by name; those of a sweep's set name the materials' alone.
-
-    Raises
-    ------
-    StudyError
-        The study has no protocol.
-    """
-    protocol = study.protocol_at(spot)
-    if protocol is None:
-        raise StudyError(f"{study.file}: has no [protocol], so nothing is pressed; use a study that has one")
+def inputs_at(
+    study: Study, spot: str, values: Mapping[str, float], measured: Mapping[str, Response]
+) -> SpotInputs:
+    """What is simulated at a spot for values by name; those of a sweep's set name the materials' alone."""
+    protocol = study.protocol_at(spot) or homogeneous_tests(measured[spot])
     at = at_spot(values, spot)
     searched = study.parametrisation.parameters(study.space, study.spot_names)
     if not {p.name.partition("@")[0] for p in searched} <= at.keys():

@@ -2,18 +2,22 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
-from palpate.domain import Status, SurfaceStates
+from palpate.domain import Response, SimulationId, Status, SurfaceStates
 from palpate.errors import SolverError, StudyError
+from palpate.run.ledger import Ledger
 from palpate.run.surface_files import read_surface, surface_path
 from palpate.stages.fitted import Fitted, inputs_at, job_of
 from palpate.stages.simulation import check_jobs
 from palpate.stages.sweep import Simulations
 
 
-def simulate_surfaces(simulations: Simulations, found: Fitted) -> pl.DataFrame:
+def simulate_surfaces(
+    simulations: Simulations, found: Fitted, measured: Mapping[str, Response]
+) -> pl.DataFrame:
     """Simulate the press at every spot with what was found, unless that is in the ledger already.
 
     Returns
@@ -34,7 +38,7 @@ def simulate_surfaces(simulations: Simulations, found: Fitted) -> pl.DataFrame:
         raise StudyError(
             f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
         )
-    jobs = [job_of(study, s, inputs_at(study, s, found.values), surface=True) for s in found.spots]
+    jobs = [job_of(study, s, inputs_at(study, s, found.values, measured), surface=True) for s in found.spots]
     check_jobs(study, jobs, simulations.limbs)
     simulations.progress.begin("surface", len(jobs))
     ended = simulations.of(jobs)
@@ -60,3 +64,17 @@ def stored_surfaces(folder: Path, table: pl.DataFrame) -> Mapping[str, SurfaceSt
         if (states := read_surface(surface_path(folder, key))) is not None:
             found[spot] = states
     return found
+
+
+def stored_strains(folder: Path, table: pl.DataFrame) -> dict[str, dict[str, Any]]:
+    """Strains by spot and region of the simulations that a table names, as their solver reports them."""
+    if table.is_empty():
+        return {}
+    ids = {row["key"]: SimulationId(row["spot"], -1) for row in table.iter_rows(named=True)}
+    with Ledger(folder) as ledger:
+        recorded = ledger.recorded(ids)
+    return {
+        spot: recorded[key].diagnostics["strain"]
+        for spot, key in table.select("spot", "key").iter_rows()
+        if key in recorded and "strain" in recorded[key].diagnostics
+    }

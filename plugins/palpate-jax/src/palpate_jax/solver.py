@@ -38,6 +38,7 @@ from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, load_steps
 from palpate_jax.model import Model
 from palpate_jax.sensitivity import Sensitivity
 from palpate_jax.skin import surface_states
+from palpate_jax.strains import strain_ranges
 
 NODES_KEPT = 40_000
 """Nodes of the limbs that stay prepared, at about 25 kB each and more in large meshes.
@@ -192,7 +193,7 @@ class JaxSolver(Solver[JaxSettings]):
             response=balanced_states(reached).observed(job.channels),
             message="" if stop is None else explained(stop, prepared.model, prepared.materials, job.thetas),
             seconds=time.perf_counter() - started,
-            diagnostics=_diagnostics(reached, stepping),
+            diagnostics=_diagnostics(reached, stepping) | _strains(prepared, job, reached),
             surface=surface_states(limb, prepared.model, reached) if job.surface else None,
         )
         if warm_start and stop is None:
@@ -334,6 +335,11 @@ def _wrench(pose: FloatArray, found: Sequence[tuple[FloatArray, FloatArray]]) ->
     values[1:] = np.reshape(found, (-1, 2, 3))
     from_tip = np.column_stack([-pose[:, 1:3], pose[:, 0]])
     return SpotWrench(force_N=values[:, 0], moment_Nmm=-values[:, 1]).on_tissue(from_tip)
+
+
+def _strains(prepared: _Prepared, job: Job, reached: Sequence[LoadStep]) -> dict[str, Any]:
+    """What of the strains a prediction or a card compares, where the skin is wanted too."""
+    return {"strain": strain_ranges(prepared.limb, prepared.model, reached)} if job.surface else {}
 
 
 def _diagnostics(reached: list[LoadStep], stepping: LoadStepping) -> dict[str, Any]:

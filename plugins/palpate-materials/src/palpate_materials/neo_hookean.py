@@ -2,7 +2,7 @@
 
 import math
 
-from palpate.api import Array, IsotropicMaterial, Parameter
+from palpate.api import Array, EnergyForm, FloatArray, IsotropicMaterial, Parameter
 from palpate_materials.uncoupled import first_invariant, modulus
 
 
@@ -43,3 +43,11 @@ class NeoHookean(IsotropicMaterial):
         lame = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
         log_J = xp.log(xp.prod(stretches, axis=-1))
         return 0.5 * mu * (first_invariant(stretches) - 3.0) - mu * log_J + 0.5 * lame * log_J**2
+
+    def energy_form(self, theta: FloatArray) -> EnergyForm:
+        """Declare the energy for other programs: coupled, with c_1 = μ/2."""
+        young, poisson = map(float, theta)
+        mu = young / (2.0 * (1.0 + poisson))
+        return EnergyForm(
+            powers=(0.5 * mu,), bulk_MPa=young / (3.0 * (1.0 - 2.0 * poisson)), volume="coupled"
+        )

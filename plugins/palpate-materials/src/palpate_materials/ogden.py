@@ -3,7 +3,7 @@
 import numpy as np
 from pydantic import Field
 
-from palpate.api import Array, FloatArray, MaterialError, Settings
+from palpate.api import Array, EnergyForm, FloatArray, MaterialError, Settings
 from palpate_materials.uncoupled import POSITIVE, Uncoupled, bulk_modulus, modulus, shape
 
 
@@ -52,6 +52,11 @@ class Ogden(Uncoupled[OgdenSettings]):
         xp = stretches.__array_namespace__()
         terms = ((theta[k], theta[k + 1]) for k in range(0, 2 * self.settings.terms, 2))
         return sum(c / m**2 * (xp.sum(stretches**m, axis=-1) - 3.0) for c, m in terms)
+
+    def energy_form(self, theta: FloatArray) -> EnergyForm:
+        """Declare the energy for other programs: powers of the stretches."""
+        terms = tuple((float(c), float(m)) for c, m in zip(theta[:-1:2], theta[1:-1:2], strict=True))
+        return EnergyForm(stretches=terms, bulk_MPa=float(theta[-1]))
 
     def check(self, theta: FloatArray) -> None:
         """Refuse values outside their physical range, and an exponent of zero."""

@@ -3,7 +3,7 @@
 import numpy as np
 from pydantic import Field
 
-from palpate.api import Array, Parameter, Settings
+from palpate.api import Array, EnergyForm, FloatArray, Parameter, Settings
 from palpate_materials.uncoupled import POSITIVE, Uncoupled, bulk_modulus, first_invariant, modulus
 
 # The paper's ranges, in FEBio 4's convention: its c_k is k times the textbook's.
@@ -53,6 +53,10 @@ class Yeoh(Uncoupled[YeohSettings]):
         """Σ_k c_k (Ĩ1 − 3)^k [MPa]."""
         x = first_invariant(stretches) - 3.0
         return sum(theta[k] * x ** (k + 1) for k in range(self.settings.terms))
+
+    def energy_form(self, theta: FloatArray) -> EnergyForm:
+        """Declare the energy for other programs: powers of Ĩ1 − 3."""
+        return EnergyForm(powers=tuple(map(float, theta[:-1])), bulk_MPa=float(theta[-1]))
 
 
 def _coefficient(k: int) -> Parameter:

@@ -1,0 +1,49 @@
+"""Cards of what a run has found, one for each region."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from palpate.cards.card import CardData, ranges_of
+from palpate.domain import FloatArray, RegionMaterial
+from palpate.run.result import FitResult
+from palpate.stages.fitted import Fitted, inputs_at
+from palpate.stored import StoredRun
+
+
+def cards_of(stored: StoredRun) -> Iterator[CardData]:
+    """What was found for all spots together, by region; a value by spot is that of the first."""
+    study, found, fit = stored.study, stored.fitted(), stored.run.fit()
+    strains = stored.strains().values()
+    thetas = inputs_at(study, found.spots[0], found.values, stored.inputs.measured).thetas
+    for region in study.space.regions:
+        theta = thetas[region.region]
+        yield CardData(
+            title=f"{study.name}, region {region.region}, material {region.material.name} ({found.source}, "
+            f"scenario {found.scenario}, spots {', '.join(found.spots)})",
+            region=region.region,
+            material=region.material,
+            theta=theta,
+            intervals=_intervals(fit, found, region, theta),
+            strain=ranges_of([strain[region.region] for strain in strains if region.region in strain]),
+        )
+
+
+def _intervals(
+    fit: FitResult, found: Fitted, region: RegionMaterial, theta: FloatArray
+) -> dict[str, tuple[float, float]]:
+    """95 % intervals in textbook values, of the parameters that the fit has some for."""
+    table = fit.certainty.intervals
+    if table.is_empty() or found.source != "fit":
+        return {}
+    rows = table.filter(fit=found.fit, scenario=found.scenario).iter_rows(named=True)
+    known = {row["parameter"].partition("@")[0]: (row["lower"], row["upper"]) for row in rows}
+    intervals = {}
+    for i, parameter in enumerate(region.material.parameters):
+        if (ends := known.get(f"{region.region}.{parameter.name}")) is None or None in ends:
+            continue
+        values = np.tile(region.material.from_textbook(theta, region.convention), (2, 1))
+        values[:, i] = ends
+        lower, upper = sorted(float(region.material.to_textbook(v, region.convention)[i]) for v in values)
+        intervals[parameter.name] = (lower, upper)
+    return intervals
