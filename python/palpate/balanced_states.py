@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.curves import Channel, Curve, FloatArray, Response, frozen_floats, moving_span
+from palpate.curves import BoolArray, Channel, Curve, FloatArray, Response, frozen_floats, moving_span
 from palpate.errors import CurveError
 
 POSE = ("depth_mm", "shift_x_mm", "shift_y_mm", "tilt_x_deg", "tilt_y_deg", "rotation_deg")
@@ -132,14 +132,16 @@ class BalancedStates:
         return dict(zip(WRENCH, wrench.T, strict=True)) | along
 
 
-def pose_columns(pose: FloatArray, time_s: FloatArray | None = None) -> dict[str, FloatArray]:
-    """Columns (k,) by name of poses (k, 6), and of their times (k,) where there are some."""
-    along = {
-        "slide_mm": pose[:, _SHIFT] @ _first_direction(pose[:, _SHIFT]),
-        "tilt_deg": pose[:, _TILT] @ _first_direction(pose[:, _TILT]),
-    }
-    times = {} if time_s is None else {TIME: time_s}
-    return dict(zip(POSE, pose.T, strict=True)) | along | times
+def pose_columns(
+    pose: FloatArray, time_s: FloatArray | None = None, without: BoolArray | None = None
+) -> dict[str, FloatArray]:
+    """Columns (k,) by name of poses (k, 6) and of times (k,), ``without`` some (6,) of the poses."""
+    left = np.zeros(6, np.bool_) if without is None else without
+    found = {name: pose[:, k] for k, name in enumerate(POSE) if not left[k]}
+    for name, part in (("slide_mm", _SHIFT), ("tilt_deg", _TILT)):
+        if not left[part].any():
+            found[name] = pose[:, part] @ _first_direction(pose[:, part])
+    return found if time_s is None else found | {TIME: time_s}
 
 
 def _first_direction(parts: FloatArray) -> FloatArray:

@@ -254,10 +254,10 @@ class Indentation:
 
     @property
     def columns(self) -> dict[str, FloatArray]:
-        """What the path prescribes (n_waypoints,), by the column of balanced states."""
-        pose = np.zeros((len(self.path), 6))
-        pose[:, [0, 5]] = self.path
-        return pose_columns(pose)
+        """What the motion prescribes (n_waypoints,), by the column of balanced states."""
+        moved = self.waypoints
+        loaded = None if moved.loads is None else np.asarray(~np.isnan(moved.loads).all(axis=0))
+        return pose_columns(moved.pose, moved.time_s, loaded)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -48,8 +48,9 @@ def palpate_channels() -> "Iterable[Channel]":  # type: ignore[empty-body]
     """Channels that curves may have, with the units and labels of their axes.
 
     A study may hold only curves of declared channels. The names of abscissa and ordinate end in
-    the unit that loaders and solvers keep to: ``depth_mm``, ``force_N``. What a channel declares
-    beyond its names is checked on every measured curve, whichever loader has read it.
+    the unit that loaders and solvers keep to: ``depth_mm``, ``force_N``. Where both are columns of a
+    solver's balanced states, or ``observe`` makes the ordinate of such columns, the solver computes it.
+    What a channel declares beyond its names is checked on every measured curve, whichever loader has read it.
     """
 
 

@@ -70,7 +70,7 @@ KITS: Mapping[str, Kit] = MappingProxyType(
             "sections", "section", "SectionContract", "Every report shows it where it has something."
         ),
         "filter": Kit("set_filters", "set filter", "SetFilterContract", _FILTER),
-        "channel": Kit("channels", "channel", "", _CHANNEL),
+        "channel": Kit("channels", "channel", "ChannelContract", _CHANNEL),
         "command": Kit("", "command", "", "Call it with `palpate {} STUDY`."),
         "study": Kit(
             "studies",

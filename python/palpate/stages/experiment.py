@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate import _core
+from palpate.balanced_states import TIME
 from palpate.domain import (
     Channel,
     Curve,
@@ -287,6 +288,11 @@ def check_covers(
     """
     asked, unit = protocol.columns.get(channel.abscissa), channel.units[0]
     if asked is None:
+        if channel.abscissa == TIME and protocol.time_s is None:
+            raise CurveError(
+                f"channel '{curve.channel}' is measured over time, and the protocol's motion has no times; "
+                "name a motion that has them, or leave the channel out"
+            )
         return
     if not np.ptp(asked) > 0.0:
         raise CurveError(

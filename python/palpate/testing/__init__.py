@@ -11,6 +11,7 @@ runs the laws that palpate relies on::
             return MyTissue()
 """
 
+from palpate.testing.channels import ChannelContract
 from palpate.testing.components import ComponentContract, check_described
 from palpate.testing.designs import SamplerContract, SetFilterContract
 from palpate.testing.executors import ExecutorContract, LinearMaterial
@@ -27,6 +28,7 @@ from palpate.testing.solvers import SolverContract
 from palpate.testing.studies import SmallStudy, StudyRunner, study_runner
 
 __all__ = [
+    "ChannelContract",
     "ComponentContract",
     "ExecutorContract",
     "Expected",

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate import hookimpl, mechanics
+from palpate.balanced_states import STATE_COLUMNS, BalancedStates
 from palpate.domain import (
     Channel,
     Curve,
@@ -25,6 +26,7 @@ from palpate.domain import (
     Status,
 )
 from palpate.errors import CurveError
+from palpate.mesh.spot_frame import pose_of
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, Solver
 from palpate.specimens import block
 from palpate.testing.executors import LinearMaterial
@@ -75,6 +77,7 @@ class HalfSpace(Solver):
     summary = "an indenter on a half-space in closed form, for tests of plugins"
     needs_limb = False
     indenters = None
+    state_columns = STATE_COLUMNS
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job."""
@@ -83,8 +86,8 @@ class HalfSpace(Solver):
         moduli = [mechanics.initial_moduli(job.materials[r], job.thetas[r]) for r in job.materials]
         mu, kappa = np.mean(moduli, axis=0)
         thickness_mm = np.inf if limb is None else float(np.ptp(limb.mesh.points_mm[:, 2]))
-        response = Response(curves=_curves(float(mu), float(kappa), job.protocol, thickness_mm))
-        return Simulation(job=job, status=Status.OK, response=response)
+        states = _states(float(mu), float(kappa), job.protocol, thickness_mm)
+        return Simulation(job=job, status=Status.OK, response=states.observed(job.channels))
 
 
 class HalfSpaceOnMesh(HalfSpace):
@@ -95,7 +98,7 @@ class HalfSpaceOnMesh(HalfSpace):
     needs_limb = True
 
 
-def _curves(mu: float, kappa: float, press: Indentation, thickness_mm: float) -> dict[str, Curve]:
+def _states(mu: float, kappa: float, press: Indentation, thickness_mm: float) -> BalancedStates:
     steps = np.linspace(0.0, 1.0, N_POINTS + 1)[1:, None]
     ways = [start + steps * (end - start) for start, end in pairwise(press.path)]
     walk: FloatArray = np.concatenate([press.path[:1], *ways])
@@ -105,10 +108,7 @@ def _curves(mu: float, kappa: float, press: Indentation, thickness_mm: float) ->
     force = 4.0 / 3.0 * plane * contact * depth * (1.0 + contact / thickness_mm)
     grip = 0.9 + 0.1 * press.friction / (1.0 + press.friction)
     torque = 16.0 / 3.0 * mu * contact**3 * grip * np.radians(rotation)
-    found = {"force": (depth, force), "torque": (rotation, torque)}
-    return {
-        name: Curve(channel=name, abscissa=x, ordinate=y) for name, (x, y) in found.items() if np.ptp(x) > 0.0
-    }
+    return BalancedStates(pose=pose_of(depth, rotation), wrench=pose_of(force, torque))
 
 
 @hookimpl
