@@ -17,7 +17,7 @@ from palpate.certainty.posterior_tables import posterior_result
 from palpate.certainty.stage import CertaintyStage
 from palpate.certainty.tables import certainty_result
 from palpate.domain import Design, Response, Simulation
-from palpate.errors import StudyError
+from palpate.errors import SolverError, StudyError
 from palpate.executors.attempts import simulate_alone
 from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
@@ -143,6 +143,8 @@ def run_study(
             scores = _score(stored, swept)
             selected = _select(simulations, stored, swept, scores)
             fitted = _fit(simulations, stored, plugins, scores)
+            if study.solver.gives_surface:
+                _show_surface(simulations, stored)
         return RunResult(
             folder=run_folder,
             measured=inputs.measured,
@@ -339,13 +341,11 @@ def surface(study: Study, run_folder: Path, plugins: Plugins, progress: Progress
         As :func:`palpate.stages.surfaces.simulate_surfaces` returns it; the states are read back by
         :meth:`palpate.stored.StoredRun.surfaces`.
     """
-    with opened_run(study, run_folder, plugins, needs="selection") as (stored, check_lock):
-        run = stored.run
-        with stored.simulations(progress, check_lock) as simulations:
-            table = simulate_surfaces(simulations, stored.fitted(), stored.inputs.measured)
-        files = [surface_path(run_folder, key) for key in table["key"]]
-        run.write_surface(table, [file for file in files if file.exists()])
-        return table
+    with (
+        opened_run(study, run_folder, plugins, needs="selection") as (stored, check_lock),
+        stored.simulations(progress, check_lock) as simulations,
+    ):
+        return _surface(simulations, stored)
 
 
 def report(
@@ -421,6 +421,21 @@ def _select(
         if design.n_sets
         else {},
     )
+
+
+def _surface(simulations: Simulations, stored: StoredRun) -> pl.DataFrame:
+    table = simulate_surfaces(simulations, stored.fitted(), stored.inputs.measured)
+    files = [surface_path(stored.run.folder, key) for key in table["key"]]
+    stored.run.write_surface(table, [file for file in files if file.exists()])
+    return table
+
+
+def _show_surface(simulations: Simulations, stored: StoredRun) -> None:
+    """Simulate the skin for the page, if there is anything to simulate it with."""
+    try:
+        _surface(simulations, stored)
+    except (StudyError, SolverError) as error:
+        simulations.progress.note(f"warning: the limb under the press is not shown: {error}")
 
 
 def _abscissae(plugins: Plugins) -> dict[str, str]:

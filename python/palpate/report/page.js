@@ -423,13 +423,16 @@
 
   // ------------------------------------------------------------------ the page
 
-  function drawAll() { drawCurves(); drawFigures(); drawPairs(); drawStrip(); drawScene(); }
+  const skin = makeSkin({ data, state, element, isShown, colour });
+
+  function drawAll() { drawCurves(); drawFigures(); drawPairs(); drawStrip(); drawScene(); skin.draw(); }
 
   function reset() {
     ["strip", "pairs", ...data.figures.map((_, k) => `figure-${k}`), ...data.channels.map((_, c) => `curve-${c}`), "scene"].forEach((id) => {
       if (element(id) && element(id).data) { Plotly.purge(element(id)); delete element(id).dataset.listens; }
     });
     Object.assign(eye, { turn: -0.9, tilt: 0.45, far: 2.3 });
+    skin.reset();
     drawAll();
     ["pairs", "strip"].forEach(listen);
   }
@@ -449,6 +452,7 @@
     document.querySelectorAll("[data-steps]").forEach((slider) => slider.addEventListener("input", () => {
       drawFigure(data.figures[Number(slider.dataset.steps)], Number(slider.dataset.steps));
     }));
+    skin.listen();
     element("reset").addEventListener("click", reset);
     element("clear")?.addEventListener("click", () => select(null));
     element("pick")?.addEventListener("submit", (event) => {

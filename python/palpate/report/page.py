@@ -58,7 +58,9 @@ def render(
     files : sequence of Path
         Files that the page links to, relative to it.
     """
-    style, script = ((_FOLDER / name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
+    names = ("page.css", "skin.js", "page.js")
+    style, *scripts = ((_FOLDER / name).read_text(encoding="utf-8") for name in names)
+    script = "\n".join(scripts)
     source, packed = library()
     by_stem: dict[str, list[Path]] = {}
     for file in files:

@@ -16,6 +16,7 @@ from palpate.report.figures import fits_at, residuals
 from palpate.report.fit_path import paths
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.scene import edge_of_contact, scene
+from palpate.report.skin import skins
 from palpate.report.space import MOST_PAIRS, colours
 from palpate.report.tables import weighted_channels
 from palpate.stages.selection import objectives
@@ -79,6 +80,7 @@ def page_data(data: ReportData) -> dict[str, Any]:
         "sets": _sets(data, sets),
         "swept": _swept(data, sets),
         "limbs": _limbs(data),
+        "skins": skins(data),
         "edges": [_edges(data, spot) for spot in data.spots] if data.contact else [],
     }
 

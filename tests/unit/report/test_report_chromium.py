@@ -15,6 +15,7 @@ from palpate.report.verdict import make_verdict
 from palpate.specimens import block
 
 from .chromium import COMMAND, Chromium
+from .dimple import dimple
 from .hostile import ATTACK, NAMES, renamed
 
 pytestmark = pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
@@ -185,6 +186,51 @@ def test_a_scenario_without_a_ranked_set_is_drawn_without_an_error(browser, page
         )
         assert browser.complaints() == []
     assert "NaN" not in attributes_of_pictures(browser)
+
+
+def pressed(content):
+    """The same run, with the skin at one of its two spots."""
+    return replace(content, surfaces={"p1": dimple(turned=3)})
+
+
+INK = (
+    "(c => [...c.getContext('2d').getImageData(0, 0, c.width, c.height).data]"
+    ".filter((v, i) => i % 4 === 3 && v).length)(document.getElementById('skin'))"
+)
+
+
+def test_the_skin_moves_with_the_slider_turns_and_has_two_colours(browser, page):
+    path = page(pressed)
+    for width, dark in ((1100, False), (400, True)):
+        unfolded(browser, path, width, dark=dark)
+        label = "document.getElementById('skin-label').textContent"
+        assert browser.value(label).startswith("depth 8 mm, rotation 0°: largest displacement 6.64 mm")
+        picture, seen = "document.getElementById('skin').toDataURL()", []
+        seen.append(browser.value(picture))
+        assert browser.value(INK) > 5_000
+        for change in (
+            "(s => {s.value = 1; s.dispatchEvent(new Event('input'))})(document.getElementById('skin-step'))",
+            "(s => {s.value = 'pressure'; s.dispatchEvent(new Event('input'))})"
+            "(document.getElementById('skin-quantity'))",
+            "document.querySelector('[data-turn-skin=left]').click()",
+            "document.querySelector('[data-turn-skin=in]').click()",
+        ):
+            browser.value(change)
+            seen.append(browser.value(picture))
+        assert len(set(seen)) == 5
+        assert "largest contact pressure 0.00" in browser.value(label)
+        assert browser.value(label) in browser.value("document.getElementById('skin').ariaLabel")
+        browser.value(
+            "(s => {s.value = '1'; s.dispatchEvent(new Event('change'))})(document.getElementById('spot'))"
+        )
+        assert browser.value("document.getElementById('skin').hidden")
+        assert not browser.value("document.getElementById('skin-missing').hidden")
+        browser.value(
+            "(s => {s.value = '0'; s.dispatchEvent(new Event('change'))})(document.getElementById('spot'))"
+        )
+        assert not browser.value("document.getElementById('skin').hidden")
+        assert browser.complaints() == []
+        assert browser.value("document.documentElement.scrollWidth") <= width
 
 
 def test_zooming_and_resetting(browser, page):

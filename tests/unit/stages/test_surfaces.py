@@ -12,6 +12,7 @@ from palpate.errors import MeshError, StudyError
 from palpate.executors import InProcess
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.interfaces import Settings, Solver
+from palpate.progress import Silent
 from palpate.run.directory import RunDirectory
 from palpate.run.surface_files import read_surface, write_surface
 from palpate.stored import StoredRun
@@ -35,6 +36,16 @@ STATES = SurfaceStates(
 )
 
 
+class Recorded(Silent):
+    """Keeps what is noted."""
+
+    def __init__(self):
+        self.notes = []
+
+    def note(self, text):
+        self.notes.append(text)
+
+
 class LogSettings(Settings):
     log: str = ""
 
@@ -43,11 +54,13 @@ class Skinned(Solver[LogSettings]):
     """The analytic tissue with a skin that never changes."""
 
     name, summary, needs_limb, gives_surface = "skinned", "with a skin", False, True
-    answer = None  # of the analytic tissue
+    answer, fails = None, False  # of the analytic tissue
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         with Path(self.settings.log).open("a") as file:
             file.write(f"{job.spot} {job.surface}\n")
+        if self.fails and job.surface:
+            return Simulation(job=job, status=Status.DIVERGED, response=None, message="it slips")
         (theta,) = job.thetas.values()
         response = type(self).answer(*theta)
         return Simulation(job=job, status=Status.OK, response=response, surface=STATES)
@@ -82,17 +95,26 @@ def test_the_skin_is_simulated_once_for_each_spot_and_read_back(skinned, plugins
     made, simulated = skinned
     study, run = made(**({} if search is None else {"search": search})), tmp_path / "run"
     pipeline.run_study(study, run, plugins)
-    assert simulated() == []
-    assert surfaces(study, run) == {}
-    table = pipeline.surface(study, run, plugins)
     assert sorted(simulated()) == ["p1 True"]  # both spots have the same press
+    table = pipeline.surface(study, run, plugins)
     assert table["source"][0].startswith("set" if search is None else "fit")
     found = surfaces(study, run)
     assert list(found) == ["p1", "p2"]
     assert all(same(states, STATES) for states in found.values())
-    pipeline.surface(study, run, plugins)
     assert len(simulated()) == 1
     assert len(list((run / "surface").iterdir())) == 1
+
+
+def test_a_run_goes_on_without_a_skin(skinned, plugins, tmp_path, monkeypatch):
+    made, _ = skinned
+    monkeypatch.setattr(Skinned, "fails", True)
+    progress = Recorded()
+    result = pipeline.run_study(made(), tmp_path / "run", plugins, progress)
+    assert result.selected.selection.height
+    assert surfaces(made(), tmp_path / "run") == {}
+    (note,) = (text for text in progress.notes if "under the press" in text)
+    assert note.startswith("warning: the limb under the press is not shown: ")
+    assert note.endswith("it slips")
 
 
 def test_a_file_that_is_gone_or_cut_short_is_made_again(skinned, plugins, tmp_path):
@@ -129,9 +151,9 @@ def test_another_selection_has_no_skin_yet(skinned, plugins, tmp_path):
     made, _ = skinned
     study, run = made(), tmp_path / "run"
     pipeline.run_study(study, run, plugins)
-    pipeline.surface(study, run, plugins)
+    assert surfaces(study, run)
     other = replace(study, search=LeastSquares())
-    pipeline.run_study(other, run, plugins)
+    pipeline.fit(other, run, plugins)
     assert surfaces(other, run) == {}
 
 

@@ -2,6 +2,7 @@
 
 from palpate.plugins.sections import Section
 from palpate.report.sections.certainty import Certainty, Identifiability
+from palpate.report.sections.deformed import Deformed
 from palpate.report.sections.fits import Curves, Fits, Values, Warnings
 from palpate.report.sections.material import MaterialItself
 from palpate.report.sections.origins import LimbAndContact, Provenance
@@ -22,6 +23,7 @@ SECTIONS: tuple[type[Section], ...] = (
     Identifiability,
     Convergence,
     LimbAndContact,
+    Deformed,
     Pictures,
     Provenance,
 )

@@ -1,0 +1,145 @@
+"use strict";
+/** The skin under the press, drawn on a canvas: from the farthest triangle to the nearest. */
+const makeSkin = ({ data, state, element, isShown, colour }) => {
+  const START = { turn: -0.9, tilt: 0.55, zoom: 1 };
+  const eye = { ...START }, known = new Map();
+  const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
+  const scale = data.colours.map(rgb);
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+
+  /** Numbers of two bytes each, as they were before they were packed. */
+  function unpacked({ scale: worth, data: packed }) {
+    const bytes = Uint8Array.from(atob(packed), (c) => c.charCodeAt(0));
+    return Float32Array.from(new Int16Array(bytes.buffer), (v) => v * worth);
+  }
+
+  function skinAt(spot) {
+    const skin = data.skins[spot];
+    if (skin && !known.has(spot)) {
+      const [points, displacements, pressures] = ["points", "displacements", "pressures"].map((name) => unpacked(skin[name]));
+      const moves = Float32Array.from(pressures, (_, i) => Math.hypot(...displacements.subarray(3 * i, 3 * i + 3)));
+      const size = pressures.slice(0, skin.n).reduce((most, _, i) => Math.max(most, Math.hypot(...points.subarray(3 * i, 3 * i + 3))), 1e-9);
+      known.set(spot, { ...skin, points, displacements, size, quantities: { displacement: moves, pressure: pressures } });
+    }
+    return known.get(spot);
+  }
+
+  /** Axes of the view: to the right, up, and towards the eye. */
+  function view() {
+    const [s, c] = [Math.sin(eye.turn), Math.cos(eye.turn)], [st, ct] = [Math.sin(eye.tilt), Math.cos(eye.tilt)];
+    return [[-s, c, 0], [-st * c, -st * s, ct], [ct * c, ct * s, st]];
+  }
+
+  /** Corners of the smallest convex shape around points of the plane (Andrew, 1979). */
+  function hull(points) {
+    const sorted = points.slice().sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+    const turnsRight = (a, b, c) => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0;
+    const half = (list) => list.reduce((found, p) => {
+      while (found.length > 1 && turnsRight(found[found.length - 2], found[found.length - 1], p)) found.pop();
+      return [...found, p];
+    }, []).slice(0, -1);
+    return [...half(sorted), ...half(sorted.reverse())];
+  }
+
+  function paintTriangles(context, skin, step, place, axes, values, most) {
+    const n = skin.n, at = [], corners = skin.triangles;
+    for (let i = 0; i < n; i += 1) {
+      const p = [0, 1, 2].map((d) => skin.points[3 * i + d] + skin.displacements[3 * (step * n + i) + d]);
+      at.push(axes.map((axis) => dot(axis, p)));
+    }
+    const order = Array.from({ length: corners.length / 3 }, (_, t) => t);
+    const depth = order.map((t) => at[corners[3 * t]][2] + at[corners[3 * t + 1]][2] + at[corners[3 * t + 2]][2]);
+    order.sort((a, b) => depth[a] - depth[b]);
+    context.lineWidth = 0.7;
+    order.forEach((t) => {
+      const [i, j, k] = [0, 1, 2].map((d) => corners[3 * t + d]), [a, b, c] = [at[i], at[j], at[k]];
+      const [u, v] = [[0, 1, 2].map((d) => b[d] - a[d]), [0, 1, 2].map((d) => c[d] - a[d])];
+      const normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+      const light = 0.65 + 0.35 * Math.abs(normal[2] * 0.8 + normal[1] * 0.6) / (Math.hypot(...normal) || 1);
+      const mean = (values[step * n + i] + values[step * n + j] + values[step * n + k]) / 3;
+      const tint = scale[Math.round(Math.min(1, Math.max(0, mean / most)) * (scale.length - 1))];
+      context.fillStyle = context.strokeStyle = `rgb(${tint.map((part) => Math.round(part * light)).join(",")})`;
+      context.beginPath();
+      [a, b, c].forEach((p) => context.lineTo(...place(p)));
+      context.closePath();
+      context.fill();
+      context.stroke();
+    });
+  }
+
+  /** The edge of the indenter, as one sees it from here. */
+  function paintIndenter(context, skin, step, place, axes) {
+    const { positions, rotations } = skin, seen = skin.indenter.map((x) => {
+      const p = positions[step].map((o, d) => o + dot(rotations[step][d], x));
+      return place(axes.map((axis) => dot(axis, p)));
+    });
+    context.strokeStyle = colour("ink");
+    context.lineWidth = 1.4;
+    context.beginPath();
+    hull(seen).forEach((p) => context.lineTo(...p));
+    context.closePath();
+    context.stroke();
+  }
+
+  function paintScale(context, width, height, most, unit) {
+    const [high, wide, left, top] = [0.5 * height, 12, width - 70, 0.25 * height];
+    scale.forEach((tint, k) => {
+      context.fillStyle = `rgb(${tint.join(",")})`;
+      context.fillRect(left, top + high * (1 - (k + 1) / scale.length), wide, high / scale.length + 1);
+    });
+    context.fillStyle = colour("ink");
+    context.font = "12px system-ui, sans-serif";
+    [[0, "0"], [0.5, String(Number((most / 2).toPrecision(2)))], [1, String(Number(most.toPrecision(2)))]].forEach(([share, text]) => {
+      context.fillText(text, left + wide + 4, top + high * (1 - share) + 4);
+    });
+    context.fillText(`[${unit}]`, left, top - 10);
+  }
+
+  function draw() {
+    if (!isShown("skin")) return;
+    const canvas = element("skin"), slider = element("skin-step"), skin = skinAt(state.spot);
+    element("skin-missing").hidden = Boolean(skin);
+    canvas.hidden = !skin;
+    if (!skin) { element("skin-label").textContent = ""; return; }
+    if (Number(slider.dataset.spot ?? -1) !== state.spot) {
+      slider.max = skin.labels.length - 1;
+      slider.value = skin.first;
+      slider.dataset.spot = state.spot;
+    }
+    const step = Number(slider.value), quantity = element("skin-quantity").value, values = skin.quantities[quantity];
+    const unit = quantity === "pressure" ? skin.unit : "mm", most = values.reduce((a, b) => Math.max(a, b), 1e-12);
+    const now = values.subarray(step * skin.n, (step + 1) * skin.n).reduce((a, b) => Math.max(a, b), 0);
+    const what = quantity === "pressure" ? "contact pressure" : "displacement";
+    element("skin-label").textContent = `${skin.labels[step]}: largest ${what} ${Number(now.toPrecision(3))} ${unit}`;
+    canvas.setAttribute("aria-label", `Skin under the indenter at ${element("skin-label").textContent}`);
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight], fine = window.devicePixelRatio || 1;
+    [canvas.width, canvas.height] = [width * fine, height * fine];
+    const context = canvas.getContext("2d"), axes = view(), right = width - 80;
+    const size = (eye.zoom * 0.5 * Math.min(right, 1.7 * height)) / skin.size;
+    context.scale(fine, fine);
+    const place = (p) => [0.5 * right + size * p[0], 0.5 * height - size * p[1]];
+    paintTriangles(context, skin, step, place, axes, values, most);
+    if (skin.indenter.length) paintIndenter(context, skin, step, place, axes);
+    paintScale(context, width, height, most, unit);
+  }
+
+  function turn(way) {
+    const move = { left: ["turn", -0.3], right: ["turn", 0.3], up: ["tilt", 0.15], down: ["tilt", -0.15] }[way];
+    if (move) eye[move[0]] += move[1];
+    else eye.zoom *= way === "in" ? 1.2 : 1 / 1.2;
+    eye.tilt = Math.min(1.5, Math.max(-0.2, eye.tilt));
+    draw();
+  }
+
+  function listen() {
+    ["skin-step", "skin-quantity"].forEach((id) => element(id)?.addEventListener("input", draw));
+    document.querySelectorAll("[data-turn-skin]").forEach((b) => b.addEventListener("click", () => turn(b.dataset.turnSkin)));
+  }
+
+  function reset() {
+    Object.assign(eye, START);
+    delete element("skin-step")?.dataset.spot;
+  }
+
+  return { draw, listen, reset };
+};
