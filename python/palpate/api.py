@@ -205,6 +205,9 @@ if TYPE_CHECKING:
         StudySpot as StudySpot,
         read_study as read_study,
     )
+    from palpate.run.keys import (
+        job_key as job_key,
+    )
     from palpate.run.directory import (
         RunDirectory as RunDirectory,
     )

@@ -295,6 +295,8 @@ class Design:
         Sets drawn before the filters; ``n_sets`` of them were kept.
     n_kept : int
         Number of first sets that come from an earlier design with wider ranges.
+    earlier_first : (n, n_parameters) array, optional
+        First sets of that earlier design: its kept sets were simulated with these as pilots.
     """
 
     parameters: tuple[Parameter, ...]
@@ -302,6 +304,7 @@ class Design:
     seed: int
     n_drawn: int
     n_kept: int = 0
+    earlier_first: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen_floats(self.values))
@@ -318,6 +321,11 @@ class Design:
     def n_sets(self) -> int:
         """Number of sets that are simulated."""
         return int(self.values.shape[0])
+
+    @property
+    def first_values(self) -> FloatArray:
+        """Sets (n, n_parameters) as first drawn, of which the pilots are the first."""
+        return self.values if self.earlier_first is None else self.earlier_first
 
 
 class Status(StrEnum):
@@ -366,6 +374,10 @@ class Job:
         What to observe of the balanced states, where the solver has them; by itself force and torque.
     surface : bool
         Whether the states of the skin are wanted too; only for a solver that declares ``gives_surface``.
+    pilots : mapping of region to (n_pilots, n_parameters) array, optional
+        Sets that the solver may start this one from, with values as in ``thetas``.
+    is_pilot : bool
+        Whether other jobs start from this one; decides nothing of its result.
     """
 
     spot: str
@@ -377,6 +389,8 @@ class Job:
     fine: bool = False
     channels: tuple[Channel, ...] = PRESS_AND_TWIST
     surface: bool = False
+    pilots: Mapping[str, FloatArray] | None = None
+    is_pilot: bool = False
 
     @property
     def limb_name(self) -> str:

@@ -251,7 +251,8 @@ def simulate_one(study: Study, run_folder: Path, spot: str, set_id: int) -> Simu
             f"{run_folder}: no job '{spot}/{set_id}'; name one of the spots {', '.join(spots)} and a set "
             f"from 0 to {n_sets - 1}"
         )
-    job = simulation.job_for(study, spot, set_id, inputs.design.values[set_id], inputs.measured)
+    every = simulation.jobs(study, inputs.design, inputs.measured)
+    job = next(job for job in every if job.spot == spot and job.set_id == set_id)
     return simulate_alone(study.solver, job, inputs.limbs.get(job.limb_name))
 
 

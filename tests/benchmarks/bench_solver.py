@@ -9,9 +9,8 @@ say otherwise.
     One path on blocks of tet10 and on meshes of a forearm, next to the same solver with new factors
     for every linear system; peak memory; the exponent of cost ∝ n^p.
 ``--many N``
-    N sets of parameters in one process, where the next starts from finished sets, next to cold runs:
-    each in a process that imports, prepares the limb and solves. Five cold runs stand for all N.
-    Then the same with two worker processes, by wall clock. Where a set with a warm start spends its time.
+    N sets of a sweep in one process, which start from its pilots, next to cold runs: each in a process
+    that imports, prepares the limb and solves. Some sets stand for all. Where a set spends its time.
 ``--slopes``
     One path with the derivatives in the three parameters and the friction, next to without.
 
@@ -30,6 +29,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -47,17 +47,23 @@ FOREARMS = ("forearm-demo", "forearm")
 N_COLD = 5
 """Cold runs that stand for all."""
 
+LEAST_SETS = 40
+"""Fewest sets with some after the pilots."""
+
 N_TURNS = 3
 """Runs of a path without and with derivatives."""
 
-N_EARLY = 10
-"""Sets that have few finished ones to start from."""
+N_LATE = 40
+"""Sets after the pilots that stand for all of them."""
+
+GROUP_NAMES = {"alone": "solved alone", "pilots": "from those", "late": "from all pilots"}
+"""The groups of a sweep's sets, in their order."""
 
 MOST_WITH_PEER = 15_000
 """Unknowns beyond which the peer, with new factors for every system, is left out."""
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-WANTED_MANY, WANTED_EXTRA, WANTED_EXPONENT = 15.0, 0.30, 1.5
+WANTED_MANY, WANTED_EXTRA, WANTED_EXPONENT = 6.0, 0.30, 1.5
 
 
 def forearm(study: str) -> str:
@@ -79,7 +85,8 @@ def load(mesh: str) -> Any:
 
 def jobs(thetas: Any, limb: Any, path: Any = PATH) -> list[Any]:
     """A job for each set of parameters."""
-    from palpate.domain import Indentation, Job, Sphere
+    from palpate.domain import Indentation, Job
+    from palpate.indenters import Sphere
     from palpate_materials.ogden import Ogden
 
     protocol = Indentation(indenter=Sphere(radius_mm=RADIUS_MM), path=np.array(path), friction=1.0)
@@ -148,7 +155,7 @@ def watched() -> Clock:
     """A clock on the parts of a simulation."""
     from palpate_jax.body import Body
     from palpate_jax.contact import Contact
-    from palpate_jax.initial_guess import InitialGuess, WarmStart
+    from palpate_jax.initial_guess import InitialGuess
     from palpate_jax.sparse import LinearSolver, Pattern
 
     clock = Clock()
@@ -163,7 +170,6 @@ def watched() -> Clock:
         for name in names:
             clock.watch(owner, name, part)
     clock.watch(InitialGuess, "at", "guesses")
-    clock.watch(WarmStart, "initial_guess", "guesses")
     return clock
 
 
@@ -208,29 +214,42 @@ def cold(mesh: str, n_sets: int, k: int) -> dict[str, Any]:
     return {"seconds": time.process_time(), "status": simulation.status.value}
 
 
-def warm_start(mesh: str, n_sets: int) -> dict[str, Any]:
-    """All sets in one process, and where the time goes: of the first few, and of those after them."""
-    from palpate_jax.solver import JaxSettings, JaxSolver
+def with_pilots(sets: np.ndarray, limb: Any, solver: Any) -> list[Any]:
+    """The jobs of a sweep: each set with its pilots."""
+    work = []
+    for job in jobs(sets, limb):
+        n = solver.n_pilots(job.set_id)
+        pilots = dict.fromkeys(limb.mesh.regions, sets[:n]) if n else None
+        work.append(replace(job, pilots=pilots, is_pilot=job.set_id < solver.n_pilots(len(sets))))
+    return work
 
-    limb, clock = load(mesh), watched()
-    work = jobs(designed(n_sets), limb)
+
+def from_pilots(mesh: str, n_sets: int, n_late: int) -> dict[str, Any]:
+    """The pilots of a sweep and some of its other sets, in one process: where the time of each goes."""
+    from palpate_jax.pilot_states import PilotStates
+    from palpate_jax.solver import JaxSolver
+
+    limb, clock, solver = load(mesh), watched(), JaxSolver()
+    work = with_pilots(designed(n_sets), limb, solver)
+    n_alone, n_pilots = solver.n_pilots(solver.n_pilots(n_sets) - 1), solver.n_pilots(n_sets)
+    late = np.unique(np.linspace(n_pilots, n_sets - 1, n_late).astype(int))
+    groups = {"alone": work[:n_alone], "pilots": work[n_alone:n_pilots], "late": [work[k] for k in late]}
     clock.shares()
-    ready, spent = time.process_time(), {}
-    found = []
-    for simulation in JaxSolver(JaxSettings(warm_start=True)).simulate_many(work, limb):
-        found.append(simulation)
-        if len(found) in (N_EARLY, n_sets):
-            spent["early" if len(found) == N_EARLY else "late"] = clock.shares()
-    late = found[N_EARLY:]
-    return {
-        "seconds": time.process_time(),
-        "ready_s": ready,
-        "spent": spent,
-        "ok": sum(s.status.value == "ok" for s in found),
-        "iterations": float(np.mean([s.diagnostics["n_iterations"] for s in late])),
-        "factors": float(np.mean([s.diagnostics["n_factorisations"] for s in late])),
-        "peak_MB": peak(),
-    }
+    found = {"ready_s": time.process_time(), "groups": {}}
+    with TemporaryDirectory() as folder:
+        solver._states = PilotStates(Path(folder))  # nothing from an earlier run
+        for name, group in groups.items():
+            simulations = [solver.simulate(job, limb) for job in group]
+            rows = [s.diagnostics for s in simulations]
+            found["groups"][name] = {
+                "n": len(group),
+                "spent": clock.shares(),
+                "ok": sum(s.status.value == "ok" for s in simulations),
+                "iterations": float(np.mean([r["n_iterations"] for r in rows])),
+                "factors": float(np.mean([r["n_factorisations"] for r in rows])),
+                "cuts": sum(r["n_cuts"] for r in rows),
+            }
+    return found | {"peak_MB": peak()}
 
 
 def with_slopes(mesh: str) -> dict[str, Any]:
@@ -249,25 +268,7 @@ def with_slopes(mesh: str) -> dict[str, Any]:
     return best
 
 
-def two_workers(mesh: str, n_sets: int) -> dict[str, Any]:
-    """All sets on two worker processes, each with a warm start, by wall clock."""
-    from palpate.executors import Batch, Limits, Processes
-    from palpate_jax.solver import JaxSettings, JaxSolver
-
-    limb = load(mesh)
-    batch = Batch(
-        solver=JaxSolver(JaxSettings(warm_start=True)),
-        jobs=jobs(designed(n_sets), limb),
-        limbs={limb.spot.name: limb},
-        limits=Limits(time_s=3600.0),
-        n_workers=2,
-    )
-    started = time.perf_counter()
-    found = list(Processes().results(batch))
-    return {"wall_s": time.perf_counter() - started, "n": len(found)}
-
-
-CHILDREN = {f.__name__: f for f in (one_path, cold, warm_start, with_slopes, two_workers)}
+CHILDREN = {f.__name__: f for f in (one_path, cold, from_pilots, with_slopes)}
 
 
 def in_own_process(what: Callable[..., dict[str, Any]], *arguments: Any, **options: Any) -> dict[str, Any]:
@@ -318,35 +319,36 @@ def sizes(meshes: dict[str, str]) -> None:
 
 
 def many(name: str, mesh: str, n_sets: int) -> None:
-    """Print what N sets cost together, next to what they cost alone, and why."""
+    """Print what N sets of a sweep cost, next to what they cost alone, and why."""
     sample = np.unique(np.linspace(0, n_sets - 1, N_COLD).astype(int)).tolist()
     alone = [in_own_process(cold, mesh, n_sets, k) for k in sample]
-    cold_s, cold_wall_s = (n_sets * float(np.mean([a[k] for a in alone])) for k in ("seconds", "wall_s"))
-    together = in_own_process(warm_start, mesh, n_sets)
-    pair = in_own_process(two_workers, mesh, n_sets)
-    heading(f"{n_sets} sets, {name}", "seconds", f"× faster than cold, wanted {WANTED_MANY:.0f}")
-    write(f"cold, cpu ({len(sample)} runs scaled)", f"{cold_s:.0f}", 1)
-    write("warm start, one process, cpu", f"{together['seconds']:.0f}", f"{cold_s / together['seconds']:.1f}")
-    write(f"cold, one after the other, wall ({len(sample)} runs scaled)", f"{cold_wall_s:.0f}", 1)
-    write("warm start, two workers, wall", f"{pair['wall_s']:.0f}", f"{cold_wall_s / pair['wall_s']:.1f}")
+    cold_s = float(np.mean([a["seconds"] for a in alone]))
+    found = in_own_process(from_pilots, mesh, n_sets, N_LATE)
+    groups = found["groups"]
+    each = {group: sum(g["spent"].values()) / g["n"] for group, g in groups.items()}
+    n_first = groups["alone"]["n"] + groups["pilots"]["n"]
+    sweep_s = sum(groups[g]["n"] * each[g] for g in ("alone", "pilots")) + (n_sets - n_first) * each["late"]
+    sweep_s += found["ready_s"]
+    heading(f"{name}: sets", "how many", "cpu s each", "iterations", "factors", "cuts", "ok")
+    write("cold, each a process", len(sample), f"{cold_s:.2f}", "–", "–", "–", "–")
+    for group, g in groups.items():
+        counts = (f"{g['iterations']:.0f}", f"{g['factors']:.1f}", g["cuts"], g["ok"])
+        write(GROUP_NAMES[group], g["n"], f"{each[group]:.2f}", *counts)
+    ratio = n_sets * cold_s / sweep_s
     sys.stdout.write(
-        f"{together['ok']} of {n_sets} ok; a late set takes {together['iterations']:.0f} iterations and "
-        f"{together['factors']:.1f} factors; peak {together['peak_MB']:.0f} MB; "
-        f"imports and the mesh take {together['ready_s']:.1f} s of a process\n"
+        f"{n_sets} sets: cold {n_sets * cold_s:.0f} s, with pilots {sweep_s:.0f} s of one core, "
+        f"{ratio:.1f} times (wanted {WANTED_MANY:.0f}); imports and the mesh {found['ready_s']:.1f} s; "
+        f"peak {found['peak_MB']:.0f} MB\n"
     )
-    profile(together["spent"], n_sets)
+    profile(groups)
 
 
-def profile(spent: dict[str, dict[str, float]], n_sets: int) -> None:
+def profile(groups: dict[str, dict[str, Any]]) -> None:
     """Print where the time of a set goes."""
-    late, early = spent["late"], spent["early"]
-    n_late = n_sets - N_EARLY
-    total = sum(late.values())
-    heading("part", f"ms per set, first {N_EARLY}", "ms per later set", "share of it")
-    for part, seconds in sorted(late.items(), key=lambda item: -item[1]):
-        before = 1e3 * early.get(part, 0.0) / N_EARLY
-        write(part, f"{before:.0f}", f"{1e3 * seconds / n_late:.0f}", f"{seconds / total:.0%}")
-    write("all", f"{1e3 * sum(early.values()) / N_EARLY:.0f}", f"{1e3 * total / n_late:.0f}", "100%")
+    heading("ms of a set", *(GROUP_NAMES[group] for group in groups))
+    parts = sorted(groups["late"]["spent"], key=lambda part: -groups["late"]["spent"][part])
+    for part in parts:
+        write(part, *(f"{1e3 * g['spent'].get(part, 0.0) / g['n']:.0f}" for g in groups.values()))
 
 
 def slopes_cost(meshes: dict[str, str]) -> None:
@@ -370,14 +372,12 @@ def main() -> None:
         return
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--sizes", action="store_true")
-    parser.add_argument("--many", type=int, metavar="N", default=0, help=f"more than {N_EARLY}")
+    parser.add_argument("--many", type=int, metavar="N", default=0, help=f"at least {LEAST_SETS}")
     parser.add_argument("--slopes", action="store_true")
     parser.add_argument("--mesh", action="append", default=[], metavar="FILE")
     given = parser.parse_args()
-    if given.many and given.many <= N_EARLY:
-        parser.error(
-            f"--many {given.many}: give more than {N_EARLY} sets, or a late set has no initial guess"
-        )
+    if given.many and given.many < LEAST_SETS:
+        parser.error(f"--many {given.many}: give at least {LEAST_SETS} sets; the first 36 are the pilots")
     everything = not (given.sizes or given.many or given.slopes)
     forearms = {f"forearm, {Path(mesh).stem}": mesh for mesh in given.mesh}
     forearms = forearms or {f"forearm, {study}": forearm(study) for study in FOREARMS}
@@ -387,7 +387,7 @@ def main() -> None:
     if given.slopes or everything:
         slopes_cost(forearms)
     if given.many or everything:
-        many(*next(iter(forearms.items())), given.many or 25)
+        many(*next(iter(forearms.items())), given.many or 250)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from palpate_materials.yeoh import Yeoh
 YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.4])
 PATH = [(0.0, 0.0), (2.0, 0.0), (2.0, -15.0), (2.0, 15.0), (2.0, 0.0)]
 TIGHT = JaxSettings(depth_steps=4, rotation_step_deg=5.0, tolerance=1e-9)
-WARM_START = TIGHT.model_copy(update={"warm_start": True})
 
 
 @pytest.fixture(scope="module")
@@ -94,17 +93,6 @@ def test_a_rotated_limb_responds_the_same(solver, limb, reference):
         np.testing.assert_allclose(curve(simulation, channel), expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_finished_sets_save_effort_and_change_no_result(solver, limb, reference):
-    around = [
-        YEOH * factors for factors in ((1.0, 0.9, 1.0, 1.0), (1.0, 1.1, 0.9, 1.1), (1.0, 1.0, 1.1, 0.9))
-    ]
-    *_, warm = JaxSolver(WARM_START).simulate_many([make_job(theta) for theta in (*around, YEOH)], limb)
-    assert warm.diagnostics["n_iterations"] < 0.9 * reference.diagnostics["n_iterations"]
-    for channel in ("force", "torque"):
-        expected = curve(reference, channel)
-        np.testing.assert_allclose(curve(warm, channel), expected, atol=1e-6 * np.abs(expected).max())
-
-
 def test_cold_sets_have_the_same_bits_after_any_others(limb):
     softer, path = 0.7 * YEOH * (1.0, 0.9, 1.0, 1.0), PATH[:3]
     jobs = {"a": make_job(YEOH, path), "b": make_job(softer, path), "c": make_job(2.0 * YEOH, path)}
@@ -120,20 +108,6 @@ def test_cold_sets_have_the_same_bits_after_any_others(limb):
         for channel in ("force", "torque"):
             expected = curve(found[name, "abc"], channel)
             np.testing.assert_array_equal(curve(found[name, order], channel), expected)
-
-
-def test_a_multiple_of_a_finished_set_costs_nothing(limb):
-    used, path = JaxSolver(WARM_START), PATH[:3]
-    one, three = used.simulate_many([make_job(YEOH, path), make_job(3.0 * YEOH, path)], limb)
-    fresh = used.simulate(make_job(3.0 * YEOH, path), limb)
-    assert three.diagnostics["n_iterations"] == 0
-    assert three.diagnostics["multiple_of_set"] == one.job.set_id
-    for channel in ("force", "torque"):
-        expected = curve(fresh, channel)
-        np.testing.assert_allclose(curve(three, channel), expected, atol=1e-7 * np.abs(expected).max())
-    np.testing.assert_allclose(three.diagnostics["moment_Nmm"], fresh.diagnostics["moment_Nmm"], atol=1e-6)
-    _, other = used.simulate_many([make_job(YEOH, path), make_job(YEOH * (3.0, 3.0, 3.0, 2.9), path)], limb)
-    assert other.diagnostics["n_iterations"] > 0
 
 
 def test_a_hold_changes_nothing(solver, limb):

@@ -183,6 +183,7 @@ class RunDirectory:
             "n_drawn": design.n_drawn,
             "n_kept": design.n_kept,
             "parameters": [finite(asdict(p)) for p in design.parameters],
+            **({} if (first := design.earlier_first) is None else {"earlier_first": first.tolist()}),
         }
         write_atomically(self.folder / "design.json", _json(about))
         files = (self.folder / "design.parquet", self.folder / "design.json")
@@ -361,7 +362,8 @@ def _design(frame: pl.DataFrame, about: Mapping[str, Any]) -> Design:
     parameters = tuple(Parameter(**infinite(p)) for p in about["parameters"])
     values = frame.select(p.name for p in parameters).to_numpy()
     counts = {name: about[name] for name in ("seed", "n_drawn", "n_kept")}
-    return Design(parameters=parameters, values=values, **counts)
+    first = np.array(about["earlier_first"]) if "earlier_first" in about else None
+    return Design(parameters=parameters, values=values, earlier_first=first, **counts)
 
 
 def _json(value: object) -> bytes:

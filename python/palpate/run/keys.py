@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from palpate.channels import PRESS_AND_TWIST
-from palpate.domain import Channel, Job, Limb, Protocol, Simulation
+from palpate.domain import Channel, FloatArray, Job, Limb, Protocol, Simulation
 from palpate.errors import PluginError
 from palpate.indenters import Sphere
 from palpate.plugins.fingerprints import CORE, code_fingerprint
@@ -31,9 +31,9 @@ def job_key(job: Job, limb: Limb | None, solver: Solver, trusted: Mapping[str, s
     """Hash of everything that decides the result of a job.
 
     That is the mesh, the spot, each region's material with its code, settings and values, the
-    protocol, the solver with its version, code and settings, whether slopes or the skin are wanted, and which
-    channels beyond force and torque. The ``set_id`` is a name and decides nothing. ``trusted`` has
-    fingerprints of earlier code whose results count as those of the code as it is, by
+    protocol, the solver with its version, code and settings, the pilots, whether slopes or the skin are
+    wanted, and which channels beyond force and torque. The ``set_id`` is a name and decides nothing.
+    ``trusted`` has fingerprints of earlier code whose results count as those of the code as it is, by
     ``material:NAME`` or ``solver:NAME``.
     """
     return JobKeys(solver, {} if limb is None else {job.limb_name: limb}, trusted).key(job)
@@ -83,6 +83,7 @@ class JobKeys:
         # The object itself is kept next to the answer, so that no other object gets its id.
         self._heads: dict[tuple[str, int], tuple[Protocol, hashlib._Hash]] = {}
         self._regions: dict[tuple[str, int], tuple[Material, bytes]] = {}
+        self._pilots: dict[int, tuple[object, bytes]] = {}
 
     def key(self, job: Job) -> str:
         """Key of a job on its limb."""
@@ -98,7 +99,17 @@ class JobKeys:
             _add(digest, "channels", [_observation(channel) for channel in job.channels])
         if job.surface:
             _add(digest, "surface")
+        if job.pilots:
+            digest.update(self._pilots_of(job.pilots))
         return digest.hexdigest()
+
+    def _pilots_of(self, pilots: Mapping[str, FloatArray]) -> bytes:
+        found = self._pilots.get(id(pilots))
+        if found is None:
+            digest = hashlib.sha256()
+            _add(digest, "pilots", pilots)
+            found = self._pilots[id(pilots)] = (pilots, digest.digest())
+        return found[1]
 
     def _head(self, protocol: Protocol, limb: str) -> "hashlib._Hash":
         found = self._heads.get((limb, id(protocol)))

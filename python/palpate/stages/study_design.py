@@ -1,11 +1,16 @@
 """The design of a study, new or from the folder of an earlier run."""
 
+from dataclasses import replace
+
 from palpate.domain import Design, FloatArray
 from palpate.errors import PalpateError
 from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
 from palpate.stages.sampling import draw_design, kept_sets
 from palpate.study.reading import Study
+
+MOST_FIRST = 1024
+"""First sets of an earlier design that are remembered: more than any solver has pilots."""
 
 
 def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
@@ -21,7 +26,8 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
     ------
     SamplingError
     """
-    return draw_design(
+    kept, first = _kept(study, earlier) if earlier else (None, None)
+    design = draw_design(
         study.space,
         study.sampler,
         study.n_sets,
@@ -29,14 +35,17 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
         study.filters,
         max_draws=study.max_draws,
         n_total=study.n_total,
-        kept=_kept(study, earlier) if earlier else None,
+        kept=kept,
     )
+    return replace(design, earlier_first=first) if design.n_kept else design
 
 
-def _kept(study: Study, earlier: RunDirectory) -> FloatArray | None:
+def _kept(study: Study, earlier: RunDirectory) -> tuple[FloatArray | None, FloatArray | None]:
+    """Sets of an earlier design that this one begins with, and those that it was first drawn with."""
     try:
         design = earlier.design()
     except PalpateError:  # none yet, or corrupt: all sets are drawn as in a new folder
-        return None
+        return None, None
     with Ledger(earlier.folder) as ledger:
-        return kept_sets(study.space, study.seed, design, ledger.finished_sets())
+        kept = kept_sets(study.space, study.seed, design, ledger.finished_sets())
+    return kept, design.first_values[:MOST_FIRST]

@@ -168,15 +168,16 @@ class Simulations:
         # Results of trusted code are not shared: they are for this run only.
         shared = self.study.cache if not self.study.trusted else None
         cache = ResultCache(shared) if shared else None
-        keys, jobs = list(by_key), list(by_key.values())
-        for result in results(self.study, self._executor, jobs, self.limbs, self.progress):
-            key, simulation = keys[result.index], result.simulation(jobs[result.index])
-            quarantined = self.study.n_attempts if result.quarantined else 0
-            self._keep_surface(key, simulation)
-            self._writer.store(Finished(key=key, simulation=simulation, quarantined=quarantined))
-            if cache is not None:
-                cache.store(key, simulation)
-            yield key, simulation
+        for batch in _pilots_first(by_key):
+            keys, jobs = list(batch), list(batch.values())
+            for result in results(self.study, self._executor, jobs, self.limbs, self.progress):
+                key, simulation = keys[result.index], result.simulation(jobs[result.index])
+                quarantined = self.study.n_attempts if result.quarantined else 0
+                self._keep_surface(key, simulation)
+                self._writer.store(Finished(key=key, simulation=simulation, quarantined=quarantined))
+                if cache is not None:
+                    cache.store(key, simulation)
+                yield key, simulation
 
     def _keep_surface(self, key: str, simulation: Simulation) -> None:
         """Write the states of the skin, before the ledger has the simulation."""
@@ -221,6 +222,15 @@ class Simulations:
                 f"about {wanted_MB:.1f} MB; free disk space or name another folder; a full disk stops a run "
                 "but loses nothing"
             )
+
+
+def _pilots_first(by_key: Mapping[str, Job]) -> Iterator[dict[str, Job]]:
+    """Batches, those first that others start from: so no worker has to repeat them."""
+    batches: dict[int, dict[str, Job]] = {}
+    for key, job in by_key.items():
+        n_pilots = len(next(iter(job.pilots.values()))) if job.pilots else 0
+        batches.setdefault(n_pilots, {})[key] = job
+    return (batches[n_pilots] for n_pilots in sorted(batches))
 
 
 def is_final(entry: Entry, study: Study) -> bool:

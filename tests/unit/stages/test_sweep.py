@@ -42,7 +42,7 @@ class Following:
 def sweep(make_study, plugins, tmp_path):
     def run(solver, folder="run", progress=None, n_sets=6, **changes):
         study = make_study(solver=solver, n_sets=n_sets, **changes)
-        design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
+        design = draw_design(study.space, study.sampler, study.n_sets, study.seed, n_total=study.n_total)
         measured = load_measured(study, plugins.channels)
         return simulation.simulate(study, design, {}, measured, tmp_path / folder, progress or Following())
 
@@ -94,7 +94,8 @@ def test_a_job_that_kills_its_worker_twice_is_not_tried_again(sweep, tmp_path, t
 
 
 def jobs_for(study, n_sets):
-    design = SimpleNamespace(n_sets=n_sets, values=np.linspace([0.2, 10.0], [0.8, 40.0], n_sets))
+    values = np.linspace([0.2, 10.0], [0.8, 40.0], n_sets)
+    design = SimpleNamespace(n_sets=n_sets, values=values, first_values=values)
     return simulation.jobs(replace(study, spots=study.spots[:1]), design, {})
 
 
@@ -236,3 +237,48 @@ def test_workers_finish_their_jobs_and_start_no_more(make_study, tissue, tmp_pat
     for pid in {int(line.split()[-1]) for line in log.read_text().splitlines()}:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+def has_pilots(tissue, monkeypatch):
+    """A solver whose third set starts from the first two, and all later ones from the first four."""
+
+    def n_pilots(self, number):
+        return max(n for n in (0, 2, 4) if n <= number)
+
+    monkeypatch.setattr(tissue.Analytic, "n_pilots", n_pilots)
+
+
+def test_pilots_are_simulated_before_what_starts_from_them(sweep, tissue, tmp_path, monkeypatch):
+    has_pilots(tissue, monkeypatch)
+    log = tmp_path / "log.txt"
+    found = sweep(tissue.Analytic(tissue.AnalyticSettings(log=str(log))), n_sets=7, executor=InProcess())
+    sets = [int(line.split()[1]) for line in log.read_text().splitlines()]
+    groups = [sorted(sets[i:j]) for i, j in ((0, 2), (2, 4), (4, 7))]
+    assert groups == [[0, 1], [2, 3], [4, 5, 6]]
+    for job in (each.job for each in found):
+        n = {0: 0, 1: 0, 2: 2, 3: 2}.get(job.set_id, 4)
+        assert (0 if job.pilots is None else len(job.pilots["soft_tissue"])) == n
+        assert job.is_pilot == (job.set_id < 4)
+
+
+def test_an_extended_sweep_has_the_same_pilots(sweep, tissue, tmp_path, monkeypatch):
+    has_pilots(tissue, monkeypatch)
+    log = tmp_path / "log.txt"
+    solver = tissue.Analytic(tissue.AnalyticSettings(log=str(log)))
+    for n_total in (3, 5, 9, 4):
+        sweep(solver, n_sets=6, n_total=n_total)
+    assert len(log.read_text().splitlines()) == 9
+
+
+def test_pilots_are_in_the_key_of_what_starts_from_them(make_study, tissue, monkeypatch):
+    has_pilots(tissue, monkeypatch)
+    study = make_study(solver=tissue.Analytic())
+    *_, job = jobs_for(study, 5)
+    (region,) = job.pilots
+    others = {region: job.pilots[region] * 1.01}
+    fewer = {region: job.pilots[region][:2]}
+    changed = [replace(job, pilots=pilots) for pilots in (others, fewer, None)]
+    keys = simulation.keys(study, [job, *changed], {})
+    assert len(set(keys)) == 4
+    copied, no_pilot = replace(job, pilots={region: job.pilots[region].copy()}), replace(job, is_pilot=True)
+    assert simulation.keys(study, [copied, no_pilot], {}) == [keys[0]] * 2

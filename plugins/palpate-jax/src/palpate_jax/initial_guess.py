@@ -1,128 +1,127 @@
-"""Initial guesses of a set's displacements from the sets that were simulated before it.
+"""Initial guesses of a set's displacements from those of its pilots: the sets that it may start from.
 
 With prescribed motion the displacements of all sets are similar: they do not change when all moduli
-are scaled, and depend smoothly on the other parameters. So they are interpolated between finished
-sets at every load step, and a multiple of a finished set needs no simulation.
+are scaled, and depend smoothly on the other parameters. So they are interpolated between the pilots at
+every load step, and corrected by what the interpolation missed at the step before.
 """
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.api import FloatArray, Material, Simulation
-
-MOST_BYTES = 500_000_000
-"""Displacements kept; beyond this number the oldest are dropped."""
+from palpate.api import FloatArray, Material
 
 MOST_SETS = 24
-"""Sets that a guess is interpolated from."""
+"""Pilots that a guess is interpolated from: the nearest."""
 
 SAME = 1e-12
 """Relative difference of parameters that counts as none."""
 
+RIDGE = 1e-7
+"""Ridge of the correction, relative to the mean square of the pilots' displacements."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InitialGuess:
-    """Displacements interpolated between finished sets, at rest and at the load steps of a path.
+    """Displacements interpolated between pilots, at rest and at the load steps of a path.
 
     Parameters
     ----------
     coefficients : (m,) array
         Their sum is one.
     stacks : m arrays (n_load_steps + 1, n_nodes, 3)
-        Displacements [mm] of finished sets.
+        Displacements [mm] of the pilots.
     """
 
     coefficients: FloatArray
-    stacks: tuple[NDArray[np.float32], ...]
-
-    def _at(self, k: int) -> FloatArray:
-        total = np.zeros(self.stacks[0].shape[1:])
-        for coefficient, stack in zip(self.coefficients, self.stacks, strict=True):
-            total += coefficient * stack[k]
-        return total
+    stacks: Sequence[NDArray[np.float32]]
 
     def at(self, k: int, displacements: FloatArray) -> list[FloatArray]:
-        """Guesses for load step ``k`` from the state at the load step before it."""
-        there = self._at(k + 1)
-        return [displacements + there - self._at(k), there]
+        """Guesses for load step ``k`` from the state at the load step before it, the best first."""
+        before, after = (np.array([stack[i] for stack in self.stacks], dtype=float) for i in (k, k + 1))
+        there = np.tensordot(self.coefficients, after, 1)
+        if k == 0:
+            return [there]
+        corrected = self.coefficients + self._correction(before, displacements)
+        return [displacements + np.tensordot(corrected, after - before, 1), there]
+
+    def _correction(self, before: FloatArray, displacements: FloatArray) -> FloatArray:
+        """Change (m,) of the coefficients that interpolates the state at the load step before best.
+
+        By least squares with a ridge; its sum is zero.
+        """
+        m = len(before)
+        spread = (before - before.mean(axis=0)).reshape(m, -1)
+        missed = displacements - np.tensordot(self.coefficients, before, 1)
+        gram = spread @ spread.T
+        system = np.ones((m + 1, m + 1))
+        system[:m, :m] = gram + (RIDGE * np.trace(gram) / m + np.finfo(float).tiny) * np.eye(m)
+        system[m, m] = 0.0
+        rhs = np.append(spread @ missed.ravel(), 0.0)
+        solution: FloatArray = np.linalg.lstsq(system, rhs, rcond=None)[0][:m]
+        return solution
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Finished:
-    features: FloatArray
-    values: FloatArray
+class Pilot:
+    """A set that reached every load step.
+
+    Parameters
+    ----------
+    thetas : mapping of region to (n_parameters,) array
+    modulus_MPa : float
+        Initial shear modulus where the indenter touches.
+    stack : (n_load_steps + 1, n_nodes, 3) array
+        Displacements [mm], from rest.
+    """
+
+    thetas: Mapping[str, FloatArray]
+    modulus_MPa: float
     stack: NDArray[np.float32]
-    simulation: Simulation
 
 
-class WarmStart:
-    """Finished sets of one limb, path and choice of materials.
+class Pilots:
+    """Pilots of one limb, path and choice of materials.
 
     Parameters
     ----------
     materials : mapping of region to Material
+    pilots : sequence of Pilot
     """
 
-    def __init__(self, materials: Mapping[str, Material]) -> None:
+    def __init__(self, materials: Mapping[str, Material], pilots: Sequence[Pilot]) -> None:
         parameters = [(region, p) for region, m in materials.items() for p in m.parameters]
         self._regions = tuple(materials)
         self._moduli = np.array([p.kind == "modulus" for _, p in parameters])
         self._logarithmic = self._moduli & np.array([p.lower * p.upper > 0.0 for _, p in parameters])
-        self._finished: deque[_Finished] = deque()
+        self._stacks = [pilot.stack for pilot in pilots]
+        self._features = np.array([self._of(pilot.thetas, pilot.modulus_MPa) for pilot in pilots])
 
-    def _values(self, thetas: Mapping[str, FloatArray]) -> FloatArray:
-        return np.concatenate([np.asarray(thetas[region], dtype=np.float64) for region in self._regions])
+    def __len__(self) -> int:
+        return len(self._stacks)
 
-    def _features(self, values: FloatArray, modulus_MPa: float) -> FloatArray:
+    def _of(self, thetas: Mapping[str, FloatArray], modulus_MPa: float) -> FloatArray:
         """Coordinates of the interpolation: moduli relative to one, as logarithms if possible."""
+        values = np.concatenate([np.asarray(thetas[region], dtype=float) for region in self._regions])
         features = np.where(self._moduli, values / modulus_MPa, values)
         sizes = np.abs(features)
         usable = self._logarithmic & (sizes > 0.0)
         features[usable] = np.log(sizes[usable])
         return features
 
-    def add(
-        self,
-        thetas: Mapping[str, FloatArray],
-        modulus_MPa: float,
-        displacements: Sequence[FloatArray],
-        simulation: Simulation,
-    ) -> None:
-        """Keep a set that reached every load step; ``displacements`` start at rest."""
-        values = self._values(thetas)
-        stack = np.array(displacements, dtype=np.float32)
-        self._finished.append(_Finished(self._features(values, modulus_MPa), values, stack, simulation))
-        while len(self._finished) * stack.nbytes > max(MOST_BYTES, stack.nbytes):
-            self._finished.popleft()
-
-    def multiple(self, thetas: Mapping[str, FloatArray]) -> tuple[Simulation, float] | None:
-        """A finished simulation, and the factor by which all its moduli differ from these."""
-        values = self._values(thetas)
-        for finished in self._finished:
-            known = finished.values
-            largest = np.argmax(np.where(self._moduli, np.abs(known), -1.0))
-            factor = float(values[largest] / known[largest]) if self._moduli[largest] else 1.0
-            scaled = np.where(self._moduli, factor * known, known)
-            if factor > 0.0 and np.allclose(values, scaled, rtol=SAME, atol=0.0):
-                return finished.simulation, factor
-        return None
-
     def initial_guess(self, thetas: Mapping[str, FloatArray], modulus_MPa: float) -> InitialGuess | None:
-        """Interpolated displacements; None while nothing is finished."""
-        if not self._finished:
+        """Interpolated displacements; None without pilots."""
+        if not self._stacks:
             return None
-        features = np.array([f.features for f in self._finished])
-        spread = features.std(axis=0)
-        varied = spread > SAME * np.abs(features).max(axis=0)
-        target = self._features(self._values(thetas), modulus_MPa)[varied] / spread[varied]
-        known = features[:, varied] / spread[varied]
+        spread = self._features.std(axis=0)
+        varied = spread > SAME * np.abs(self._features).max(axis=0)
+        target = self._of(thetas, modulus_MPa)[varied] / spread[varied]
+        known = self._features[:, varied] / spread[varied]
         nearest = np.argsort(np.linalg.norm(known - target, axis=1), kind="stable")[:MOST_SETS]
         coefficients = _interpolation(known[nearest], target)
-        return InitialGuess(coefficients, tuple(self._finished[i].stack for i in nearest))
+        return InitialGuess(coefficients, [self._stacks[i] for i in nearest])
 
 
 def _interpolation(known: FloatArray, target: FloatArray) -> FloatArray:

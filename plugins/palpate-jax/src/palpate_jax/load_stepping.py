@@ -11,13 +11,13 @@ from palpate.api import FloatArray, Indentation
 from palpate_jax.contact import Answer, ContactLaw, ContactState, Memory, Motion, Pose
 from palpate_jax.initial_guess import InitialGuess
 from palpate_jax.model import Model
-from palpate_jax.newton import equilibrium
+from palpate_jax.newton import Start, equilibrium
 from palpate_jax.sensitivity import Sensitivity, Slopes
 
 SMALLEST_CUT = 1.0 / 32.0
 
-GOOD_GUESS = 0.3
-"""Imbalance below which an initial guess is used without the linear prediction."""
+GOOD_GUESS = 0.03
+"""Imbalance below which an initial guess serves without the linear prediction, which costs an iteration."""
 
 PROBE = 1e-4
 """Distance ahead of a balanced state, as a share of the step, at which the predictor is evaluated."""
@@ -175,22 +175,22 @@ class LoadStepping:
 
     def _start(
         self, state: _State, load: ContactState, position: FloatArray, guesses: Sequence[FloatArray]
-    ) -> FloatArray:
-        """The guess that is nearest to balance, unless the linear prediction is nearer."""
-        best, least = state.displacements, np.inf
+    ) -> Start:
+        """The first good guess; without one, the guess or linear prediction that is nearest to balance."""
+        best = Start(self._model.carried(state.displacements, load.pose))
         for guess in guesses:
-            best, least = self._nearer(best, least, guess, load)
-        if least > GOOD_GUESS:
+            if best.imbalance > GOOD_GUESS:
+                best = self._nearer(best, guess, load)
+        if best.imbalance > GOOD_GUESS:
             with suppress(np.linalg.LinAlgError):
-                best, least = self._nearer(best, least, self._predicted(state, position), load)
-        return self._model.carried(best, load.pose)
+                best = self._nearer(best, self._predicted(state, position), load)
+        return best
 
-    def _nearer(
-        self, best: FloatArray, least: float, guess: FloatArray, load: ContactState
-    ) -> tuple[FloatArray, float]:
-        residual = self._model.forces(self._model.carried(guess, load.pose), self._thetas).residual(load)
-        sound = residual.least_jacobian > 0.0 and residual.relative < least
-        return (guess, residual.relative) if sound else (best, least)
+    def _nearer(self, best: Start, guess: FloatArray, load: ContactState) -> Start:
+        carried = self._model.carried(guess, load.pose)
+        found = Start(carried, self._model.forces(carried, self._thetas).residual(load))
+        assert found.residual is not None
+        return found if found.residual.least_jacobian > 0.0 and found.imbalance < best.imbalance else best
 
     def _step(self, state: _State, position: FloatArray, guesses: Sequence[FloatArray]) -> str:
         load = self._load(state, position)

@@ -35,6 +35,19 @@ LOOSER = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """First guess (n_nodes, 3) [mm] of the displacements, and its residual where that is known."""
+
+    displacements: FloatArray
+    residual: Residual | None = None
+
+    @property
+    def imbalance(self) -> float:
+        """Imbalance relative to the forces; infinite where it is unknown."""
+        return np.inf if self.residual is None else self.residual.relative
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Balance:
     """Where Newton's method ended; ``reason`` is empty when it converged.
 
@@ -51,7 +64,7 @@ def equilibrium(
     model: Model,
     thetas: Mapping[str, FloatArray],
     load: ContactState,
-    start: FloatArray,
+    start: Start,
     linear: LinearSolver,
     tolerance: float,
 ) -> Balance:
@@ -59,8 +72,7 @@ def equilibrium(
 
     Parameters
     ----------
-    start : (n_nodes, 3) array
-        First guess [mm].
+    start : Start
     tolerance : float
         Imbalance relative to the forces.
     """
@@ -88,7 +100,7 @@ def _by_held_limits(
     displacements, n_iterations = failed.displacements, failed.n_iterations
     for _ in range(MOST_RENEWALS):
         held = model.contact.held(displacements, load)
-        balance = _newton(model, thetas, held, displacements, linear, tolerance)
+        balance = _newton(model, thetas, held, Start(displacements), linear, tolerance)
         n_iterations += balance.n_iterations
         if balance.reason:
             break
@@ -102,11 +114,12 @@ def _newton(
     model: Model,
     thetas: Mapping[str, FloatArray],
     load: ContactState,
-    start: FloatArray,
+    start: Start,
     linear: LinearSolver,
     tolerance: float,
 ) -> Balance:
-    displacements, residual = start, model.forces(start, thetas).residual(load)
+    displacements = start.displacements
+    residual = start.residual or model.forces(displacements, thetas).residual(load)
     for iteration in range(MOST_ITERATIONS):
         if not np.isfinite(residual.free).all() or residual.least_jacobian <= 0.0:
             return Balance(displacements, iteration, "inverted element")

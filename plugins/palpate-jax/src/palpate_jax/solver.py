@@ -1,19 +1,21 @@
 """The embedded finite element solver, as a plugin sees it."""
 
+import os
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from palpate.api import (
+    PRESS_AND_TWIST,
     STATE_COLUMNS,
     BalancedStates,
-    Channel,
     FloatArray,
     Indentation,
     Job,
@@ -21,24 +23,28 @@ from palpate.api import (
     Material,
     MaterialError,
     MeshError,
-    Response,
     Settings,
     Simulation,
     Solver,
     Status,
     StudyError,
+    job_key,
 )
 from palpate.mechanics import check_reference_state, initial_moduli
 from palpate.mesh.spot_frame import SpotWrench, indentation_of, pose_of
 from palpate_jax.contact import ContactLaw
 from palpate_jax.diagnosis import explained
 from palpate_jax.footprint import check_footprint, check_touch
-from palpate_jax.initial_guess import InitialGuess, WarmStart
+from palpate_jax.initial_guess import InitialGuess, Pilot, Pilots
 from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, load_steps
 from palpate_jax.model import Model
+from palpate_jax.pilot_states import PilotStates
 from palpate_jax.sensitivity import Sensitivity
 from palpate_jax.skin import surface_states
 from palpate_jax.strains import strain_ranges
+
+GROUPS = (12, 36)
+"""Sets of a sweep that start alone, then those that start from them; all others start from both."""
 
 NODES_KEPT = 40_000
 """Nodes of the limbs that stay prepared, at about 25 kB each and more in large meshes.
@@ -77,11 +83,10 @@ class JaxSettings(Settings):
         "incompressible tissue from locking: in all regions, in none, or in the named ones; without it, "
         "for comparison with other programs, tet4 overstates force by half and more",
     )
-    warm_start: bool = Field(
-        False,
-        description="start each set from an interpolation between the sets before it: about twice as fast "
-        "in a sweep of many sets. Results then agree to within the tolerance, but not to the bit, when a "
-        "sweep is stopped, resumed or spread over workers",
+    pilots: bool = Field(
+        True,
+        description="start the sets of a sweep from an interpolation between its first sets, the pilots, "
+        "whose displacements are kept in the user's cache folder; without it, every set is solved alone",
     )
     fields: Literal["none", "end", "all"] = Field(
         "none",
@@ -98,17 +103,12 @@ class JaxSettings(Settings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Prepared:
-    """Model of a limb, with the finished sets by protocol."""
+    """Model of a limb, and pilots by their values and protocol."""
 
     limb: Limb
     materials: Mapping[str, Material]
     model: Model
-    finished: dict[tuple[object, ...], WarmStart] = field(default_factory=dict)
-
-    def warm_start(self, protocol: Indentation, channels: tuple[Channel, ...]) -> WarmStart:
-        """The sets finished on the same path, with the same channels."""
-        key = (protocol.indenter, protocol.friction, protocol.path.tobytes(), channels)
-        return self.finished.setdefault(key, WarmStart(self.materials))
+    pilots: dict[tuple[object, ...], Pilots] = field(default_factory=dict)
 
 
 class JaxSolver(Solver[JaxSettings]):
@@ -127,6 +127,11 @@ class JaxSolver(Solver[JaxSettings]):
         super().__init__(settings)
         self._materials: dict[tuple[type[Material], str], Material] = {}
         self._recent: list[_Prepared] = []
+        self._states = PilotStates()
+
+    def n_pilots(self, number: int) -> int:
+        """Pilots of a set: those of the largest group that ends before it."""
+        return max(n for n in (0, *GROUPS) if n <= number) if self.settings.pilots else 0
 
     def check(self, job: Job, limb: Limb | None) -> None:
         """Refuse what cannot be simulated, before the first step.
@@ -156,50 +161,85 @@ class JaxSolver(Solver[JaxSettings]):
             _check_folder(self._fields_folder(job))
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
-        """Simulate the protocol's path; if it cannot be finished, ``diverged`` with partial curves."""
-        return self._simulate(job, limb, warm_start=False)
+        """Simulate the protocol's path; if it cannot be finished, ``diverged`` with partial curves.
 
-    def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
-        """Simulate the same path with every set, with a warm start if set.
-
-        An initial guess changes no result by more than the tolerance, as long as ``n_cuts`` is 0
-        without it too. Where it avoids halving a step, friction follows the longer step. A
-        multiple of a finished set gets that set's result, scaled.
+        With pilots every state starts from a guess, which changes no result by more than the tolerance,
+        as long as ``n_cuts`` is 0 without pilots too. Where a guess avoids halving a step, friction
+        follows the longer step.
         """
-        for job in jobs:
-            yield self._simulate(job, limb, warm_start=self.settings.warm_start)
-
-    def _simulate(self, job: Job, limb: Limb | None, *, warm_start: bool) -> Simulation:
-        protocol, limb = indentation_of(job, limb, self.name)
-        prepared = self._prepared(limb, job.materials)
-        finished = prepared.warm_start(protocol, job.channels)
+        protocol, own = indentation_of(job, limb, self.name)
+        prepared = self._prepared(own, job.materials)
+        pilots = self._pilots(prepared, protocol, job, limb) if job.pilots else None
         started = time.perf_counter()
-        scales = warm_start and self.settings.fields == "none" and not (job.slopes or job.surface)
-        known = finished.multiple(job.thetas) if scales else None
-        if known is not None:
-            return _scaled(*known, job, time.perf_counter() - started)
         try:
             modulus = self._modulus(prepared, job.thetas)
         except MaterialError as error:
             return Simulation(job=job, status=Status.DIVERGED, response=None, message=str(error))
-        initial_guess = finished.initial_guess(job.thetas, modulus) if warm_start else None
+        initial_guess = None if pilots is None else pilots.initial_guess(job.thetas, modulus)
         stepping, reached, stop = self._walk(prepared, protocol, job, modulus, initial_guess)
         # A negative set_id is that of a set outside the design, which has no folder.
         if self.settings.fields != "none" and reached and job.set_id >= 0:
             self._write_fields(prepared, job, reached)
-        simulation = Simulation(
+        if job.is_pilot:
+            self._states.store(
+                self._states_key(job, limb), [prepared.model.rest(), *(s.displacements for s in reached)]
+            )
+        return Simulation(
             job=job,
             status=Status.OK if stop is None else Status.DIVERGED,
             response=balanced_states(reached).observed(job.channels),
             message="" if stop is None else explained(stop, prepared.model, prepared.materials, job.thetas),
             seconds=time.perf_counter() - started,
-            diagnostics=_diagnostics(reached, stepping) | _strains(prepared, job, reached),
-            surface=surface_states(limb, prepared.model, reached) if job.surface else None,
+            diagnostics=_diagnostics(reached, stepping)
+            | _strains(prepared, job, reached)
+            | ({} if pilots is None else {"n_pilots": len(pilots)}),
+            surface=surface_states(own, prepared.model, reached) if job.surface else None,
         )
-        if warm_start and stop is None:
-            stack = [prepared.model.rest(), *(s.displacements for s in reached)]
-            finished.add(job.thetas, modulus, stack, simulation)
-        return simulation
+
+    def _pilots(self, prepared: _Prepared, protocol: Indentation, job: Job, limb: Limb | None) -> Pilots:
+        """Those of a job's pilots that reached the end of the path."""
+        assert job.pilots is not None
+        values = {region: job.pilots[region] for region in prepared.materials}
+        motion = (protocol.path, protocol.aside, protocol.loads, protocol.time_s)
+        arrays = [b"" if each is None else each.tobytes() for each in (*motion, *values.values())]
+        key = (protocol.indenter, protocol.friction, *arrays)
+        if key not in prepared.pilots:
+            points = load_steps(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
+            n = len(next(iter(values.values())))
+            found: dict[int, Pilot] = {}
+            # Each worker begins with another one, so that they share what none of them has.
+            for i in np.roll(np.arange(n), os.getpid() % n):
+                thetas = {region: each[i] for region, each in values.items()}
+                stack = self._states_of(self._pilot(job, values, int(i)), limb)
+                if stack is not None and len(stack) == 1 + len(points):
+                    found[int(i)] = Pilot(thetas, self._modulus(prepared, thetas), stack)
+            prepared.pilots[key] = Pilots(prepared.materials, [found[i] for i in sorted(found)])
+        return prepared.pilots[key]
+
+    def _pilot(self, job: Job, values: Mapping[str, FloatArray], i: int) -> Job:
+        """The job of a pilot, with the pilots that it has itself."""
+        n = self.n_pilots(i)
+        return replace(
+            job,
+            set_id=-1,
+            thetas={region: each[i] for region, each in values.items()},
+            pilots={region: each[:n] for region, each in values.items()} if n else None,
+            slopes=False,
+            surface=False,
+            is_pilot=True,
+        )
+
+    def _states_of(self, pilot: Job, limb: Limb | None) -> NDArray[np.float32] | None:
+        """Displacements of a pilot, simulated here if nobody has kept them."""
+        key = self._states_key(pilot, limb)
+        if (stack := self._states.load(key)) is None:
+            self.simulate(pilot, limb)
+            stack = self._states.load(key)
+        return stack
+
+    def _states_key(self, job: Job, limb: Limb | None) -> str:
+        """Key of a job's displacements, which what is observed of them does not change."""
+        return job_key(replace(job, slopes=False, surface=False, channels=PRESS_AND_TWIST), limb, self)
 
     def _modulus(self, prepared: _Prepared, thetas: Mapping[str, FloatArray]) -> float:
         """Initial shear modulus [MPa] where the indenter touches."""
@@ -289,29 +329,6 @@ def _check_names(mean_dilatation: bool | tuple[str, ...], limb: Limb) -> None:
                 f"spot '{limb.spot.name}': setting mean_dilatation names region '{region}', and the mesh has "
                 f"{', '.join(limb.mesh.regions)}; correct the name"
             )
-
-
-def _scaled(known: Simulation, factor: float, job: Job, seconds: float) -> Simulation:
-    """The simulation of a set whose moduli are ``factor`` times a finished set's."""
-    assert known.response is not None
-    degrees = {channel.name: channel.degree for channel in job.channels}
-    curves = {
-        name: replace(curve, ordinate=factor ** degrees[name] * curve.ordinate, slopes={})
-        for name, curve in known.response.curves.items()
-    }
-    diagnostics = dict(known.diagnostics) | dict.fromkeys(
-        ("n_iterations", "n_factorisations", "n_cuts", "n_held"), 0
-    )
-    for name in ("force_N", "moment_Nmm"):
-        diagnostics[name] = (factor * np.array(known.diagnostics[name])).tolist()
-    diagnostics["multiple_of_set"] = known.job.set_id
-    return Simulation(
-        job=job,
-        status=known.status,
-        response=Response(curves=curves),
-        seconds=seconds,
-        diagnostics=diagnostics,
-    )
 
 
 def balanced_states(reached: Sequence[LoadStep]) -> BalancedStates:

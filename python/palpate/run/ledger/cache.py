@@ -75,6 +75,10 @@ class ResultCache:
         except (OSError, ValueError, KeyError, TypeError, RecursionError, pl.exceptions.PolarsError):
             return None
 
+    def holds(self, key: str) -> bool:
+        """Whether there is a file of this key, sound or not."""
+        return self._path(key).is_file()
+
     def _store_surface(self, key: str, states: SurfaceStates) -> None:
         try:
             write_surface(self._surface(key), states)

@@ -1,0 +1,128 @@
+"""Laws of sets that start from pilots: the same bits in any order, and the results of cold starts."""
+
+import random
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.domain import Indentation, Job, Status
+from palpate.indenters import Sphere
+from palpate.specimens import block
+from palpate_jax import solver as solver_module
+from palpate_jax.initial_guess import InitialGuess
+from palpate_jax.pilot_states import PilotStates
+from palpate_jax.solver import JaxSettings, JaxSolver
+from palpate_materials.yeoh import Yeoh
+
+YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.4])
+SETS = YEOH * np.random.default_rng(7).uniform(0.8, 1.25, (8, 4))
+PATH = [(0.0, 0.0), (2.0, 0.0), (2.0, -10.0), (2.0, 10.0)]
+SETTINGS = JaxSettings(depth_steps=3, rotation_step_deg=5.0, tolerance=1e-6)
+COLLAPSES = [0.0141, -0.006, 1e-6, 0.4]
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(solver_module, "GROUPS", (3, 5))
+    return tmp_path / "cache" / "palpate" / "pilots"
+
+
+@pytest.fixture(scope="module")
+def limb():
+    return block("hex8", n_across=6, n_down=2, width_mm=24.0, height_mm=10.0, grading=1.4)
+
+
+def job_of(set_id, path=PATH, sets=SETS, **changes):
+    n = JaxSolver(SETTINGS).n_pilots(set_id)
+    return Job(
+        spot="block",
+        set_id=set_id,
+        materials={"soft_tissue": Yeoh()},
+        thetas={"soft_tissue": np.array(sets[set_id])},
+        protocol=Indentation(indenter=Sphere(radius_mm=7.5), path=np.array(path), friction=0.6),
+        pilots={"soft_tissue": np.array(sets[:n])} if n else None,
+        is_pilot=set_id < 5,
+        **changes,
+    )
+
+
+def bits(simulation):
+    return {name: curve.ordinate.tobytes() for name, curve in simulation.response.curves.items()}
+
+
+def test_the_same_bits_in_any_order_on_any_worker_and_without_the_files(limb, cache):
+    expected = [bits(s) for s in JaxSolver(SETTINGS).simulate_many(map(job_of, range(8)), limb)]
+    drawn = random.Random(3)
+    for _ in range(3):
+        order = drawn.sample(range(8), 5)
+        workers = [JaxSolver(SETTINGS) for _ in range(2)]
+        for set_id in order:
+            if drawn.random() < 0.3:
+                shutil.rmtree(cache)
+            found = drawn.choice(workers).simulate(job_of(set_id), limb)
+            assert bits(found) == expected[set_id]
+
+
+def test_a_start_from_pilots_saves_effort_and_changes_no_result(limb):
+    used = JaxSolver(SETTINGS)
+    *_, warm = used.simulate_many(map(job_of, range(8)), limb)
+    alone = used.simulate(replace(job_of(7), pilots=None), limb)
+    assert warm.diagnostics["n_pilots"] == 5
+    assert warm.diagnostics["n_iterations"] < 0.9 * alone.diagnostics["n_iterations"]
+    for channel in ("force", "torque"):
+        expected = alone.response[channel].ordinate
+        np.testing.assert_allclose(
+            warm.response[channel].ordinate, expected, atol=1e-4 * np.abs(expected).max()
+        )
+
+
+def test_pilots_that_diverge_are_left_out(limb):
+    path = [(0.0, 0.0), (6.0, 0.0)]
+    some = np.array([COLLAPSES, *SETS[1:]])
+    found = JaxSolver(SETTINGS).simulate(job_of(3, path, some), limb)
+    assert found.status is Status.OK, found.message
+    assert found.diagnostics["n_pilots"] == 2
+    none = np.array([COLLAPSES] * 3 + [*SETS[3:]])
+    cold = JaxSolver(SETTINGS).simulate(replace(job_of(3, path, none), pilots=None), limb)
+    alone = JaxSolver(SETTINGS).simulate(job_of(3, path, none), limb)
+    assert alone.diagnostics["n_pilots"] == 0
+    assert bits(alone) == bits(cold)
+
+
+def test_without_the_setting_no_set_has_pilots():
+    assert [JaxSolver(SETTINGS).n_pilots(i) for i in (0, 2, 3, 4, 5, 99)] == [0, 0, 3, 3, 5, 5]
+    assert JaxSolver(SETTINGS.model_copy(update={"pilots": False})).n_pilots(99) == 0
+
+
+def test_a_guess_that_the_pilots_span_is_corrected_to_it():
+    """A state between the pilots is found at the next load step, whatever the interpolation says."""
+    drawn = np.random.default_rng(1)
+    stacks = [drawn.normal(size=(3, 20, 3)).astype(np.float32) for _ in range(4)]
+    guess, true = InitialGuess(np.array([1.0, 0.0, 0.0, 0.0]), stacks), (0.4, 0.3, 0.2, 0.1)
+    at = np.tensordot(true, np.array(stacks, dtype=float), 1)[1:]
+    corrected, interpolated = guess.at(1, at[0])
+    np.testing.assert_allclose(corrected, at[1], atol=1e-5)
+    np.testing.assert_array_equal(interpolated, stacks[0][2])
+
+
+def test_states_come_back_and_what_is_cut_short_counts_as_missing(tmp_path, monkeypatch):
+    states, stack = PilotStates(tmp_path), np.random.default_rng(2).normal(size=(4, 5, 3)).astype(np.float32)
+    states.store("a", stack)
+    np.testing.assert_array_equal(PilotStates(tmp_path).load("a"), stack)
+    (tmp_path / "a.npy").write_bytes((tmp_path / "a.npy").read_bytes()[:-8])
+    assert PilotStates(tmp_path).load("a") is None
+    monkeypatch.setattr("palpate_jax.pilot_states.MOST_BYTES", 700)
+    for name in "abcd":
+        states.store(name, stack)
+    assert 1 <= len(list(tmp_path.iterdir())) <= 2
+    assert states.load("d") is not None
+
+
+def test_a_folder_that_cannot_be_made_leaves_the_states_in_memory(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    states, stack = PilotStates(tmp_path / "file" / "below"), np.zeros((2, 3, 3), dtype=np.float32)
+    states.store("a", stack)
+    np.testing.assert_array_equal(states.load("a"), stack)
