@@ -107,6 +107,10 @@ class CutShort(Sound):
         return {name: curve.cut(slice(0, 15)) for name, curve in super().curves(*given).items()}
 
 
+class Boasting(Sound):
+    state_columns = ("depth_mm", "force_N", "lateral_x_N")
+
+
 class WithoutBranches(Sound):
     """Sorts the twist by angle, so that its two ways become one."""
 
@@ -275,6 +279,7 @@ FAULTS = [
         "'torque'.* runs -20 → 20 where .* 0 → -20 → 20 → 0",
     ),
     ("simulates_the_whole_protocol", Undeclared(), "torque is not among the solver's channels"),
+    ("it_observes_every_channel_of_its_columns", Boasting(), "no curve over depth of force_N, lateral_x_N"),
     ("a_hopeless_job_is_no_success", Hopeful(), "status ok for a job that has no answer"),
     ("a_hopeless_job_is_no_success", Mute(), "status diverged without a message"),
     ("finer_settings_change_little", Loose(), "'force': finer settings change the answer by 0"),

@@ -1,4 +1,4 @@
-"""How the simulations of a sweep ended, spot by spot, and how the sphere touched the limb."""
+"""How the simulations of a sweep ended, spot by spot, and how the indenter touched the limb."""
 
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
@@ -6,6 +6,7 @@ from typing import Any
 
 import polars as pl
 
+from palpate.balanced_states import POSE
 from palpate.domain import Simulation, Status
 
 CONTACT: Mapping[str, str] = MappingProxyType(
@@ -17,7 +18,7 @@ CONTACT: Mapping[str, str] = MappingProxyType(
 )
 """Diagnostics of contact that a solver may give for each step of its path, and their labels.
 
-It does so in its diagnostics, as lists as long as ``depth_mm`` and ``rotation_deg`` there.
+It does so in its diagnostics, as lists as long as ``depth_mm`` and the other columns of the pose there.
 """
 
 Contact = Mapping[str, list[float]]
@@ -69,12 +70,20 @@ def contact_along(simulations: Iterable[Simulation]) -> dict[tuple[str, int], Co
 
 def _contact(diagnostics: Mapping[str, Any]) -> Contact:
     """Path and contact as far as they are lists of numbers, all of one length."""
-    path = ("depth_mm", "rotation_deg")
-    lists = {name: diagnostics[name] for name in (*path, *CONTACT) if _are_numbers(diagnostics.get(name))}
-    if not lists.keys() >= set(path):
-        return {}
-    found = {name: values for name, values in lists.items() if len(values) == len(lists[path[0]])}
-    return found if found.keys() > set(path) else {}
+    lists = {name: diagnostics[name] for name in (*POSE, *CONTACT) if _are_numbers(diagnostics.get(name))}
+    depths = lists.get(POSE[0], [])
+    found = {name: values for name, values in lists.items() if depths and len(values) == len(depths)}
+    return found if found.keys() & CONTACT.keys() else {}
+
+
+def places_along(contact: Contact) -> list[str]:
+    """Where the indenter is at each step, by the columns of the pose that move."""
+    moving = {name: contact[name] for name in POSE if name in contact and len(set(contact[name])) > 1}
+    shown = [name.rpartition("_") for name in moving]
+    return [
+        ", ".join(f"{n.replace('_', ' ')} {v:.4g} {unit}" for (n, _, unit), v in zip(shown, row, strict=True))
+        for row in zip(*moving.values(), strict=True)
+    ]
 
 
 def _are_numbers(values: object) -> bool:

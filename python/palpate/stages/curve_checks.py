@@ -4,8 +4,9 @@ Impossible curves are refused. Suspicious ones give a sentence, which ``palpate 
 ``palpate run`` print as a warning and the manifest keeps.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import product
+from types import MappingProxyType
 
 import numpy as np
 
@@ -215,9 +216,10 @@ def _onset(curve: Curve) -> float | None:
 def check_sizes(
     response: Response, channels: Mapping[str, Channel], protocol: Indentation, space: ParameterSpace
 ) -> list[str]:
-    """Compare forces and torques with the indenter, the depth and the study's ranges.
+    """Compare forces and moments with the indenter, the depth and the study's ranges.
 
-    Only for channels whose ``length_power`` is 2 (a force) over depth, or 3 (a moment) over rotation.
+    Only for channels whose ``length_power`` is 2 (a force) over depth or slide, or 3 (a moment) over rotation
+    or tilt.
 
     Returns
     -------
@@ -232,20 +234,24 @@ def check_sizes(
     peaks = {
         name: float(np.abs(curve.ordinate).max())
         for name, curve in response.curves.items()
-        if (channels[name].abscissa, channels[name].length_power) in (("depth_mm", 2), ("rotation_deg", 3))
+        if (channels[name].abscissa, channels[name].length_power) in _ARMS
         and curve.ordinate.any()  # scoring refuses a curve of zeros
     }
     if moduli := young_range(space):
         for name, peak in peaks.items():
             _check_size(channels[name], peak, moduli, protocol)
-    forces, moments = ([c for c in peaks if channels[c].length_power == power] for power in (2, 3))
+    forces, moments = (
+        [name for name in peaks if channels[name].abscissa == along] for along in ("depth_mm", "rotation_deg")
+    )
     levers = [(force, moment, peaks[moment] / peaks[force]) for force, moment in product(forces, moments)]
     return [text for each in levers for text in _lever(*each, protocol)]
 
 
 def _check_size(channel: Channel, peak: float, moduli: tuple[float, float], protocol: Indentation) -> None:
-    arm = 1.0 if channel.length_power == 2 else lever_mm(protocol)
+    arm = _ARMS[channel.abscissa, channel.length_power](protocol)
     low, high = (hertz_N(modulus, protocol) * arm for modulus in moduli)
+    if channel.abscissa not in ("depth_mm", "rotation_deg"):
+        low = 0.0  # a slide or a tilt may be as small as one likes
     if high > 0.0 and not SIZES[0] * low <= peak <= SIZES[1] * high:
         raise CurveError(
             f"channel '{channel.name}': {channel.ordinate} reaches {peak:.4g}, and the ranges of the study "
@@ -289,6 +295,21 @@ def lever_mm(protocol: Indentation) -> float:
     contact = indenter.contact_radius_mm(depth)
     sticking = contact**2 / depth * rotation if depth > 0.0 else 0.0
     return min(sticking, 3.0 * np.pi / 16.0 * protocol.friction * min(contact, indenter.reach_mm(depth)))
+
+
+def _contact_radius_mm(protocol: Indentation) -> float:
+    return protocol.indenter.contact_radius_mm(float(protocol.path[:, 0].max()))
+
+
+_ARMS: Mapping[tuple[str, int | None], Callable[[Indentation], float]] = MappingProxyType(
+    {
+        ("depth_mm", 2): lambda protocol: 1.0,
+        ("rotation_deg", 3): lever_mm,
+        ("slide_mm", 2): lambda protocol: protocol.friction,
+        ("tilt_deg", 3): _contact_radius_mm,
+    }
+)
+"""What the peak is over Hertz's force, about or at most, by abscissa and power of the length."""
 
 
 def young_range(space: ParameterSpace) -> tuple[float, float] | None:

@@ -13,7 +13,7 @@ LARGEST_RATIO = 100.0
 """Upper over lower end of a range beyond which sets that are spread evenly leave the lower decades out."""
 
 DEEPEST = 3.0
-"""Depth over radius beyond which a sphere is deeper in the limb than any measurement of the kind."""
+"""Depth over radius beyond which an indenter is deeper in the limb than any measurement of the kind."""
 
 
 def odd_settings(study: Study) -> Iterator[str]:

@@ -7,7 +7,9 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
+from palpate.balanced_states import POSE, WRENCH
 from palpate.domain import (
+    Channel,
     Curve,
     FloatArray,
     HomogeneousTests,
@@ -69,9 +71,6 @@ class SolverContract(ComponentContract):
 
     Name one only with the reason: a solver that ignores an input of the study answers another one.
     """
-
-    path_channels: Mapping[str, int] = MappingProxyType({"force": DEPTH, "torque": ROTATION})
-    """Channels whose abscissa is a column of an indentation's path; others are not held against it."""
 
     @pytest.fixture
     def solver(self) -> Solver:
@@ -149,6 +148,25 @@ class SolverContract(ComponentContract):
         assert simulation.seconds >= 0.0, f"{simulation.seconds} seconds"
         for channel in simulation.response:
             self.assert_follows(simulation.response[channel], job)
+
+    def test_it_observes_every_channel_of_its_columns(
+        self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
+    ) -> None:
+        columns = set(solver.state_columns) & set(WRENCH) if isinstance(job.protocol, Indentation) else ()
+        asked = tuple(_over_depth(column) for column in sorted(columns))
+        if not asked:
+            return
+        response = solver.simulate(replace(job, channels=(*job.channels, *asked)), limb).response
+        assert response is not None
+        assert answer.response is not None
+        missed = [channel.ordinate for channel in asked if channel.name not in response]
+        assert not missed, (
+            f"no curve over depth of {', '.join(missed)}, which `state_columns` names; return "
+            "`states.observed(job.channels)`"
+        )
+        for name, curve in answer.response.curves.items():
+            said = f"channel '{name}' changes where the job asks for more channels"
+            np.testing.assert_array_equal(response[name].ordinate, curve.ordinate, said)
 
     def test_the_same_job_gives_the_same_bits(
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
@@ -389,9 +407,14 @@ class SolverContract(ComponentContract):
     def _asked(self, channel: str, job: Job) -> FloatArray | None:
         if isinstance(job.protocol, HomogeneousTests):
             return job.protocol.paths.get(channel)
-        if channel not in self.path_channels:
-            return None
-        return job.protocol.path[:, self.path_channels[channel]]
+        abscissae = {each.name: each.abscissa for each in job.channels}
+        return job.protocol.columns.get(abscissae.get(channel, ""))
+
+
+def _over_depth(column: str) -> Channel:
+    return Channel(
+        name=f"{column} over depth", abscissa=POSE[0], ordinate=column, abscissa_label="", ordinate_label=""
+    )
 
 
 def _moved(material: Material, theta: FloatArray) -> Iterator[tuple[str, FloatArray]]:

@@ -15,7 +15,7 @@ from palpate.plugins.sections import (
     Section,
     Table,
 )
-from palpate.report.convergence import CONTACT
+from palpate.report.convergence import CONTACT, places_along
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
 from palpate.report.sections.tables import table
@@ -33,15 +33,13 @@ class LimbAndContact(Section):
         if not data.limbs:
             return
         yield Paragraph(
-            "The mesh around the spot, the sphere at rest on it, and the way that it presses against the "
+            "The mesh around the spot, the indenter at rest on it, and the way that it presses against the "
             "normal. Drag to turn; click a name to hide or show a part."
         )
         yield Drawing("limb")
         if data.contact:
             yield Heading("Contact along the path")
-            yield Paragraph(
-                "Of the set that the scenario selected: press to depth, then twist, step by step."
-            )
+            yield Paragraph("Of the set that the scenario selected, step by step along the path.")
             yield from _contact(data)
 
 
@@ -82,10 +80,7 @@ def _contact(data: ReportData) -> Iterator[Figure]:
                         "name": f"set {row['set_id']}",
                         "x": list(range(1, len(path[name]) + 1)),
                         "y": path[name],
-                        "text": [
-                            f"{depth:.4g} mm, {turn:.4g}°"
-                            for depth, turn in zip(path["depth_mm"], path["rotation_deg"], strict=True)
-                        ],
+                        "text": places_along(path),
                         "line": {"color": f"--line{numbers[row['scenario']] % 6}", "width": 2},
                     }
                 ],
