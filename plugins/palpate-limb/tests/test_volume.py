@@ -1,5 +1,6 @@
 """Volumes: sizes, elements on the true surfaces, regions, quality, and the command that writes them."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -337,7 +338,11 @@ def test_the_command_writes_a_mesh_a_note_and_a_picture(
     assert 2.0 < fine.mesh.n_nodes / limb.mesh.n_nodes < 4.5
     assert meshio.read(out / "p1.vtu").point_data["bone"].any()
     assert (out / "p1.png").read_bytes().startswith(b"\x89PNG")
-    assert '"volume_error"' in (out / "p1.json").read_text()
+    written = json.loads((out / "p1.json").read_text())
+    assert "volume_error" in written["quality"]
+    axes = limb.mesh.cell_fields["axis"]["tet10"]
+    along_limb = np.array(written["scan_to_mesh"])[:3, 0]  # the phantom's x
+    np.testing.assert_allclose(axes, np.tile(along_limb, (len(axes), 1)), atol=0.02)
 
 
 def test_layers_axis_and_radii_are_read_from_text() -> None:

@@ -14,7 +14,7 @@ from palpate_limb.mesh_error import mesh_error
 
 
 def write_limb(path: Path, limb: Limb) -> None:
-    """Write a mesh for the limb source ``meshio``: cell data ``region``, point data of each node set."""
+    """Write a mesh for the limb source ``meshio``: cell data ``region`` and fields, point data for sets."""
     import meshio
 
     mesh = limb.mesh
@@ -22,11 +22,13 @@ def write_limb(path: Path, limb: Limb) -> None:
     for name, nodes in mesh.node_sets.items():
         point_data[name] = np.zeros(mesh.n_nodes, dtype=np.uint8)
         point_data[name][nodes] = 1
+    cell_data = {name: [of[kind] for kind in mesh.cells] for name, of in mesh.cell_fields.items()}
+    cell_data["region"] = [mesh.cell_regions[kind].astype(np.int32) for kind in mesh.cells]
     meshio.Mesh(
         mesh.points_mm,
         [(CELLS[kind].meshio, cells) for kind, cells in mesh.cells.items()],
         point_data=point_data,
-        cell_data={"region": [mesh.cell_regions[kind].astype(np.int32) for kind in mesh.cells]},
+        cell_data=cell_data,
     ).write(path)
 
 

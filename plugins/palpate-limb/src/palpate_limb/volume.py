@@ -17,6 +17,8 @@ from palpate_limb.segment import Segment, core_of, gap_of_bones
 from palpate_limb.surfaces import Surface, joined, parts_of, solid, surface_of
 
 TISSUE = "soft_tissue"
+AXIS = "axis"
+"""Cell data with the limb's axis, for materials with a direction."""
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
 FINER = 0.6
 """Edges of a finer mesh over those of the first: about three times as many nodes."""
@@ -120,6 +122,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
             "cut": on["cut"],
             **{bone.name: on[bone.name] for bone in segment.bones},
         },
+        cell_fields={AXIS: {plan.kind: np.tile(segment.axis, (len(tets), 1))}},
     )
     return Limb(spot=Spot(name=segment.name), mesh=mesh)
 
