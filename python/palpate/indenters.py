@@ -68,6 +68,10 @@ class Sphere(Indenter[SphereSettings]):
         """Hertz's √(R d), and never more than R."""
         return min(self.contact_radius_mm(depth_mm), self.radius_mm)
 
+    def reaches_mm(self, depth_mm: float, directions: FloatArray) -> FloatArray:
+        """The same to every side."""
+        return np.full(len(directions), self.reach_mm(depth_mm))
+
     def surface(self, n_across: int = 32) -> tuple[FloatArray, IntArray]:
         """Rings of ``n_across`` points, the poles being rings of no width."""
         n_rings = n_across // 2 + 1

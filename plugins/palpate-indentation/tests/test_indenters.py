@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.api import MeshError
+from palpate.api import MeshError, Sphere
 from palpate.testing import IndenterContract
 from palpate_indentation import (
     Box,
@@ -117,3 +117,24 @@ def test_a_capsule_without_length_is_a_sphere():
     capsule = Capsule(CapsuleSettings(radius="7.5 mm", length="0 mm"))
     for got, known in zip(capsule.normals(points), Sphere(radius_mm=7.5).normals(points), strict=True):
         np.testing.assert_allclose(got, known, atol=1e-12)
+
+
+@pytest.mark.parametrize(("turn", "is_long"), [(0.0, 0), (90.0, 1)])
+def test_a_plate_reaches_further_along_its_length(turn, is_long):
+    plate = Box(BoxSettings(length="45 mm", width="15 mm", height="10 mm", edge="2 mm", turn=f"{turn} deg"))
+    reach = plate.reaches_mm(4.0, np.eye(2))
+    assert reach[is_long] == pytest.approx(22.5, rel=0.02)
+    assert reach[1 - is_long] == pytest.approx(7.5, rel=0.05)
+    assert (reach <= plate.reach_mm(4.0)).all()
+
+
+def test_a_cuff_reaches_half_its_chord_across_and_half_its_width_along():
+    cuff = Cuff(CuffSettings(radius="35 mm", angle="120 deg", width="30 mm", edge="3 mm"))
+    chord = 35.0 * np.sin(np.deg2rad(60.0))
+    np.testing.assert_allclose(cuff.reaches_mm(5.0, np.eye(2)), [chord, 15.0])
+
+
+def test_a_sphere_reaches_as_far_to_every_side():
+    angles = np.linspace(0.0, 6.0, 7)
+    reach = Sphere(radius_mm=7.5).reaches_mm(5.0, np.column_stack([np.cos(angles), np.sin(angles)]))
+    np.testing.assert_allclose(reach, Sphere(radius_mm=7.5).reach_mm(5.0))

@@ -174,3 +174,21 @@ def test_a_run_is_shown_where_the_file_of_its_tool_is_not(files):
     contact = {"depth_mm": [1.0, 2.0], "contact_radius_mm": [2.0, 3.0]}
     assert edge_of_contact(limb, there, contact) is not None
     assert edge_of_contact(limb, lost, contact) is None
+
+
+def test_a_file_that_is_edited_during_a_run_gives_no_result_under_the_old_key(files, tmp_path):
+    (tmp_path / "plate.stl").write_bytes((files / "plate.stl").read_bytes())
+    parent = tool(tmp_path, "plate")
+    before = parent.fingerprint()
+    sent = pickle.dumps((type(parent), parent.settings))
+    (tmp_path / "plate.stl").write_bytes((files / "ball.stl").read_bytes())
+    assert parent.fingerprint() == before
+    stl_indenter._solid_of.cache_clear()  # a worker has its own
+    kind, settings = pickle.loads(sent)
+    worker = kind(settings)
+    assert worker.fingerprint() == before
+    with pytest.raises(
+        MeshError, match=r"plate\.stl: the tool's file has changed since this command read it"
+    ):
+        worker.distance(np.zeros((1, 3)))
+    assert tool(tmp_path, "plate").fingerprint() != before

@@ -10,6 +10,9 @@ from palpate.errors import MeshError
 from palpate.mesh.level_set import level_set_surface
 from palpate.plugins.interfaces import Array, Component, SettingsT
 
+RAY_STEPS = 100
+"""Places along a ray at which a tool's reach is looked for."""
+
 
 class Indenter(Component[SettingsT]):
     """A rigid body that is pressed into the limb.
@@ -86,6 +89,19 @@ class Indenter(Component[SettingsT]):
         """Distance [mm] from the axis up to which flat tissue is touched, about."""
         points, _ = self._section(depth_mm)
         return float(np.hypot(*points.T).max(initial=0.0))
+
+    def reaches_mm(self, depth_mm: float, directions: FloatArray) -> FloatArray:
+        """Distance (n,) [mm] from the axis up to which flat tissue is touched along unit vectors (n, 2).
+
+        By itself from the section at half of the depth; never more than :meth:`reach_mm`.
+        """
+        most = self.reach_mm(depth_mm)
+        steps = most * np.arange(1, RAY_STEPS + 1) / RAY_STEPS
+        height = 0.5 * min(max(depth_mm, 0.0), float(self.bounds_mm[1, 2]))
+        flat = steps[:, None] * directions[:, None, :]
+        points = np.concatenate([flat, np.full((*flat.shape[:2], 1), height)], axis=2)
+        inside = np.asarray(self.distance(points.reshape(-1, 3))).reshape(points.shape[:2]) < 0.0
+        return np.asarray((steps * inside).max(axis=1))
 
     def surface(self, n_across: int = 40) -> tuple[FloatArray, IntArray]:
         """Triangles of the surface, to be looked at: points (n, 3) [mm] and triangles (f, 3).

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from palpate.api import Array, Indenter, MeshError, Quantity, Settings
+from palpate.api import Array, FloatArray, Indenter, MeshError, Quantity, Settings
 
 Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]
@@ -185,6 +185,14 @@ class Cuff(Indenter[CuffSettings]):
     def reach_mm(self, depth_mm: float) -> float:
         """Half of the arc's chord."""
         return self.settings.radius * float(np.sin(np.deg2rad(min(0.5 * self.settings.angle, 90.0))))
+
+    def reaches_mm(self, depth_mm: float, directions: FloatArray) -> FloatArray:
+        """From the axis to the side of a rectangle of the chord and the width."""
+        half = (self.reach_mm(depth_mm), 0.5 * self.settings.width)
+        turn = np.deg2rad(self.settings.turn)
+        along = np.abs(directions @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]))
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.min(half / along, axis=1))
 
 
 def _check_edge(name: str, edge_mm: float, most_mm: float, *, is_less: bool = False) -> None:

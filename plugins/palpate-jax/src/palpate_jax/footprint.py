@@ -2,13 +2,17 @@
 
 import numpy as np
 
-from palpate.api import Indentation, IntArray, Limb, Mesh, MeshError
+from palpate.api import FloatArray, Indentation, IntArray, Limb, Mesh, MeshError
 from palpate.mesh.contact_edge import NEAR, contact_edge_mm
 from palpate.mesh.spot_frame import in_spot_frame
 from palpate_jax.contact_surface import contact_surfaces
 
 TOUCH_TOLERANCE_MM = 0.05
 """Largest gap or overlap of the surface and the indenter at depth 0."""
+
+
+N_TURNS = 9
+"""Rotations between the ends of a twist at which a tool that is not round is looked at."""
 
 
 def check_touch(limb: Limb, protocol: Indentation) -> None:
@@ -47,7 +51,8 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     """Refuse a contact surface that ends within reach of the indenter.
 
     A sphere of radius R pressed d deep touches flat tissue up to about √(R d) from
-    its axis (Hertz), and never further than R; see :meth:`palpate.api.Indenter.reach_mm`.
+    its axis (Hertz), and never further than R. Other tools reach further along one side than along
+    another; see :meth:`palpate.api.Indenter.reaches_mm`.
 
     Raises
     ------
@@ -56,7 +61,7 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     """
     mesh = in_spot_frame(limb)
     radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
-    reach = protocol.indenter.reach_mm(depth)
+    most = protocol.indenter.reach_mm(depth)
     rim = _rim(mesh)
     # The edge on the limb's other side does not matter.
     lowest = depth + max(radius, -float(protocol.indenter.bounds_mm[0, 2]))
@@ -64,13 +69,16 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     if not rim.size:
         return
     distances = np.hypot(mesh.points_mm[rim, 0], mesh.points_mm[rim, 1])
-    nearest = int(np.argmin(distances))
-    if distances[nearest] < reach:
+    rim, distances = rim[distances < most], distances[distances < most]
+    directions = mesh.points_mm[rim, :2] / np.maximum(distances, 1e-12)[:, None]
+    reach = _reach(protocol, depth, directions)
+    if (within := reach - distances).size and within.max() > 0.0:
+        worst = int(np.argmax(within))
         raise MeshError(
-            f"spot '{limb.spot.name}': the contact surface ends {distances[nearest]:.3g} mm from the "
-            f"{protocol.indenter.name}'s axis, near node {rim[nearest]}, and pressed "
-            f"{depth:g} mm deep touches up to about {reach:.3g} mm; mark more of the surface as contact, "
-            "extend the mesh, or press less deep"
+            f"spot '{limb.spot.name}': the contact surface ends {distances[worst]:.3g} mm from the "
+            f"{protocol.indenter.name}'s axis, near node {rim[worst]}, and pressed "
+            f"{depth:g} mm deep touches up to about {reach[worst]:.3g} mm there; mark more of the surface as "
+            "contact, extend the mesh, or press less deep"
         )
 
 
@@ -85,3 +93,13 @@ def _rim(mesh: Mesh) -> IntArray:
     unique, counts = np.unique(np.sort(np.concatenate(edges), axis=1), axis=0, return_counts=True)
     rim: IntArray = unique[counts == 1].ravel()
     return rim
+
+
+def _reach(protocol: Indentation, depth_mm: float, directions: FloatArray) -> FloatArray:
+    """Reach (n,) [mm] along unit vectors (n, 2), over all rotations of the path."""
+    turns = protocol.path[:, 1]
+    reach = np.zeros(len(directions))
+    for angle in np.deg2rad(np.linspace(turns.min(), turns.max(), N_TURNS if np.ptp(turns) else 1)):
+        turned = directions @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        reach = np.maximum(reach, protocol.indenter.reaches_mm(depth_mm, turned))
+    return reach

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from palpate.api import Array, FloatArray, Indenter, InputFile, MeshError, Quantity, Settings
 from palpate_limb.rounded_solid import RoundedSolid, rounded_solid
@@ -30,6 +30,9 @@ class StlSettings(Settings):
         description="Angle about the normal from the x axis of the spot's frame to the tool's.",
     )
 
+    _sha256: str = PrivateAttr("")
+    """Of the file as it was first read: it goes with the settings to workers, and is in no key of theirs."""
+
 
 class StlIndenter(Indenter[StlSettings]):
     """A rigid tool whose closed surface is in a file.
@@ -46,6 +49,9 @@ class StlIndenter(Indenter[StlSettings]):
         # The copy of a study in a run directory may be read where the tool's file is not.
         self.radius_mm, self.bounds_mm = np.nan, np.full((2, 3), np.nan)
         if settings.file.is_file():
+            settings._sha256 = settings._sha256 or _sha256(settings.file)
+            if _sha256(settings.file) != settings._sha256:
+                return  # whoever asks for the shape is told so
             lower, upper = self._solid.bounds_mm
             self.radius_mm = 0.5 * float((upper - lower)[:2].min())
             half = float(np.hypot(*np.maximum(np.abs(lower), np.abs(upper))[:2]))
@@ -57,17 +63,12 @@ class StlIndenter(Indenter[StlSettings]):
     @functools.cached_property
     def _solid(self) -> RoundedSolid:
         """Shared by equal tools of a process, however they are turned, and in no pickle."""
-        return _solid_of(self.settings.file, self.settings.unit, self.settings.edge, self.fingerprint())
+        return _solid_of(self.settings.file, self.settings.unit, self.settings.edge, self.settings._sha256)
 
     def fingerprint(self) -> str:
-        """Code, and content of the file."""
-        try:
-            content = self.settings.file.read_bytes()
-        except OSError as error:
-            raise MeshError(
-                f"{self.settings.file}: the tool cannot be read ({error.strerror}); give its file"
-            ) from None
-        return f"{super().fingerprint()}, file {hashlib.sha256(content).hexdigest()[:16]}"
+        """Code, and content of the file as it was first read."""
+        sha256 = self.settings._sha256 or _sha256(self.settings.file)
+        return f"{super().fingerprint()}, file {sha256[:16]}"
 
     def distance(self, points: Array) -> Array:
         """Signed distance (...) [mm]."""
@@ -87,7 +88,16 @@ class StlIndenter(Indenter[StlSettings]):
         return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
+def _sha256(file: Path) -> str:
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise MeshError(f"{file}: the tool cannot be read ({error.strerror}); give its file") from None
+
+
 @functools.lru_cache(maxsize=4)
-def _solid_of(file: Path, unit: str, edge_mm: float, fingerprint: str) -> RoundedSolid:
+def _solid_of(file: Path, unit: str, edge_mm: float, sha256: str) -> RoundedSolid:
     """Solid of a file, once per process and content."""
+    if _sha256(file) != sha256:
+        raise MeshError(f"{file}: the tool's file has changed since this command read it; run it again")
     return rounded_solid(read_surface(file, unit), edge_mm)
