@@ -166,11 +166,15 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
     rows = {
         "force": [processed.phase("press").rows(time)],
         "torque": [phase.rows(time) for phase in processed.phases if phase.name.startswith("twist")],
+        "lateral_force": [phase.rows(time) for phase in processed.phases if phase.name.startswith("slide")],
     }
     signals = {
         "force": (processed.depth_mm, processed.wrench.pressing, "depth [mm]", "normal force [N]"),
         "torque": (processed.motion.turn_deg, processed.wrench.twisting, "rotation [°]", "torque [N·mm]"),
     }
+    if processed.slide is not None:
+        shift = processed.slide.shift_mm
+        signals["lateral_force"] = (shift, processed.sliding, "shift [mm]", "lateral force [N]")
     curves = processed.response.curves
     with _styled():
         figure = Figure(figsize=(4.6 * len(curves), 5.6))
@@ -266,7 +270,7 @@ def _shade_rows(axis: Axes, time: FloatArray, chosen: BoolArray) -> None:
 
 def _shade(phase: Phase) -> str:
     kind, _, number = phase.name.partition("_")
-    return _TWISTS[int(number) % 2] if kind == "twist" else _SHADES[kind]
+    return _TWISTS[int(number) % 2] if kind in ("twist", "slide") else _SHADES[kind]
 
 
 def _name_phases(axis: Axes, phases: Sequence[Phase]) -> None:

@@ -33,9 +33,9 @@ class RobotLogSettings(ProcessingSettings):
 class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
     """A press as a robot and a six-axis sensor logged it.
 
-    The file gives the channels ``force`` (over depth) and, where the tool twists, ``torque``
-    (over rotation), each with standard deviations. A file that the study gives for one channel
-    gives that one alone.
+    The file gives the channels ``force`` (over depth), ``torque`` (over rotation) where the tool twists, and
+    with ``slide.enabled`` ``lateral_force`` (over shift), each with standard deviations. A file that the
+    study gives for one channel gives that one alone.
     """
 
     name = "robot_log"

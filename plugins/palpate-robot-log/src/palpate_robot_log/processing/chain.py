@@ -1,7 +1,7 @@
 """The steps in their order: from a recording to curves, with a record of each."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -33,9 +33,10 @@ from palpate_robot_log.processing.processed import Processed
 from palpate_robot_log.processing.relaxation import Relaxation, relaxation
 from palpate_robot_log.processing.rotation import mean_orientation, unrotated
 from palpate_robot_log.processing.settings import ProcessingSettings, Window
+from palpate_robot_log.processing.slides import Slide, find_slide
 from palpate_robot_log.processing.smoothing import Smoothed, smoothed
 from palpate_robot_log.processing.spikes import without_spikes
-from palpate_robot_log.processing.spot_frame import wrench_at_spot
+from palpate_robot_log.processing.spot_frame import lateral_force, wrench_at_spot
 from palpate_robot_log.processing.tare import Bias, find_bias, tared
 from palpate_robot_log.processing.thinning import thinned
 from palpate_robot_log.recording import Recording, rows_between
@@ -72,7 +73,10 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
     settings = settings or ProcessingSettings()
     used, block = _used(recording, settings)
     calm, spikes = without_spikes(used) if settings.spikes.enabled else (used, np.array([], dtype=np.int64))
-    located, lag, lag_taken = aligned(locate(calm, settings.normal), settings)
+    located, lag, lag_taken = aligned(_located(calm, settings), settings)
+    slide = _slide(located) if settings.slide.enabled else None
+    if slide is not None:
+        located = replace(located, strokes=replace(located.strokes, slides=slide.strokes))
     clean = _cleaned(located, settings)
     wrench = _at_spot(located, clean.recording, settings)
     checks.check_torque(calm, located.motion, wrench, located.strokes, weighed=clean.tool is not None)
@@ -83,10 +87,17 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
     drift_std_per_s = _drift_std_per_s(located, clean)
     spread = _zero_std(located, clean, drift_std_per_s)
     force, force_smoothed = _force(located, settings, phases, depth, wrench.pressing, spread[0], onset)
-    torque, torque_smoothed = _torque(located, settings, phases, wrench.twisting, spread[1])
+    turning = located.motion.turn_deg, wrench.twisting, spread[1]
+    torque, torque_smoothed = _branches("torque", "twist", located, settings, phases, *turning)
+    lateral, lateral_smoothed = None, list[Smoothed]()
+    if slide is not None:
+        sliding = slide.shift_mm, lateral_force(wrench, slide, located.normal.vector), spread[0]
+        lateral, lateral_smoothed = _branches("lateral_force", "slide", located, settings, phases, *sliding)
     processed = Processed(
         force=force,
         torque=torque,
+        lateral_force=lateral,
+        slide=slide,
         phases=phases,
         raw=located.recording,
         tared=clean.recording,
@@ -104,6 +115,7 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         record={},
     )
     smoothings = {"force": [force_smoothed], "torque": torque_smoothed}
+    smoothings |= {"lateral_force": lateral_smoothed} if slide is not None else {}
     counts = record.Counts(block, used.rows[spikes], lag_taken, drift_std_per_s)
     return record.with_record(processed, settings, counts, smoothings)
 
@@ -166,7 +178,8 @@ def _at_spot(located: Located, clean: Recording, settings: ProcessingSettings) -
         return SpotWrench(force_N=clean.force_N, moment_Nmm=clean.moment_Nmm)
     return wrench_at_spot(
         clean,
-        located.motion.origin_mm,
+        # About the tip itself where it leaves the contact axis.
+        clean.position_mm if settings.slide.enabled else located.motion.origin_mm,
         located.normal.vector,
         np.array(frame.sensor_to_tip),
         transport=frame.transport,
@@ -240,25 +253,36 @@ def _force(
     return joined("force", [with_shift_std(part, onset.std_mm)]), smooth
 
 
-def _torque(
+def _branches(
+    channel: str,
+    phase: str,
     located: Located,
     settings: ProcessingSettings,
     phases: tuple[Phase, ...],
-    twisting: FloatArray,
+    abscissa: FloatArray,
+    ordinate: FloatArray,
     zero_std: FloatArray,
 ) -> tuple[Curve | None, list[Smoothed]]:
-    """Torque over rotation of the twist's branches."""
-    time, turn = located.recording.time_s, located.motion.turn_deg
-    twists = [phase.rows(time) for phase in phases if phase.name.startswith("twist")]
-    if not twists:
+    """Curve of all branches of a phase's kind: torque over rotation, or lateral force over shift (n,)."""
+    time = located.recording.time_s
+    moves = [each.rows(time) for each in phases if each.name.startswith(phase)]
+    if not moves:
         return None, []
-    whole = slice(twists[0].start, twists[-1].stop)
-    peak, span = float(np.abs(twisting[whole]).max()), float(np.ptp(turn[whole]))
+    whole = slice(moves[0].start, moves[-1].stop)
+    peak, span = float(np.abs(ordinate[whole]).max()), float(np.ptp(abscissa[whole]))
     found = [
-        _branch(settings, time[rows], turn[rows], twisting[rows], zero_std[rows], span=span, peak=peak)
-        for rows in twists
+        _branch(settings, time[rows], abscissa[rows], ordinate[rows], zero_std[rows], span=span, peak=peak)
+        for rows in moves
     ]
-    return joined("torque", [part for part, _ in found]), [smooth for _, smooth in found]
+    return joined(channel, [part for part, _ in found]), [smooth for _, smooth in found]
+
+
+def _located(recording: Recording, settings: ProcessingSettings) -> Located:
+    return locate(recording, settings.normal, slides=settings.slide.enabled)
+
+
+def _slide(located: Located) -> Slide:
+    return find_slide(located.recording, located.motion, located.strokes, located.normal.vector)
 
 
 def _relaxations(

@@ -155,6 +155,7 @@ def check_torque(
 def _check_torque_at_rest(recording: Recording, motion: Motion, wrench: SpotWrench, strokes: Strokes) -> None:
     """Refuse a torque that comes and goes while the logged pose rests."""
     end = motion.time_s[-1] if strokes.retract is None else strokes.retract.start.time_s
+    end = min([end, *(slide.start.time_s for slide in strokes.slides)])
     rows = rows_between(motion.time_s, strokes.press.stop.time_s, end)
     torque = wrench.twisting[rows]
     if torque.size < _REST_PARTS:

@@ -1,6 +1,6 @@
 """Where, along what and when a recording presses: what is known before the wrench is clean."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from palpate_robot_log.recording import Recording
 
 _FREE_MARGIN_MM = 0.05
 _ORIENTED_ALIKE_DEG = 2.0
+_CLOSE_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,8 +34,10 @@ class Located:
     strokes: Strokes
 
 
-def locate(recording: Recording, choice: NormalChoice) -> Located:
+def locate(recording: Recording, choice: NormalChoice, *, slides: bool = False) -> Located:
     """Find contact, normal, motion and strokes, and check that they can be a press.
+
+    Of a log that ``slides`` the path gives the normal only while the force rises.
 
     Raises
     ------
@@ -43,7 +46,7 @@ def locate(recording: Recording, choice: NormalChoice) -> Located:
     """
     contact = rough_contact(recording)
     checks.check_gaps(recording, contact)
-    normal = _normal(recording, contact, choice)
+    normal = _normal(recording, _rising(recording, contact) if slides else contact, choice)
     motion = motion_about(recording, contact, normal.vector)
     checks.check_depth(recording, motion, contact)
     checks.check_direction(recording, contact, normal)
@@ -65,7 +68,8 @@ def aligned(located: Located, settings: ProcessingSettings) -> tuple[Located, La
         taken = lag.significant
     if not taken:
         return located, lag, False
-    return locate(shifted(located.recording, lag.seconds), settings.normal), lag, True
+    recording, slides = shifted(located.recording, lag.seconds), settings.slide.enabled
+    return locate(recording, settings.normal, slides=slides), lag, True
 
 
 def onset_of(located: Located, pressing_N: FloatArray, choice: OnsetChoice) -> Onset:
@@ -112,6 +116,13 @@ def free_rows(
 def instants(located: Located, onset: Onset) -> tuple[Transition, Transition | None]:
     """When the tool touches and when it leaves."""
     return contact_instants(located.motion, located.contact, located.strokes, onset)
+
+
+def _rising(recording: Recording, contact: Contact) -> Contact:
+    """The contact up to where its force is first close to its largest."""
+    rows = slice(contact.first, contact.last + 1)
+    pushed = np.linalg.norm(recording.force_N[rows] - recording.force_N[: contact.first].mean(axis=0), axis=1)
+    return replace(contact, last=contact.first + int(np.argmax(pushed >= _CLOSE_SHARE * pushed.max())))
 
 
 def _normal(recording: Recording, contact: Contact, choice: NormalChoice) -> Normal:

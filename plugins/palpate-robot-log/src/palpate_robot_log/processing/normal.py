@@ -45,7 +45,7 @@ def spot_normal(recording: Recording, contact: Contact) -> Normal:
     if across > np.sin(np.radians(_LARGEST_STD_DEG)) * np.sqrt(_STRIDES):
         raise recording.fault(
             f"the tool leaves its line by {across:.0%} of its travel while it presses, so the path gives no "
-            "normal; check the position columns",
+            "normal; check the position columns, or give slide.enabled if it slides after the press",
             contact.first,
         )
     inward = directions[0] * _sense(recording, rows, directions[0])

@@ -1,4 +1,4 @@
-"""Phases of a press: approach, press, dwell, twist branches, dwell, retract, departure."""
+"""Phases of a press: approach, press, dwell, branches of twist and slide, dwell, retract, departure."""
 
 from dataclasses import dataclass
 
@@ -41,11 +41,12 @@ class Phase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strokes:
-    """The press, the twist's branches and the retract; no retract where the log ends before it."""
+    """The press, the branches of twist and slide, and the retract; none where the log ends before it."""
 
     press: Stroke
     twists: tuple[Stroke, ...]
     retract: Stroke | None
+    slides: tuple[Stroke, ...] = ()
 
 
 def _strokes(
@@ -127,6 +128,8 @@ def name_phases(
     ]
     n_dwells = 0
     moves = [(f"twist_{k}", twist) for k, twist in enumerate(strokes.twists, start=1)]
+    moves += [(f"slide_{k}", slide) for k, slide in enumerate(strokes.slides, start=1)]
+    moves.sort(key=lambda move: move[1].start.time_s)
     moves += [("retract", strokes.retract)] if strokes.retract is not None else []
     for name, stroke in moves:
         if stroke.start.time_s - phases[-1].stop.time_s > _LEAST_DWELL_S:

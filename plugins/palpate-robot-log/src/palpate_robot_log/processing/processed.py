@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from palpate.api import Curve, FloatArray, IntArray, Response
 from palpate.mesh.spot_frame import SpotWrench
 from palpate_robot_log.processing.alignment import Lag
@@ -15,6 +17,8 @@ from palpate_robot_log.processing.normal import Normal
 from palpate_robot_log.processing.onset import Onset
 from palpate_robot_log.processing.phases import Phase
 from palpate_robot_log.processing.relaxation import Relaxation
+from palpate_robot_log.processing.slides import Slide
+from palpate_robot_log.processing.spot_frame import lateral_force
 from palpate_robot_log.processing.tare import Bias
 from palpate_robot_log.recording import Recording
 
@@ -25,9 +29,10 @@ class Processed:
 
     Parameters
     ----------
-    force, torque : Curve
+    force, torque, lateral_force : Curve
         Force [N] over depth [mm] of the press; torque [N·mm] over rotation [degrees] of the
-        twist, None without one. Both carry standard deviations.
+        twist, and lateral force [N] over shift [mm] of the slide, None without one. All carry standard
+        deviations.
     phases : tuple of Phase
         In order, without gaps.
     raw : Recording
@@ -41,7 +46,7 @@ class Processed:
         Travel from the onset.
     wrench : SpotWrench
         In the spot's frame about the contact axis.
-    lag, normal, onset, relaxations
+    lag, normal, onset, slide, relaxations
         What those steps found.
     tool, drift, bias
         Likewise; None where the step is switched off.
@@ -51,6 +56,8 @@ class Processed:
 
     force: Curve
     torque: Curve | None
+    lateral_force: Curve | None
+    slide: Slide | None
     phases: tuple[Phase, ...]
     raw: Recording
     tared: Recording
@@ -73,8 +80,16 @@ class Processed:
     @property
     def response(self) -> Response:
         """The curves by channel, with the record."""
-        curves = {"force": self.force} | ({} if self.torque is None else {"torque": self.torque})
+        found = {"force": self.force, "torque": self.torque, "lateral_force": self.lateral_force}
+        curves = {channel: curve for channel, curve in found.items() if curve is not None}
         return Response(curves=curves, record=self.record)
+
+    @property
+    def sliding(self) -> FloatArray:
+        """Force (n,) [N] of the tool on the tissue along the slide; zeros without one."""
+        if self.slide is None:
+            return np.zeros(len(self.depth_mm))
+        return lateral_force(self.wrench, self.slide, self.normal.vector)
 
     def phase(self, name: str) -> Phase:
         """The phase of a name, such as ``press`` or ``twist_1``."""

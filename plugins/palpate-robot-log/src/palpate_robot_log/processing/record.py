@@ -59,6 +59,7 @@ def with_record(
         "onset": asdict(processed.onset),
         "smoothing": {name: [_of_smoothing(s) for s in each] for name, each in smoothings.items()},
         "resampling": {"points": {n: c.abscissa.size for n, c in processed.response.curves.items()}},
+        "slide": {} if processed.slide is None else {"along": processed.slide.along},
         "relaxation": {"dwells": [asdict(item) for item in processed.relaxations]},
     }
     steps = [
@@ -99,7 +100,10 @@ def _drift(processed: Processed, std_per_s: Mapping[str, float]) -> dict[str, fl
     ends = {"force": press.stop.time_s}
     if twists := [phase for phase in processed.phases if phase.name.startswith("twist")]:
         ends["torque"] = twists[-1].stop.time_s
-    return {c: rate * (ends[c] - press.start.time_s) for c, rate in std_per_s.items() if c in ends}
+    rates = dict(std_per_s)
+    if (slides := [phase for phase in processed.phases if phase.name.startswith("slide")]) and rates:
+        ends["lateral_force"], rates["lateral_force"] = slides[-1].stop.time_s, rates["force"]
+    return {c: rate * (ends[c] - press.start.time_s) for c, rate in rates.items() if c in ends}
 
 
 def _farthest(processed: Processed) -> float:

@@ -125,6 +125,15 @@ class OnsetChoice(Settings):
         return self
 
 
+class Slides(Settings):
+    """A slide after the press."""
+
+    enabled: bool = Field(
+        default=False,
+        description="Find the slide; moments are then about the tip, which leaves the contact axis.",
+    )
+
+
 class Smoothing(Settings):
     """Smoothing within each branch."""
 
@@ -171,6 +180,9 @@ class ProcessingSettings(Settings):
     onset: OnsetChoice = Field(default_factory=OnsetChoice, description="First contact.")
     smoothing: Smoothing = Field(default_factory=Smoothing, description="Smoothing of each branch.")
     resampling: Resampling = Field(default_factory=Resampling, description="Points of the curves.")
+    slide: Slides = Field(
+        default_factory=Slides, description="Slide along the skin after the press: gives `lateral_force`."
+    )
     relaxation: Switch = Field(
         default_factory=Switch, description="Measure how far force and torque fall in each dwell."
     )

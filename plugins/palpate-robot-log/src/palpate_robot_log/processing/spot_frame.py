@@ -3,6 +3,7 @@
 from palpate.api import FloatArray
 from palpate.mesh.spot_frame import SpotWrench, spot_axes
 from palpate_robot_log.processing.rotation import cross, rotated
+from palpate_robot_log.processing.slides import Slide
 from palpate_robot_log.recording import Recording
 
 
@@ -21,7 +22,7 @@ def wrench_at_spot(
     recording : Recording
         Tared.
     spot_mm : (3,) array
-        A point of the contact axis, in the base frame.
+        A point of the contact axis, in the base frame; or (n, 3), one for each row.
     normal : (3,) array
         Unit outward normal in the base frame.
     tip_mm : (3,) array
@@ -36,3 +37,9 @@ def wrench_at_spot(
         sensor = recording.position_mm - rotated(recording.quaternion, tip_mm)
         moment = moment + cross(sensor - spot_mm, force)
     return SpotWrench(force_N=force @ axes, moment_Nmm=moment @ axes)
+
+
+def lateral_force(wrench: SpotWrench, slide: Slide, normal: FloatArray) -> FloatArray:
+    """Force (n,) of the tool on the tissue along a slide."""
+    along: FloatArray = -wrench.force_N @ (spot_axes(normal).T @ slide.along)
+    return along
