@@ -21,6 +21,9 @@ NUGGETS = (1e-12, 1e-6)
 EXACT = 1e-9
 """What the polynomial leaves, over what was observed, up to which it is exact."""
 
+UNKNOWN = 1e30
+"""Variance of outputs of which nothing but the polynomial is known."""
+
 NO_SLOPES: IntArray = np.zeros(0, dtype=np.int64)
 
 
@@ -57,7 +60,8 @@ class GaussianProcess:
         weighted = projected @ observed
         self.left_out = self._left_out(projected, weighted, n, d)
         n_free = len(observed) - len(self.powers)
-        self._sizes = (observed * weighted).sum(axis=0) / n_free if n_free > 0 else np.inf
+        sizes = (observed * weighted).sum(axis=0) / max(n_free, 1)
+        self._sizes = sizes if n_free > 0 else np.full(observed.shape[1], UNKNOWN)
         self._parts = (inverse, through, normal)
 
     def __call__(self, points: FloatArray) -> FloatArray:
@@ -67,7 +71,7 @@ class GaussianProcess:
         return found
 
     def variance(self, points: FloatArray) -> FloatArray:
-        """Variance (n, n_outputs) of the outputs at points (n, d); infinite where nothing is known of it."""
+        """Variance (n, n_outputs) of the outputs at points (n, d); ``UNKNOWN`` where nothing tells it."""
         inverse, through, normal = self._parts
         kernel = _kernel(points, self.points, self.lengths, NO_SLOPES, self.sloped)
         rest = _trend(points, NO_SLOPES, self.powers) - kernel @ through
