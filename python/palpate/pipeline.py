@@ -6,7 +6,7 @@ checked before the first file is written.
 """
 
 import contextlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,21 +14,20 @@ import polars as pl
 
 from palpate.certainty.posterior_stage import PosteriorStage
 from palpate.certainty.posterior_tables import posterior_result
-from palpate.certainty.stage import CertaintyStage
 from palpate.certainty.tables import certainty_result
 from palpate.domain import Design, Response, Simulation
 from palpate.errors import SolverError, StudyError
 from palpate.executors.attempts import simulate_alone
 from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
-from palpate.fit.stage import Case, FitStage
-from palpate.fit.tables import fit_result, refinement
+from palpate.fit.tables import fit_result
+from palpate.fitted import NO_INTERVALS, abscissae_of, cases_of, certainty_stage, fitted
 from palpate.plugins.catalogue import Plugins
-from palpate.progress import SILENT, Progress, ShowsPlace
+from palpate.progress import SILENT, Progress
 from palpate.report import ReportData, draw_presses, write_report
 from palpate.report.result import Report, RunResult
 from palpate.run.directory import RunDirectory
-from palpate.run.fit_state import FitState, read_fit_state, remove_fit_state, write_fit_state
+from palpate.run.fit_state import read_fit_state
 from palpate.run.keys import answers_key
 from palpate.run.ledger import Ledger
 from palpate.run.lock import living_runner_of
@@ -73,7 +72,7 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     to_do = simulation.jobs(study, design, measured) or simulation.middle_jobs(study, measured)
     simulation.check_jobs(study, to_do, limbs)
     if not isinstance(study.search, BestSet):
-        check_fit(study, measured, _abscissae(plugins))
+        check_fit(study, measured, abscissae_of(plugins))
     warnings = (*odd_settings(study), *measured_warnings(measured), *limb_warnings(study, limbs))
     return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings)
 
@@ -313,21 +312,12 @@ def certainty(
     StudyError
         There is no fit, or none with intervals.
     """
-    with opened_run(study, run_folder, plugins, needs="fit") as (stored, check_lock):
+    with fitted(study, run_folder, plugins, progress) as (stored, simulations, cases):
         study, run, inputs = stored.study, stored.run, stored.inputs
-        scores = stored.scores(stored.swept())
-        run.records.check("fit", fit_from(study, run.records))
-        with stored.simulations(progress, check_lock) as simulations:
-            cases = [] if isinstance(study.search, BestSet) else _cases(simulations, stored, plugins, scores)
-            remove_fit_state(run_folder)
-            assessed = _certainty(simulations, inputs, cases).assessed(cases)
-            stage = PosteriorStage(study=study, design=inputs.design, progress=progress)
-            sampled = stage.run(cases, assessed)
+        assessed = certainty_stage(simulations, inputs, cases).assessed(cases)
+        sampled = PosteriorStage(study=study, design=inputs.design, progress=progress).run(cases, assessed)
         if sampled is None:
-            raise StudyError(
-                f"{run_folder}: no joint fit with intervals in scenario '{study.generalise_by}'; set "
-                "fit.search to a search, or see the warnings of `palpate fit`"
-            )
+            raise StudyError(NO_INTERVALS.format(run=run_folder, scenario=study.generalise_by))
         found = posterior_result(sampled, study.seed)
         run.write_posterior(found)
         return found
@@ -439,49 +429,17 @@ def _show_surface(simulations: Simulations, stored: StoredRun) -> None:
         simulations.progress.note(f"warning: the limb under the press is not shown: {error}")
 
 
-def _abscissae(plugins: Plugins) -> dict[str, str]:
-    return {name: channel.abscissa for name, channel in plugins.channels.items()}
-
-
 def _fit(simulations: Simulations, stored: StoredRun, plugins: Plugins, scores: pl.DataFrame) -> FitResult:
     study, run, found = stored.study, stored.run, FitResult()
     if not isinstance(study.search, BestSet):  # else the selection has it already
-        cases = _cases(simulations, stored, plugins, scores)
-        stage = _certainty(simulations, stored.inputs, cases)
+        cases = cases_of(simulations, stored, plugins, scores)
+        stage = certainty_stage(simulations, stored.inputs, cases)
         assessed = stage.assessed(cases)
         planes = stage.planes(assessed, stored.inputs.design)
         certainty = replace(certainty_result(assessed, study), planes=planes)
         found = replace(fit_result(cases, simulations), certainty=certainty)
     run.write_fit(found, fit_from(study, run.records))
     return found
-
-
-def _cases(simulations: Simulations, stored: StoredRun, plugins: Plugins, scores: pl.DataFrame) -> list[Case]:
-    def follow(state: FitState) -> None:
-        write_fit_state(stored.run.folder, state)
-        if isinstance(simulations.progress, ShowsPlace):
-            simulations.progress.at(str(state))
-
-    stage = FitStage(
-        study=stored.study,
-        design=stored.inputs.design,
-        measured=stored.inputs.measured,
-        scores=scores,
-        simulations=simulations,
-        abscissae=_abscissae(plugins),
-        progress=simulations.progress,
-        follow=follow,
-    )
-    return stage.run()
-
-
-def _certainty(simulations: Simulations, inputs: StudyInputs, cases: Sequence[Case]) -> CertaintyStage:
-    return CertaintyStage(
-        study=simulations.study,
-        measured=inputs.measured,
-        refinement=refinement(simulations) if any(case.n_fine for case in cases) else {},
-        progress=simulations.progress,
-    )
 
 
 def _report(stored: StoredRun, plugins: Plugins, progress: Progress, *, unfinished: str = "") -> Report:

@@ -45,6 +45,8 @@ class CurveErrors:
         Of the residuals.
     exceeds : mapping of channel number to float
         Probability that the discrepancy is larger than a model may have.
+    correlations : mapping of (points, length) to float
+        Probability of each pair of correlation lengths, of noise and discrepancy.
     """
 
     noise: Mapping[int, float]
@@ -52,12 +54,14 @@ class CurveErrors:
     noise_covariance: FloatArray
     discrepancy_covariance: FloatArray
     exceeds: Mapping[int, float]
+    correlations: Mapping[tuple[float, float], float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Mode:
     """The most likely sizes for one correlation and one length."""
 
+    lengths: tuple[float, float]
     noise: list[FloatArray]
     discrepancy: list[FloatArray]
     likelihood: "_Likelihood"
@@ -109,12 +113,14 @@ def estimate(
         discrepancy += weight * _sum(squares[k:], mode.discrepancy)
         sizes += weight * squares
     sizes, beyond = np.sqrt(sizes), beyond / weights[weights >= 0.02].sum()
+    likely = {mode.lengths: float(w) for w, mode in zip(weights, modes, strict=True) if w >= 0.02}
     return CurveErrors(
         noise=dict(zip(channels, sizes[:k].tolist(), strict=True)),
         discrepancy=dict(zip(channels, sizes[k:].tolist(), strict=True)),
         noise_covariance=noise,
         discrepancy_covariance=discrepancy,
         exceeds=dict(zip(channels, beyond.tolist(), strict=True)),
+        correlations={lengths: weight / sum(likely.values()) for lengths, weight in likely.items()},
     )
 
 
@@ -141,7 +147,7 @@ def _modes(
         parts = [*noises[points], *others[length]]
         likelihood = _Likelihood(free, fixed @ fixed.T, [seen[id(part)] for part in parts], expected, most)
         squares, value = likelihood.mode()
-        yield _Mode(noises[points], others[length], likelihood, squares, value)
+        yield _Mode((points, length), noises[points], others[length], likelihood, squares, value)
 
 
 def _seen(residuals: FloatArray, rows: Rows, channel: int) -> float:

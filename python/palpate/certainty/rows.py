@@ -57,14 +57,14 @@ class Rows:
         spacing = np.ptp(self.path[inside]) / np.ptp(self.point[inside])
         length = min(points, LONGEST_NOISE / spacing)
         apart = np.abs(self.point[:, None] - self.point)
-        along = _matern(apart / length) if length > 0.0 else (apart == 0.0).astype(np.float64)
+        along = matern(apart / length) if length > 0.0 else (apart == 0.0).astype(np.float64)
         same = (self.spot[:, None] == self.spot) * self._both(channel)
         covariance: FloatArray = same * along * np.outer(self.scale, self.scale)
         return covariance
 
     def discrepancy(self, channel: int, length: float) -> FloatArray:
         """Covariance (n, n) of a discrepancy of size 1 over the largest ordinate in a channel."""
-        along = _matern(np.abs(self.path[:, None] - self.path) / length)
+        along = matern(np.abs(self.path[:, None] - self.path) / length)
         same = np.where(self.spot[:, None] == self.spot, 1.0, COMMON) * self._both(channel)
         covariance: FloatArray = same * along * np.outer(self.envelope, self.envelope)
         return covariance
@@ -74,7 +74,7 @@ class Rows:
         return np.outer(inside, inside)
 
 
-def _matern(apart: FloatArray) -> FloatArray:
+def matern(apart: FloatArray) -> FloatArray:
     """Correlation of a process with one derivative (Matérn, 3/2) at distances in correlation lengths."""
     scaled = np.sqrt(3.0) * apart
     correlation: FloatArray = (1.0 + scaled) * np.exp(-scaled)

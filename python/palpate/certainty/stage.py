@@ -7,25 +7,25 @@ import numpy as np
 import polars as pl
 
 from palpate.certainty.adequacy import checks
-from palpate.certainty.causes import Columns, causes_of, columns_of, drift_of
+from palpate.certainty.causes import Columns, causes_of, columns_of
 from palpate.certainty.curve_errors import estimate
+from palpate.certainty.known_errors import known_errors
 from palpate.certainty.laplace import laplace
 from palpate.certainty.likelihood import whitening
 from palpate.certainty.planes import planes_of_fits
-from palpate.certainty.rows import Rows, grouped, groups_of, path_of, pieces, rows_of
+from palpate.certainty.rows import Rows, grouped, groups_of, rows_of
 from palpate.certainty.tables import ALLOWED, Assessed, certainty_result
 from palpate.domain import Design, FloatArray, Response, channel_of
 from palpate.errors import PalpateError, StoppedError
 from palpate.fit.running import Fit
 from palpate.fit.stage import Case
-from palpate.fit.tables import ORDER
 from palpate.plugins.search import Trial
 from palpate.progress import SILENT, Progress
 from palpate.run.result import CertaintyResult
 from palpate.study.reading import Study
 
-NOISE, DISCREPANCY, MESH, ZERO, PRIORS = "noise", "model", "mesh", "zero", "priors"
-"""Causes besides those of :mod:`~palpate.certainty.causes`."""
+NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
+"""Causes besides those of :mod:`~palpate.certainty.causes` and :mod:`~palpate.certainty.known_errors`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,14 +50,18 @@ class CertaintyStage:
         """Intervals of every case that has a result, and what they are made of."""
         return certainty_result(self.assessed(cases), self.study)
 
-    def assessed(self, cases: Sequence[Case]) -> list[Assessed]:
-        """Assess every case that has a result, the derivatives of causes taken at the first joint fit."""
+    def assessed(self, cases: Sequence[Case], *, joint_only: bool = False) -> list[Assessed]:
+        """Assess every case that has a result, or the joint fit of the scenario that generalises alone.
+
+        The derivatives of causes are taken at the latter.
+        """
         ended = [case for case in cases if case.end is not None and case.end.best is not None]
         by = next((c for c in ended if c.scenario.name == self.study.generalise_by), None)
         if by is None:
             return []
         columns = self.columns(by)
-        return [each for case in ended if (each := self._assessed(case, columns))]
+        wanted = [by] if joint_only else ended
+        return [each for case in wanted if (each := self._assessed(case, columns))]
 
     def planes(self, assessed: Sequence[Assessed], design: Design) -> pl.DataFrame:
         """Fopt of the joint fits in the planes of the parameters; empty where there is no emulator."""
@@ -101,7 +105,7 @@ class CertaintyStage:
         assert end is not None
         residuals, jacobian, point = _at_end(end)
         rows, channels = rows_of(end.problem.terms, residuals.size)
-        known = self._known(end, rows, channels, columns)
+        known = self._known(end, rows, columns)
         groups = groups_of(rows)
         residuals, jacobian = groups @ residuals, groups @ jacobian
         known = {name: groups @ part for name, part in known.items()}
@@ -126,41 +130,17 @@ class CertaintyStage:
             channels=channels,
         )
 
-    def _known(
-        self, end: Fit, rows: Rows, channels: Sequence[str], columns: Columns
-    ) -> dict[str, FloatArray]:
+    def _known(self, end: Fit, rows: Rows, columns: Columns) -> dict[str, FloatArray]:
         """What each known cause makes of the residuals: (n, m), one standard deviation each."""
-        n, terms = rows.spot.size, end.problem.terms
-        by_cause: dict[str, dict[str, FloatArray]] = {}
-
-        def add(label: str, name: str, at: slice, values: FloatArray) -> None:
-            by_cause.setdefault(label, {}).setdefault(name, np.zeros(n))[at] = values
-
-        for term, name, at, scale in pieces(terms):
-            channel = channel_of(name)
-            inside = term.counted(name)
-            curve = term.measured[channel]
-            for cause, ordinates in columns.get((term.spot, channel), {}).items():
-                add(_label(cause), cause, at, (scale * ordinates)[inside])
-            along = path_of(curve.abscissa) / path_of(curve.abscissa)[-1]
-            drift = drift_of(self.study, self.measured[term.spot], channel) * along
-            add(ZERO, f"{term.spot} {channel}", at, (scale * drift)[inside])
-            if term.spot in self.refinement and channel in term.corrections:
-                left = term.corrections[channel] / (self.refinement[term.spot] ** ORDER - 1.0)
-                add(MESH, "", at, (scale * left)[inside])
-            elif self.study.solver.needs_limb:
-                add(MESH, channel, at, (scale * self.study.budget.mesh * curve.ordinate)[inside])
+        found = known_errors(
+            self.study, self.measured, end.problem.terms, rows.spot.size, columns, self.refinement
+        )
         known = {
             label: np.stack(list(columns.values()), axis=1)
-            for label, columns in by_cause.items()
+            for label, columns in found.items()
             if any(np.any(each) for each in columns.values())
         }
         return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
-
-
-def _label(cause: str) -> str:
-    kind, _, of = cause.partition(" ")
-    return of if kind == "fixed" else kind
 
 
 def _at_end(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:

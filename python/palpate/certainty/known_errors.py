@@ -1,0 +1,70 @@
+"""What the known causes make of the residuals of a fit."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from palpate.certainty.causes import Columns, drift_of
+from palpate.certainty.rows import path_of, pieces
+from palpate.domain import FloatArray, Response, channel_of
+from palpate.fit.spot_term import SpotTerm
+from palpate.fit.tables import ORDER
+from palpate.study.reading import Study
+
+MESH, ZERO = "mesh", "zero"
+"""Causes besides those of :mod:`~palpate.certainty.causes`."""
+
+
+def known_errors(
+    study: Study,
+    measured: Mapping[str, Response],
+    terms: Sequence[SpotTerm],
+    n: int,
+    columns: Columns,
+    refinement: Mapping[str, float],
+) -> dict[str, dict[str, FloatArray]]:
+    """What one standard deviation of each cause adds to the residuals.
+
+    Parameters
+    ----------
+    study : Study
+    measured : mapping of spot name to Response
+        As the loader has read them.
+    terms : sequence of SpotTerm
+    n : int
+        Number of residuals.
+    columns : Columns
+        What it adds to the curves, of the causes that are simulated.
+    refinement : mapping of spot name to float
+        Element size under the indenter over that of the finer mesh, of each spot that has one.
+
+    Returns
+    -------
+    mapping of label to mapping of name to (n,) array
+        A label is an entry of the budget; curves that share a name share the error.
+    """
+    found: dict[str, dict[str, FloatArray]] = {}
+
+    def add(label: str, name: str, at: slice, values: FloatArray) -> None:
+        found.setdefault(label, {}).setdefault(name, np.zeros(n))[at] = values
+
+    for term, name, at, scale in pieces(terms):
+        channel = channel_of(name)
+        inside = term.counted(name)
+        curve = term.measured[channel]
+        for cause, ordinates in columns.get((term.spot, channel), {}).items():
+            add(_label(cause), cause, at, (scale * ordinates)[inside])
+        along = path_of(curve.abscissa) / path_of(curve.abscissa)[-1]
+        drift = drift_of(study, measured[term.spot], channel) * along
+        add(ZERO, f"{term.spot} {channel}", at, (scale * drift)[inside])
+        if term.spot in refinement and channel in term.corrections:
+            left = term.corrections[channel] / (refinement[term.spot] ** ORDER - 1.0)
+            add(MESH, "", at, (scale * left)[inside])
+        elif study.solver.needs_limb:
+            add(MESH, channel, at, (scale * study.budget.mesh * curve.ordinate)[inside])
+    return found
+
+
+def _label(cause: str) -> str:
+    kind, _, of = cause.partition(" ")
+    return of if kind == "fixed" else kind

@@ -1,0 +1,80 @@
+"""A run opened to go on with it: its simulations, and the searches of its fit."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import polars as pl
+
+from palpate.certainty.stage import CertaintyStage
+from palpate.fit.searches import BestSet
+from palpate.fit.stage import Case, FitStage
+from palpate.fit.tables import refinement
+from palpate.plugins.catalogue import Plugins
+from palpate.progress import Progress, ShowsPlace
+from palpate.run.fit_state import FitState, remove_fit_state, write_fit_state
+from palpate.run.result import StudyInputs
+from palpate.run.stage_records import fit_from
+from palpate.stages.sweep import Simulations
+from palpate.stored import StoredRun, opened_run
+from palpate.study.reading import Study
+
+NO_INTERVALS = (
+    "{run}: no joint fit with intervals in scenario '{scenario}'; set fit.search to a search, or see the "
+    "warnings of `palpate fit`"
+)
+"""What is missing where a stage needs intervals."""
+
+
+def abscissae_of(plugins: Plugins) -> dict[str, str]:
+    """Name of the abscissa of each channel."""
+    return {name: channel.abscissa for name, channel in plugins.channels.items()}
+
+
+def cases_of(
+    simulations: Simulations, stored: StoredRun, plugins: Plugins, scores: pl.DataFrame
+) -> list[Case]:
+    """Fit every case of a study; what is simulated already is not simulated again."""
+
+    def follow(state: FitState) -> None:
+        write_fit_state(stored.run.folder, state)
+        if isinstance(simulations.progress, ShowsPlace):
+            simulations.progress.at(str(state))
+
+    stage = FitStage(
+        study=stored.study,
+        design=stored.inputs.design,
+        measured=stored.inputs.measured,
+        scores=scores,
+        simulations=simulations,
+        abscissae=abscissae_of(plugins),
+        progress=simulations.progress,
+        follow=follow,
+    )
+    return stage.run()
+
+
+@contextlib.contextmanager
+def fitted(
+    study: Study, run_folder: Path, plugins: Plugins, progress: Progress
+) -> Iterator[tuple[StoredRun, Simulations, list[Case]]]:
+    """Lock a run that has a fit and repeat its searches, whose simulations are all at hand."""
+    with opened_run(study, run_folder, plugins, needs="fit") as (stored, check_lock):
+        study, run = stored.study, stored.run
+        scores = stored.scores(stored.swept())
+        run.records.check("fit", fit_from(study, run.records))
+        with stored.simulations(progress, check_lock) as simulations:
+            searches = not isinstance(study.search, BestSet)
+            cases = cases_of(simulations, stored, plugins, scores) if searches else []
+            remove_fit_state(run_folder)
+            yield stored, simulations, cases
+
+
+def certainty_stage(simulations: Simulations, inputs: StudyInputs, cases: Sequence[Case]) -> CertaintyStage:
+    """Make the stage that assesses the cases of a run."""
+    return CertaintyStage(
+        study=simulations.study,
+        measured=inputs.measured,
+        refinement=refinement(simulations) if any(case.n_fine for case in cases) else {},
+        progress=simulations.progress,
+    )
