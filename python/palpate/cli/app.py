@@ -8,7 +8,7 @@ traceback.
 import errno
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated
@@ -36,6 +36,7 @@ from palpate.cli.listing import (
     name_of,
 )
 from palpate.cli.new_plugin import new_plugin
+from palpate.cli.next_press import extend, next_
 from palpate.cli.plugins import plugins
 from palpate.cli.report import report
 from palpate.cli.resume import resume
@@ -48,10 +49,10 @@ from palpate.cli.synthesise import synthesise
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError
 from palpate.plugins.guard import noting_interrupts
 
-PANELS = MappingProxyType(
+PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
     {
         START: (init, check, demo, explain, doctor, plugins, new_plugin, schema),
-        RUN: (run, resume, status, compare, card, synthesise),
+        RUN: (run, resume, status, compare, next_, extend, card, synthesise),
         STAGES_PANEL: (
             experiment,
             limb,

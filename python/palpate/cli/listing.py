@@ -21,6 +21,11 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "status": ("palpate status runs/arm", "palpate status runs/arm --watch"),
         "card": ("palpate card runs/arm --for abaqus", "palpate card runs/arm --for febio --into arm.feb"),
         "compare": ("palpate compare runs/ogden runs/yeoh",),
+        "next": (
+            "palpate next runs/arm",
+            "palpate next runs/arm --for soft_tissue.c1 --presses 3 --allowed allowed.toml",
+        ),
+        "extend": ("palpate extend runs/arm --with p2-9.csv",),
         "demo": ("palpate demo", "palpate demo --sets 4", "palpate demo --study treloar"),
         "plugins": ("palpate plugins", "palpate plugins materials yeoh"),
         "new-plugin": (
@@ -48,7 +53,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 def name_of(command: Callable[..., object]) -> str:
     """Name of a command: its function's, with hyphens."""
-    return command.__name__.replace("_", "-")
+    return command.__name__.strip("_").replace("_", "-")
 
 
 def examples(*lines: str) -> str:

@@ -8,9 +8,8 @@ import typer
 
 from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, RunPath, Tables, Trust, TrustPlugins
 from palpate.cli.run import go
-from palpate.cli.runs import find_run, plugins_of, session_of_run
+from palpate.cli.runs import find_run, plugins_of, session_of_run, study_file_of
 from palpate.cli.session import Session
-from palpate.errors import StudyError
 
 if TYPE_CHECKING:
     from palpate.study.reading import Study
@@ -37,7 +36,7 @@ def resume(
 
     folder = find_run(run)
     manifest = RunDirectory(folder).manifest()
-    file = study or _study_file(folder, manifest)
+    file = study or study_file_of(folder, manifest)
     named = [*plugins_of(folder, manifest), *([] if study else study_plugins(file))]
     session = session_of_run(Session.of(context), folder, named, trust=trust_plugins)
     checked = _extended(session.study(file), manifest, n_sets)
@@ -60,13 +59,3 @@ def _extended(study: "Study", manifest: dict[str, Any], n_sets: int | None) -> "
     if not n_before and n_sets is not None and n_sets <= study.n_sets:
         return study
     return replace(study, n_total=max(n_sets or 0, n_before))
-
-
-def _study_file(run: Path, manifest: dict[str, Any]) -> Path:
-    file = run.joinpath(manifest["study_file"])
-    if not file.is_file():
-        raise StudyError(
-            f"{file}: the study file of this run is not there any more; name it: "
-            f"palpate resume {run} --study FILE"
-        )
-    return file.resolve()

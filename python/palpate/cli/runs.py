@@ -110,6 +110,23 @@ def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, 
     return found, read_study(run / "study.toml", found.plugins, copy_of=original)
 
 
+def study_file_of(run: Path, manifest: dict[str, Any]) -> Path:
+    """Study file that a run was made from.
+
+    Raises
+    ------
+    StudyError
+        It is not there any more.
+    """
+    file = run.joinpath(manifest["study_file"])
+    if not file.is_file():
+        raise StudyError(
+            f"{file}: the study file of this run is not there any more; name it: "
+            f"palpate resume {run} --study FILE"
+        )
+    return file.resolve()
+
+
 def plugins_of(run: Path, manifest: Mapping[str, Any]) -> list[Path]:
     """Plugin files that the manifest of a run names."""
     return [run / file for file in manifest["plugin_files"]]

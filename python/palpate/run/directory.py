@@ -13,6 +13,7 @@
     posterior.parquet  posterior_draws.parquet  profiles.parquet  profile_ends.parquet
     ribbons.parquet  volumes.parquet  emulator.parquet
     fit.json                how far the fit is, while it goes on
+    next.json               which presses to make next
     stiffness_scaling.parquet  verification.parquet
     surface.parquet  surface/<key>.npz  states of the skin at each spot
     stages.json             checksums of these files, and what each stage was made from
@@ -238,6 +239,25 @@ class RunDirectory:
     def verification(self) -> pl.DataFrame:
         """Verification of the selected sets; empty where the solver has none."""
         return self._optional("verification", "verification")
+
+    def write_proposal(self, proposal: Mapping[str, Any]) -> None:
+        """Write ``next.json``: which presses to make next."""
+        write_atomically(self.folder / "next.json", _json(proposal))
+
+    def proposal(self) -> dict[str, Any]:
+        """Read ``next.json``.
+
+        Raises
+        ------
+        StudyError
+            It is missing or damaged.
+        """
+        path = self.folder / "next.json"
+        try:
+            found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise StudyError(f"{path}: {error}; run `palpate next {self.folder}` first") from None
+        return found
 
     def write_fit(self, fit: FitResult, made_from: Mapping[str, str]) -> None:
         """Write the tables of the fit, and the fitted curves in ``fit_curves.parquet``."""

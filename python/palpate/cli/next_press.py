@@ -1,0 +1,140 @@
+"""``palpate next`` and ``palpate extend``: which press to make next, and a run with one more."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli.options import AsJson, RunPath, Tables, TrustPlugins
+from palpate.cli.progress import StageProgress
+from palpate.cli.run import go
+from palpate.cli.runs import find_run, plugins_of, session_of_run, study_file_of
+from palpate.cli.session import Session
+from palpate.errors import StudyError
+
+if TYPE_CHECKING:
+    from palpate.planning.stage import Proposal
+
+SHOWN = 8
+"""Candidates that are printed for each step."""
+
+
+def next_(  # named apart from the builtin
+    context: typer.Context,
+    run: RunPath = None,
+    allowed: Annotated[
+        Path | None,
+        typer.Option(
+            "--allowed",
+            metavar="FILE",
+            help="Spots, protocols and limits to choose among; default: shares of the study's own.",
+            show_default=False,
+        ),
+    ] = None,
+    goal: Annotated[
+        str,
+        typer.Option("--for", metavar="GOAL", help="What to narrow: all, worst, or one parameter."),
+    ] = "all",
+    n_presses: Annotated[int, typer.Option("--presses", min=1, max=20, help="Presses to plan.")] = 1,
+    n_points: Annotated[
+        int, typer.Option("--points", min=1, max=50, help="Likely parameters at which each is simulated.")
+    ] = 6,
+    trust_plugins: TrustPlugins = False,
+    as_json: AsJson = False,
+) -> None:
+    """Rank further presses by how much each would narrow the intervals of a run."""
+    from palpate.planning.candidates import read_allowed
+    from palpate.planning.propose import propose
+    from palpate.planning.tables import for_robot
+
+    folder, session, file = _of_run(context, run, trust=trust_plugins)
+    study = session.study(file)
+    with StageProgress(session, folder) as progress:
+        found = propose(
+            study,
+            folder,
+            session.plugins,
+            progress,
+            allowed=read_allowed(allowed) if allowed else None,
+            goal=goal,
+            n_presses=n_presses,
+            n_points=n_points,
+        )
+    if as_json:
+        session.json({**for_robot(found, {}), "warnings": progress.warnings})
+        return
+    _show(session, found)
+    name = found.steps[0].chosen.press.press.name
+    session.next(
+        f"extend {folder} --press {name} --with {name}.csv",
+        f"poses and paths are in {folder / 'next.json'}; once the press is measured, ",
+    )
+
+
+def _show(session: Session, found: "Proposal") -> None:
+    from palpate.planning.tables import proposal_tables
+
+    tables = proposal_tables(found)
+    if found.doubts:
+        session.paragraph(
+            f"The model does not describe the data ({', '.join(found.doubts)}), so narrower intervals would "
+            f"mislead. First repeat the press at {found.check} as it was: if its curves repeat, the model is "
+            "wrong, else the measurement. What would narrow the intervals if the model were right:"
+        )
+    for number, ranking in tables.ranking.group_by("step", maintain_order=True):
+        title = f"Press {number[0]}: width after it, over that before"
+        session.frame(title, ranking.drop("step").head(SHOWN))
+    session.frame("95 % intervals: now (step 0), and expected after each press", tables.intervals)
+    if tables.refused.height:
+        session.frame("Refused", tables.refused)
+
+
+def extend(
+    context: typer.Context,
+    run: RunPath = None,
+    measured: Annotated[
+        Path | None, typer.Option("--with", metavar="FILE", help="Measured curves of the press.")
+    ] = None,
+    press: Annotated[
+        str | None, typer.Option("--press", metavar="NAME", help="Which press; default: the best.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FOLDER", help="Run directory; default: that of RUN with the press."),
+    ] = None,
+    trust_plugins: TrustPlugins = False,
+    tables: Tables = False,
+    as_json: AsJson = False,
+) -> None:
+    """Add a measured press to a run: a study with one more press, fitted in a copy of the run."""
+    from palpate.planning.extension import extended_study
+
+    if measured is None:
+        raise StudyError("name the measured curves of the press: --with FILE")
+    folder, session, file = _of_run(context, run, trust=trust_plugins)
+    name, written = extended_study(folder, file, press, measured)
+    target = out or folder.with_name(f"{folder.name}-{name}")
+    session.note(f"study with the press '{name}': {written}")
+    go(
+        session,
+        session.study(written),
+        folder,
+        go_on=True,
+        fork=target,
+        trust=(),
+        tables=tables,
+        as_json=as_json,
+        adopt=True,
+    )
+
+
+def _of_run(context: typer.Context, run: Path | None, *, trust: bool) -> tuple[Path, Session, Path]:
+    """Folder of a run, a session with its plugins, and its study file."""
+    from palpate.run.directory import RunDirectory
+    from palpate.study.reading import study_plugins
+
+    folder = find_run(run)
+    manifest = RunDirectory(folder).manifest()
+    file = study_file_of(folder, manifest)
+    named = [*plugins_of(folder, manifest), *study_plugins(file)]
+    return folder, session_of_run(Session.of(context), folder, named, trust=trust, command="next"), file

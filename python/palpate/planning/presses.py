@@ -1,0 +1,304 @@
+"""Presses, made or only thought of: simulated at likely parameters, and what each would tell."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from palpate.certainty.causes import Columns, causes_of, columns_of
+from palpate.certainty.known_errors import known_errors
+from palpate.certainty.rows import grouped, groups_of, path_of, rows_of
+from palpate.domain import Curve, FloatArray, Job, Protocol, Response, Scenario, Simulation, channel_of
+from palpate.errors import PalpateError
+from palpate.fit.problem import Problem
+from palpate.fit.running import Fit
+from palpate.fit.spot_term import SpotTerm
+from palpate.planning.evidence import ErrorSizes, Evidence, evidence_of
+from palpate.plugins.search import Evaluation, Trial
+from palpate.study.reading import Study
+
+USUAL_POINTS = 100
+"""Points of a curve where no measured one shows how many there are."""
+
+OF_ONE_PRESS = ("onset", "tilt", "zero")
+"""Causes that are drawn anew with each press."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Press:
+    """A press that could be made at a spot of a study.
+
+    Parameters
+    ----------
+    name : str
+    spot : str
+    protocol : Protocol
+    keys : mapping
+        What a study says of it: keys of ``[spot.protocol]``.
+    """
+
+    name: str
+    spot: str
+    protocol: Protocol
+    keys: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ground:
+    """What is known before a further press.
+
+    Parameters
+    ----------
+    study : Study
+    scenario : Scenario
+    problem : Problem
+        The joint fit of the presses so far in this scenario.
+    measured : mapping of spot name to Response
+    errors : ErrorSizes
+    columns : Columns
+        What causes add to the presses so far.
+    refinement : mapping of spot name to float
+        As for :func:`~palpate.certainty.known_errors.known_errors`.
+    """
+
+    study: Study
+    scenario: Scenario
+    problem: Problem
+    measured: Mapping[str, Response]
+    errors: ErrorSizes
+    columns: Columns = field(default_factory=dict)
+    refinement: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def shared(self) -> list[int]:
+        """Numbers of the searched values that all presses share; the others belong to one spot."""
+        return [i for i, name in enumerate(self.problem.names) if "@" not in name]
+
+    def term(self, spot: str) -> SpotTerm:
+        """Term of the press so far at a spot, or of the first that there is."""
+        return next((t for t in self.problem.terms if t.spot == spot), self.problem.terms[0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PressAtPoint:
+    """A press at one point of the parameters.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    peaks : mapping of channel to float
+        Largest ordinates.
+    """
+
+    evidence: Evidence
+    peaks: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SimulatedPress:
+    """A press at every point (``at``), or why it cannot be made (``failure``)."""
+
+    press: Press
+    at: tuple[PressAtPoint, ...] = ()
+    failure: str = ""
+
+    @property
+    def peaks(self) -> dict[str, float]:
+        """Largest ordinate of each channel at any of the points."""
+        names = dict.fromkeys(name for each in self.at for name in each.peaks)
+        return {name: max(each.peaks.get(name, 0.0) for each in self.at) for name in names}
+
+
+def presses_so_far(ground: Ground, points: FloatArray) -> list[SimulatedPress]:
+    """What the presses of the fit tell, at points (n_points, n_parameters) of the box of the fit."""
+    terms = ground.problem.terms
+    problems = [ground.problem.restated([term]) for term in terms]
+    found = _slopes([(problem, _at(ground, problem, point)) for problem in problems for point in points])
+    simulated = []
+    for i, (term, problem) in enumerate(zip(terms, problems, strict=True)):
+        press = Press(name=term.spot, spot=term.spot, protocol=term.protocol)
+        own = found[i * len(points) : (i + 1) * len(points)]
+        if failure := next((each.failure for each in own if each.jacobian is None), ""):
+            raise PalpateError(f"spot '{term.spot}': {failure}")
+        at = [_at_point(ground, press, problem, each, ground.columns) for each in own]
+        simulated.append(SimulatedPress(press=press, at=tuple(at)))
+    return simulated
+
+
+def simulated_presses(ground: Ground, presses: Sequence[Press], points: FloatArray) -> list[SimulatedPress]:
+    """Simulate presses at points (n_points, n_parameters) of the box; causes are taken at the first."""
+    problems = _stated(ground, presses, points)
+    whole = {press: found for press, found in problems.items() if not isinstance(found, str)}
+    each = iter(
+        _slopes(
+            [
+                (problem, _at(ground, problem, p))
+                for found in whole.values()
+                for problem, p in zip(found, points, strict=True)
+            ]
+        )
+    )
+    results = {}
+    for press, found in whole.items():
+        ended = [next(each) for _ in points]
+        results[press] = _simulated(ground, press, found, ended)
+    return [
+        results[press] if press in results else SimulatedPress(press=press, failure=str(problems[press]))
+        for press in presses
+    ]
+
+
+def _simulated(
+    ground: Ground, press: Press, problems: Sequence[Problem], ended: Sequence[Evaluation]
+) -> SimulatedPress:
+    if failure := next((each.failure for each in ended if each.jacobian is None), ""):
+        return SimulatedPress(press=press, failure=failure)
+    try:
+        columns = _columns(ground, problems[0], ended[0])
+    except PalpateError as error:
+        return SimulatedPress(press=press, failure=str(error))
+    at = []
+    for problem, each in zip(problems, ended, strict=True):
+        scaled = {
+            (spot, name): {
+                cause: _as_large(column, problem, problems[0], name) for cause, column in of.items()
+            }
+            for (spot, name), of in columns.items()
+        }
+        at.append(_at_point(ground, press, problem, each, scaled))
+    return SimulatedPress(press=press, at=tuple(at))
+
+
+def _as_large(column: FloatArray, problem: Problem, first: Problem, channel: str) -> FloatArray:
+    """What a cause adds to a curve that is larger or smaller than at the first point."""
+    here, there = (np.abs(p.terms[0].measured[channel].ordinate).max() for p in (problem, first))
+    scaled: FloatArray = column * (here / there)
+    return scaled
+
+
+def _stated(ground: Ground, presses: Sequence[Press], points: FloatArray) -> dict[Press, list[Problem] | str]:
+    """State a problem for each press and point, its simulated curves as measured; or why there is none."""
+    bare = {press: ground.problem.restated([_term(ground, press, Response(curves={}))]) for press in presses}
+    jobs = [_job(ground, problem, point) for problem in bare.values() for point in points]
+    ended = iter(ground.problem.simulate(jobs))
+    found: dict[Press, list[Problem] | str] = {}
+    for press, problem in bare.items():
+        stated = []
+        for simulation in [next(ended) for _ in points]:
+            if simulation.response is None or simulation.status not in ground.study.scoring.ranked_statuses:
+                found[press] = f"{simulation.status}: {simulation.message or simulation.status.remedy}"
+                break
+            stated.append(problem.restated([_term(ground, press, _as_measured(ground, press, simulation))]))
+        else:
+            found[press] = stated
+            if not stated[0].terms[0].weights:
+                found[press] = f"it shows no channel of scenario '{ground.scenario.name}'"
+    return found
+
+
+def _job(ground: Ground, problem: Problem, point: FloatArray) -> Job:
+    (term,) = problem.terms
+    inputs = problem.inputs(term.spot, _at(ground, problem, point))
+    return term.job(inputs, -1, slopes=ground.study.solver.gives_slopes, fine=False)
+
+
+def _at(ground: Ground, problem: Problem, point: FloatArray) -> FloatArray:
+    """The point in the box of another problem of the same study, by the names of the values."""
+    values = dict(zip(ground.problem.names, ground.problem.box.values(point).tolist(), strict=True))
+    return problem.point_of(values)
+
+
+def _term(ground: Ground, press: Press, measured: Response) -> SpotTerm:
+    like = ground.term(press.spot)
+    weights = {n: w for n, w in ground.scenario.weighed.items() if channel_of(n) in measured.curves}
+    corrections = {name: _as_of(like, name, curve) for name, curve in measured.curves.items()}
+    return replace(
+        like,
+        spot=press.spot,
+        protocol=press.protocol,
+        measured=measured,
+        weights=weights,
+        corrections={name: each for name, each in corrections.items() if each.any()},
+    )
+
+
+def _as_of(like: SpotTerm, channel: str, curve: Curve) -> FloatArray:
+    """Correction by the finer mesh as large, relative to the curve, as that of the press so far."""
+    if channel not in like.corrections:
+        return np.zeros(curve.ordinate.size)
+    share = np.linalg.norm(like.corrections[channel]) / np.linalg.norm(like.measured[channel].ordinate)
+    correction: FloatArray = share * curve.ordinate
+    return correction
+
+
+def _as_measured(ground: Ground, press: Press, simulation: Simulation) -> Response:
+    """Simulated curves as they would be measured: with as many points as those of the spot have."""
+    assert simulation.response is not None
+    known = ground.measured.get(press.spot) or next(iter(ground.measured.values()), Response(curves={}))
+    curves = {}
+    for name, curve in simulation.response.curves.items():
+        n = known[name].abscissa.size if name in known.curves else USUAL_POINTS
+        path = path_of(curve.abscissa)
+        along = np.linspace(0.0, path[-1], max(n, path.size))
+        curves[name] = Curve(
+            channel=name,
+            abscissa=np.interp(along, path, curve.abscissa),
+            ordinate=np.interp(along, path, curve.ordinate),
+        )
+    return Response(curves=curves)
+
+
+def _slopes(asked: Sequence[tuple[Problem, FloatArray]]) -> list[Evaluation]:
+    """Evaluate a point of each problem with slopes; what all of them need is simulated side by side."""
+    jobs: list[Job] = []
+    finishing = [problem.begin([Trial(point=point, slopes=True)], jobs) for problem, point in asked]
+    ended = asked[0][0].simulate(jobs) if asked else []
+    return [finish(ended)[0] for finish in finishing]
+
+
+def _columns(ground: Ground, problem: Problem, evaluation: Evaluation) -> Columns:
+    measured = {term.spot: term.measured for term in problem.terms}
+    causes = causes_of(ground.study, {**ground.measured, **measured}, problem.names)
+    here = [cause for cause in causes if any(cause.is_at(term.spot) for term in problem.terms)]
+    channels = dict.fromkeys(name for response in measured.values() for name in response)
+    fit = Fit(problem, evaluation.point, best=evaluation)
+    return columns_of(fit, here, [name for name in channels if ground.scenario.fits(name)])
+
+
+def _at_point(
+    ground: Ground, press: Press, problem: Problem, evaluation: Evaluation, columns: Columns
+) -> PressAtPoint:
+    (term,) = problem.terms
+    assert evaluation.residuals is not None
+    assert evaluation.jacobian is not None
+    n = term.n_points
+    box = problem.box
+    slopes = (evaluation.jacobian * (box.upper - box.lower) / box.rates(evaluation.point))[:n]
+    rows, channels = rows_of([term], n)
+    groups = groups_of(rows)
+    found = known_errors(ground.study, ground.measured, [term], n, columns, ground.refinement)
+    known = {
+        _shared_name(label, name, press): groups @ column
+        for label, of_label in found.items()
+        for name, column in of_label.items()
+        if column.any()
+    }
+    own = [i for i, name in enumerate(problem.names) if "@" in name]
+    kept = [i for i, name in enumerate(problem.names) if "@" not in name]
+    return PressAtPoint(
+        evidence=evidence_of(
+            groups @ slopes[:, kept],
+            groups @ slopes[:, own],
+            grouped(rows, groups),
+            known,
+            ground.errors,
+            channels=channels,
+            site=press.spot,
+        ),
+        peaks={name: float(np.abs(curve.ordinate).max()) for name, curve in term.measured.curves.items()},
+    )
+
+
+def _shared_name(label: str, name: str, press: Press) -> str:
+    """Name of a cause among all presses, with that of the press where no other shares it."""
+    return f"{label}: {name} of {press.name}" if label in OF_ONE_PRESS else f"{label}: {name}"

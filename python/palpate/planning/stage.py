@@ -1,0 +1,203 @@
+"""The next press of a fitted study: candidates simulated through the run, and ranked."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.certainty.causes import Columns
+from palpate.certainty.tables import Assessed
+from palpate.domain import FloatArray, Response
+from palpate.errors import StudyError
+from palpate.fit.problem import Problem
+from palpate.planning.evidence import ErrorSizes, Evidence
+from palpate.planning.narrowing import Goal, Narrowing, Plan, interval
+from palpate.planning.presses import Ground, Press, SimulatedPress, presses_so_far, simulated_presses
+from palpate.progress import SILENT, Progress
+from palpate.study.reading import Study
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Step:
+    """One more press.
+
+    Parameters
+    ----------
+    ranked : tuple of Narrowing
+        Every candidate as this step, the best first.
+    """
+
+    ranked: tuple[Narrowing, ...]
+
+    @property
+    def chosen(self) -> Narrowing:
+        """The one that narrows most."""
+        return self.ranked[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Proposal:
+    """What to measure next.
+
+    Parameters
+    ----------
+    goal : Goal
+    before : (n_parameters, n_parameters) array
+        Covariance of the presses so far, in shares of the ranges.
+    steps : tuple of Step
+        One after the other.
+    refused : mapping of name to str
+        Candidates that cannot be simulated or are beyond a limit, and why.
+    doubts : tuple of str
+        What says that the model does not describe the data.
+    check : str
+        Spot whose press should be repeated first, where there are doubts; else empty.
+    """
+
+    goal: Goal
+    before: FloatArray
+    steps: tuple[Step, ...]
+    refused: Mapping[str, str]
+    doubts: tuple[str, ...] = ()
+    check: str = ""
+
+    def intervals(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Ends (n_parameters,) of the 95 % intervals now, and after each step."""
+        covariances = [self.before, *(step.chosen.covariance for step in self.steps)]
+        return [interval(self.goal, covariance) for covariance in covariances]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanningStage:
+    """Ranks candidates for the next presses of a study.
+
+    Parameters
+    ----------
+    study : Study
+    measured : mapping of spot name to Response
+    assessed : Assessed
+        The joint fit of the scenario that generalises.
+    columns : Columns
+        What causes add to its curves.
+    refinement : mapping of spot name to float
+    progress : Progress
+    """
+
+    study: Study
+    measured: Mapping[str, Response]
+    assessed: Assessed
+    columns: Columns
+    refinement: Mapping[str, float]
+    progress: Progress = SILENT
+
+    def run(
+        self,
+        presses: Sequence[Press],
+        goal: str,
+        *,
+        limits: Mapping[str, float],
+        n_presses: int = 1,
+        n_points: int = 6,
+    ) -> Proposal:
+        """Simulate the presses at likely parameters, and choose one after the other.
+
+        Raises
+        ------
+        StudyError
+            There is no such goal, or no press can be made.
+        """
+        ground = self.ground()
+        problem, shared = ground.problem, ground.shared
+        if not shared:
+            raise StudyError(
+                f"{self.study.file}: every searched value belongs to one spot; a press shares none"
+            )
+        best = self.assessed.end.best
+        assert best is not None
+        parameters = tuple(problem.parameters[i] for i in shared)
+        aim = Goal(name=goal, parameters=parameters, values=problem.box.values(best.point)[shared])
+        points = self._points(n_points)
+        self.progress.begin("next", 0)
+        so_far = presses_so_far(ground, points)
+        simulated = simulated_presses(ground, presses, points)
+        refused = {each.press.name: why for each in simulated if (why := _refusal(each, limits))}
+        possible = [each for each in simulated if each.press.name not in refused]
+        if not possible:
+            name, why = next(iter(refused.items()))
+            raise StudyError(f"none of {len(simulated)} candidates is possible: {name}: {why}; allow others")
+        plan = Plan(so_far, aim, of_priors(problem, shared), len(points))
+        before, steps = plan.covariance, []
+        for _ in range(n_presses):
+            steps.append(Step(ranked=tuple(plan.ranked(possible))))
+            plan.add(steps[-1].chosen.press)
+        doubts = tuple(check.name for check in self.assessed.checks if check.is_failed)
+        return Proposal(
+            goal=aim,
+            before=before,
+            steps=tuple(steps),
+            refused=refused,
+            doubts=doubts,
+            check=self._worst_spot() if doubts else "",
+        )
+
+    def ground(self) -> Ground:
+        """What is known before the press."""
+        found, channels = self.assessed.errors, self.assessed.channels
+        errors = ErrorSizes(
+            noise={channels[i]: size for i, size in found.noise.items()},
+            discrepancy={channels[i]: size for i, size in found.discrepancy.items()},
+            correlations=found.correlations,
+            usual=self.study.budget.discrepancy,
+        )
+        return Ground(
+            study=self.study,
+            scenario=self.assessed.case.scenario,
+            problem=self.assessed.end.problem,
+            measured=self.measured,
+            errors=errors,
+            columns=self.columns,
+            refinement=self.refinement,
+        )
+
+    def _points(self, n: int) -> FloatArray:
+        """Where the fit has ended, and draws (n, n_parameters) of its density, as points of the box."""
+        problem, best = self.assessed.end.problem, self.assessed.end.best
+        assert best is not None
+        box = problem.box
+        drawn = [
+            box.point(box.lower + (box.upper - box.lower) * s) for s in self.assessed.density.draws(n - 1)
+        ]
+        points = np.stack([best.point, *drawn])
+        accepted: FloatArray = points[problem.accepts(points)]
+        return accepted
+
+    def _worst_spot(self) -> str:
+        """Spot whose curves the joint fit describes worst."""
+        problem, best = self.assessed.end.problem, self.assessed.end.best
+        assert best is not None
+        assert best.residuals is not None
+        sizes, at = {}, 0
+        for term in problem.terms:
+            sizes[term.spot] = float(np.sum(best.residuals[at : at + term.n_points] ** 2))
+            at += term.n_points
+        return max(sizes, key=lambda spot: sizes[spot])
+
+
+def of_priors(problem: Problem, shared: Sequence[int]) -> Evidence:
+    """What the priors of a problem tell of the values that all presses share."""
+    box, n = problem.box, len(shared)
+    rows = np.zeros(n)
+    for i, number in enumerate(shared):
+        prior = problem.parameters[number].prior
+        if prior is not None:
+            rows[i] = problem.noise * (box.upper - box.lower)[number] / prior.sd * np.sqrt(len(problem.terms))
+    sd = problem.noise * np.sqrt(len(problem.terms))
+    return Evidence(information=np.diag(rows**2), noise=np.diag((rows * sd) ** 2), causes={})
+
+
+def _refusal(press: SimulatedPress, limits: Mapping[str, float]) -> str:
+    """Why a press cannot be made; empty where it can."""
+    over = {name: peak for name, peak in press.peaks.items() if peak > limits.get(name, np.inf)}
+    name = next(iter(over), "")
+    beyond = f"the {name} reaches {over[name]:.3g}, over the limit of {limits[name]:.3g}" if over else ""
+    return press.failure or beyond

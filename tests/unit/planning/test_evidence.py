@@ -1,0 +1,73 @@
+"""Evidence adds up to the covariance of the joint fit."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from palpate.certainty.laplace import laplace
+from palpate.certainty.rows import Rows
+from palpate.planning.evidence import ErrorSizes, evidence_of, total
+
+ERRORS = ErrorSizes(
+    noise={"force": 0.01, "torque": 0.02},
+    discrepancy={"force": 0.005, "torque": 0.01},
+    correlations={(0.0, 0.35): 0.5, (1.0, 0.8): 0.5},
+)
+
+
+def _press(rng, n=24, span=1.0):
+    """Slopes, rows and causes of a press with two channels of n points each."""
+    slopes = rng.normal(size=(2 * n, 3)) + np.linspace(0.0, 3.0, 2 * n)[:, None]
+    rows = Rows(
+        spot=np.zeros(2 * n, dtype=int),
+        channel=np.repeat([0, 1], n),
+        point=np.tile(np.arange(n, dtype=float), 2),
+        path=np.tile(np.linspace(0.0, span, n), 2),
+        scale=np.full(2 * n, 0.3),
+        envelope=np.tile(np.linspace(0.0, 0.3, n), 2),
+    )
+    known = {
+        "gain: force": rng.normal(size=2 * n) * 0.01,
+        "onset: onset of p1": rng.normal(size=2 * n) * 0.01,
+    }
+    return slopes, rows, known
+
+
+def _evidence(press, site):
+    slopes, rows, known = press
+    free = np.zeros((len(slopes), 0))
+    return evidence_of(slopes, free, rows, known, ERRORS, channels=("force", "torque"), site=site)
+
+
+def _of_joint_fit(presses, sites):
+    """Covariance by the residuals of all presses together."""
+    slopes = np.concatenate([press[0] for press in presses])
+    rows = [press[1] for press in presses]
+    names = ("channel", "point", "path", "scale", "envelope")
+    joined = {name: np.concatenate([getattr(each, name) for each in rows]) for name in names}
+    number = np.repeat(np.arange(len(presses)), [len(press[0]) for press in presses])
+    place = np.array([sorted(set(sites)).index(site) for site in sites])[number]
+    by_press, by_site = Rows(spot=number, **joined), Rows(spot=place, **joined)
+    covariance = np.zeros((len(slopes),) * 2)
+    for i, channel in enumerate(("force", "torque")):
+        for (points, length), probability in ERRORS.correlations.items():
+            covariance += probability * ERRORS.noise[channel] ** 2 * by_press.noise(i, points)
+            covariance += probability * ERRORS.discrepancy[channel] ** 2 * by_site.discrepancy(i, length)
+    values, vectors = np.linalg.eigh(covariance)
+    causes = {"errors": vectors * np.sqrt(np.maximum(values, 0.0))}
+    for name in presses[0][2]:
+        causes[name] = np.concatenate([press[2][name] for press in presses])[:, None]
+    return laplace(np.full(3, 0.5), np.zeros(len(slopes)), slopes, causes).covariance
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000), same=st.booleans(), span=st.sampled_from([1.0, 2.0]))
+def test_sum_is_covariance_of_joint_fit(seed, same, span):
+    rng = np.random.default_rng(seed)
+    presses = [_press(rng), _press(rng, span=span)]
+    sites = ["p1", "p1" if same else "p2"]
+    found = total(map(_evidence, presses, sites), 3).covariance(range_sd=1.0)
+    expected = _of_joint_fit(presses, sites)
+    sizes = np.sqrt(np.diag(expected))
+    assert np.abs(found - expected).max() <= 0.02 * np.outer(sizes, sizes).max()
+    assert np.sqrt(np.diag(found)) == pytest.approx(sizes, rel=0.02)

@@ -1,0 +1,184 @@
+"""Further presses of a small study in closed form: ranked, refused, and made."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+import palpate_materials
+from palpate import pipeline
+from palpate.domain import Job
+from palpate.errors import StudyError
+from palpate.planning.candidates import Allowed, read_allowed, usual
+from palpate.planning.extension import extended_study
+from palpate.planning.propose import propose
+from palpate.planning.study_text import with_press
+from palpate.planning.tables import for_robot, proposal_tables
+from palpate.run.result import ALL_SPOTS
+from palpate.study.reading import read_study
+from palpate.testing.studies import StudyRunner
+
+REGION = {
+    "tissue": {
+        "material": "neo_hookean",
+        "parameters": {
+            "E": {"lower": "20 kPa", "upper": "120 kPa"},
+            "nu": {"lower": 0.2, "upper": 0.49},
+        },
+    }
+}
+ALLOWED = Allowed(protocol={"depth": ["1 mm", "2 mm", "4 mm"], "twist": [[], ["20 deg", "0 deg"]]})
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """A study of one press, run to the end of its fit."""
+    runner = StudyRunner(tmp_path)
+    monkeypatch.setattr(pipeline, "write_report", lambda content, folder: ())
+    study, plugins = runner.study(
+        palpate_materials,
+        region=REGION,
+        sampling={"n_sets": 0},
+        fit={"search": "least_squares"},
+        protocol={
+            "indenter": {"shape": "sphere", "radius": "7.5 mm"},
+            "depth": "2 mm",
+            "twist": ["4 deg"],
+            "friction": 1.0,
+        },
+    )
+    study = replace(study, truth={"tissue.E": 0.07, "tissue.nu": 0.345})
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    return study, tmp_path / "run", plugins
+
+
+def _proposed(run, allowed=ALLOWED, **options):
+    study, folder, plugins = run
+    return propose(study, folder, plugins, allowed=allowed, n_points=3, **options)
+
+
+def test_press_with_a_twist_tells_what_presses_without_cannot(run):
+    found = _proposed(run, goal="tissue.nu")
+    names = [each.press.press for each in found.steps[0].ranked]
+    twisted = [bool(press.keys["twist"]) for press in names]
+    assert twisted == sorted(twisted, reverse=True)  # force alone leaves E and nu inseparable
+    assert found.steps[0].chosen.goal < 0.9
+
+
+def test_every_step_is_ranked_after_those_before_it(run):
+    found = _proposed(run, n_presses=3)
+    goals = [step.chosen.goal for step in found.steps]
+    assert goals[0] < goals[1] < 1.0  # what is known already narrows less
+    for step in found.steps:
+        assert [each.goal for each in step.ranked] == sorted(each.goal for each in step.ranked)
+    widths = proposal_tables(found).intervals.filter(parameter="tissue.nu")["width"].to_list()
+    assert widths == sorted(widths, reverse=True)
+
+
+def test_goal_of_one_parameter_is_its_own_width(run):
+    found = _proposed(run, goal="tissue.nu")
+    best = found.steps[0].chosen
+    assert best.goal == pytest.approx(best.widths[1])
+    with pytest.raises(StudyError, match=r"'nu' is nothing to narrow; name one of all, worst, tissue\.E"):
+        _proposed(run, goal="nu")
+
+
+def test_limits_refuse_what_presses_too_hard(run):
+    free = _proposed(run)
+    peaks = {each.press.press.name: each.press.peaks["force"] for each in free.steps[0].ranked}
+    limit = float(np.median(list(peaks.values())))
+    held = _proposed(run, ALLOWED.model_copy(update={"limits": {"force": f"{limit} N"}}))
+    kept = {each.press.press.name for each in held.steps[0].ranked}
+    assert kept == {name for name, peak in peaks.items() if peak <= limit}
+    assert set(held.refused) == peaks.keys() - kept
+    with pytest.raises(StudyError, match="none of 6 candidates is possible"):
+        _proposed(run, ALLOWED.model_copy(update={"limits": {"force": "1e-6 N"}}))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"spots": ["p9"]}, "no spot 'p9'"),
+        ({"protocol": {"depht": ["1 mm"]}}, "depht"),
+        ({"protocol": {"depth": ["1 N"]}}, "depth"),
+        ({"protocol": {"depth": []}}, "allow 1 to 500"),
+        ({"limits": {"power": "1 N"}}, "no such channel"),
+        ({"limits": {"force": "1 mm"}}, r"limits\.force"),
+    ],
+)
+def test_what_is_not_allowed_is_named(run, changes, message):
+    with pytest.raises(StudyError, match=message):
+        _proposed(run, ALLOWED.model_copy(update=changes))
+
+
+def test_file_of_candidates_names_its_mistake(tmp_path):
+    file = tmp_path / "allowed.toml"
+    with pytest.raises(StudyError, match="cannot be read"):
+        read_allowed(file)
+    file.write_text("spot = ['p1']")
+    with pytest.raises(StudyError, match=r"allowed\.toml: spot: .*has spots, protocol, limits"):
+        read_allowed(file)
+    file.write_text("spots = ['p1'\n")
+    with pytest.raises(StudyError, match="invalid TOML"):
+        read_allowed(file)
+
+
+def test_usual_candidates_are_shares_of_the_studys_press(run):
+    study, _, _ = run
+    assert usual(study).protocol == {
+        "depth": ["1 mm", "1.5 mm", "2 mm"],
+        "twist": [[], ["2 deg"], ["4 deg"]],
+    }
+
+
+def test_robot_gets_the_whole_path(run):
+    found = _proposed(run)
+    written = json.loads((run[1] / "next.json").read_text())
+    (press,) = written["presses"]
+    chosen = found.steps[0].chosen.press.press
+    assert press["depth_mm"] == chosen.protocol.path[:, 0].tolist()
+    assert press["rotation_deg"] == chosen.protocol.path[:, 1].tolist()
+    assert written["goal"] == "all"
+    assert for_robot(found, {})["ranking"] == written["ranking"]
+
+
+def test_measured_press_narrows_as_expected(run, tmp_path):
+    study, folder, plugins = run
+    found = _proposed(run)
+    press = found.steps[0].chosen.press.press
+    file = tmp_path / "press.txt"
+    thetas = study.space.thetas(np.array([0.07, 0.345]))
+    materials = {region.region: region.material for region in study.space.regions}
+    job = Job(spot="p1", set_id=0, materials=materials, thetas=thetas, protocol=press.protocol)
+    response = study.solver.simulate(job, None).response
+    study.loader.save(file, response)
+    name, written = extended_study(folder, study.file, None, file)
+    assert name == press.name
+    extended = read_study(written, plugins)
+    assert np.array_equal(extended.protocol_at(name).path, press.protocol.path)
+    pipeline.run_study(extended, tmp_path / "extended", plugins, forked_from=folder, adopt=True)
+    ends = {
+        run: pl.read_parquet(run / "intervals.parquet").filter(parameter="tissue.nu")
+        for run in (folder, tmp_path / "extended")
+    }
+    before, after = (
+        float((rows["upper"] - rows["lower"])[rows["fit"].is_in(["p1", ALL_SPOTS]).arg_max()])
+        for rows in ends.values()
+    )
+    expected = proposal_tables(found).intervals.filter(parameter="tissue.nu", step=1)["width"][0]
+    assert after / before == pytest.approx(expected, rel=0.25)
+
+
+def test_study_keeps_what_was_written_by_hand(run):
+    text = run[0].file.read_text() + "# the end\n"
+    added = with_press(text, "p1", "p1-2", {"depth": "3 mm", "twist": ["5 deg"]}, "more/p1-2.csv")
+    assert "# the end" in added
+    assert added.count("[[spot]]") == 2
+    with pytest.raises(StudyError, match="already exists"):
+        with_press(added, "p1", "p1-2", {}, "p.csv")
+    with pytest.raises(StudyError, match="no spot 'p7'"):
+        with_press(added, "p7", "p1-3", {}, "p.csv")
+    inline = 'spot = [{ name = "p1", measured = "p1.csv" }]\n'
+    assert with_press(inline, "p1", "p2", {"depth": "3 mm"}, "p2.csv").count("name") == 2
