@@ -427,7 +427,7 @@ def _about_conventions(data: ReportData) -> Iterator[ReportWarning]:
     if data.study.scoring.normaliser.value == "mean":
         yield ReportWarning(
             "NMSE is over the mean of the measured curve",
-            "Over a symmetric twist that is close to zero, and inflates the error of the torque.",
+            "Over a path to both sides, such as a twist, that is close to zero, and inflates the error.",
         )
     for region in data.study.space.regions:
         if region.convention != "textbook":

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from palpate.domain import FloatArray, Indentation, Limb, Protocol
 from palpate.errors import MeshError
@@ -29,13 +30,23 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
     traces = coarsened(limb_view(limb, protocol.indenter), most).traces()
     name = protocol.indenter.name
     at_rest = next(trace for trace in reversed(traces) if trace["name"] == name)
-    depth = float(protocol.path[:, 0].max())
+    pose = protocol.waypoints.pose
+    deepest = pose[int(np.argmax(pose[:, 0]))]
+    depth = float(deepest[0])
     # The same where it presses deepest; hidden until it is asked for.
-    moved = {
-        axis: np.round(np.array(at_rest[axis]) - depth * along, 2).tolist()
-        for axis, along in zip("xyz", limb.spot.normal.tolist(), strict=True)
-    }
+    moved = dict(zip("xyz", _moved(limb, np.stack([at_rest[a] for a in "xyz"], 1), deepest), strict=True))
     return [*traces, at_rest | moved | {"name": f"{name} at {depth:g} mm", "visible": "legendonly"}]
+
+
+def _moved(limb: Limb, points: FloatArray, pose: FloatArray) -> list[list[float]]:
+    """Coordinates of points (n, 3) of the indenter at rest, in a pose (6,) of balanced states."""
+    depth, shift_x, shift_y, *tilt, turn = pose.tolist()
+    rotation = Rotation.from_rotvec([*tilt, 0.0], degrees=True)
+    rotation *= Rotation.from_rotvec([0.0, 0.0, turn], degrees=True)
+    axes = spot_axes(limb.spot.normal, limb.spot.along)
+    inside = rotation.apply((points - limb.spot.position_mm) @ axes) + np.array([shift_x, shift_y, -depth])
+    there: list[list[float]] = np.round(limb.spot.position_mm + inside @ axes.T, 2).T.tolist()
+    return there
 
 
 def edge_of_contact(limb: Limb, protocol: Indentation, contact: Contact) -> dict[str, Any] | None:

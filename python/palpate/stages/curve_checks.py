@@ -219,7 +219,7 @@ def check_sizes(
     """Compare forces and moments with the indenter, the depth and the study's ranges.
 
     Only for channels whose ``length_power`` is 2 (a force) over depth or slide, or 3 (a moment) over rotation
-    or tilt.
+    or tilt, and where no load is prescribed.
 
     Returns
     -------
@@ -231,6 +231,8 @@ def check_sizes(
     CurveError
         A size that no set of the ranges can give, or a torque that the indenter cannot give with the force.
     """
+    if protocol.loads is not None:
+        return []
     peaks = {
         name: float(np.abs(curve.ordinate).max())
         for name, curve in response.curves.items()
