@@ -119,7 +119,7 @@ def hurting(study, tmp_path):
 
 def sweep(study, folder):
     design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
-    return simulation.simulate(study, design, {}, {"p1": None}, folder)
+    return simulation.simulate(study, design, {}, {"p1": {}}, folder)
 
 
 def started(tmp_path):
@@ -323,7 +323,7 @@ def test_the_scheduler_s_end_loses_nothing_and_the_sweep_continues_elsewhere(stu
     design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
     folder = tmp_path / "run"
     with pytest.raises(ExecutorError, match=r"scheduler is gone.*everything finished is kept"):
-        simulation.simulate(replace(study, executor=there), design, {}, {"p1": None}, folder, Killing())
+        simulation.simulate(replace(study, executor=there), design, {}, {"p1": {}}, folder, Killing())
     with Ledger(folder) as ledger:
         kept = ledger.frame("simulations")
     assert 4 <= kept.height < 40

@@ -6,6 +6,7 @@ import secrets
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
+from time import monotonic
 
 from distributed import Client, Future, as_completed
 from distributed.scheduler import KilledWorker
@@ -17,6 +18,9 @@ from palpate_dask.worker_runtime import Shared, WorkerRuntime, run_tasks, shared
 
 WAITING_PER_THREAD = 1
 """Jobs that wait on the cluster for each that runs there, so that no worker is ever idle."""
+
+COUNT_EACH_S = 1.0
+"""Time between two counts of the cluster's threads."""
 
 
 class Connection:
@@ -85,6 +89,7 @@ class _Flow:
         self._batch = batch
         self._waiting = deque(range(len(batch.jobs)))
         self._sent: dict[Future, int] = {}
+        self._n_room, self._counted = 0, -COUNT_EACH_S
 
     def results(self) -> Iterator[JobResult]:
         answers = as_completed(loop=self._client.loop, raise_errors=False)
@@ -103,7 +108,7 @@ class _Flow:
     def _send(self) -> list[Future]:
         """Hand out what the cluster has room for; nothing once the batch is stopped."""
         sent: list[Future] = []
-        n_room = (1 + WAITING_PER_THREAD) * max(1, sum(self._client.nthreads().values()))
+        n_room = self._room()
         while self._waiting and len(self._sent) < n_room and self._batch.should_continue():
             index = self._waiting.popleft()
             tasks = packed([(index, self._batch.jobs[index])])
@@ -112,6 +117,13 @@ class _Flow:
             sent.append(future)
             self._batch.running(min(len(self._sent), n_room // (1 + WAITING_PER_THREAD)))
         return sent
+
+    def _room(self) -> int:
+        """How many jobs the cluster is given; the scheduler is not asked after each of them."""
+        if monotonic() - self._counted > COUNT_EACH_S:
+            n_threads = sum(self._client.nthreads().values())
+            self._n_room, self._counted = (1 + WAITING_PER_THREAD) * max(1, n_threads), monotonic()
+        return self._n_room
 
     def _answer(self, future: Future, index: int) -> list[JobResult]:
         if future.status == "finished":
