@@ -10,7 +10,7 @@ QUIET := $(if $(MAKE_TERMOUT),,--quiet)
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
-.PHONY: coverage coverage-fe help demo test test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-fit bench-logs bench-ledger bench-search bench-solver bench-sparse clean
+.PHONY: coverage coverage-fe help demo test test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-search bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -79,7 +79,7 @@ hooks: $(VENV)/installed ## write the reference of hooks into plugins/README.md
 bench: $(VENV)/installed ## timings, each with a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py
 	$(BIN)/python tests/benchmarks/bench_elements.py
-	@echo "more: make coverage, bench-core, bench-fit, bench-logs, bench-ledger, bench-search, bench-solver, bench-sparse"
+	@echo "more: make coverage, bench-core, bench-executors, bench-fit, bench-logs, bench-ledger, bench-search, bench-solver, bench-sparse"
 
 coverage: $(VENV)/installed ## how often 95 % intervals hold the truth, over 600 simulated experiments
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_coverage.py
@@ -91,6 +91,9 @@ bench-core: $(VENV)/installed ## the core's kernels with their peers, and their 
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core_sampling.py
 	cargo bench -p palpate-core --bench instructions
+
+bench-executors: $(VENV)/installed ## what executors add to each job, and how many workers are fed
+	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_executors.py
 
 bench-fit: $(VENV)/installed ## fits by finite elements: runs, time and errors
 	$(BIN)/python tests/benchmarks/bench_fit.py

@@ -53,7 +53,7 @@ LEAST_SETS = 40
 N_TURNS = 3
 """Runs of a path without and with derivatives."""
 
-N_LATE = 40
+N_LATE = 30
 """Sets after the pilots that stand for all of them."""
 
 GROUP_NAMES = {"alone": "solved alone", "pilots": "from those", "late": "from all pilots"}
@@ -387,7 +387,7 @@ def main() -> None:
     if given.slopes or everything:
         slopes_cost(forearms)
     if given.many or everything:
-        many(*next(iter(forearms.items())), given.many or 250)
+        many(*list(forearms.items())[-1], given.many or 250)
 
 
 if __name__ == "__main__":
