@@ -15,6 +15,8 @@ from palpate.progress import Progress, ShowsPlace
 from palpate.run.fit_state import FitState, remove_fit_state, write_fit_state
 from palpate.run.result import StudyInputs
 from palpate.run.stage_records import fit_from
+from palpate.stages import simulation
+from palpate.stages.cost import FitTime
 from palpate.stages.sweep import Simulations
 from palpate.stored import StoredRun, opened_run
 from palpate.study.reading import Study
@@ -35,16 +37,22 @@ def cases_of(
     simulations: Simulations, stored: StoredRun, plugins: Plugins, scores: pl.DataFrame
 ) -> list[Case]:
     """Fit every case of a study; what is simulated already is not simulated again."""
+    inputs = stored.inputs
+    swept = simulation.jobs(stored.study, inputs.design, inputs.measured)
+    by_key = {simulations.key(job): job for job in swept}
+    time = FitTime(stored.study, stored.run.folder, inputs.limbs, by_key, simulations.progress)
+    time.look()
 
     def follow(state: FitState) -> None:
+        time.look()
         write_fit_state(stored.run.folder, state)
         if isinstance(simulations.progress, ShowsPlace):
             simulations.progress.at(str(state))
 
     stage = FitStage(
         study=stored.study,
-        design=stored.inputs.design,
-        measured=stored.inputs.measured,
+        design=inputs.design,
+        measured=inputs.measured,
         scores=scores,
         simulations=simulations,
         abscissae=abscissae_of(plugins),

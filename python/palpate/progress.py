@@ -2,6 +2,12 @@
 
 from typing import Protocol, runtime_checkable
 
+LONG_S = 60.0
+"""Time of a sweep from which a smaller first look is offered."""
+
+FIRST_LOOK = 12
+"""Sets of a first look."""
+
 
 class Progress(Protocol):
     """What a caller hands in to follow a run."""

@@ -76,17 +76,17 @@ def test_check_tells_how_long_the_sweep_takes_and_offers_a_first_look(
 ) -> None:
     from palpate.stages import cost
 
-    assert "20 simulations to do, about 0 s (workers: 1); then the fit" in call("check", study).out
+    assert "20 simulations to do, about 0 s; then about" in call("check", study).out
     monkeypatch.setattr(cost, "timed", lambda *_: 90.0)
     shown = call("check", study).out
-    assert "20 simulations to do, about 30 min (workers: 1); then the fit" in shown
+    assert "20 simulations to do, about 30 min; then about" in shown
     assert f"a first look of about 18 min: palpate run {study} --sets 12; the whole run keeps" in shown
     assert call("check", study, "--json").json["seconds"] is None  # nothing is timed for a script
     assert call("run", study, "--sets", 12).code == 0
     found = call("check", study, "--json").json
     assert found["n_left"] == 8
     assert found["seconds"] < 90.0
-    assert "8 simulations to do, about 0 s (workers: 1)" in call("run", study).err
+    assert "8 simulations to do, about 0 s; then about" in call("run", study).err
     assert "simulations to do" not in call("check", study).out
 
 

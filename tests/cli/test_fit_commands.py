@@ -3,6 +3,7 @@
 import json
 import re
 import signal
+from pathlib import Path
 
 import pytest
 
@@ -81,6 +82,23 @@ def test_what_needs_a_sweep_is_refused_without_one(call, study, n_sets, more, ex
     refused = call("run", study)
     assert refused.code == 2
     assert re.search(rf"study\.toml:\d+: .*{re.escape(expected)}", refused.err), refused.err
+
+
+def test_a_first_look_needs_no_sets_in_the_study_and_the_larger_run_keeps_it(call, study):
+    path = study / "study.toml"
+    path.write_text(path.read_text().replace("n_sets = 20", "n_sets = 0") + '[fit]\nsearch = "sweep"')
+    assert call("check", study).code == 2
+    look = call("run", study, "--sets", 12, "--json")
+    assert (look.code, look.json["n_sets"], look.json["n_simulations"]) == (0, 12, 24)
+    folder = Path("runs") / "toy"
+    kept = {file: file.read_bytes() for file in (folder / "curves").iterdir()}
+    more = call("run", study, "--sets", 20, "--json")
+    assert (more.code, more.json["n_sets"]) == (0, 20)
+    with Ledger(folder) as ledger:
+        assert len(ledger.entries()) == 20  # both spots have the same tests
+    assert all(file.read_bytes() == content for file, content in kept.items())
+    assert call("resume", folder, "--json").json["n_sets"] == 20
+    assert call("report", folder).code == 0
 
 
 @pytest.fixture

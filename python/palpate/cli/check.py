@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.options import AsJson
-from palpate.cli.progress import FIRST_LOOK, LONG_S, StageProgress
+from palpate.cli.progress import StageProgress
 from palpate.cli.results import data_notice
 from palpate.cli.runs import newest_run
 from palpate.cli.session import Session
 from palpate.errors import StudyError
-from palpate.progress import duration
+from palpate.progress import FIRST_LOOK
 
 if TYPE_CHECKING:
     from palpate.cli.output import CheckOutput, Searched
@@ -66,29 +66,26 @@ def check(
 def _cost(
     study: "Study", checked: "StudyInputs", path: Path, progress: StageProgress, *, timing: bool
 ) -> "Cost":
-    """What is left of the sweep, after the newest run of the study; one is timed if none is known."""
+    """What is left after the newest run of the study; one simulation is timed if no time is known."""
     from palpate.stages import cost, simulation
 
     jobs = simulation.jobs(study, checked.design, checked.measured)
     keys = simulation.keys(study, jobs, checked.limbs)
-    left = cost.cost(study, dict(zip(keys, jobs, strict=True)), newest_run(path))
-    if jobs and timing and left.seconds_each is None:
+    left = cost.cost(study, dict(zip(keys, jobs, strict=True)), newest_run(path), checked.limbs)
+    if timing and left.seconds_each is None and (left.n_left or left.n_fit):
         progress.begin("time a simulation", 1)
-        left = replace(left, seconds_each=cost.timed(study, jobs, checked.limbs))
+        to_time = jobs or simulation.middle_jobs(study, checked.measured)
+        left = replace(left, seconds_each=cost.timed(study, to_time, checked.limbs))
         progress.step()
     return left
 
 
 def _say_cost(session: Session, path: Path, n_sets: int, left: "Cost") -> None:
-    if not left.n_left or left.seconds_each is None:
+    if left.seconds_each is None or not (left.n_left or left.n_fit):
         return
     session.say(str(left))
-    if (left.seconds or 0.0) > LONG_S and n_sets > FIRST_LOOK:
-        first = (left.seconds or 0.0) * FIRST_LOOK / n_sets
-        session.say(
-            f"a first look of about {duration(first)}: palpate run {path} --sets {FIRST_LOOK}; "
-            "the whole run keeps its simulations"
-        )
+    if first := left.first_look(n_sets):
+        session.say(f"{first}: palpate run {path} --sets {FIRST_LOOK}; the whole run keeps its simulations")
 
 
 def _as_json(study: "Study", checked: "StudyInputs", left: "Cost") -> "CheckOutput":
@@ -103,6 +100,8 @@ def _as_json(study: "Study", checked: "StudyInputs", left: "Cost") -> "CheckOutp
         "n_sets": checked.design.n_sets,
         "n_left": left.n_left,
         "seconds": left.seconds,
+        "n_fit": left.n_fit,
+        "fit_seconds": left.fit_seconds,
         "solver": study.solver.name,
         "scenarios": [scenario.name for scenario in study.scenarios],
         "warnings": list(checked.warnings),

@@ -43,7 +43,8 @@ class SearchOutput(Closed):
 class CheckOutput(Closed):
     """A study without mistakes; ``spots`` has the channels of each, ``warnings`` what is odd.
 
-    ``seconds`` is for the ``n_left`` simulations to do; null where none has been done before.
+    ``seconds`` is for the ``n_left`` simulations to do, ``fit_seconds`` about for the ``n_fit`` of the fit
+    then (0: not known); null where none has been done before.
     """
 
     study: str
@@ -56,6 +57,8 @@ class CheckOutput(Closed):
     n_sets: int
     n_left: int
     seconds: Number
+    n_fit: int
+    fit_seconds: Number
     solver: str
     scenarios: list[str]
     warnings: list[str]

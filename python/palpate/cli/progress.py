@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
 from palpate.errors import PalpateError, StoppedError
-from palpate.progress import duration
+from palpate.progress import FIRST_LOOK, LONG_S, duration
 
 if TYPE_CHECKING:
     import polars as pl
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _ASKING = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask to stop; batch systems send the second before they kill."""
 
-SIMULATING = ("simulate", "fit")
+SIMULATING = ("simulate", "fit", "surface")
 """Stages of simulations: asked to stop, they finish those that are running."""
 
 LINE_S = 50.0
@@ -30,12 +30,6 @@ LINE_S = 50.0
 
 WARNING = "warning: "
 """How a note begins that also goes to ``--json``."""
-
-LONG_S = 60.0
-"""Time of a sweep from which a smaller first look is offered."""
-
-FIRST_LOOK = 12
-"""Sets of a first look."""
 
 LOOK_S = 5.0
 """Least time between two looks at the best sets so far."""

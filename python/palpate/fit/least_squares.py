@@ -31,6 +31,7 @@ class LeastSquares(Search[LeastSquaresSettings]):
 
     name = "least_squares"
     summary = "bounded Gauss-Newton steps with exact slopes where the solver gives them"
+    usual_trials = 5
 
     def search(self, space: SearchSpace) -> Asking:
         """Step from the start for as long as a step gains enough."""

@@ -96,6 +96,9 @@ class Search(Component[SettingsT]):
     local: ClassVar[bool] = True
     """Whether where it ends depends on where it starts: it is then run from each basin of the sweep."""
 
+    usual_trials: ClassVar[int] = 0
+    """Trials that it usually takes from a start far away, to estimate the time of a run; 0: not known."""
+
     @abstractmethod
     def search(self, space: SearchSpace) -> Asking:
         """Ask for trials until there is nothing to gain.

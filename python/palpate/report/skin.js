@@ -1,7 +1,9 @@
 "use strict";
 /** The skin under the press, drawn on a canvas: from the farthest triangle to the nearest. */
 const makeSkin = ({ data, state, element, isShown, colour }) => {
-  const START = { turn: -0.9, tilt: 0.55, zoom: 1 };
+  const START = { turn: -0.9, tilt: 0.7, zoom: 1 };
+  /** How far from the spot the picture reaches, over the size of the indenter. */
+  const REACH = 2.4;
   const eye = { ...START }, known = new Map();
   const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
   const scale = data.colours.map(rgb);
@@ -19,7 +21,8 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
       const [points, displacements, pressures] = ["points", "displacements", "pressures"].map((name) => unpacked(skin[name]));
       const moves = Float32Array.from(pressures, (_, i) => Math.hypot(...displacements.subarray(3 * i, 3 * i + 3)));
       const size = pressures.slice(0, skin.n).reduce((most, _, i) => Math.max(most, Math.hypot(...points.subarray(3 * i, 3 * i + 3))), 1e-9);
-      known.set(spot, { ...skin, points, displacements, size, quantities: { displacement: moves, pressure: pressures } });
+      const tool = skin.indenter.reduce((most, x) => Math.max(most, Math.hypot(...x)), 0);
+      known.set(spot, { ...skin, points, displacements, size: tool ? Math.min(size, REACH * tool) : size, quantities: { displacement: moves, pressure: pressures } });
     }
     return known.get(spot);
   }

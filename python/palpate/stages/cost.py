@@ -1,7 +1,7 @@
-"""How long a sweep will take, from simulations that are there or from one that is timed."""
+"""How long a run will take, from simulations that are there or from one that is timed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from palpate.domain import Job, Limb
 from palpate.executors import InProcess, Processes
 from palpate.executors.attempts import simulate_alone
 from palpate.executors.machine import n_fitting
-from palpate.progress import duration
+from palpate.progress import FIRST_LOOK, LONG_S, Progress, duration
 from palpate.run.ledger import Ledger
 from palpate.run.ledger.cache import ResultCache
 from palpate.study.reading import Study
@@ -21,68 +21,147 @@ SHORT_S = 30.0
 MOST_TIMES = 50
 """Shared simulations whose times stand for all of them."""
 
+WORTH_SAYING_S = 10.0
+"""Time of a fit from which it is said how long it will take."""
+
+OTHER_SCENARIO, OF_SPOT = 0.3, 1.5
+"""Simulations at a spot by the joint fit of another scenario, over those of the first; by its own fit."""
+
+SLOPES = 1.4
+"""Time of a simulation with exact slopes over one without."""
+
+GROWTH = 1.4
+"""Power of the number of nodes with which the time of a simulation grows."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """What is left of a sweep.
+    """What is left of a run.
 
     Parameters
     ----------
     n_left : int
-        Simulations to do; jobs that ask for the same one count once.
+        Simulations of the sweep to do; jobs that ask for the same one count once.
     seconds_each : float or None
         Of one simulation on one worker; None where none is known.
     n_workers : int
         0 where only the executor knows.
+    n_fit : int
+        About how many simulations the fit needs; 0 where there is none, or the search does not know.
+    n_spots : int
+        Spots, whose simulations a fit runs side by side.
+    fit_factor : float
+        Time of all simulations of the fit, of slopes and finer meshes too, over that of as many plain ones.
     """
 
     n_left: int
     seconds_each: float | None
     n_workers: int
+    n_fit: int = 0
+    n_spots: int = 1
+    fit_factor: float = 1.0
 
     @property
     def seconds(self) -> float | None:
-        """Time of all that is left; None where it is unknown."""
+        """Time of the sweep; None where it is unknown."""
+        return self._seconds(self.n_left, max(1, self.n_left))
+
+    @property
+    def fit_seconds(self) -> float | None:
+        """Time of the fit, about; None where it is unknown."""
+        found = self._seconds(self.n_fit, self.n_spots) if self.n_fit else None
+        return None if found is None else found * self.fit_factor
+
+    def _seconds(self, n: int, side_by_side: int) -> float | None:
         if self.seconds_each is None or not self.n_workers:
             return None
-        return self.seconds_each * self.n_left / min(self.n_workers, max(1, self.n_left))
+        return self.seconds_each * n / min(self.n_workers, side_by_side)
 
     def __str__(self) -> str:
+        parts = []
+        if self.n_left:
+            parts.append(f"{self.n_left} simulations to do{self._time(self.seconds)}")
+        if self.n_fit:
+            parts.append(f"about {self.n_fit} simulations of the fit{self._time(self.fit_seconds)}")
+        else:
+            parts.append("the fit")
+        return f"{'; then '.join(parts)}{f' (workers: {self.n_workers})' if self.n_workers else ''}"
+
+    def _time(self, seconds: float | None) -> str:
         if self.seconds_each is None:
-            return f"{self.n_left} simulations to do"
-        if self.seconds is None:
-            return f"{self.n_left} simulations to do, each about {duration(self.seconds_each)} here"
-        return (
-            f"{self.n_left} simulations to do, about {duration(self.seconds)} "
-            f"(workers: {self.n_workers}); then the fit"
-        )
+            return ""
+        if seconds is None:
+            return f", each about {duration(self.seconds_each)} here"
+        return f", about {duration(seconds)}"
+
+    def first_look(self, n_sets: int) -> str:
+        """How long a smaller first look takes; empty where it is not worth one."""
+        if (self.seconds or 0.0) <= LONG_S or n_sets <= FIRST_LOOK:
+            return ""
+        return f"a first look of about {duration((self.seconds or 0.0) * FIRST_LOOK / n_sets)}"
 
 
-def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None) -> Cost:
-    """What is left of the jobs, by key, after those in a run directory and in the study's cache."""
+def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapping[str, Limb]) -> Cost:
+    """What is left of a run whose sweep has these jobs, by key.
+
+    Parameters
+    ----------
+    study : Study
+    jobs : mapping of key to Job
+        Without those in a run directory and in the study's cache something is left of the sweep.
+    folder : Path, optional
+        A run directory.
+    limbs : mapping of limb name to Limb
+    """
     with_times: dict[str, float] = {}
     others: list[float] = []
     if folder is not None:
         with Ledger(folder) as ledger:
             entries = ledger.entries()
         with_times = {key: entry.seconds for key, entry in entries.items() if key in jobs}
-        others = [entry.seconds for entry in entries.values()]
+        others = [entry.seconds for key, entry in entries.items() if key not in jobs]
     if study.cache is not None:
         cache = ResultCache(study.cache)
         cached = [key for key in jobs if key not in with_times and cache.holds(key)]
         loaded = (cache.load(key, jobs[key]) for key in cached[:MOST_TIMES])
         seconds = [found.seconds for found in loaded if found is not None]
         with_times |= dict.fromkeys(cached, float(np.mean(seconds)) if seconds else 0.0)
-    known = list(with_times.values()) or others
+    known, n_fit = list(with_times.values()) or others, _n_fit(study)
     return Cost(
         n_left=len(jobs.keys() - with_times.keys()),
         seconds_each=float(np.mean(known)) if known else None,
         n_workers=_n_workers(study),
+        # What is there besides the sweep is mostly of an earlier fit.
+        n_fit=max(0, n_fit - len(others)),
+        n_spots=len(study.spots),
+        fit_factor=_fit_factor(study, limbs, n_fit),
     )
 
 
+def _n_fit(study: Study) -> int:
+    """About how many simulations of the coarse meshes a fit needs; 0 where that is not known."""
+    n_spots, n_scenarios = len(study.spots), len(study.scenarios)
+    each = study.search.usual_trials * (1.0 + OTHER_SCENARIO * (n_scenarios - 1))
+    if study.search.usual_trials and n_spots > 1:
+        each += OF_SPOT * n_scenarios
+    if not study.solver.gives_slopes:
+        each *= 1 + 2 * len(study.parametrisation.parameters(study.space, study.spot_names))
+    return round(n_spots * each)
+
+
+def _fit_factor(study: Study, limbs: Mapping[str, Limb], n_fit: int) -> float:
+    """Time of a fit over that of its coarse simulations without slopes."""
+    pairs = [
+        (limbs[name], limbs[f"{name}/fine"])
+        for name in study.spot_names
+        if name in limbs and f"{name}/fine" in limbs
+    ]
+    finer = sum(float((fine.mesh.n_nodes / limb.mesh.n_nodes) ** GROWTH) for limb, fine in pairs)
+    return (SLOPES if study.solver.gives_slopes else 1.0) + study.fine_runs * finer / max(1, n_fit)
+
+
 def timed(study: Study, jobs: Sequence[Job], limbs: Mapping[str, Limb]) -> float:
-    """Seconds of one simulation in this process."""
+    """Seconds of one simulation in this process: of the first job, and of a second one if that was short."""
     seconds: list[float] = []
     for job in jobs[:2]:
         if not seconds or seconds[0] < SHORT_S:
@@ -98,3 +177,39 @@ def _n_workers(study: Study) -> int:
             return 1
         case _:
             return 0
+
+
+class FitTime:
+    """Says once how long the fit of a run will take, as soon as the time of a simulation is known.
+
+    Parameters
+    ----------
+    study : Study
+    folder : Path
+        The run directory.
+    limbs : mapping of limb name to Limb
+    swept : mapping of key to Job
+        Jobs of the sweep.
+    progress : Progress
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        folder: Path,
+        limbs: Mapping[str, Limb],
+        swept: Mapping[str, Job],
+        progress: Progress,
+    ) -> None:
+        self._study, self._folder, self._limbs = study, folder, limbs
+        self._swept, self._progress = swept, progress
+        self._is_said = False
+
+    def look(self) -> None:
+        """Look whether the time is known."""
+        if self._is_said:
+            return
+        left = replace(cost(self._study, self._swept, self._folder, self._limbs), n_left=0)
+        self._is_said = left.seconds_each is not None
+        if (left.fit_seconds or 0.0) > WORTH_SAYING_S:
+            self._progress.note(f"{left}")

@@ -16,6 +16,7 @@ from palpate.domain import BoolArray, Design, FloatArray, Parameter, ParameterSp
 from palpate.errors import SamplingError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Sampler, SetFilter
+from palpate.progress import FIRST_LOOK
 
 DRAWS_EACH = 64
 """Default of the most sets drawn for each accepted one."""
@@ -45,7 +46,7 @@ def draw_design(
     space : ParameterSpace
     sampler : Sampler
     n_sets : int
-        Accepted sets; 0 draws none, or just ``n_total``.
+        Accepted sets; 0 draws none, or just ``n_total``, of which the first ``FIRST_LOOK`` are one design.
     seed : int
     filters : sequence of SetFilter
         Applied in order, each to what the ones before it kept.
@@ -68,11 +69,11 @@ def draw_design(
     parameters = space.parameters
     if not parameters:
         raise SamplingError("design: every parameter is fixed; give at least one a range")
-    n_sets = n_sets or n_total
-    if n_sets == 0:
+    n_wanted = n_total or n_sets
+    if n_wanted == 0:
         return Design(parameters=parameters, values=np.empty((0, len(parameters))), seed=seed, n_drawn=0)
-    points = _unit_points(sampler, n_sets, len(parameters), seed)
-    n_wanted, draws_each = n_total or n_sets, Fraction(max_draws, n_sets) if max_draws else DRAWS_EACH
+    points = _unit_points(sampler, n_sets or FIRST_LOOK, len(parameters), seed)
+    draws_each = Fraction(max_draws, n_sets or n_total) if max_draws else DRAWS_EACH
     if kept is None or not kept.size:
         return _drawn(space, sampler, points, seed, filters, draws_each, n_wanted)
     first = kept[accepted_by_all(filters, space, kept)][:n_wanted]

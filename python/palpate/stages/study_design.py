@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from palpate.domain import Design, FloatArray
-from palpate.errors import PalpateError
+from palpate.errors import PalpateError, StudyError
 from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
 from palpate.stages.sampling import draw_design, kept_sets
@@ -25,7 +25,11 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
     Raises
     ------
     SamplingError
+    StudyError
+        The study has no sets, and something needs those of a sweep.
     """
+    if not (study.n_sets or study.n_total):
+        _check_without_sweep(study)
     kept, first = _kept(study, earlier) if earlier else (None, None)
     design = draw_design(
         study.space,
@@ -38,6 +42,20 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
         kept=kept,
     )
     return replace(design, earlier_first=first) if design.n_kept else design
+
+
+def _check_without_sweep(study: Study) -> None:
+    key = ("sampling", "n_sets")
+    if study.search.name == "sweep":
+        raise StudyError(
+            f"{study.place(*key)}: no set to choose from with fit.search = 'sweep'; give sets here or with "
+            "--sets, or another search"
+        )
+    if study.stiffness_scaling:
+        raise StudyError(
+            f"{study.place(*key)}: no set to scale with selection.stiffness_scaling; give sets here or with "
+            "--sets, or leave it out"
+        )
 
 
 def _kept(study: Study, earlier: RunDirectory) -> tuple[FloatArray | None, FloatArray | None]:

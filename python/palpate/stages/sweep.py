@@ -99,7 +99,7 @@ class Simulations:
         keys = list(map(self.key, jobs))
         self._writer.plan(keys, jobs)
         self.progress.begin("simulate", len(jobs))
-        left = cost(self.study, dict(zip(keys, jobs, strict=True)), self.folder)
+        left = cost(self.study, dict(zip(keys, jobs, strict=True)), self.folder, self.limbs)
         if left.n_left and left.seconds_each is not None:
             self.progress.note(str(left))
         final, _ = self._kept

@@ -368,8 +368,6 @@ def _with_executor(study: Study, executor: Executor | None, table: ExecutorTable
 
 def _check_together(context: Context, tables: Tables, parts: Components, space: ParameterSpace) -> None:
     """Note what each table allows by itself and another forbids."""
-    if tables.sampling and tables.sampling.n_sets == 0:
-        _check_without_sweep(context, tables, parts)
     n_simulations = len(tables.spot) * (tables.sampling.n_sets if tables.sampling else 0)
     if n_simulations > MOST_SIMULATIONS:
         context.problems.add(
@@ -384,16 +382,3 @@ def _check_together(context: Context, tables: Tables, parts: Components, space: 
         check_solver_needs(context, parts.solver, tables)
     if parts.executor:
         check_limits(context, parts.executor, tables.executor or ExecutorTable())
-
-
-def _check_without_sweep(context: Context, tables: Tables, parts: Components) -> None:
-    """Refuse what needs the sets of a sweep where a study has none."""
-    key = ("sampling", "n_sets")
-    if parts.search is not None and parts.search.name == "sweep":
-        context.problems.add(
-            key, "no set to choose from with fit.search = 'sweep'; give sets, or another search"
-        )
-    if tables.selection and tables.selection.stiffness_scaling:
-        context.problems.add(
-            key, "no set to scale with selection.stiffness_scaling; give sets, or leave it out"
-        )

@@ -5,10 +5,15 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, strategies as st
 
+from palpate import pipeline
+from palpate.fit.least_squares import LeastSquares
+from palpate.fit.searches import DifferentialEvolution
 from palpate.pipeline import check_study
+from palpate.progress import Silent
 from palpate.run.ledger.cache import ResultCache
-from palpate.stages import simulation
-from palpate.stages.cost import Cost, cost, timed
+from palpate.specimens import block
+from palpate.stages import cost as stages_cost, simulation
+from palpate.stages.cost import Cost, FitTime, cost, timed
 
 
 def jobs_of(study, plugins):
@@ -21,17 +26,17 @@ def test_a_new_study_is_timed_and_one_with_results_is_not(make_study, plugins, t
     study = make_study(cache=tmp_path / "cache")
     jobs, keys, inputs = jobs_of(study, plugins)
     by_key = dict(zip(keys, jobs, strict=True))
-    new = cost(study, by_key, None)
+    new = cost(study, by_key, None, {})
     assert (new.n_left, new.seconds_each, new.seconds, new.n_workers) == (len(by_key), None, None, 1)
     assert timed(study, jobs, inputs.limbs) >= 0.0
     cold = replace(study, cache=None)
     found = simulation.simulate(cold, inputs.design, inputs.limbs, inputs.measured, tmp_path / "run")
     for key, each in list(dict(zip(keys, found, strict=True)).items())[:4]:
         ResultCache(tmp_path / "cache").store(key, replace(each, seconds=8.0))
-    some = cost(study, by_key, None)
+    some = cost(study, by_key, None, {})
     assert (some.n_left, some.seconds_each) == (len(by_key) - 4, 8.0)
     assert some.seconds == pytest.approx(8.0 * some.n_left)
-    assert cost(study, by_key, tmp_path / "run").n_left == 0
+    assert cost(study, by_key, tmp_path / "run", {}).n_left == 0
 
 
 def test_results_of_another_mesh_or_range_tell_the_time_of_one(make_study, plugins, tmp_path):
@@ -40,14 +45,65 @@ def test_results_of_another_mesh_or_range_tell_the_time_of_one(make_study, plugi
     simulation.simulate(study, inputs.design, inputs.limbs, inputs.measured, tmp_path / "run")
     other = replace(study, seed=7)
     jobs, keys, _ = jobs_of(other, plugins)
-    left = cost(other, dict(zip(keys, jobs, strict=True)), tmp_path / "run")
+    left = cost(other, dict(zip(keys, jobs, strict=True)), tmp_path / "run", {})
     assert left.n_left == len(set(keys))
     assert left.seconds_each is not None
 
 
 def test_an_executor_that_is_not_known_gives_no_time_of_all():
     left = Cost(n_left=3, seconds_each=2.0, n_workers=0)
-    assert (left.seconds, str(left)) == (None, "3 simulations to do, each about 2 s here")
+    assert (left.seconds, str(left)) == (None, "3 simulations to do, each about 2 s here; then the fit")
+
+
+def test_a_fit_without_a_sweep_has_a_time_too(make_study, plugins, tmp_path):
+    study = make_study(n_sets=0, search=LeastSquares())
+    left = cost(study, {}, None, {})
+    assert (left.n_left, left.seconds_each) == (0, None)
+    assert left.n_fit > 0
+    left = replace(left, seconds_each=30.0, n_workers=2)
+    assert left.fit_seconds == pytest.approx(30.0 * left.n_fit / 2 * left.fit_factor)
+    assert str(left).startswith(f"about {left.n_fit} simulations of the fit, about ")
+    one, many = (replace(left, n_workers=n).fit_seconds for n in (1, 50))
+    assert one == pytest.approx(2 * many)  # its two spots run side by side, and no more than these
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    again = cost(study, {}, tmp_path / "run", {})
+    assert again.n_fit < left.n_fit
+    unknown = replace(study, search=DifferentialEvolution())
+    assert (cost(unknown, {}, None, {}).n_fit, cost(unknown, {}, None, {}).fit_seconds) == (0, None)
+
+
+def test_slopes_by_differences_and_finer_meshes_take_longer(make_study, monkeypatch):
+    study = make_study(n_sets=0, search=LeastSquares())
+    assert not study.solver.gives_slopes
+    limb = block(n_across=4, n_down=2)
+    plain = cost(study, {}, None, {"p1": limb})
+    finer = cost(study, {}, None, {"p1": limb, "p1/fine": block(n_across=8, n_down=4)})
+    assert finer.fit_factor > plain.fit_factor == 1.0
+    monkeypatch.setattr(type(study.solver), "gives_slopes", True)
+    sloped = cost(study, {}, None, {})
+    assert plain.n_fit == pytest.approx((1 + 2 * len(study.space.names)) * sloped.n_fit, abs=4)
+
+
+class Noted(Silent):
+    def __init__(self):
+        self.notes = []
+
+    def note(self, text):
+        self.notes.append(text)
+
+
+@pytest.mark.parametrize("knows", [True, False])
+def test_the_time_of_a_fit_is_said_once_before_it_goes_on(make_study, tmp_path, monkeypatch, knows):
+    study, progress = make_study(n_sets=0, search=LeastSquares()), Noted()
+    time = FitTime(study, tmp_path / "run", {}, {}, progress)
+    time.look()
+    assert progress.notes == []  # nothing has been simulated
+    monkeypatch.setattr(
+        stages_cost, "cost", lambda *_: Cost(n_left=3, seconds_each=9.0, n_workers=1, n_fit=4 * knows)
+    )
+    time.look()
+    time.look()
+    assert progress.notes == (["about 4 simulations of the fit, about 36 s (workers: 1)"] if knows else [])
 
 
 @given(

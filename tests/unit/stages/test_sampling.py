@@ -110,8 +110,12 @@ def test_nothing_to_search_is_an_error(space):
 
 def test_no_set_is_drawn_where_none_is_wanted(space):
     assert draw_design(space, LatinHypercube(), 0, seed=1).values.shape == (0, 2)
-    more = draw_design(space, LatinHypercube(), 0, seed=1, n_total=5)
-    assert np.array_equal(more.values, draw_design(space, LatinHypercube(), 5, seed=1).values)
+    # Without a number of its own any design is the beginning of each larger one.
+    few, more, many = (draw_design(space, LatinHypercube(), 0, seed=1, n_total=n).values for n in (5, 12, 40))
+    assert [len(each) for each in (few, more, many)] == [5, 12, 40]
+    assert np.array_equal(more, draw_design(space, LatinHypercube(), 12, seed=1).values)
+    assert np.array_equal(few, more[:5])
+    assert np.array_equal(more, many[:12])
     with pytest.raises(SamplingError, match="-1 sets"):
         draw_design(space, LatinHypercube(), -1, seed=1)
 
