@@ -38,6 +38,7 @@ from palpate.cli.listing import (
 from palpate.cli.new_plugin import new_plugin
 from palpate.cli.next_press import extend, next_
 from palpate.cli.plugins import plugins
+from palpate.cli.predict import predict
 from palpate.cli.report import report
 from palpate.cli.resume import resume
 from palpate.cli.run import run
@@ -52,7 +53,7 @@ from palpate.plugins.guard import noting_interrupts
 PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
     {
         START: (init, check, demo, explain, doctor, plugins, new_plugin, schema),
-        RUN: (run, resume, status, compare, next_, extend, card, synthesise),
+        RUN: (run, resume, status, compare, predict, next_, extend, card, synthesise),
         STAGES_PANEL: (
             experiment,
             limb,

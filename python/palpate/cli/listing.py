@@ -19,6 +19,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         ),
         "resume": ("palpate resume runs/arm", "palpate resume runs/arm --sets 500 --fork runs/arm-500"),
         "status": ("palpate status runs/arm", "palpate status runs/arm --watch"),
+        "predict": ("palpate predict runs/arm --tool cuff.toml",),
         "card": ("palpate card runs/arm --for abaqus", "palpate card runs/arm --for febio --into arm.feb"),
         "compare": ("palpate compare runs/ogden runs/yeoh",),
         "next": (

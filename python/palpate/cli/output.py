@@ -242,6 +242,14 @@ class CertaintyOutput(Closed):
     warnings: list[str]
 
 
+class PredictOutput(Closed):
+    """A prediction: tables as rows, and its files."""
+
+    summary: list[dict[str, Any]]
+    strains: list[dict[str, Any]]
+    files: list[str]
+
+
 class SurfaceRow(Closed):
     """One spot whose skin was simulated; ``key`` names its file in ``surface``."""
 
@@ -310,6 +318,7 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "resume": RunOutput,
         "status": StatusOutput,
         "compare": CompareOutput,
+        "predict": PredictOutput,
         "card": dict[str, str],
         "synthesise": SynthesiseOutput,
         "experiment": list[ExperimentRow],

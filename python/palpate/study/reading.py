@@ -179,7 +179,7 @@ class Study:
     def place(self, *key: str | int) -> str:
         """File, line and name of a key, as messages start; without the line where the file is gone."""
         try:
-            text, raw = _parse(self.file)
+            text, raw = parse_toml(self.file)
         except StudyError:
             return f"{self.file}: {dotted(key)}"
         return Problems(self.file, KeyLines(text), raw).place(key)
@@ -217,7 +217,7 @@ def read_study(
     path = _study_file(path)
     if copy_of is None or plugins is None:
         plugins = with_study_plugins(path, plugins)
-    text, raw = _parse(path)
+    text, raw = parse_toml(path)
     problems = Problems(path, KeyLines(text), raw)
     context = Context((copy_of or path).resolve(), plugins, problems, is_copy=copy_of is not None)
     return _build(context, read_tables(raw, problems), need_measured)
@@ -247,7 +247,7 @@ def study_plugins(path: Path | str) -> list[Path]:
         The study file cannot be read.
     """
     path = _study_file(path)
-    header = _parse(path)[1].get("study")
+    header = parse_toml(path)[1].get("study")
     named = header.get("plugins", []) if isinstance(header, dict) else []
     is_list = isinstance(named, list) and all(isinstance(name, str) for name in named)
     return [path.parent / name for name in named] if is_list else []  # the check of the tables reports it
@@ -270,7 +270,8 @@ _TOO_LONG = (
 """What TOML allows and Python takes hours to read, or does not read."""
 
 
-def _parse(path: Path) -> tuple[str, dict[str, Any]]:
+def parse_toml(path: Path) -> tuple[str, dict[str, Any]]:
+    """Text of a TOML file and what it holds; a StudyError where it is none."""
     try:
         with path.open("rb") as stream:
             content = stream.read(MOST_BYTES + 1)

@@ -1,0 +1,73 @@
+"""Bands of predicted curves, from draws of the fitted values."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import Curve, FloatArray, ParameterSpace
+from palpate.errors import StudyError
+from palpate.run.result import FitResult, PosteriorResult
+from palpate.stages.fitted import Fitted
+
+LEVEL = 0.90
+"""Probability of a band."""
+
+MOST_DRAWS = 400
+"""Draws of a linear band; more change its ends by less than its own error."""
+
+Thetas = Mapping[str, FloatArray]
+"""Textbook values by region."""
+
+
+def draws_of(found: Fitted, fit: FitResult, posterior: PosteriorResult) -> list[dict[str, float]]:
+    """Values of what was searched, draw by draw: of the posterior, else of the fit's own density."""
+    for table in (posterior.posterior_draws, fit.certainty.draws):
+        if table.is_empty() or found.source != "fit":
+            continue
+        own = table.filter(fit=found.fit, scenario=found.scenario)
+        if own.height:
+            rows = own.gather_every(max(1, own.height // MOST_DRAWS)).head(MOST_DRAWS)
+            names = [name for name in found.values if name in rows.columns]
+            return [dict(found.values) | row for row in rows.select(names).to_dicts()]
+    return []
+
+
+def linear(curve: Curve, best: Thetas, drawn: Sequence[Thetas], space: ParameterSpace) -> FloatArray:
+    """Ordinates (n_draws, n) by the slopes of a curve; empty where it has none."""
+    if not curve.slopes or not drawn:
+        return np.empty((0, curve.ordinate.size))
+    names = [f"{r.region}.{p.name}" for r in space.regions for p in r.material.parameters]
+    slopes = np.array([curve.slopes[name] for name in names])
+    flat = np.array([_flat(thetas, space) - _flat(best, space) for thetas in drawn])
+    return np.asarray(curve.ordinate + flat @ slopes)
+
+
+def _flat(thetas: Thetas, space: ParameterSpace) -> FloatArray:
+    return np.concatenate([thetas[region.region] for region in space.regions])
+
+
+def ends(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper end (n,) of the band of draws (n_draws, n)."""
+    lower, upper = np.quantile(values, [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL], axis=0)
+    return lower, upper
+
+
+def check_shared(values: Mapping[str, float], names: Sequence[str], spot: str) -> None:
+    """Refuse a spot for which a value that each spot has for itself is not known.
+
+    Raises
+    ------
+    StudyError
+    """
+    known = {name.partition("@")[0] for name in values if name.partition("@")[2] in ("", spot)}
+    if missing := [name for name in names if name not in known]:
+        raise StudyError(
+            f"spot '{spot}': {', '.join(missing)} was fitted for each spot by itself, and not for this one; "
+            "predict a spot of the run, or fit one value for all spots"
+        )
+
+
+def frame_rows(table: Sequence[Mapping[str, object]]) -> pl.DataFrame:
+    """Make a table of rows."""
+    return pl.from_dicts(table, infer_schema_length=None) if table else pl.DataFrame()

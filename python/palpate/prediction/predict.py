@@ -1,0 +1,312 @@
+"""What the fitted limb feels under another tool: one simulation for each spot, and a band by its slopes."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import Channel, Curve, FloatArray, Job, Simulation, Status, SurfaceStates
+from palpate.errors import SolverError, StudyError
+from palpate.prediction.bands import Thetas, check_shared, draws_of, ends, frame_rows, linear
+from palpate.prediction.exceedance import exceedances
+from palpate.prediction.measures import Contact, contact_of
+from palpate.progress import Progress
+from palpate.run.directory import RunDirectory
+from palpate.stages.fitted import Fitted, inputs_at
+from palpate.stages.limb import load_limbs
+from palpate.stages.simulation import check_jobs
+from palpate.stages.surfaces import simulate_surfaces
+from palpate.stages.sweep import Simulations
+from palpate.stored import StoredRun
+from palpate.study.reading import Study
+from palpate.study.tool import Tool
+
+QUANTITIES = (
+    ("normal force", "N", "force_N"),
+    ("contact area", "mm²", "area_mm2"),
+    ("peak pressure", "MPa", "peak_MPa"),
+    ("95th percentile of pressure", "MPa", "p95_MPa"),
+    ("mean pressure", "MPa", "mean_MPa"),
+    ("peak shear", "MPa", "shear_peak_MPa"),
+    ("area above the threshold", "mm²", "above_mm2"),
+)
+"""Rows of the summary: name, unit, and what it is called here."""
+
+SCALED = ("force_N", "peak_MPa", "p95_MPa", "mean_MPa", "shear_peak_MPa")
+"""Quantities whose linear band is that of the force: at one depth, pressures change like the force."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpotPrediction:
+    """The prediction at one spot.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        With the fitted values; partial where it has diverged.
+    contact : Contact
+    force_N : (k,) array
+        Normal force at the states.
+    at : int
+        The state with the largest force.
+    bands : mapping of channel to (2, n) array
+        Ends of the linear band of a curve; none without draws.
+    summary : list of dict
+        Rows of the table.
+    """
+
+    simulation: Simulation
+    contact: Contact
+    force_N: FloatArray
+    at: int
+    bands: Mapping[str, FloatArray]
+    summary: list[dict[str, Any]]
+
+    @property
+    def states(self) -> SurfaceStates:
+        """The skin at the balanced states."""
+        assert self.simulation.surface is not None
+        return self.simulation.surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """A tool on the fitted limb, at one spot or more."""
+
+    tool: Tool
+    fitted: Fitted
+    spots: Mapping[str, SpotPrediction]
+    strains: pl.DataFrame
+    n_draws: int
+    n_solved: int
+
+    @property
+    def summary(self) -> pl.DataFrame:
+        """One row per spot and quantity: value, ends of the linear band, and those of the solved draws."""
+        return frame_rows([row for each in self.spots.values() for row in each.summary])
+
+    @property
+    def curves(self) -> pl.DataFrame:
+        """One row per spot, channel and point: abscissa, ordinate, lower and upper."""
+        return frame_rows([row for spot, each in self.spots.items() for row in _curve_rows(spot, each)])
+
+    @property
+    def states(self) -> pl.DataFrame:
+        """One row per spot and balanced state: its place, force and contact."""
+        return frame_rows([row for spot, each in self.spots.items() for row in _state_rows(spot, each)])
+
+
+def predict(
+    stored: StoredRun,
+    tool: Tool,
+    channels: Mapping[str, Channel],
+    progress: Progress,
+    check_lock: Callable[[], None],
+    n_solved: int = 0,
+) -> Prediction:
+    """Simulate a tool with what a run has found; the caller holds the lock on the folder.
+
+    Parameters
+    ----------
+    n_solved : int
+        Draws of the fitted values that are simulated too, for a band without the linear assumption.
+
+    Raises
+    ------
+    StudyError
+        The solver gives no surface, or the fitted values are not those of the tool's spots.
+    SolverError
+        The tool could not be pressed at any depth.
+    """
+    study, found, run = stored.study, stored.fitted(), stored.run
+    if not study.solver.gives_surface:
+        raise StudyError(
+            f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
+        )
+    experiment = _experiment(stored, found, progress, check_lock)
+    draws = draws_of(found, run.fit(), run.posterior())
+    if n_solved and not draws:
+        raise StudyError(f"{run.folder}: has no draws of the fitted values; run `palpate fit` with a search")
+    pressed = tool.study(study)
+    limbs = load_limbs(pressed)
+    observed = tuple(c for c in channels.values() if c.columns <= set(study.solver.state_columns))
+    with Simulations(pressed, run.folder, limbs, progress, check_lock) as simulations:
+        spots = {}
+        for spot in pressed.spot_names:
+            plan = _Plan(stored, tool, found, spot, observed)
+            spots[spot] = _at_spot(plan, simulations, draws, n_solved)
+    strains = exceedances(experiment, {spot: each.simulation for spot, each in spots.items()})
+    return Prediction(
+        tool=tool, fitted=found, spots=spots, strains=strains, n_draws=len(draws), n_solved=n_solved
+    )
+
+
+def _experiment(
+    stored: StoredRun, found: Fitted, progress: Progress, check_lock: Callable[[], None]
+) -> dict[str, Any]:
+    """Strains of the experiment by spot and region; simulates what `palpate surface` would."""
+    study, run = stored.study, stored.run
+    if not stored.strains():
+        limbs = load_limbs(replace(study, fine_runs=0))
+        with Simulations(study, run.folder, limbs, progress, check_lock) as simulations:
+            table = simulate_surfaces(simulations, found, stored.inputs.measured)
+        run.write_surface(table, [])
+    return stored.strains()
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """How values become jobs of a tool at a spot."""
+
+    stored: StoredRun
+    tool: Tool
+    found: Fitted
+    spot: str
+    channels: tuple[Channel, ...]
+
+    def thetas(self, values: Mapping[str, float]) -> Thetas:
+        """Textbook values of the materials; friction and offsets are the tool's own."""
+        study = self.stored.study
+        if self.spot in study.spot_names:
+            return inputs_at(study, self.spot, values, self.stored.inputs.measured).thetas
+        check_shared(values, study.space.names, self.spot)
+        row = np.array([values[name] for name in study.space.names])
+        return study.space.thetas(row)
+
+    def job(self, thetas: Thetas, *, slopes: bool) -> Job:
+        study = self.stored.study
+        return Job(
+            spot=self.spot,
+            set_id=-1,
+            materials={region.region: region.material for region in study.space.regions},
+            thetas=thetas,
+            protocol=self.tool.protocol,
+            slopes=slopes and study.solver.gives_slopes,
+            surface=True,
+            channels=self.channels,
+        )
+
+
+def _at_spot(
+    plan: _Plan,
+    simulations: Simulations,
+    draws: Sequence[Mapping[str, float]],
+    n_solved: int,
+) -> SpotPrediction:
+    best = plan.thetas(plan.found.values)
+    drawn = [plan.thetas(values) for values in draws]
+    jobs = [plan.job(best, slopes=True), *(plan.job(each, slopes=False) for each in _spread(drawn, n_solved))]
+    check_jobs(simulations.study, jobs[:1], simulations.limbs)
+    simulations.progress.begin(f"predict {plan.spot}", len(jobs))
+    simulation, *solved = simulations.of(jobs)
+    if simulation.response is None or simulation.surface is None or not len(simulation.surface.depth_mm):
+        raise SolverError(
+            f"spot '{plan.spot}': {plan.tool.name} cannot be pressed: "
+            f"{simulation.message or 'no balanced state'}"
+        )
+    contact = contact_of(simulation.surface, plan.tool.threshold_MPa)
+    force = _normal_force(simulation)
+    space = plan.stored.study.space
+    lines = {c.channel: linear(c, best, drawn, space) for c in simulation.response.curves.values()}
+    prediction = SpotPrediction(
+        simulation=simulation,
+        contact=contact,
+        force_N=force,
+        at=int(np.argmax(force)),
+        bands={name: np.array(ends(values)) for name, values in lines.items() if len(values)},
+        summary=[],
+    )
+    factors = _factors(simulation.response.curves.get("force"), lines.get("force"))
+    prediction.summary.extend(_summary(plan, prediction, factors, solved))
+    return prediction
+
+
+def _spread(drawn: Sequence[Thetas], n: int) -> list[Thetas]:
+    """Some of the draws, spread over all of them."""
+    return [drawn[i] for i in np.linspace(0, len(drawn) - 1, min(n, len(drawn))).astype(int)] if n else []
+
+
+def _normal_force(simulation: Simulation) -> FloatArray:
+    """Force (k,) [N] along the axis of the tool as it first touches."""
+    states = simulation.surface
+    assert states is not None
+    force, _ = states.resultants(states.positions_mm[0])
+    return np.asarray(-(force @ states.rotations[0][:, 2]))
+
+
+def _factors(curve: Curve | None, lines: FloatArray | None) -> FloatArray:
+    """Force of each draw over that of the fit, at the end of the press."""
+    if curve is None or lines is None or not len(lines) or not curve.ordinate[-1] > 0.0:
+        return np.empty(0)
+    return np.asarray(lines[:, -1] / curve.ordinate[-1])
+
+
+def _summary(
+    plan: _Plan, each: SpotPrediction, factors: FloatArray, solved: Sequence[Simulation]
+) -> Iterator[dict[str, Any]]:
+    others = [s for s in solved if s.status is Status.OK and s.surface is not None]
+    for name, unit, attribute in QUANTITIES:
+        value = _value(each.force_N, each.contact, attribute, each.at)
+        if value is None:
+            continue
+        row: dict[str, Any] = {"spot": plan.spot, "quantity": name, "unit": unit, "value": value}
+        band = ends(value * factors) if attribute in SCALED and len(factors) else (None, None)
+        row |= {
+            f"linear_{end}": None if at is None else float(at)
+            for end, at in zip(("lower", "upper"), band, strict=True)
+        }
+        if others:
+            found = [_of_simulation(s, plan.tool, attribute) for s in others]
+            lower, upper = ends(np.array(found)[:, None])
+            row |= {"solved_lower": float(lower[0]), "solved_upper": float(upper[0])}
+        yield row
+
+
+def _of_simulation(simulation: Simulation, tool: Tool, attribute: str) -> float:
+    assert simulation.surface is not None
+    force = _normal_force(simulation)
+    contact = contact_of(simulation.surface, tool.threshold_MPa)
+    value = _value(force, contact, attribute, int(np.argmax(force)))
+    return np.nan if value is None else value
+
+
+def _value(force_N: FloatArray, contact: Contact, attribute: str, at: int) -> float | None:
+    values = force_N if attribute == "force_N" else getattr(contact, attribute)
+    return None if values is None else float(values[at])
+
+
+def _curve_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:
+    assert each.simulation.response is not None
+    for name, curve in each.simulation.response.curves.items():
+        band = each.bands.get(name)
+        for i, (x, y) in enumerate(zip(curve.abscissa.tolist(), curve.ordinate.tolist(), strict=True)):
+            lower, upper = (None, None) if band is None else band[:, i].tolist()
+            yield {"spot": spot, "channel": name, "point": i, "abscissa": x, "ordinate": y,
+                   "lower": lower, "upper": upper}  # fmt: skip
+
+
+def _state_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:
+    for i in range(len(each.force_N)):
+        row: dict[str, Any] = {
+            "spot": spot,
+            "state": i,
+            "depth_mm": float(each.states.depth_mm[i]),
+            "rotation_deg": float(each.states.rotation_deg[i]),
+        }
+        values = ((name, _value(each.force_N, each.contact, name, i)) for _, _, name in QUANTITIES)
+        yield row | {name: value for name, value in values if value is not None}
+
+
+def run_prediction(
+    study: Study,
+    run: RunDirectory,
+    tool: Tool,
+    channels: Mapping[str, Channel],
+    progress: Progress,
+    n_solved: int = 0,
+) -> Prediction:
+    """Predict with a run that is read by its own copy of the study, under its lock."""
+    with run.locked(study, channels, adopt=True) as check_lock:
+        return predict(StoredRun.alone(study, run, progress), tool, channels, progress, check_lock, n_solved)

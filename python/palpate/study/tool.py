@@ -1,0 +1,120 @@
+"""The shape of a tool file: what ``palpate predict`` presses with, where, and what it reports."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from palpate.domain import Indentation, Spot
+from palpate.plugins.catalogue import Plugins
+from palpate.study.build import Context
+from palpate.study.model import FileName, Length, Name, ProtocolTable, Table
+from palpate.study.problems import Problems, require
+from palpate.study.reading import Study, parse_toml
+from palpate.study.source_positions import KeyLines
+from palpate.study.spots import StudySpot, build_protocol
+from palpate.units import Quantity
+
+Pressure = Annotated[float, Quantity("MPa")]
+
+
+class ToolSpotTable(Table):
+    """Where the tool presses besides the spots of the run."""
+
+    name: Name = Field(description="Name of the spot; one of the run's may get another mesh.")
+    mesh: FileName | None = Field(default=None, description="Mesh of the limb; default: that of the run.")
+    position: list[Length] | None = Field(
+        default=None, min_length=3, max_length=3, description="Where the tool first touches."
+    )
+    normal: list[float] | None = Field(
+        default=None, min_length=3, max_length=3, description="Outward normal there."
+    )
+
+
+class ToolTable(Table):
+    """A tool file."""
+
+    protocol: ProtocolTable = Field(description="Tool, motion and friction, as in a study.")
+    spots: list[Name] = Field(default=[], description="Spots of the run; default: all, or those of [[spot]].")
+    spot: list[ToolSpotTable] = Field(default=[], description="Spots with another mesh or place.")
+    threshold: Pressure | None = Field(
+        default=None, gt=0.0, description="Pressure above which the area is reported."
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tool:
+    """A tool file that has been read.
+
+    Parameters
+    ----------
+    name : str
+        Of its file.
+    protocol : Indentation
+    spots : tuple of StudySpot
+    threshold_MPa : float or None
+    """
+
+    name: str
+    protocol: Indentation
+    spots: tuple[StudySpot, ...]
+    threshold_MPa: float | None
+
+    def study(self, study: Study) -> Study:
+        """The study with the tool's protocol and spots."""
+        return replace(study, spots=self.spots, protocol=self.protocol, fine_runs=0)
+
+
+def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
+    """Read a tool file, whose paths are relative to it.
+
+    Raises
+    ------
+    StudyError
+        Everything that is wrong, with line, key and what to do.
+    """
+    text, raw = parse_toml(path)
+    problems = Problems(path, KeyLines(text), raw)
+    context = Context(path.resolve(), plugins, problems)
+    try:
+        table = ToolTable.model_validate(raw)
+    except ValidationError as error:
+        problems.add_invalid((), error, ToolTable)
+        problems.raise_if_any()
+        raise
+    protocol = build_protocol(context, table.protocol)
+    spots = _spots(path, table, study, problems)
+    if protocol is not None and study.solver.indenters is not None:
+        shape = protocol.indenter.name
+        if shape not in study.solver.indenters:
+            problems.add(
+                ("protocol", "indenter", "shape"),
+                f"solver '{study.solver.name}' of the run does not simulate indenter '{shape}'",
+            )
+    problems.raise_if_any()
+    return Tool(name=path.stem, protocol=require(protocol), spots=spots, threshold_MPa=table.threshold)
+
+
+def _spots(path: Path, table: ToolTable, study: Study, problems: Problems) -> tuple[StudySpot, ...]:
+    known = {spot.spot.name: spot for spot in study.spots}
+    found: dict[str, StudySpot] = {}
+    for i, name in enumerate(table.spots or ([] if table.spot else known)):
+        if name in known:
+            found[name] = replace(known[name], fine_mesh=None, fine_edge_mm=0.0, protocol=None)
+        else:
+            problems.add(("spots", i), f"the run has no spot '{name}' (it has {', '.join(known)})")
+    for i, own in enumerate(table.spot):
+        base = known.get(own.name)
+        mesh = path.parent / own.mesh if own.mesh else None if base is None else base.mesh
+        if mesh is None or not mesh.is_file():
+            problems.add(("spot", i, "mesh"), f"no such file: {mesh}; name the mesh of the limb there")
+        was = Spot(name=own.name) if base is None else base.spot
+        position = was.position_mm if own.position is None else np.array(own.position)
+        normal = was.normal if own.normal is None else np.array(own.normal)
+        with problems.at("spot", i, "normal"):
+            spot = Spot(name=own.name, position_mm=position, normal=normal)
+            measured = {} if base is None else base.measured
+            found[own.name] = StudySpot(spot=spot, measured=measured, mesh=mesh)
+    return tuple(found.values())

@@ -1,0 +1,217 @@
+"""Predictions: what is measured of the skin, how sure it is, and where it extrapolates."""
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from palpate import pipeline
+from palpate.domain import Curve, Job, Limb, Response, Simulation, Status, SurfaceStates
+from palpate.errors import StudyError
+from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.interfaces import Solver
+from palpate.prediction import run_prediction, write_prediction
+from palpate.prediction.bands import ends, linear
+from palpate.prediction.exceedance import exceedances
+from palpate.prediction.measures import area_above, contact_of, weighted_quantile
+from palpate.prediction.vtu import vtu
+from palpate.run.directory import RunDirectory
+from palpate.study.tool import read_tool
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+TOOL = """
+threshold = "50 kPa"
+
+[protocol]
+indenter = { shape = "sphere", radius = "20 mm" }
+depth = "5 mm"
+friction = 0.5
+"""
+TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
+
+
+def skin(pressures, depths=(5.0,), touching=None):
+    """A square of 2 mm, of two triangles, under pressures (k, 4) along −z."""
+    p = np.atleast_2d(np.array(pressures, dtype=float))
+    k = len(p)
+    share = np.ones((k, 4)) if touching is None else np.atleast_2d(touching)
+    areas = np.tile([4 / 3, 2 / 3, 4 / 3, 2 / 3], (k, 1))  # a third of each triangle of 2 mm²
+    return SurfaceStates(
+        points_mm=[(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)],
+        triangles=[(0, 1, 2), (0, 2, 3)],
+        depth_mm=depths,
+        rotation_deg=np.zeros(k),
+        positions_mm=np.zeros((k, 3)),
+        rotations=np.tile(np.eye(3), (k, 1, 1)),
+        displacements_mm=np.zeros((k, 4, 3)),
+        areas_mm2=areas,
+        touching=share,
+        pressures_MPa=p,
+        shears_MPa=0.3 * p[..., None] * np.array([1.0, 0.0, 0.0]),
+        tractions_MPa=p[..., None] * np.array([0.3, 0.0, -1.0]),
+    )
+
+
+class Pressed(Solver):
+    """Force = stiffness · depth^1.5 over the skin of ``skin``; strains as deep as the press."""
+
+    name, summary, needs_limb, gives_surface, gives_slopes = "pressed", "with a skin", False, True, True
+    answer = None  # of the analytic tissue
+
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        (theta,) = job.thetas.values()
+        response, surface, found = type(self).answer(*theta), None, {}
+        if job.slopes:
+            given = {
+                name: response[name].ordinate / value
+                for name, value in zip(("force", "torque"), theta, strict=True)
+            }
+            zero = {name: 0.0 * values for name, values in given.items()}
+            curves = {
+                "force": {"soft_tissue.stiffness": given["force"], "soft_tissue.grip": zero["force"]},
+                "torque": {"soft_tissue.stiffness": zero["torque"], "soft_tissue.grip": given["torque"]},
+            }
+            response = Response(
+                curves={
+                    n: replace(c, slopes=curves[n] | {"friction": 0.0 * c.ordinate})
+                    for n, c in response.curves.items()
+                }
+            )
+        if job.surface:
+            depth = float(job.protocol.path[:, 0].max())
+            depths = np.array([0.5, 1.0]) * depth
+            surface = skin(0.1 * theta[0] * np.ones((2, 4)) * np.array([[0.35], [1.0]]), depths)
+            strain = {name: [1.0, 1.0] for name in ("stretch_min", "J_min", "J_max")}
+            strain |= {
+                "stretch_max": [1.0 + 0.05 * d for d in depths],
+                "i1_max": [3.0 + 0.1 * d for d in depths],
+            }
+            found = {"strain": {"soft_tissue": strain | {"where_mm": [[1.0, 2.0, 3.0]] * 2}}}
+        return Simulation(job=job, status=Status.OK, response=response, surface=surface, diagnostics=found)
+
+
+@pytest.fixture
+def fitted(make_study, tissue, plugins, tmp_path, monkeypatch):
+    monkeypatch.setattr(Pressed, "answer", staticmethod(tissue.answer))
+    study = make_study(solver=Pressed(), n_sets=8, search=LeastSquares(), truth=TRUTH)
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    return study, RunDirectory(tmp_path / "run")
+
+
+def tool_file(tmp_path, text=TOOL):
+    path = tmp_path / "ball.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins, tmp_path):
+    study, run = fitted
+    tool = read_tool(tool_file(tmp_path), study, plugins)
+
+    class Silent:
+        begin = step = note = lambda *_: None
+        should_continue = staticmethod(lambda: True)
+
+    found = run_prediction(study, run, tool, plugins.channels, Silent(), n_solved=5)
+    rows = {(row["spot"], row["quantity"]): row for row in found.summary.to_dicts()}
+    stiffness = found.fitted.values["soft_tissue.stiffness"]
+    peak = rows["p1", "peak pressure"]
+    assert peak["value"] == pytest.approx(0.1 * stiffness, rel=1e-5)
+    assert peak["linear_lower"] <= peak["value"] <= peak["linear_upper"]
+    assert peak["solved_upper"] == pytest.approx(peak["linear_upper"], rel=0.1)
+    assert rows["p2", "area above the threshold"]["value"] == (4.0 if stiffness > 0.5 else 0.0)
+    (i1,) = found.strains.filter(spot="p1", strain="i1_max").to_dicts()
+    assert (i1["experiment"], i1["prediction"], i1["beyond"]) == (4.0, 3.5, False)
+    files = write_prediction(found, plugins.channels, "", tmp_path / "out")
+    assert {path.suffix for path in files} >= {".parquet", ".csv", ".vtu", ".html", ".svg"}
+    assert all(path.exists() for path in files)
+    assert pl.read_parquet(tmp_path / "out" / "summary.parquet").equals(found.summary)
+    again = run_prediction(study, run, tool, plugins.channels, Silent(), n_solved=5)
+    assert again.summary.equals(found.summary)
+
+
+def test_a_prediction_beyond_the_experiment_says_where_and_from_which_depth():
+    def strain(i1):
+        return {"r": {"stretch_min": [0.9, 0.8], "stretch_max": [1.1, 1.2], "i1_max": i1, "J_min": [1, 1],
+                      "J_max": [1, 1], "where_mm": [[0, 0, 0], [1.0, 2.0, 3.0]]}}  # fmt: skip
+
+    simulation = Simulation(
+        job=None, status=Status.OK, response=None, diagnostics={"strain": strain([3.1, 3.9])},
+        surface=skin(np.ones((2, 4)), depths=(1.0, 2.0)),
+    )  # fmt: skip
+    table = exceedances({"p1": strain([3.1, 3.4]), "p2": strain([3.0, 3.6])}, {"q": simulation})
+    assert table.filter(pl.col("beyond"))["strain"].to_list() == ["i1_max"]
+    row = table.row(2, named=True)
+    assert (row["experiment"], row["prediction"]) == (3.6, 3.9)
+    assert (row["from_depth_mm"], row["where_mm"]) == (2.0, "1.0, 2.0, 3.0")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('"50 kPa"', "50"), r"ball\.toml:2: threshold: .*has no unit"),
+        (('"50 kPa"', '"50 mm"'), r"ball\.toml:2: threshold"),
+        (('"sphere"', '"spoon"'), r"no indenter 'spoon'"),
+        (("threshold", 'spots = ["p9"]\nthreshold'), r"the run has no spot 'p9' \(it has p1, p2\)"),
+        (("threshold", "thresholt"), r"unknown key.*threshold"),
+        (("friction = 0.5", ""), r"friction: missing"),
+    ],
+)
+def test_a_tool_file_that_is_wrong_is_refused_with_line_and_key(
+    make_study, plugins, tmp_path, change, message
+):
+    with pytest.raises(StudyError, match=message):
+        read_tool(tool_file(tmp_path, TOOL.replace(*change)), make_study(), plugins)
+
+
+def test_area_pressure_and_quantiles_of_a_contact():
+    contact = contact_of(skin([[0.0, 0.1, 0.2, 0.1]]), threshold_MPa=0.1)
+    assert contact.area_mm2[0] == pytest.approx(4.0, rel=1e-6)
+    assert contact.peak_MPa[0] == pytest.approx(0.2)
+    assert contact.mean_MPa[0] == pytest.approx(0.1)
+    assert contact.shear_peak_MPa[0] == pytest.approx(0.06)
+    assert contact.above_mm2[0] == pytest.approx(2.0, rel=1e-5)  # the half beyond the diagonal
+    for threshold, wanted in (
+        (0.05, 4.0 * (1 - 0.5 * 0.25)),
+        (0.15, 4.0 * 0.5 * 0.25),
+        (0.3, 0.0),
+        (1e-9, 4.0),
+    ):
+        found = area_above(skin([[0.0, 0.1, 0.2, 0.1]]), threshold)[0]
+        assert found == pytest.approx(wanted, rel=1e-4, abs=1e-9)
+
+
+def test_where_a_node_s_area_is_touched_in_part_the_pressure_is_that_of_the_touched_part():
+    contact = contact_of(skin([[0.05] * 4], touching=np.full((1, 4), 0.5)), threshold_MPa=0.09)
+    assert contact.area_mm2[0] == pytest.approx(2.0, rel=1e-6)
+    assert contact.p95_MPa[0] == contact.peak_MPa[0] == pytest.approx(0.1)
+    assert contact.above_mm2[0] == pytest.approx(2.0, rel=1e-6)
+
+
+def test_a_quantile_counts_areas():
+    values, weights = np.arange(1000.0), np.ones(1000)
+    assert weighted_quantile(values, weights, 0.95) == pytest.approx(949.5, abs=0.6)
+    weights[:500] = 0.0
+    assert weighted_quantile(values, weights, 0.5) == pytest.approx(749.5, abs=0.6)
+    assert weighted_quantile(values, np.zeros(1000), 0.95) == 0.0
+
+
+def test_a_linear_band_follows_the_slopes(space):
+    curve = Curve(channel="force", abscissa=[0, 1, 2], ordinate=[0, 2, 4],
+                  slopes={"soft_tissue.stiffness": [0, 1, 2], "soft_tissue.grip": [0, 0, 1]})  # fmt: skip
+    best = {"soft_tissue": np.array([2.0, 1.0])}
+    drawn = [{"soft_tissue": np.array([2.0 + a, 1.0])} for a in np.linspace(-1, 1, 201)]
+    lower, upper = ends(linear(curve, best, drawn, space))
+    np.testing.assert_allclose(lower, [0, 1.1, 2.2], atol=1e-12)
+    np.testing.assert_allclose(upper, [0, 2.9, 5.8], atol=1e-12)
+    assert linear(replace(curve, slopes={}), best, drawn, space).shape == (0, 3)
+
+
+def test_the_skin_is_a_file_that_others_read():
+    tree = ET.fromstring(vtu(skin([[0.0, 0.1, 0.2, 0.1]]), 0))
+    arrays = {e.attrib["Name"]: np.array(e.text.split(), dtype=float) for e in tree.iter("DataArray")}
+    np.testing.assert_allclose(arrays["contact_pressure_MPa"], [0, 0.1, 0.2, 0.1], rtol=1e-6)
+    np.testing.assert_array_equal(arrays["connectivity"], [0, 1, 2, 0, 2, 3])
