@@ -46,7 +46,7 @@ def tangent(limb: Limb, path: Path) -> int:
     """Write the tangents of a limb, dented by hand to the sphere's shape; the number of unknowns."""
     from palpate.indenters import Sphere
     from palpate_jax.contact import ContactLaw, ContactState
-    from palpate_jax.load_stepping import pose
+    from palpate_jax.kinematics import pose
     from palpate_jax.model import Model
     from palpate_materials.ogden import Ogden
 
@@ -55,7 +55,7 @@ def tangent(limb: Limb, path: Path) -> int:
     shift = np.zeros_like(model.points)
     shift[:, 2] = -0.98 * DEPTH_MM * np.exp(-(x**2 + y**2) / (2.0 * RADIUS_MM * DEPTH_MM) + z / 15.0)
     shift.reshape(-1)[~model._free] = 0.0
-    place = pose(np.array([DEPTH_MM, 0.0]))
+    place = pose(np.array([DEPTH_MM, 0, 0, 0, 0, 0]))
     law = ContactLaw(Sphere(radius_mm=RADIUS_MM), 1000.0 * 0.5 * THETA[0] / RADIUS_MM, 1.0)
     load = ContactState(place, model.contact.no_memory(place), law)
     linearised = model.linearised(shift, {"soft_tissue": THETA})

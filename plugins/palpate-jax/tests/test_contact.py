@@ -15,11 +15,16 @@ from palpate_indentation import (
     Ring,
     RingSettings,
 )
+from palpate_jax import kinematics
 from palpate_jax.contact import Contact, ContactLaw, ContactState, Memory
-from palpate_jax.load_stepping import motion, pose
 
 LAW = ContactLaw(Sphere(radius_mm=7.5), penalty=4.0, friction=0.5)
 PRESSED = np.array([0.3, 0.0])
+
+
+def pose(path):
+    """The indenter at (depth_mm, rotation_deg)."""
+    return kinematics.pose(np.array([path[0], 0.0, 0.0, 0.0, 0.0, path[1]]))
 
 
 @pytest.fixture
@@ -138,13 +143,15 @@ def test_leaving_contact_drops_the_anchor(contact, at_rest):
     np.testing.assert_allclose(lifted.anchors, contact.positions(at_rest) - [0.0, 0.0, 1.0])
 
 
-@pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, 30.0), (0.4, -20.0)])
-def test_the_drag_is_the_change_of_the_force_with_the_indenters_motion(contact, way):
+@pytest.mark.parametrize("tilted", [False, True])
+@pytest.mark.parametrize("way", [(1, 0, 0, 0, 0, 0), (0, 0, 0, 0, 0, 30), (0.4, 0.5, -0.2, 9, 20, -20)])
+def test_the_drag_is_the_change_of_the_force_with_the_indenters_motion(contact, way, tilted):
     u = 0.02 * np.random.default_rng(1).standard_normal(contact._rest.shape)
-    at, way, h = np.array([0.3, 4.0]), np.array(way), 1e-6
+    at, way, h = np.array([0.3, 0.1, 0.0, 0.0, 0.0, 4.0]), np.array(way, dtype=float), 1e-6
+    at[3:5] = (8.0, -5.0) if tilted else 0.0
     memory = touched(contact, u)
-    ends = [contact.force(u, ContactState(pose(at + s * h * way), memory, LAW)) for s in (1, -1)]
-    drag = contact.drag(u, ContactState(pose(at), memory, LAW), motion(way))
+    ends = [contact.force(u, ContactState(kinematics.pose(at + s * h * way), memory, LAW)) for s in (1, -1)]
+    drag = contact.drag(u, ContactState(kinematics.pose(at), memory, LAW), kinematics.motion(at, way))
     np.testing.assert_allclose(drag, (ends[0] - ends[1]) / (2 * h), atol=1e-5 * np.abs(drag).max())
 
 

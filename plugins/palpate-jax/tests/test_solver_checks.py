@@ -11,7 +11,7 @@ from palpate.errors import MaterialError, MeshError, StudyError
 from palpate.indenters import Sphere
 from palpate.specimens import block
 from palpate_indentation import Box, BoxSettings, Ring, RingSettings
-from palpate_jax.load_stepping import load_steps
+from palpate_jax.schedule import schedule
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.yeoh import Yeoh
 
@@ -138,7 +138,9 @@ def test_stations_keep_waypoints_to_the_last_bit_and_the_largest_step(depth):
         path=np.array([(0, 0), (depth, 0), (depth, -22.5), (depth, 22.5)]),
         friction=1.0,
     )
-    points = load_steps(path, 3, 7.0)
+    targets = schedule(path, 3, 7.0).targets
+    assert all((target.share == 1.0).all() for target in targets)
+    points = np.array([target.end[[0, 5]] for target in targets])
     for waypoint in path.path[1:]:
         assert (points == waypoint).all(axis=1).any()
     moves = np.abs(np.diff(np.vstack([[0.0, 0.0], points]), axis=0))

@@ -412,7 +412,7 @@ class Contact:
         points, arms = touched.points, self.positions(displacements)[touched.where]
         loads = self.areas[touched.where, None] * (points.traction @ load.pose.rotation.T)
         touching = points.depth > 0.0
-        radius = np.hypot(arms[:, 0], arms[:, 1])
+        radius = np.hypot(*(arms[:, :2] - load.pose.tip[:2]).T)
         return Answer(
             force_N=-loads.sum(axis=0),
             moment_Nmm=np.cross(arms, loads).sum(axis=0),
@@ -443,7 +443,8 @@ class Answer:
     moment_Nmm : (3,) array
         Moment that the indenter applies to the tissue about the spot.
     contact_radius_mm, penetration_mm : float
-        Largest distance of a touching point from the axis; largest penetration.
+        Largest distance of a touching point from the normal through the indenter's origin; largest
+        penetration.
     sticking : float
         Share of the touching points that stick.
     """

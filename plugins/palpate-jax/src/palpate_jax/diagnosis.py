@@ -23,7 +23,9 @@ def explained(
     definite (Drucker), which is checked at every quadrature point of the last balanced state.
     Materials that are not isotropic are not examined.
     """
-    where = f"beyond depth {stop.depth_mm:.2f} mm, rotation {stop.rotation_deg:.1f} degrees"
+    where = f"beyond {_place(stop.position)}"
+    if stop.is_limit:
+        return f"{stop.reason} ({where})"
     least = np.inf
     for block in model.body.blocks:
         F, J = _deformation(block, stop.displacements)
@@ -46,6 +48,15 @@ def explained(
         f"{stop.reason} {where}: the material is stable there, but the contact finds no equilibrium; "
         "try more depth_steps, a smaller rotation_step_deg, or a finer mesh under the indenter"
     )
+
+
+def _place(position: FloatArray) -> str:
+    """Position (6,) in words; shifts and tilts only where there are any."""
+    depth, *aside, rotation = position.tolist()
+    words = [f"depth {depth:.2f} mm", f"rotation {rotation:.1f} degrees"]
+    for name, unit, pair in (("shift", "mm", aside[:2]), ("tilt", "degrees", aside[2:])):
+        words += [f"{name} ({pair[0]:.2f}, {pair[1]:.2f}) {unit}"] if any(pair) else []
+    return ", ".join(words)
 
 
 def _deformation(block: Block, displacements: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,12 +7,15 @@ from functools import partial
 
 import numpy as np
 
-from palpate.api import FloatArray, Indentation
-from palpate_jax.contact import Answer, ContactLaw, ContactState, Memory, Motion, Pose
+from palpate.api import FloatArray
+from palpate_jax.contact import Answer, ContactLaw, ContactState, Memory
 from palpate_jax.initial_guess import InitialGuess
+from palpate_jax.kinematics import REST, motion, pose
+from palpate_jax.load_control import Aim, LoadControl, NotReachedError, Trial
 from palpate_jax.model import Model
-from palpate_jax.newton import Start, equilibrium
-from palpate_jax.sensitivity import Sensitivity, Slopes
+from palpate_jax.newton import Balance, Start, equilibrium
+from palpate_jax.schedule import Schedule, Target
+from palpate_jax.sensitivity import Control, Sensitivity, Slopes
 
 SMALLEST_CUT = 1.0 / 32.0
 
@@ -25,60 +28,54 @@ PROBE = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadStep:
-    """The balanced state at one point of the path; displacements (n_nodes, 3) in mm balance the load."""
+    """The balanced state at one point of the path; displacements (n_nodes, 3) in mm balance the load.
 
-    depth_mm: float
-    rotation_deg: float
+    ``position`` (6,) is as in :mod:`palpate_jax.kinematics`.
+    """
+
+    position: FloatArray
     answer: Answer
     displacements: FloatArray
     load: ContactState
     slopes: Slopes | None = None
+    time_s: float = 0.0
+
+    @property
+    def depth_mm(self) -> float:
+        """Depth of the indenter's origin."""
+        return float(self.position[0])
+
+    @property
+    def rotation_deg(self) -> float:
+        """Rotation about the indenter's axis."""
+        return float(self.position[5])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stop:
-    """Why load stepping ended early; displacements (n_nodes, 3) in mm of the last balanced state."""
+    """Why load stepping ended early, at the position (6,) and displacements of the last balanced state.
 
-    depth_mm: float
-    rotation_deg: float
+    With ``is_limit`` the reason is a load that is not reached, and no material or mesh is to blame.
+    """
+
+    position: FloatArray
     reason: str
     displacements: FloatArray
-
-
-def load_steps(protocol: Indentation, depth_steps: int, rotation_step_deg: float) -> FloatArray:
-    """Load steps (n, 2) of depth and rotation, with the waypoints and without the rest."""
-    depth_step_mm = max(float(protocol.path[:, 0].max()), 1e-9) / depth_steps
-    points = []
-    for start, end in zip(protocol.path[:-1], protocol.path[1:], strict=True):
-        change = np.abs(end - start) / (depth_step_mm, rotation_step_deg)
-        n = max(int(np.ceil(change.max() - 1e-9)), 1)
-        between = start + (end - start) * np.arange(1, n + 1)[:, None] / n
-        between[-1] = end  # to the last bit, so that no branch starts next to a waypoint
-        points.append(between)
-    return np.concatenate(points)
-
-
-def pose(position: FloatArray) -> Pose:
-    """The indenter at (depth_mm, rotation_deg), its lowest point at depth below the spot."""
-    angle = np.deg2rad(position[1])
-    cos, sin = np.cos(angle), np.sin(angle)
-    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return Pose(np.array([0.0, 0.0, -position[0]]), turn)
-
-
-def motion(way: FloatArray) -> Motion:
-    """The indenter's motion along a change of (depth_mm, rotation_deg)."""
-    return Motion(np.array([0.0, 0.0, -way[0]]), np.array([0.0, 0.0, np.deg2rad(way[1])]))
+    is_limit: bool = False
 
 
 @dataclass(slots=True, eq=False)
 class _State:
-    """The last balanced state; ``felt`` is the history that it was balanced with."""
+    """The last balanced state; ``felt`` is the history that it was balanced with.
+
+    Its ``loads`` (6,) are known where a load is prescribed.
+    """
 
     position: FloatArray
     displacements: FloatArray
     memory: Memory
     felt: Memory
+    loads: FloatArray
 
 
 class LoadStepping:
@@ -112,6 +109,7 @@ class LoadStepping:
         self._tolerance = tolerance
         self._initial_guess = initial_guess
         self._sensitivity = sensitivity
+        self._control: LoadControl | None = None
         self._settled = False  # whether the last tangent is of an iteration that ended in balance
         self.linear = model.linear
         self.linear.restart()
@@ -119,33 +117,40 @@ class LoadStepping:
         self.n_iterations = 0
         self.n_held = 0
 
-    def along(self, points: FloatArray) -> Iterator[LoadStep | Stop]:
-        """Balance at each point (n, 2) in turn; the last may be a ``Stop``."""
-        nothing = self._model.contact.no_memory(pose(np.zeros(2)))
-        state = _State(np.zeros(2), self._model.rest(), nothing, nothing)
-        for k, point in enumerate(points):
+    def along(self, schedule: Schedule) -> Iterator[LoadStep | Stop]:
+        """Balance at each target in turn; the last may be a ``Stop``."""
+        nothing = self._model.contact.no_memory(pose(REST))
+        state = _State(REST, self._model.rest(), nothing, nothing, np.zeros(6))
+        if schedule.has_loads:
+            self._control = LoadControl(self._model, self._thetas, self._law, self._tolerance, schedule.steps)
+        for k, target in enumerate(schedule.targets):
             guesses = [] if self._initial_guess is None else self._initial_guess.at(k, state.displacements)
-            reason = self._advance(state, point, guesses)
+            is_limit = False
+            try:
+                reason = self._advance(state, target, guesses)
+            except NotReachedError as error:
+                reason, is_limit = str(error), True
             if reason:
-                depth, rotation = map(float, state.position)
-                yield Stop(depth, rotation, reason, state.displacements)
+                yield Stop(state.position, reason, state.displacements, is_limit)
                 return
-            yield self._load_step(state)
+            yield self._load_step(state, target.time_s)
 
-    def _advance(self, state: _State, target: FloatArray, guesses: Sequence[FloatArray]) -> str:
+    def _advance(self, state: _State, target: Target, guesses: Sequence[FloatArray]) -> str:
         """Step to the target, halving a step that fails; returns the reason if it cannot be reached."""
         done, share = 0.0, 1.0
-        origin = state.position
+        way = _Way.to(target, state.position, state.loads)
+        if self._sensitivity is not None:
+            self._sensitivity.start()
         while done < 1.0:
             share = min(share, 1.0 - done)
             last = done + share >= 1.0 - 1e-12
-            position = target if last else origin + (done + share) * (target - origin)
-            reason = self._step(state, position, guesses if share == 1.0 else ())
+            part = 1.0 if last else done + share
+            reason = self._step(state, way, part, guesses if share == 1.0 else ())
             if reason and guesses and share == 1.0:
                 self.linear.reset()
-                reason = self._step(state, position, ())
+                reason = self._step(state, way, part, ())
             if not reason:
-                done = 1.0 if last else done + share
+                done = part
                 share *= 2.0
                 continue
             self.n_cuts += 1
@@ -167,11 +172,13 @@ class LoadStepping:
         ahead = self._load(state, state.position + PROBE * way)
         carried = model.carried(state.displacements, ahead.pose)
         here = model.linearised(carried, self._thetas, nearly=self._settled)
-        rate = here.rate(ahead, motion(way))
+        rate = here.rate(ahead, motion(state.position, way))
         if not rate.any():
             return state.displacements
         step = self.linear.solve(here.matrix(ahead), partial(here.preconditioner, ahead), -rate, 1e-3)
-        return model.along_arcs(state.displacements, model.straight(state.displacements, step))
+        straight = model.straight(state.displacements, step)
+        is_aside = way[1:5].any() or state.position[1:5].any()
+        return straight if is_aside else model.along_arcs(state.displacements, straight)
 
     def _start(
         self, state: _State, load: ContactState, position: FloatArray, guesses: Sequence[FloatArray]
@@ -192,23 +199,76 @@ class LoadStepping:
         assert found.residual is not None
         return found if found.residual.least_jacobian > 0.0 and found.imbalance < best.imbalance else best
 
-    def _step(self, state: _State, position: FloatArray, guesses: Sequence[FloatArray]) -> str:
-        load = self._load(state, position)
-        start = self._start(state, load, position, guesses)
-        balance = equilibrium(self._model, self._thetas, load, start, self.linear, self._tolerance)
+    def _step(self, state: _State, way: "_Way", part: float, guesses: Sequence[FloatArray]) -> str:
+        """Go a part of the way of a load step; returns the reason if that fails."""
+        aim = way.aim(part)
+        if aim.free.size:
+            found = self._to_loads(state, aim)
+            position, balance = found.position, found.balance
+        else:
+            position = aim.position
+            load = self._load(state, position)
+            start = self._start(state, load, position, guesses)
+            balance = equilibrium(self._model, self._thetas, load, start, self.linear, self._tolerance)
         self.n_iterations += balance.n_iterations
         self.n_held += balance.held
         self._settled = not balance.reason and balance.n_iterations > 0
         if not balance.reason:
+            load = self._load(state, position)
             state.displacements, state.position, state.felt = balance.displacements, position, state.memory
             if self._sensitivity is not None:
-                self._sensitivity.balanced(state.displacements, load)
+                control = way.control(part, position) if self._control is not None else None
+                self._sensitivity.balanced(state.displacements, load, control)
+            if self._control is not None:
+                state.loads = self._control.loads(state.displacements, position, load)
             state.memory = self._model.contact.remember(state.displacements, load)
         return balance.reason
 
-    def _load_step(self, state: _State) -> LoadStep:
+    def _to_loads(self, state: _State, aim: Aim) -> Trial:
+        def begin(position: FloatArray, load: ContactState) -> Start:
+            return self._start(state, load, position, ())
+
+        assert self._control is not None
+        here = Trial(state.position, state.loads, Balance(state.displacements, 0, ""))
+        try:
+            return self._control.reach(here, state.memory, aim, begin)
+        except np.linalg.LinAlgError as error:
+            failed = Balance(state.displacements, 0, f"no resistance to the loads ({error})")
+            return Trial(state.position, state.loads, failed)
+
+    def _load_step(self, state: _State, time_s: float) -> LoadStep:
         load = ContactState(pose(state.position), state.felt, self._law)
         answer = self._model.answer(state.displacements, self._thetas, load)
         slopes = None if self._sensitivity is None else self._sensitivity.slopes
-        depth, rotation = map(float, state.position)
-        return LoadStep(depth, rotation, answer, state.displacements, load, slopes)
+        return LoadStep(state.position, answer, state.displacements, load, slopes, time_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Way:
+    """A load step from a position and loads (6,) to a target; parts of it are aims of their own."""
+
+    target: Target
+    origin: FloatArray
+    end: FloatArray
+    loads: FloatArray
+    end_loads: FloatArray
+
+    @classmethod
+    def to(cls, target: Target, origin: FloatArray, loads: FloatArray) -> "_Way":
+        return cls(target, origin, target.position(origin), loads, target.loads_after(loads))
+
+    def aim(self, part: float) -> Aim:
+        if part == 1.0:
+            return Aim(self.end, self.end_loads, self.target.end)
+        position = self.origin + part * (self.end - self.origin)
+        return Aim(position, self.loads + part * (self.end_loads - self.loads), self.target.end)
+
+    def control(self, part: float, position: FloatArray) -> Control:
+        """What of the position, and of the loads, changes with those at the origin."""
+        kept = self.target.kept_loads(self.loads)
+        return Control(
+            position=position,
+            free=self.aim(part).free,
+            kept_position=np.where(np.isnan(self.target.loads), 1.0 - part * self.target.share, 1.0),
+            kept_loads=1.0 - part + part * kept,
+        )

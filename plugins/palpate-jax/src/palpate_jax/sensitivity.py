@@ -15,23 +15,22 @@ Where a point just begins to touch or to slide, the response has a kink; the
 derivative is one-sided, on the side of the state.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import jax
 import numpy as np
 
-from palpate.api import Array, FloatArray, Material
+from palpate.api import Array, FloatArray, IntArray, Material
 from palpate.mechanics import moduli_at_rest
-from palpate_jax.contact import Change, ContactLaw, ContactState, Touched
+from palpate_jax.contact import Change, ContactLaw, ContactState, Motion
+from palpate_jax.kinematics import motion, tip_at, wrench_rates
 from palpate_jax.model import Linearised, Model
+from palpate_jax.rates import Rates
 
 ACCURACY = 1e-8
 """Residual, relative to the right-hand side, of the linear systems."""
-
-PROBE_MM = 1e-5
-"""Largest displacement of the central difference for the forces of the bonded nodes."""
 
 FRICTION = "friction"
 """Name of the friction coefficient among the parameters."""
@@ -48,16 +47,43 @@ class Slopes:
     force_N, moment_Nmm : (m, 3) array
         As in :class:`palpate_jax.contact.Answer`, per unit of the parameter; NaN from the first state with a
         singular tangent on.
+    position : (m, 6) array
+        Of the indenter, where a load moves it.
     """
 
     names: tuple[str, ...]
     force_N: FloatArray
     moment_Nmm: FloatArray
+    position: FloatArray
 
     @property
     def finite(self) -> bool:
         """Whether every derivative is a number."""
-        return bool(np.isfinite([self.force_N, self.moment_Nmm]).all())
+        return bool(np.isfinite(np.hstack([self.force_N, self.moment_Nmm, self.position])).all())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Control:
+    """How a balanced state was prescribed, where loads are.
+
+    Parameters
+    ----------
+    position : (6,) array
+    free : (n_free,) array
+        Components that loads moved.
+    kept_position, kept_loads : (6,) array
+        Derivative of what was prescribed in that at the beginning of the load step.
+    """
+
+    position: FloatArray
+    free: IntArray
+    kept_position: FloatArray
+    kept_loads: FloatArray
+
+    @property
+    def kept(self) -> tuple[FloatArray, FloatArray]:
+        """Of position and loads."""
+        return self.kept_position, self.kept_loads
 
 
 @partial(jax.jit, static_argnums=0)
@@ -102,80 +128,133 @@ class Sensitivity:
         self._moved = np.zeros((n, *model.points.shape))
         n_points = len(model.contact.positions(model.rest()))
         self._anchors = np.zeros((n, n_points, 3))
-        self.slopes = Slopes(self._names, np.zeros((n, 3)), np.zeros((n, 3)))
+        self._position, self._loads = np.zeros((n, 6)), np.zeros((n, 6))
+        self.slopes = Slopes(self._names, np.zeros((n, 3)), np.zeros((n, 3)), self._position)
 
-    def balanced(self, displacements: FloatArray, load: ContactState) -> None:
+    def start(self) -> None:
+        """Begin a load step: what it keeps of position and loads is kept of those here."""
+        self._origin = self._position, self._loads
+
+    def balanced(self, displacements: FloatArray, load: ContactState, control: Control | None = None) -> None:
         """Advance the derivatives from the last balanced state to this one."""
         if not self.slopes.finite:
             return
         model = self._model
         here = model.linearised(displacements, self._thetas)
-        touched = model.contact.touched(displacements, load)
+        rates = Rates(model, displacements, load)
         body = self._body_rates(displacements)
         held = np.zeros_like(self._moved)
-        external = [self._force_rate(touched, load, change) for change in self._changes(held, load)]
+        external = [rates.force(change) for change in self._changes(rates, held)]
         rhs = np.stack([model.free(e - b) for e, b in zip(external, body, strict=True)])
-        self._moved = self._solved(here, load, rhs)
-        self._follow(displacements, load, touched, body)
+        if control is None:
+            self._moved = self._solved(here, load, rhs)
+        else:
+            self._controlled(here, load, rates, rhs, body, control)
+        self._follow(rates, displacements, load, body, control)
 
     def _body_rates(self, displacements: FloatArray) -> FloatArray:
         """∂f_body/∂θ (m, n_nodes, 3), none for the friction."""
         rates = self._model.body.rates(displacements, self._thetas)
         return np.concatenate([*(rates[region] for region in self._thetas), np.zeros_like(self._moved[:1])])
 
-    def _changes(self, moved: FloatArray, load: ContactState) -> list[Change]:
-        """Rates at all points for each parameter, if the nodes move by rows of ``moved``."""
-        contact, turn = self._model.contact, load.pose.rotation
+    def _changes(
+        self, rates: Rates, moved: FloatArray, motions: Sequence[Motion | None] | None = None
+    ) -> list[Change]:
+        """Rates at all points for each parameter, if nodes and indenter move by rows of these."""
         rows = zip(moved, self._anchors, self._penalty, self._friction, strict=True)
-        return [Change(contact.at_points(u) @ turn, a, float(e), float(f)) for u, a, e, f in rows]
-
-    def _force_rate(self, touched: Touched, load: ContactState, change: Change) -> FloatArray:
-        traction, _ = touched.points.rates(change.of(touched.where))
-        return self._model.contact.to_nodes(touched, traction @ load.pose.rotation.T)
+        each = motions or [None] * len(moved)
+        return [rates.change(u, a, float(e), float(f), m) for (u, a, e, f), m in zip(rows, each, strict=True)]
 
     def _solved(self, here: Linearised, load: ContactState, rhs: FloatArray) -> FloatArray:
         """Solutions (m, n_nodes, 3) of right-hand sides (m, n)."""
-        model, moved = self._model, np.zeros_like(self._moved)
+        model, moved = self._model, np.zeros((len(rhs), *self._model.points.shape))
         try:
             steps = model.linear.solve_all(here.matrix(load), here.preconditioner(load), rhs, ACCURACY)
         except np.linalg.LinAlgError:
             return np.full_like(moved, np.nan)
         return np.stack([model.straight(u, step) for u, step in zip(moved, steps, strict=True)])
 
+    def _controlled(
+        self,
+        here: Linearised,
+        load: ContactState,
+        rates: Rates,
+        rhs: FloatArray,
+        body: FloatArray,
+        control: Control,
+    ) -> None:
+        """Solve where loads are prescribed: positions change with the parameters too.
+
+        At given positions first; then the free components move so that the loads change as prescribed.
+        """
+        position, loads = (kept * each for kept, each in zip(control.kept, self._origin, strict=True))
+        free, at = control.free, control.position
+        position[:, free] = 0.0
+        motions = [motion(at, way) for way in position]
+        units = [motion(at, way) for way in np.eye(6)[free]]
+        dragged = [
+            here.rate(load, each) if way.any() else 0.0 for each, way in zip(motions, position, strict=True)
+        ]
+        pulled = [-here.rate(load, each) for each in units]
+        rhs = np.stack([*(r - d for r, d in zip(rhs, dragged, strict=True)), *pulled])
+        solved = self._solved(here, load, rhs)
+        n = len(self._names)
+        moved = np.stack([rates.carried(u, m) for u, m in zip(solved[:n], motions, strict=True)])
+        with_free = [rates.carried(u, m) for u, m in zip(solved[n:], units, strict=True)]
+        if free.size:
+            none = np.zeros_like(self._anchors[0])
+            found = self._loads_rates(rates, moved, self._changes(rates, moved, motions), position, at, body)
+            changes = [rates.change(u, none, motion=m) for u, m in zip(with_free, units, strict=True)]
+            by_free = self._loads_rates(rates, np.stack(with_free), changes, np.eye(6)[free], at)
+            try:
+                steps = np.linalg.solve(by_free[:, free].T, (loads - found)[:, free].T).T
+            except np.linalg.LinAlgError:
+                steps = np.full((n, free.size), np.nan)
+            moved = moved + np.einsum("kj,jni->kni", steps, np.stack(with_free))
+            position[:, free] = steps
+        self._moved, self._position = moved, position
+
+    def _loads_rates(
+        self,
+        rates: Rates,
+        moved: FloatArray,
+        changes: Sequence[Change],
+        position: FloatArray,
+        at: FloatArray,
+        body: FloatArray | None = None,
+    ) -> FloatArray:
+        """Change of the loads (k, 6) as nodes, points and the indenter's position (k, 6) change."""
+        answer = rates.at_rest(self._thetas)
+        force, moment = np.zeros((2, len(moved), 3))
+        for k, change in enumerate(changes):
+            force[k], moment[k], _ = rates.answer(change, motion(at, position[k]))
+            if self._model.bonded.size:
+                more = rates.of_bonded(self._thetas, moved[k], None if body is None else body[k])
+                force[k], moment[k] = force[k] + more[0], moment[k] + more[1]
+        return wrench_rates(force, moment, answer, tip_at(at), position)
+
     def _follow(
-        self, displacements: FloatArray, load: ContactState, touched: Touched, body: FloatArray
+        self,
+        rates: Rates,
+        displacements: FloatArray,
+        load: ContactState,
+        body: FloatArray,
+        control: Control | None,
     ) -> None:
         """Store the derivatives of force, moment and anchors; compare ``Contact.remember``."""
-        model, turn, where = self._model, load.pose.rotation, touched.where
-        arms = model.contact.positions(displacements)[where]
-        areas = model.contact.areas[where, None]
-        loads = areas * (touched.points.traction @ turn.T)
-        slip = touched.points.friction / load.law.penalty
+        model, where = self._model, rates.touched.where
+        slip = rates.touched.points.friction / load.law.penalty
         force, moment = np.zeros((2, len(self._names), 3))
-        for k, change in enumerate(self._changes(self._moved, load)):
-            at = change.of(where)
-            traction, friction = touched.points.rates(at)
-            d_loads, d_arms = areas * (traction @ turn.T), at.positions @ turn.T
-            force[k] = -d_loads.sum(axis=0)
-            moment[k] = (np.cross(d_arms, loads) + np.cross(arms, d_loads)).sum(axis=0)
+        motions = None if control is None else [motion(control.position, way) for way in self._position]
+        for k, change in enumerate(self._changes(rates, self._moved, motions)):
+            force[k], moment[k], friction = rates.answer(change, motions[k] if motions else None)
             anchors = change.positions.copy()
             anchors[where] -= (friction - change.penalty * slip) / load.law.penalty
             self._anchors[k] = anchors
-        if model.bonded.size:
-            pulls = self._pull_rates(displacements, body)
-            force -= pulls.sum(axis=1)
-            moment += np.cross((model.points + displacements)[model.bonded], pulls).sum(axis=1)
-        self.slopes = Slopes(self._names, force, moment)
-
-    def _pull_rates(self, displacements: FloatArray, body: FloatArray) -> FloatArray:
-        """Derivative (m, n_bonded, 3) of the internal forces at the bonded nodes."""
-        model, rates = self._model, body[:, self._model.bonded].copy()
-        for rate, moved in zip(rates, self._moved, strict=True):
-            size = np.abs(moved).max()
-            if size == 0.0:
-                continue
-            probe = PROBE_MM / size
-            ahead, _ = model.body.force(displacements + probe * moved, self._thetas)
-            behind, _ = model.body.force(displacements - probe * moved, self._thetas)
-            rate += (ahead - behind)[model.bonded] / (2.0 * probe)
-        return rates
+            if model.bonded.size:
+                more = rates.of_bonded(self._thetas, self._moved[k], body[k])
+                force[k], moment[k] = force[k] + more[0], moment[k] + more[1]
+        if control is not None:
+            answer = model.answer(displacements, self._thetas, load)
+            self._loads = wrench_rates(force, moment, answer, load.pose.tip, self._position)
+        self.slopes = Slopes(self._names, force, moment, self._position)

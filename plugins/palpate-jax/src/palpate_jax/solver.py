@@ -31,14 +31,16 @@ from palpate.api import (
     job_key,
 )
 from palpate.mechanics import check_reference_state, initial_moduli
-from palpate.mesh.spot_frame import SpotWrench, indentation_of, pose_of
+from palpate.mesh.spot_frame import SpotWrench, indentation_of
 from palpate_jax.contact import ContactLaw
 from palpate_jax.diagnosis import explained
 from palpate_jax.footprint import check_footprint, check_touch
 from palpate_jax.initial_guess import InitialGuess, Pilot, Pilots
-from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, load_steps
+from palpate_jax.kinematics import REST
+from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop
 from palpate_jax.model import Model
 from palpate_jax.pilot_states import PilotStates
+from palpate_jax.schedule import Schedule, schedule
 from palpate_jax.sensitivity import Sensitivity
 from palpate_jax.skin import surface_states
 from palpate_jax.strains import strain_ranges
@@ -122,6 +124,7 @@ class JaxSolver(Solver[JaxSettings]):
     channels = ("force", "torque")
     state_columns = STATE_COLUMNS
     indenters = None
+    motions = ("depth", "rotation", "shift", "tilt", "load")
 
     def __init__(self, settings: JaxSettings | None = None) -> None:
         super().__init__(settings)
@@ -204,14 +207,14 @@ class JaxSolver(Solver[JaxSettings]):
         arrays = [b"" if each is None else each.tobytes() for each in (*motion, *values.values())]
         key = (protocol.indenter, protocol.friction, *arrays)
         if key not in prepared.pilots:
-            points = load_steps(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
+            n_steps = len(self._schedule(protocol).targets)
             n = len(next(iter(values.values())))
             found: dict[int, Pilot] = {}
             # Each worker begins with another one, so that they share what none of them has.
             for i in np.roll(np.arange(n), os.getpid() % n):
                 thetas = {region: each[i] for region, each in values.items()}
                 stack = self._states_of(self._pilot(job, values, int(i)), limb)
-                if stack is not None and len(stack) == 1 + len(points):
+                if stack is not None and len(stack) == 1 + n_steps:
                     found[int(i)] = Pilot(thetas, self._modulus(prepared, thetas), stack)
             prepared.pilots[key] = Pilots(prepared.materials, [found[i] for i in sorted(found)])
         return prepared.pilots[key]
@@ -259,13 +262,15 @@ class JaxSolver(Solver[JaxSettings]):
         model, thetas = prepared.model, job.thetas
         sensitivity = Sensitivity(model, prepared.materials, thetas, law) if job.slopes else None
         stepping = LoadStepping(model, thetas, law, self.settings.tolerance, initial_guess, sensitivity)
-        points = load_steps(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
         reached: list[LoadStep] = []
-        for state in stepping.along(points):
+        for state in stepping.along(self._schedule(protocol)):
             if isinstance(state, Stop):
                 return stepping, reached, state
             reached.append(state)
         return stepping, reached, None
+
+    def _schedule(self, protocol: Indentation) -> Schedule:
+        return schedule(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
 
     def _write_fields(self, prepared: _Prepared, job: Job, reached: Sequence[LoadStep]) -> None:
         from palpate_jax.fields import FieldWriter  # here: slow to import, and rarely used
@@ -333,8 +338,7 @@ def _check_names(mean_dilatation: bool | tuple[str, ...], limb: Limb) -> None:
 
 def balanced_states(reached: Sequence[LoadStep]) -> BalancedStates:
     """States from rest on; without slopes where one of them is not finite."""
-    path = np.array([(0.0, 0.0), *((s.depth_mm, s.rotation_deg) for s in reached)])
-    pose = pose_of(*path.T)
+    pose = np.array([REST, *(s.position for s in reached)])
     answers = [(s.answer.force_N, s.answer.moment_Nmm) for s in reached]
     slopes = [s.slopes for s in reached if s.slopes is not None and s.slopes.finite]
     rates = [(s.force_N, s.moment_Nmm) for s in slopes] if len(slopes) == len(reached) else []

@@ -12,6 +12,7 @@ from palpate.specimens import layer
 from palpate_jax.contact import ContactLaw
 from palpate_jax.load_stepping import LoadStepping, Stop
 from palpate_jax.model import Model
+from palpate_jax.schedule import Schedule
 from palpate_materials.neo_hookean import NeoHookean
 
 FORCE = {(0.4, 0.45): 1.5993, (0.4, 0.5): 1.6837, (0.8, 0.45): 2.5354, (0.8, 0.5): 2.8602}
@@ -51,7 +52,7 @@ def force_error(with_disc):
         theta = np.array([2.0 * (1.0 + near_half), near_half])
         model = Model(limb, {"soft_tissue": NeoHookean()}, mean_dilatation=True)
         stepping = LoadStepping(model, {"soft_tissue": theta}, ContactLaw(Plane(), PENALTY, 0.0), 1e-6)
-        (step,) = stepping.along(np.array([[DEPTH, 0.0]]))
+        (step,) = stepping.along(Schedule.through(np.array([[DEPTH, 0, 0, 0, 0, 0]])))
         assert not isinstance(step, Stop)
         return step.answer.force_N[2] / (4.0 / (1.0 - nu) * DEPTH * FORCE[ratio, nu]) - 1.0
 

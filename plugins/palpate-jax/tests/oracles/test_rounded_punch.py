@@ -14,6 +14,7 @@ from palpate_indentation import Punch, PunchSettings
 from palpate_jax.contact import ContactLaw
 from palpate_jax.load_stepping import LoadStepping, Stop
 from palpate_jax.model import Model
+from palpate_jax.schedule import Schedule
 from palpate_materials.neo_hookean import NeoHookean
 
 KAPPA, RATIO, NU, DEPTH = 2.5354, 0.8, 0.45, 1e-3
@@ -30,7 +31,9 @@ def force_error(n_radius):
     theta = np.array([2.0 * (1.0 + NU), NU])
     model = Model(limb, {"soft_tissue": NeoHookean()}, mean_dilatation=True)
     law = ContactLaw(Punch(PunchSettings(radius="1.05 mm", edge="0.05 mm")), 5000.0, 0.0)
-    (step,) = LoadStepping(model, {"soft_tissue": theta}, law, 1e-6).along(np.array([[DEPTH, 0.0]]))
+    (step,) = LoadStepping(model, {"soft_tissue": theta}, law, 1e-6).along(
+        Schedule.through(np.array([[DEPTH, 0, 0, 0, 0, 0]]))
+    )
     assert not isinstance(step, Stop)
     assert step.answer.contact_radius_mm == pytest.approx(1.0, abs=0.01)
     return step.answer.force_N[2] / (4.0 / (1.0 - NU) * DEPTH * KAPPA) - 1.0

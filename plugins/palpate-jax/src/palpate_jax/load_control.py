@@ -1,0 +1,232 @@
+"""Balance at prescribed loads: the components of the position that they move are unknowns too.
+
+A trial position is balanced as any other, with the history of the step's beginning. The slopes of its
+loads in the free components follow from the exact tangent, and Newton's method finds the position. Each
+further trial starts from the displacements that the tangent predicts, so it is balanced in an iteration
+or two.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from palpate.api import FloatArray, IntArray
+from palpate.balanced_states import POSE, WRENCH
+from palpate_jax.contact import ContactLaw, ContactState, Memory
+from palpate_jax.kinematics import motion, pose, tip_at, wrench, wrench_rates
+from palpate_jax.model import Model
+from palpate_jax.newton import Balance, Start, equilibrium
+from palpate_jax.rates import Rates
+from palpate_jax.schedule import HERTZ
+
+MOST_TRIALS = 20
+MOST_SHORTENED = 5
+"""Trials without balance, after each of which the change of the free components is halved."""
+
+FINER = 1e-2
+"""Accuracy of the loads, and of the balance at each trial, in tolerances."""
+
+ACCURACY = 1e-4
+"""Residual of the linear systems of the slopes."""
+
+DEPTH = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aim:
+    """A position (6,), and the loads (6,) that move components of it: NaN where none does.
+
+    ``limits`` (6,) are the farthest places to which a load may move its component.
+    """
+
+    position: FloatArray
+    loads: FloatArray
+    limits: FloatArray
+
+    @property
+    def free(self) -> IntArray:
+        """Components that a load moves."""
+        return np.flatnonzero(~np.isnan(self.loads))
+
+
+class NotReachedError(Exception):
+    """A load is not reached where its component has moved as far as it may; shorter steps change nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """A balanced position (6,), and the loads (6,) there."""
+
+    position: FloatArray
+    loads: FloatArray
+    balance: Balance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Slope:
+    """Change with one component of the position: displacements (n_nodes, 3) and loads (6,)."""
+
+    moved: FloatArray
+    loads: FloatArray
+
+
+class LoadControl:
+    """Finds positions at which loads are reached.
+
+    Parameters
+    ----------
+    model : Model
+    thetas : mapping of region to parameters
+    law : ContactLaw
+    tolerance : float
+        As of load stepping.
+    steps : (6,) array
+        Largest step of each component [mm, degrees].
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        thetas: Mapping[str, FloatArray],
+        law: ContactLaw,
+        tolerance: float,
+        steps: FloatArray,
+    ) -> None:
+        self._model, self._thetas, self._law = model, thetas, law
+        self._tolerance, self._steps = FINER * tolerance, steps
+        self._largest = np.zeros(6)
+
+    def loads(self, displacements: FloatArray, position: FloatArray, load: ContactState) -> FloatArray:
+        """Loads (6,) at a balanced state."""
+        found = wrench(self._model.answer(displacements, self._thetas, load), tip_at(position))
+        self._largest = np.maximum(self._largest, np.abs(found))
+        return found
+
+    def reach(
+        self,
+        start: Trial,
+        memory: Memory,
+        aim: Aim,
+        begin: Callable[[FloatArray, ContactState], Start],
+    ) -> Trial:
+        """Go from a balanced state to an aim.
+
+        Parameters
+        ----------
+        begin : callable
+            Displacements to start from at the first trial's position and state.
+
+        Raises
+        ------
+        NotReachedError
+            A load is not reached at its limit.
+        numpy.linalg.LinAlgError
+            Nothing resists a component.
+        """
+        free, at = aim.free, start
+        change, moved = self._change(at, memory, aim)
+        n_iterations = n_shortened = 0
+        for _ in range(MOST_TRIALS):
+            position = aim.position.copy()
+            position[free] = at.position[free] + change
+            load = ContactState(pose(position), memory, self._law)
+            if at is start:
+                guess = begin(position, load)
+            else:
+                guess = Start(self._model.carried(at.balance.displacements + moved, load.pose))
+            found = equilibrium(self._model, self._thetas, load, guess, self._model.linear, self._tolerance)
+            n_iterations += found.n_iterations
+            if found.reason:
+                n_shortened += 1
+                change, moved = 0.5 * change, 0.5 * moved
+                if n_shortened > MOST_SHORTENED or not change.any():
+                    return Trial(position, at.loads, Balance(found.displacements, n_iterations, found.reason))
+                continue
+            found = Balance(found.displacements, n_iterations, "", found.held)
+            at = Trial(position, self.loads(found.displacements, position, load), found)
+            if (np.abs(aim.loads - at.loads)[free] <= self._accepted(aim)).all():
+                return at
+            change, moved = self._change(at, memory, aim)
+        reason = f"the loads are not met after {MOST_TRIALS} trials"
+        return Trial(at.position, at.loads, Balance(at.balance.displacements, n_iterations, reason))
+
+    def _accepted(self, aim: Aim) -> FloatArray:
+        """Differences of the loads that count as none: a moment's by the force and the indenter's radius."""
+        sizes = np.nan_to_num(np.abs(aim.loads))
+        force = max(float(sizes[:3].max()), self._law.least_force_N)
+        moment = max(float(sizes[3:].max()), force * self._law.shape.radius_mm)
+        return self._tolerance * np.array([*[force] * 3, *[moment] * 3])[aim.free]
+
+    def _change(self, at: Trial, memory: Memory, aim: Aim) -> tuple[FloatArray, FloatArray]:
+        """Change (n_free,) of the free components by Newton's method, and that of the displacements."""
+        free = aim.free
+        if not at.loads.any():  # off the skin: down to it
+            wanted = np.where(free == DEPTH, self._steps[DEPTH], 0.0)
+            slopes = None
+        else:
+            slopes = [self._slope(at, memory, component) for component in free]
+            matrix = np.stack([slope.loads[free] for slope in slopes], axis=1)
+            missing = _missing(at.loads, aim)
+            if free.size == 1 and not matrix[0, 0] > 0.0:  # past a peak of the load: on, in search of more
+                wanted = np.sign(missing) * self._steps[free]
+            else:
+                wanted = np.linalg.solve(matrix, missing)
+                wanted = wanted * min(1.0, 1.0 / float((np.abs(wanted) / self._steps[free]).max()))
+        change = self._within(at, aim, wanted)
+        moved = np.zeros_like(at.balance.displacements)
+        for step, slope in zip(change, slopes or (), strict=False):
+            moved += step * slope.moved
+        return change, moved
+
+    def _within(self, at: Trial, aim: Aim, wanted: FloatArray) -> FloatArray:
+        """The change, cut at the limits; refuse one where all that misses its load is at its limit."""
+        free, limits = aim.free, np.abs(aim.limits[aim.free])
+        lowest = np.where(free == DEPTH, -np.inf, -limits)
+        place = at.position[free]
+        change: FloatArray = np.clip(place + wanted, lowest, limits) - place
+        met = np.abs(aim.loads - at.loads)[free] <= self._accepted(aim)
+        stuck = (change == 0.0) & (wanted != 0.0)
+        if stuck.any() and (stuck | met).all():
+            k = free[int(np.argmax(stuck))]
+            unit = WRENCH[k].rpartition("_")[2].replace("Nmm", "N·mm")
+            farthest, _, of = POSE[k].rpartition("_")
+            raise NotReachedError(
+                f"{_said(k)} of {aim.loads[k]:g} {unit} is not reached up to the farthest "
+                f"{farthest.replace('_', ' ')} allowed, {at.position[k]:g} {of}: the largest is "
+                f"{self._largest[k]:.4g} {unit}; allow more, or ask for less"
+            )
+        return change
+
+    def _slope(self, at: Trial, memory: Memory, component: int) -> _Slope:
+        way, displacements = np.eye(6)[component], at.balance.displacements
+        load, move = ContactState(pose(at.position), memory, self._law), motion(at.position, way)
+        here = self._model.linearised(displacements, self._thetas)
+        rate, rates = here.rate(load, move), Rates(self._model, displacements, load)
+        step = self._model.linear.solve(
+            here.matrix(load), partial(here.preconditioner, load), -rate, ACCURACY
+        )
+        moved = rates.carried(self._model.straight(np.zeros_like(displacements), step), move)
+        answer = self._model.answer(displacements, self._thetas, load)
+        change = rates.change(moved, np.zeros_like(memory.anchors), motion=move)
+        force, moment, _ = rates.answer(change, move)
+        if self._model.bonded.size:
+            more = rates.of_bonded(self._thetas, moved)
+            force, moment = force + more[0], moment + more[1]
+        return _Slope(moved, wrench_rates(force, moment, answer, tip_at(at.position), way))
+
+
+def _missing(loads: FloatArray, aim: Aim) -> FloatArray:
+    """What the loads miss (n_free,); of a force as if it grew with the depth like that on a sphere."""
+    missing = (aim.loads - loads)[aim.free]
+    force, wanted = float(loads[DEPTH]), float(aim.loads[DEPTH])
+    if force > 0.0 and wanted > 0.0:
+        roots = force ** (1 / HERTZ), wanted ** (1 / HERTZ)
+        missing[aim.free == DEPTH] = HERTZ * force ** (1 - 1 / HERTZ) * (roots[1] - roots[0])
+    return np.asarray(missing)
+
+
+def _said(component: int) -> str:
+    """Name of a load in a sentence."""
+    return WRENCH[component].rpartition("_")[0].replace("_", " ")

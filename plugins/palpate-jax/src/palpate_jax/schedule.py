@@ -1,0 +1,136 @@
+"""Where load stepping balances: the waypoints of a motion, and points between them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.api import FloatArray, Indentation
+
+HERTZ = 1.5
+"""Exponent of the depth in the force of a round indenter."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    """What a load step aims at.
+
+    Parameters
+    ----------
+    end : (6,) array
+        Position to go to; of what a load moves, the farthest.
+    share : (6,) array
+        Share of the way from the state before to ``end`` that the step goes; 1 where it ends there.
+    loads : (6,) array
+        NaN where the position is prescribed; loads to be reached at ``end``; infinite for what stays.
+    load_share : float
+        Share of the way to the loads.
+    time_s : float
+    """
+
+    end: FloatArray
+    share: FloatArray
+    loads: FloatArray
+    load_share: float = 1.0
+    time_s: float = 0.0
+
+    def position(self, before: FloatArray) -> FloatArray:
+        """Position (6,) to go to from the one before; that one for what a load moves, and what stays."""
+        reached = np.where(self.share == 1.0, self.end, before + self.share * (self.end - before))
+        return np.where(np.isnan(self.loads), reached, before)
+
+    def loads_after(self, before: FloatArray) -> FloatArray:
+        """Loads (6,) to be reached, from those before; NaN where none is."""
+        result = np.where(np.isinf(self.loads), np.nan, before + self.load_share * (self.loads - before))
+        force, end = float(before[0]), float(self.loads[0])
+        if np.isfinite(end) and force >= 0.0 and end > 0.0 and self.load_share < 1.0:
+            # In equal steps of depth, about.
+            roots = force ** (1 / HERTZ), end ** (1 / HERTZ)
+            result[0] = (roots[0] + self.load_share * (roots[1] - roots[0])) ** HERTZ
+        return np.where(self.load_share == 1.0, np.where(np.isinf(self.loads), np.nan, self.loads), result)
+
+    def kept_loads(self, before: FloatArray) -> FloatArray:
+        """Derivative (6,) of ``loads_after`` in the loads before."""
+        kept = np.full(6, 1.0 - self.load_share)
+        after = self.loads_after(before)
+        if before[0] > 0.0 and self.loads[0] > 0.0 and np.isfinite(after[0]):
+            kept[0] *= (after[0] / before[0]) ** (1.0 - 1.0 / HERTZ)
+        return kept
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Schedule:
+    """Targets in the order travelled.
+
+    Parameters
+    ----------
+    targets : tuple of Target
+    steps : (6,) array
+        Largest step of each component of the position [mm, degrees].
+    """
+
+    targets: tuple[Target, ...]
+    steps: FloatArray
+
+    @property
+    def has_loads(self) -> bool:
+        """Whether any load is to be reached."""
+        return any(np.isfinite(target.loads).any() for target in self.targets)
+
+    @classmethod
+    def through(cls, positions: FloatArray) -> "Schedule":
+        """Go to positions (n, 6), each in one step."""
+        none = np.full(6, np.nan)
+        return cls(tuple(Target(at, np.ones(6), none) for at in positions), np.ones(6))
+
+
+def schedule(protocol: Indentation, depth_steps: int, rotation_step_deg: float) -> Schedule:
+    """Targets of a protocol, with its waypoints and without the rest.
+
+    Shifts take steps of the depth's length, tilts those of the rotation, and a load as many as the depth.
+    """
+    depth_step_mm = max(float(protocol.path[:, 0].max()), 1e-9) / depth_steps
+    steps = np.array([*[depth_step_mm] * 3, *[rotation_step_deg] * 3])
+    waypoints = protocol.waypoints
+    pose = waypoints.pose
+    loads = np.full(pose.shape, np.nan) if waypoints.loads is None else waypoints.loads
+    times = np.zeros(len(pose)) if waypoints.time_s is None else waypoints.time_s
+    largest = np.where(np.isfinite(loads), np.abs(loads), 0.0).max(axis=0)
+    targets: list[Target] = []
+    for k in range(1, len(pose)):
+        given = np.isnan(loads[k])
+        n = max(
+            _count(np.abs(pose[k] - pose[k - 1])[given] / steps[given]),
+            _count(depth_steps * _changes(loads[k - 1], loads[k]) / np.where(largest > 0.0, largest, 1.0)),
+            1,
+        )
+        known = given & np.isnan(loads[k - 1])
+        targets += _between(pose[k - 1 : k + 1], loads[k], known, times[k - 1 : k + 1], n)
+    return Schedule(tuple(targets), steps)
+
+
+def _count(change: FloatArray) -> int:
+    return int(np.ceil(change.max(initial=0.0) - 1e-9))
+
+
+def _changes(before: FloatArray, after: FloatArray) -> FloatArray:
+    """Size (6,) of what loads change by; one that nobody prescribed before counts as zero."""
+    start = np.where(np.isfinite(before), before, 0.0)
+    return np.where(np.isfinite(after), np.abs(after - start), 0.0)
+
+
+def _between(
+    ends: FloatArray, loads: FloatArray, known: FloatArray, times: FloatArray, n: int
+) -> Iterator[Target]:
+    """Make n targets from one waypoint to the next; what is not ``known`` at the first goes by shares."""
+    between = ends[0] + (ends[1] - ends[0]) * np.arange(1, n + 1)[:, None] / n
+    between[-1] = ends[1]  # to the last bit, so that no branch starts next to a waypoint
+    for j in range(n):
+        share = 1.0 / (n - j)
+        yield Target(
+            end=np.where(known, between[j], ends[1]),
+            share=np.where(known, 1.0, share),
+            loads=loads,
+            load_share=share,
+            time_s=float(times[0] + (times[1] - times[0]) * (j + 1) / n),
+        )
