@@ -20,7 +20,9 @@ from palpate.plugins.versions import API_VERSION as API_VERSION
 if TYPE_CHECKING:
     # ---- Values of a study
     from palpate.balanced_states import (
+        POSE as POSE,
         STATE_COLUMNS as STATE_COLUMNS,
+        WRENCH as WRENCH,
         BalancedStates as BalancedStates,
     )
     from palpate.channels import (

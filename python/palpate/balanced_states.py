@@ -50,6 +50,8 @@ class BalancedStates:
         More columns that the solver has, such as ``contact_radius_mm``.
     slopes : mapping of parameter to (k, 6) array
         Derivatives of the wrench in the parameters and the friction, as in a curve; empty if not requested.
+    pose_slopes : mapping of parameter to (k, 6) array
+        Those of the pose, where loads are prescribed.
 
     Raises
     ------
@@ -62,18 +64,20 @@ class BalancedStates:
     time_s: FloatArray | None = None
     others: Mapping[str, FloatArray] = field(default_factory=dict)
     slopes: Mapping[str, FloatArray] = field(default_factory=dict)
+    pose_slopes: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("pose", "wrench", "time_s"):
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, frozen_floats(values))
-        for name in ("others", "slopes"):
+        for name in ("others", "slopes", "pose_slopes"):
             frozen = {key: frozen_floats(values) for key, values in getattr(self, name).items()}
             object.__setattr__(self, name, MappingProxyType(frozen))
         n = len(self.pose)
         shapes: dict[str, tuple[FloatArray, tuple[int, ...]]]
         shapes = {"wrench": (self.wrench, (n, 6)), "pose": (self.pose, (n, 6))}
         shapes |= {f"slopes in '{name}'": (values, (n, 6)) for name, values in self.slopes.items()}
+        shapes |= {f"pose slopes in '{k}'": (values, (n, 6)) for k, values in self.pose_slopes.items()}
         shapes |= {f"'{name}'": (values, (n,)) for name, values in self.others.items()}
         shapes |= {TIME: (self.time_s, (n,))} if self.time_s is not None else {}
         for what, (values, shape) in shapes.items():
@@ -93,7 +97,10 @@ class BalancedStates:
         A channel is left out where its abscissa does not move, or where a column is missing.
         """
         columns, curves = self.columns, {}
-        rates = {name: self._felt(slope) for name, slope in self.slopes.items()}
+        rates = {
+            name: self._felt(slope) | self._placed(self.pose_slopes.get(name, np.zeros_like(slope)))
+            for name, slope in self.slopes.items()
+        }
         for channel in channels:
             if not channel.columns <= columns.keys():
                 continue
@@ -121,7 +128,16 @@ class BalancedStates:
             time_s=None if self.time_s is None else self.time_s[rows],
             others={name: values[rows] for name, values in self.others.items()},
             slopes={name: values[rows] for name, values in self.slopes.items()},
+            pose_slopes={name: values[rows] for name, values in self.pose_slopes.items()},
         )
+
+    def _placed(self, pose: FloatArray) -> dict[str, FloatArray]:
+        """Columns of a derivative (k, 6) of the pose."""
+        along = {
+            "slide_mm": pose[:, _SHIFT] @ _first_direction(self.pose[:, _SHIFT]),
+            "tilt_deg": pose[:, _TILT] @ _first_direction(self.pose[:, _TILT]),
+        }
+        return dict(zip(POSE, pose.T, strict=True)) | along
 
     def _felt(self, wrench: FloatArray) -> dict[str, FloatArray]:
         """Columns of a wrench (k, 6), or of a derivative of it: they are linear in it."""
@@ -161,7 +177,33 @@ def _ordinate(channel: Channel, columns: Mapping[str, FloatArray]) -> FloatArray
 def _rate(
     channel: Channel, columns: Mapping[str, FloatArray], rates: Mapping[str, FloatArray], rows: slice
 ) -> FloatArray:
-    """Derivative (k,) of the ordinate, from ``rows`` of those of columns; other columns are fixed."""
+    """Derivative (k,) of the ordinate at a fixed abscissa, from ``rows`` of those of columns.
+
+    Other columns are fixed.
+    """
+    rate = _own_rate(channel, columns, rates, rows)
+    moved = rates.get(channel.abscissa)
+    if moved is None or not moved[rows].any():
+        return rate
+    return rate - _steepness(columns[channel.abscissa], _ordinate(channel, columns)) * moved[rows]
+
+
+def _steepness(abscissa: FloatArray, ordinate: FloatArray) -> FloatArray:
+    """Derivative (k,) of a curve along itself, of second order; before a turning point that of the branch."""
+    steps, rises = np.diff(abscissa), np.diff(ordinate)
+    still = np.abs(steps) <= 1e-9 * np.ptp(abscissa)
+    slopes = np.where(still, 0.0, rises / np.where(still, 1.0, steps))
+    before, after = np.append(slopes[:1], slopes), np.append(slopes, slopes[-1:])
+    here, there = np.append(steps[:1], steps), np.append(steps, steps[-1:])
+    turns = here * there <= 0.0
+    total = np.where(turns, 1.0, here + there)
+    return np.asarray(np.where(turns, before, (there * before + here * after) / total))
+
+
+def _own_rate(
+    channel: Channel, columns: Mapping[str, FloatArray], rates: Mapping[str, FloatArray], rows: slice
+) -> FloatArray:
+    """Derivative (k,) of the ordinate of each state."""
     names = channel.needs or (channel.ordinate,)
     moved = {n: rates[n][rows] if n in rates else np.zeros(len(columns[n])) for n in names}
     if channel.observe is None:

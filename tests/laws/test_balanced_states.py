@@ -121,3 +121,26 @@ def test_needs_and_observe_belong_together():
             ordinate_label="",
             needs=("force_N",),
         )
+
+
+@pytest.mark.parametrize("returns", [False, True])
+def test_slopes_are_at_a_fixed_abscissa_where_loads_are_prescribed(returns):
+    """F = k d^1.5 by force: at a depth the force grows by F per relative change of k, over time d falls."""
+    share = np.linspace(0.0, 1.0, 41)
+    force = 4.0 * (np.concatenate([share, share[-2::-1]]) if returns else share)
+    pose, wrench, moved = np.zeros((3, force.size, 6))
+    wrench[:, 0], pose[:, 0] = force, (force / 2.0) ** (2.0 / 3.0)
+    moved[:, 0] = -pose[:, 0] / 3.0  # per unit of k = 2
+    slopes = {"a.k": np.zeros_like(pose)}
+    times = np.arange(force.size, dtype=float)
+    states = BalancedStates(pose=pose, wrench=wrench, time_s=times, slopes=slopes, pose_slopes={"a.k": moved})
+    depth = Channel(
+        name="depth", abscissa="time_s", ordinate="depth_mm", abscissa_label="t", ordinate_label="d", degree=0
+    )
+    curves = states.observed([FORCE, depth])
+    np.testing.assert_allclose(curves["depth"].slopes["a.k"], moved[:, 0])
+    found, inner = curves["force"].slopes["a.k"], np.abs(share[-1] - force / 4.0) > 1e-9
+    inner[0] = False
+    np.testing.assert_allclose(found[inner], force[inner] / 2.0, atol=2e-3)
+    np.testing.assert_allclose(found, force / 2.0, atol=0.05)
+    assert states.cut(slice(3, 9)).pose_slopes["a.k"].shape == (6, 6)

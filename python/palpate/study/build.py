@@ -315,17 +315,23 @@ def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None
                 problems.add(("spot", index, key), f"{name} takes no mesh; remove the key")
 
 
-def check_solver_motions(
-    context: Context, solver: Solver, protocols: Iterable[tuple[Key, Protocol | None]]
+def check_motions(
+    context: Context, solver: Solver | None, tables: Tables, protocols: Iterable[tuple[Key, Protocol | None]]
 ) -> None:
     """Refuse a motion that the solver does not simulate; each comes with the key of its table."""
     for key, protocol in protocols:
         moves = protocol.moves if isinstance(protocol, Indentation) else ()
-        if missing := [part for part in moves if part not in solver.motions]:
+        missing = [part for part in moves if solver is not None and part not in solver.motions]
+        if solver is not None and missing:
             context.problems.add(
                 (*key, "motion"),
                 f"solver '{solver.name}' simulates no motion with {', '.join(missing)} "
                 f"(it has {', '.join(solver.motions)}); choose another of either",
+            )
+        if "load" in moves and tables.selection and tables.selection.stiffness_scaling:
+            context.problems.add(
+                ("selection", "stiffness_scaling"),
+                "a motion until a load is reached does not scale with the moduli; leave it out",
             )
 
 

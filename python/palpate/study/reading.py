@@ -22,9 +22,9 @@ from palpate.study.build import (
     build_scenarios,
     check_budget,
     check_limits,
+    check_motions,
     check_parametrisation,
     check_solver_channels,
-    check_solver_motions,
     check_solver_needs,
     check_stiffness_scaling,
 )
@@ -312,9 +312,8 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     _check_together(context, tables, parts, space)
     if tables.budget:
         check_budget(context, tables.budget, space, [protocol, *(spot.protocol for spot in spots)])
-    if parts.solver:
-        own = [(("spot", i, "protocol"), spot.protocol) for i, spot in enumerate(spots)]
-        check_solver_motions(context, parts.solver, [(("protocol",), protocol), *own])
+    own = [(("spot", i, "protocol"), spot.protocol) for i, spot in enumerate(spots)]
+    check_motions(context, parts.solver, tables, [(("protocol",), protocol), *own])
     if parts.parametrisation:
         check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
     if parts.solver and selection:

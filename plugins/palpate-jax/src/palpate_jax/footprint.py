@@ -1,4 +1,7 @@
-"""Refuses a press that starts inside of the limb, never touches it, or crosses the edge of its surface."""
+"""Refuses a motion that starts inside of the limb, never touches it, or leaves its surface."""
+
+from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -6,6 +9,7 @@ from palpate.api import FloatArray, Indentation, IntArray, Limb, Mesh, MeshError
 from palpate.mesh.contact_edge import NEAR, contact_edge_mm
 from palpate.mesh.spot_frame import in_spot_frame
 from palpate_jax.contact_surface import contact_surfaces
+from palpate_jax.kinematics import pose
 
 TOUCH_TOLERANCE_MM = 0.05
 """Largest gap or overlap of the surface and the indenter at depth 0."""
@@ -39,7 +43,7 @@ def check_touch(limb: Limb, protocol: Indentation) -> None:
             )
     depth = float(protocol.path[:, 0].max())
     # Nodes may all be next to a tool that is smaller than a face, but not further away than the edges.
-    gap = float(indenter.distance(surface + np.array([0.0, 0.0, depth])).min())
+    gap = min(float(indenter.distance(pose(at).into(surface)).min()) for at in protocol.waypoints.pose)
     if depth > 0.0 and gap > contact_edge_mm(limb, NEAR * indenter.radius_mm):
         raise MeshError(
             f"spot '{limb.spot.name}': the {indenter.name} is still {gap:.2f} mm away from the surface at "
@@ -52,7 +56,8 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
 
     A sphere of radius R pressed d deep touches flat tissue up to about √(R d) from
     its axis (Hertz), and never further than R. Other tools reach further along one side than along
-    another; see :meth:`palpate.api.Indenter.reaches_mm`.
+    another; see :meth:`palpate.api.Indenter.reaches_mm`. A tilt moves that place by at most the body's
+    size times its angle.
 
     Raises
     ------
@@ -61,25 +66,46 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     """
     mesh = in_spot_frame(limb)
     radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
-    most = protocol.indenter.reach_mm(depth)
+    aside = _aside_mm(protocol)
+    most = protocol.indenter.reach_mm(depth) + aside
     rim = _rim(mesh)
     # The edge on the limb's other side does not matter.
     lowest = depth + max(radius, -float(protocol.indenter.bounds_mm[0, 2]))
     rim = rim[mesh.points_mm[rim, 2] > -lowest]
     if not rim.size:
         return
-    distances = np.hypot(mesh.points_mm[rim, 0], mesh.points_mm[rim, 1])
-    rim, distances = rim[distances < most], distances[distances < most]
-    directions = mesh.points_mm[rim, :2] / np.maximum(distances, 1e-12)[:, None]
-    reach = _reach(protocol, depth, directions)
-    if (within := reach - distances).size and within.max() > 0.0:
-        worst = int(np.argmax(within))
-        raise MeshError(
-            f"spot '{limb.spot.name}': the contact surface ends {distances[worst]:.3g} mm from the "
-            f"{protocol.indenter.name}'s axis, near node {rim[worst]}, and pressed "
-            f"{depth:g} mm deep touches up to about {reach[worst]:.3g} mm there; mark more of the surface as "
-            "contact, extend the mesh, or press less deep"
-        )
+    for offsets in _from_way(mesh.points_mm[rim, :2], protocol.waypoints.pose[:, 1:3]):
+        distances = np.hypot(*offsets.T)
+        near = np.flatnonzero(distances < most)
+        directions = offsets[near] / np.maximum(distances[near], 1e-12)[:, None]
+        reach = _reach(protocol, depth, directions) + aside
+        if (within := reach - distances[near]).size and within.max() > 0.0:
+            worst = int(np.argmax(within))
+            raise MeshError(
+                f"spot '{limb.spot.name}': the contact surface ends {distances[near[worst]]:.3g} mm from the "
+                f"{protocol.indenter.name}'s axis, near node {rim[near[worst]]}, and pressed "
+                f"{depth:g} mm deep touches up to about {reach[worst]:.3g} mm there; mark more of the "
+                "surface as contact, extend the mesh, or press and move less far"
+            )
+
+
+def _aside_mm(protocol: Indentation) -> float:
+    """How far tilts, and shifts by loads, may move the contact from the prescribed way."""
+    waypoints, indenter = protocol.waypoints, protocol.indenter
+    tilt = np.radians(np.hypot(waypoints.pose[:, 3], waypoints.pose[:, 4]).max())
+    aside = 2.0 * indenter.radius_mm * float(np.sin(tilt))
+    if waypoints.loads is not None:
+        pushed = np.where(np.isnan(waypoints.loads[:, 1:3]), 0.0, waypoints.pose[:, 1:3])
+        aside += float(np.linalg.norm(pushed, axis=1).max())
+    return aside
+
+
+def _from_way(points: FloatArray, way: FloatArray) -> Iterator[FloatArray]:
+    """Offsets (n, 2) of points (n, 2) from the nearest place on each part of the way through rows (k, 2)."""
+    parts = [(start, end - start) for start, end in pairwise(way) if (end != start).any()]
+    for start, along in parts or [(way[0], np.ones(2))]:
+        share = np.clip((points - start) @ along / (along @ along), 0.0, 1.0 if parts else 0.0)
+        yield points - start - share[:, None] * along
 
 
 def _rim(mesh: Mesh) -> IntArray:

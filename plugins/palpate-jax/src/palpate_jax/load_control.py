@@ -12,8 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from palpate.api import FloatArray, IntArray
-from palpate.balanced_states import POSE, WRENCH
+from palpate.api import POSE, WRENCH, FloatArray, IntArray
 from palpate_jax.contact import ContactLaw, ContactState, Memory
 from palpate_jax.kinematics import motion, pose, tip_at, wrench, wrench_rates
 from palpate_jax.model import Model
@@ -38,12 +37,14 @@ DEPTH = 0
 class Aim:
     """A position (6,), and the loads (6,) that move components of it: NaN where none does.
 
-    ``limits`` (6,) are the farthest places to which a load may move its component.
+    ``limits`` (6,) are the farthest places to which a load may move its component, and ``asked`` the loads
+    that the motion names.
     """
 
     position: FloatArray
     loads: FloatArray
     limits: FloatArray
+    asked: FloatArray
 
     @property
     def free(self) -> IntArray:
@@ -193,7 +194,7 @@ class LoadControl:
             unit = WRENCH[k].rpartition("_")[2].replace("Nmm", "N·mm")
             farthest, _, of = POSE[k].rpartition("_")
             raise NotReachedError(
-                f"{_said(k)} of {aim.loads[k]:g} {unit} is not reached up to the farthest "
+                f"{_said(k)} of {aim.asked[k]:g} {unit} is not reached up to the farthest "
                 f"{farthest.replace('_', ' ')} allowed, {at.position[k]:g} {of}: the largest is "
                 f"{self._largest[k]:.4g} {unit}; allow more, or ask for less"
             )

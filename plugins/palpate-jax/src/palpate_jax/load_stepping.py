@@ -259,9 +259,10 @@ class _Way:
 
     def aim(self, part: float) -> Aim:
         if part == 1.0:
-            return Aim(self.end, self.end_loads, self.target.end)
+            return Aim(self.end, self.end_loads, self.target.end, self.target.loads)
         position = self.origin + part * (self.end - self.origin)
-        return Aim(position, self.loads + part * (self.end_loads - self.loads), self.target.end)
+        loads = self.loads + part * (self.end_loads - self.loads)
+        return Aim(position, loads, self.target.end, self.target.loads)
 
     def control(self, part: float, position: FloatArray) -> Control:
         """What of the position, and of the loads, changes with those at the origin."""

@@ -343,10 +343,23 @@ def balanced_states(reached: Sequence[LoadStep]) -> BalancedStates:
     slopes = [s.slopes for s in reached if s.slopes is not None and s.slopes.finite]
     rates = [(s.force_N, s.moment_Nmm) for s in slopes] if len(slopes) == len(reached) else []
     names = slopes[0].names if rates else ()
+    times = np.array([0.0, *(s.time_s for s in reached)])
+    placed = {
+        name: np.array([REST, *(s.position[k] for s in slopes)])
+        for k, name in enumerate(names)
+        if any(s.position[k].any() for s in slopes)
+    }
+    wrench = {name: _wrench(pose, [(f[k], m[k]) for f, m in rates]) for k, name in enumerate(names)}
+    for name, moved in placed.items():  # the moments are about a point that moves
+        tips = np.column_stack([moved[:, 1:3], -moved[:, 0]])
+        forces = np.array([REST[:3], *(force for force, _ in answers)])
+        wrench[name] = wrench[name] + np.column_stack([np.zeros((len(pose), 3)), np.cross(tips, forces)])
     return BalancedStates(
         pose=pose,
         wrench=_wrench(pose, answers),
-        slopes={name: _wrench(pose, [(f[k], m[k]) for f, m in rates]) for k, name in enumerate(names)},
+        time_s=times if times.any() else None,
+        slopes=wrench,
+        pose_slopes=placed,
     )
 
 
