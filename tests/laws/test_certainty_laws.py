@@ -124,6 +124,7 @@ def press(n_spots=1, n=25):
     size = np.concatenate([x**2, np.maximum.accumulate(np.abs(shape[1]))])
     rows = Rows(
         spot=np.repeat(np.arange(n_spots), size.size),
+        site=np.repeat(np.arange(n_spots), size.size),
         channel=np.tile(np.repeat([0, 1], [x.size, turn.size]), n_spots),
         point=np.tile(np.concatenate([np.arange(x.size), np.arange(turn.size)]).astype(float), n_spots),
         path=np.tile(np.concatenate([x, np.cumsum(np.abs(np.diff(turn, prepend=0.0))) / 2.0]), n_spots),

@@ -24,8 +24,9 @@ class Rows:
 
     Parameters
     ----------
-    spot, channel : (n,) integer array
-        Numbers of the spots and channels; negative for residuals that are no measured point.
+    spot, site, channel : (n,) integer array
+        Numbers of the spots, of the places on limbs that they are at, and of the channels; negative for
+        residuals that are no measured point.
     point : (n,) array
         Number of the measured point on its curve.
     path : (n,) array
@@ -37,6 +38,7 @@ class Rows:
     """
 
     spot: IntArray
+    site: IntArray
     channel: IntArray
     point: FloatArray
     path: FloatArray
@@ -65,7 +67,7 @@ class Rows:
     def discrepancy(self, channel: int, length: float) -> FloatArray:
         """Covariance (n, n) of a discrepancy of size 1 over the largest ordinate in a channel."""
         along = matern(np.abs(self.path[:, None] - self.path) / length)
-        same = np.where(self.spot[:, None] == self.spot, 1.0, COMMON) * self._both(channel)
+        same = np.where(self.site[:, None] == self.site, 1.0, COMMON) * self._both(channel)
         covariance: FloatArray = same * along * np.outer(self.envelope, self.envelope)
         return covariance
 
@@ -101,18 +103,19 @@ def path_of(abscissa: FloatArray) -> FloatArray:
 def rows_of(terms: Sequence[SpotTerm], n: int) -> tuple[Rows, tuple[str, ...]]:
     """Where each of ``n`` residuals is, those of priors last; and the names of the channels."""
     channels = tuple(dict.fromkeys(channel_of(name) for term in terms for name in term.weights))
-    spots = [term.spot for term in terms]
+    spots, sites = [term.spot for term in terms], [term.site for term in terms]
     found = {name: np.zeros(n) for name in ("point", "path", "scale", "envelope")}
-    spot, channel = np.full(n, -1), np.full(n, -1)
+    spot, site, channel = (np.full(n, -1) for _ in range(3))
     for term, name, at, scale in pieces(terms):
         curve, inside = term.measured[channel_of(name)], term.counted(name)
         size = np.abs(curve.ordinate)
         spot[at], channel[at] = spots.index(term.spot), channels.index(channel_of(name))
+        site[at] = sites.index(term.site)
         found["point"][at] = np.arange(size.size)[inside]
         found["path"][at] = path_of(curve.abscissa)[inside]
         found["scale"][at] = (scale * size.max())[inside]
         found["envelope"][at] = (scale * np.maximum.accumulate(size))[inside]
-    return Rows(spot=spot, channel=channel, **found), channels
+    return Rows(spot=spot, site=site, channel=channel, **found), channels
 
 
 def groups_of(rows: Rows) -> FloatArray:
@@ -136,6 +139,7 @@ def grouped(rows: Rows, groups: FloatArray) -> Rows:
     return replace(
         rows,
         spot=rows.spot[first],
+        site=rows.site[first],
         channel=rows.channel[first],
         point=share @ rows.point / (groups > 0.0).sum(axis=1),
         path=share @ rows.path,

@@ -59,6 +59,8 @@ class SpotTerm:
         Added to the simulated ordinates at the measured points.
     channels : tuple of Channel
         What its jobs observe.
+    site : str
+        The first spot of the study at the same place of the same limb.
     """
 
     spot: str
@@ -70,6 +72,7 @@ class SpotTerm:
     abscissae: Mapping[str, str]
     corrections: Mapping[str, FloatArray] = field(default_factory=dict)
     channels: tuple[Channel, ...] = PRESS_AND_TWIST
+    site: str = ""
 
     @property
     def n_points(self) -> int:
@@ -202,6 +205,7 @@ def term_of(
         abscissae=abscissae,
         corrections=corrections or {},
         channels=study.observed(measured),
+        site=study.site_of(spot),
     )
 
 

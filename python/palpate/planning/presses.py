@@ -276,7 +276,8 @@ def _at_point(
     slopes = (evaluation.jacobian * (box.upper - box.lower) / box.rates(evaluation.point))[:n]
     rows, channels = rows_of([term], n)
     groups = groups_of(rows)
-    found = known_errors(ground.study, ground.measured, [term], n, columns, ground.refinement)
+    measured = {term.spot: term.measured, **ground.measured}
+    found = known_errors(ground.study, measured, [term], n, columns, ground.refinement)
     known = {
         _shared_name(label, name, press): groups @ column
         for label, of_label in found.items()
@@ -293,7 +294,7 @@ def _at_point(
             known,
             ground.errors,
             channels=channels,
-            site=press.spot,
+            site=term.site,
         ),
         peaks={name: float(np.abs(curve.ordinate).max()) for name, curve in term.measured.curves.items()},
     )

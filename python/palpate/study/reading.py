@@ -176,6 +176,11 @@ class Study:
         known = [self.channels[name] for name in more if name in self.channels]
         return (*PRESS_AND_TWIST, *(c for c in known if c.columns <= set(solver.state_columns)))
 
+    def site_of(self, name: str) -> str:
+        """Return the first spot at the same place of the same limb: its presses share a discrepancy."""
+        spot = self._at(name)
+        return next(each.spot.name for each in self.spots if each.is_where(spot))
+
     def place(self, *key: str | int) -> str:
         """File, line and name of a key, as messages start; without the line where the file is gone."""
         try:

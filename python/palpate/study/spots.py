@@ -53,6 +53,14 @@ class StudySpot:
         found = {name: self.mesh, f"{name}/fine": self.fine_mesh}
         return {limb: path for limb, path in found.items() if path is not None}
 
+    def is_where(self, other: "StudySpot") -> bool:
+        """Whether both are the same place of the same limb; without a mesh, by the name alone."""
+        here, there = self.spot, other.spot
+        if self.mesh is None:
+            return here.name == there.name
+        same = np.array_equal(here.position_mm, there.position_mm)
+        return self.mesh == other.mesh and same and np.array_equal(here.normal, there.normal)
+
     @property
     def files(self) -> tuple[Path, ...]:
         """Every file of measured curves."""

@@ -20,6 +20,7 @@ def _press(rng, n=24, span=1.0):
     slopes = rng.normal(size=(2 * n, 3)) + np.linspace(0.0, 3.0, 2 * n)[:, None]
     rows = Rows(
         spot=np.zeros(2 * n, dtype=int),
+        site=np.zeros(2 * n, dtype=int),
         channel=np.repeat([0, 1], n),
         point=np.tile(np.arange(n, dtype=float), 2),
         path=np.tile(np.linspace(0.0, span, n), 2),
@@ -47,12 +48,12 @@ def _of_joint_fit(presses, sites):
     joined = {name: np.concatenate([getattr(each, name) for each in rows]) for name in names}
     number = np.repeat(np.arange(len(presses)), [len(press[0]) for press in presses])
     place = np.array([sorted(set(sites)).index(site) for site in sites])[number]
-    by_press, by_site = Rows(spot=number, **joined), Rows(spot=place, **joined)
+    together = Rows(spot=number, site=place, **joined)
     covariance = np.zeros((len(slopes),) * 2)
     for i, channel in enumerate(("force", "torque")):
         for (points, length), probability in ERRORS.correlations.items():
-            covariance += probability * ERRORS.noise[channel] ** 2 * by_press.noise(i, points)
-            covariance += probability * ERRORS.discrepancy[channel] ** 2 * by_site.discrepancy(i, length)
+            covariance += probability * ERRORS.noise[channel] ** 2 * together.noise(i, points)
+            covariance += probability * ERRORS.discrepancy[channel] ** 2 * together.discrepancy(i, length)
     values, vectors = np.linalg.eigh(covariance)
     causes = {"errors": vectors * np.sqrt(np.maximum(values, 0.0))}
     for name in presses[0][2]:
