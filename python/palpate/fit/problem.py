@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.domain import BoolArray, FloatArray, Job, Parameter, Simulation
+from palpate.domain import BoolArray, FloatArray, Job, Parameter, Simulation, channel_of
 from palpate.errors import PalpateError, ParameterError
 from palpate.fit.box import Box
 from palpate.fit.spot_term import (
@@ -373,7 +373,7 @@ class Problem:
                 points = []
                 for shift in plan.shifts[term.spot, i]:
                     known = (
-                        along_slopes(here, base, shift.inputs)
+                        along_slopes(here, base, shift.inputs, set(map(channel_of, term.weights)))
                         if shift.job is None
                         else simulations[shift.job]
                     )

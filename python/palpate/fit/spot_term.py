@@ -224,13 +224,15 @@ def is_same_job(one: SpotInputs, other: SpotInputs) -> bool:
     return same and is_along_slopes(one, other) and _friction(one.protocol) == _friction(other.protocol)
 
 
-def along_slopes(simulation: Simulation, base: SpotInputs, inputs: SpotInputs) -> Simulation:
-    """Curves at ``inputs`` by the slopes of the simulation at ``base``.
+def along_slopes(
+    simulation: Simulation, base: SpotInputs, inputs: SpotInputs, channels: Collection[str]
+) -> Simulation:
+    """Curves of some channels at ``inputs`` by the slopes of the simulation at ``base``.
 
     Raises
     ------
     NotRankedError
-        A curve has no slopes.
+        One of these curves has no slopes.
     """
     steps = {FRICTION: _friction(inputs.protocol) - _friction(base.protocol)}
     for region, material in simulation.job.materials.items():
@@ -239,7 +241,8 @@ def along_slopes(simulation: Simulation, base: SpotInputs, inputs: SpotInputs) -
     taken = {name: step for name, step in steps.items() if step}
     if simulation.response is None or not taken:
         return simulation
-    for name, curve in simulation.response.curves.items():
+    found = {name: curve for name, curve in simulation.response.curves.items() if name in channels}
+    for name, curve in found.items():
         if missing := taken.keys() - curve.slopes.keys():
             why = simulation.diagnostics.get("slopes", "")
             lacking = ", ".join(sorted(missing))
@@ -248,7 +251,7 @@ def along_slopes(simulation: Simulation, base: SpotInputs, inputs: SpotInputs) -
         name: replace(
             curve, ordinate=curve.ordinate + sum(step * curve.slopes[at] for at, step in taken.items())
         )
-        for name, curve in simulation.response.curves.items()
+        for name, curve in found.items()
     }
     return replace(simulation, response=Response(curves=curves))
 
