@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import (
     Curve,
     HomogeneousTests,
@@ -105,6 +106,7 @@ def problem_of(scenario, responses, rules, solver, prior=None):
         solver=solver,
         filters=(),
         protocol_at=lambda spot: HomogeneousTests(paths={}),
+        observed=lambda channels: PRESS_AND_TWIST,
     )
     abscissae = {"force": "depth_mm", "torque": "rotation_deg"}
     terms = [term_of(study, spot, scenario, response, abscissae) for spot, response in responses.items()]

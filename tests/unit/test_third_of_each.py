@@ -1,4 +1,4 @@
-"""An indenter and channels that only a plugin knows go from synthetic curves to the fit and the report."""
+"""An indenter, a motion and channels of a plugin go from synthetic curves to the fit and the report."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from palpate.stages.experiment import load_measured
 from palpate.testing.studies import StudyRunner
 
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "third_of_each.py"
-CHANNELS = ("held_force", "lever")
+CHANNELS = ("lateral_force", "wiped_force", "grip")
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -23,28 +23,31 @@ def test_channels_of_a_plugin_are_simulated_fitted_and_reported(tmp_path):
         load_file(PLUGIN),
         palpate_jax,
         limb={"source": "small_block"},
-        solver={"name": "jax", "settings": {"depth_steps": 3, "rotation_step_deg": 5.0}},
+        solver={"name": "jax", "settings": {"depth_steps": 4}},
         protocol={
             "indenter": {"shape": "bowl", "tip": 7.5},
-            "depth": "2 mm",
-            "twist": ["-10 deg", "10 deg"],
-            "friction": 1.0,
+            "motion": "wipe",
+            "depth": 2.0,
+            "reach": 1.0,
+            "friction": 0.5,
         },
-        selection={"scenarios": ["held", "three"], "stiffness_scaling": True},
+        selection={"scenarios": ["wiped", "slid"], "stiffness_scaling": True},
         fit={"search": "least_squares"},
     )
     measured = load_measured(study, plugins.channels)["p1"]
-    assert set(CHANNELS) < set(measured)
+    assert set(measured) == {"force", *CHANNELS}
+    np.testing.assert_allclose(measured["grip"].abscissa[[0, -1]], [0.0, -1.0])
     np.testing.assert_allclose(
-        measured["lever"].ordinate, measured["torque"].ordinate / measured["held_force"].ordinate
+        measured["grip"].ordinate, measured["lateral_force"].ordinate / measured["wiped_force"].ordinate
     )
+    assert np.abs(measured["grip"].ordinate).max() <= 0.5 + 1e-9  # Coulomb's limit
     result = pipeline.run_study(study, tmp_path / "run", plugins)
     fits = result.fit.table
     assert set(fits["message"]) == {"converged"}
     np.testing.assert_allclose(fits["tissue.e"], study.truth["tissue.e"], rtol=1e-4)
-    assert fits.filter(scenario="held")["n_runs"][0] <= 4  # exact slopes
+    assert fits.filter(scenario="wiped")["n_runs"][0] <= 4  # exact slopes
     best = result.selected.stiffness_scaling
-    assert set(best.filter(pl.col("scenario") == "held")["message"]) == {"as expected"}
+    assert set(best.filter(pl.col("scenario") == "wiped")["message"]) == {"as expected"}
     report = tmp_path / "run" / "report"
     page, errors = (report / "index.html").read_text(), (report / "tables" / "fit.csv").read_text()
     latex = (report / "tables" / "paper_table2.tex").read_text()

@@ -1,9 +1,9 @@
-"""An indenter and channels that nothing in palpate knows: a bowl, and what a twist does to its press."""
+"""An indenter, a motion and channels that nothing in palpate knows: a bowl that wipes the skin."""
 
 import numpy as np
 from pydantic import Field
 
-from palpate.api import Channel, Indenter, Scenario, Settings, hookimpl
+from palpate.api import LATERAL_FORCE, Channel, Indenter, Motion, Scenario, Settings, Waypoints, hookimpl
 
 
 class BowlSettings(Settings):
@@ -30,9 +30,30 @@ class Bowl(Indenter[BowlSettings]):
         return xp.sqrt(xp.sum((points - centre) ** 2, axis=-1)) - self.settings.tip
 
 
-def lever(columns):
-    """Torque over force."""
-    return columns["torque_Nmm"] / columns["force_N"]
+class WipeSettings(Settings):
+    """Settings of the motion ``wipe``."""
+
+    depth: float = Field(2.0, gt=0.0, description="How deep it presses [mm].")
+    reach: float = Field(1.0, gt=0.0, description="How far it wipes to both sides [mm].")
+
+
+class Wipe(Motion[WipeSettings]):
+    """Press, and wipe to and fro, oblique to x and y."""
+
+    name = "wipe"
+    summary = "press, and wipe to and fro"
+
+    def waypoints(self):
+        """Rest, the depth, and both sides."""
+        pose = np.zeros((4, 6))
+        pose[1:, 0] = self.settings.depth
+        pose[2:, 1:3] = self.settings.reach * np.array([[0.8, 0.6], [-0.8, -0.6]])
+        return Waypoints(pose=pose)
+
+
+def grip(columns):
+    """Lateral over normal force."""
+    return columns["lateral_force_N"] / columns["force_N"]
 
 
 @hookimpl
@@ -42,35 +63,43 @@ def palpate_indenters():
 
 
 @hookimpl
+def palpate_motions():
+    """Provide the motion."""
+    return [Wipe]
+
+
+@hookimpl
 def palpate_channels():
-    """Provide the force while it turns, and the lever, which no common factor of the moduli changes."""
+    """Provide the normal force of the wipe, and the grip, which no common factor of the moduli changes."""
     return [
         Channel(
-            name="held_force",
-            abscissa="rotation_deg",
+            name="wiped_force",
+            abscissa="slide_mm",
             ordinate="force_N",
-            abscissa_label="rotation (degrees)",
-            ordinate_label="force in the twist (N)",
+            abscissa_label="wipe (mm)",
+            ordinate_label="normal force in the wipe (N)",
             mirrored=1,
         ),
         Channel(
-            name="lever",
-            abscissa="rotation_deg",
-            ordinate="lever_mm",
-            abscissa_label="rotation (degrees)",
-            ordinate_label="torque over force (mm)",
+            name="grip",
+            abscissa="slide_mm",
+            ordinate="grip_1",
+            abscissa_label="wipe (mm)",
+            ordinate_label="lateral over normal force",
             degree=0,
-            mirrored=-1,
-            needs=("torque_Nmm", "force_N"),
-            observe=lever,
+            mirrored=1,
+            needs=("lateral_force_N", "force_N"),
+            observe=grip,
         ),
+        LATERAL_FORCE,
     ]
 
 
 @hookimpl
 def palpate_scenarios():
-    """Provide scenarios of the third channel."""
+    """Provide scenarios of the third channels."""
+    weights = {"lateral_force": 1.0, "grip": 1.0, "wiped_force": 1.0}
     return [
-        Scenario(name="held", weights={"held_force": 1.0, "lever": 1.0}, description="what a twist changes"),
-        Scenario(name="three", weights={"force": 1.0, "held_force": 1.0}, description="force twice"),
+        Scenario(name="wiped", weights=weights, description="what a wipe shows"),
+        Scenario(name="slid", weights={"force": 1.0, "lateral_force": 1.0}, description="press and wipe"),
     ]
