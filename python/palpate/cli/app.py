@@ -36,7 +36,7 @@ from palpate.cli.listing import (
     name_of,
 )
 from palpate.cli.new_plugin import new_plugin
-from palpate.cli.next_press import extend, next_
+from palpate.cli.next_press import extend, next_, plan
 from palpate.cli.plugins import plugins
 from palpate.cli.predict import predict
 from palpate.cli.report import report
@@ -53,7 +53,7 @@ from palpate.plugins.guard import noting_interrupts
 PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
     {
         START: (init, check, demo, explain, doctor, plugins, new_plugin, schema),
-        RUN: (run, resume, status, compare, predict, next_, extend, card, synthesise),
+        RUN: (run, resume, status, compare, predict, plan, next_, extend, card, synthesise),
         STAGES_PANEL: (
             experiment,
             limb,

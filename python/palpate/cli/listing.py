@@ -22,6 +22,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "predict": ("palpate predict runs/arm --tool cuff.toml",),
         "card": ("palpate card runs/arm --for abaqus", "palpate card runs/arm --for febio --into arm.feb"),
         "compare": ("palpate compare runs/ogden runs/yeoh",),
+        "plan": ("palpate plan arm", "palpate plan arm --presses 4 --allowed allowed.toml"),
         "next": (
             "palpate next runs/arm",
             "palpate next runs/arm --for soft_tissue.c1 --presses 3 --allowed allowed.toml",

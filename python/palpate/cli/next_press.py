@@ -1,15 +1,15 @@
-"""``palpate next`` and ``palpate extend``: which press to make next, and a run with one more."""
+"""``palpate plan``, ``next`` and ``extend``: which presses to make, and a run with one more."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from palpate.cli.options import AsJson, RunPath, Tables, TrustPlugins
+from palpate.cli.options import AsJson, OutFolder, RunPath, StudyPath, Tables, TrustPlugins
 from palpate.cli.progress import StageProgress
 from palpate.cli.run import go
 from palpate.cli.runs import find_run, plugins_of, session_of_run, study_file_of
-from palpate.cli.session import Session
+from palpate.cli.session import Session, run_folder
 from palpate.errors import StudyError
 
 if TYPE_CHECKING:
@@ -19,33 +19,39 @@ SHOWN = 8
 """Candidates that are printed for each step."""
 
 
+Allowed: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--allowed",
+        metavar="FILE",
+        help="Spots, protocols and limits to choose among; default: shares of the study's own.",
+        show_default=False,
+    ),
+]
+Goal: TypeAlias = Annotated[
+    str, typer.Option("--for", metavar="GOAL", help="What to narrow: all, worst, or one parameter.")
+]
+NumberOfPresses: TypeAlias = Annotated[
+    int, typer.Option("--presses", min=1, max=20, help="Presses to choose, one after the other.")
+]
+NumberOfPoints: TypeAlias = Annotated[
+    int, typer.Option("--points", min=1, max=50, help="Likely parameters at which each is simulated.")
+]
+
+
 def next_(  # named apart from the builtin
     context: typer.Context,
     run: RunPath = None,
-    allowed: Annotated[
-        Path | None,
-        typer.Option(
-            "--allowed",
-            metavar="FILE",
-            help="Spots, protocols and limits to choose among; default: shares of the study's own.",
-            show_default=False,
-        ),
-    ] = None,
-    goal: Annotated[
-        str,
-        typer.Option("--for", metavar="GOAL", help="What to narrow: all, worst, or one parameter."),
-    ] = "all",
-    n_presses: Annotated[int, typer.Option("--presses", min=1, max=20, help="Presses to plan.")] = 1,
-    n_points: Annotated[
-        int, typer.Option("--points", min=1, max=50, help="Likely parameters at which each is simulated.")
-    ] = 6,
+    allowed: Allowed = None,
+    goal: Goal = "all",
+    n_presses: NumberOfPresses = 1,
+    n_points: NumberOfPoints = 6,
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
     """Rank further presses by how much each would narrow the intervals of a run."""
     from palpate.planning.candidates import read_allowed
     from palpate.planning.propose import propose
-    from palpate.planning.tables import for_robot
 
     folder, session, file = _of_run(context, run, trust=trust_plugins)
     study = session.study(file)
@@ -61,7 +67,7 @@ def next_(  # named apart from the builtin
             n_points=n_points,
         )
     if as_json:
-        session.json({**for_robot(found, {}), "warnings": progress.warnings})
+        _print_json(session, found, progress)
         return
     _show(session, found)
     name = found.steps[0].chosen.press.press.name
@@ -69,6 +75,47 @@ def next_(  # named apart from the builtin
         f"extend {folder} --press {name} --with {name}.csv",
         f"poses and paths are in {folder / 'next.json'}; once the press is measured, ",
     )
+
+
+def plan(
+    context: typer.Context,
+    study: StudyPath,
+    out: OutFolder = None,
+    allowed: Allowed = None,
+    goal: Goal = "all",
+    n_presses: NumberOfPresses = 3,
+    n_points: NumberOfPoints = 6,
+    as_json: AsJson = False,
+) -> None:
+    """Rank the first presses of a study, over its ranges; nothing needs to be measured."""
+    from palpate.planning.candidates import read_allowed
+    from palpate.planning.propose import plan as planned
+
+    session = Session.of(context)
+    checked = session.study(study, need_measured=False)
+    folder = run_folder(checked, out)
+    with StageProgress(session) as progress:
+        found = planned(
+            checked,
+            folder,
+            session.plugins,
+            progress,
+            allowed=read_allowed(allowed) if allowed else None,
+            goal=goal,
+            n_presses=n_presses,
+            n_points=n_points,
+        )
+    if as_json:
+        _print_json(session, found, progress)
+        return
+    _show(session, found)
+    session.note(f"poses and paths are in {folder / 'next.json'}")
+
+
+def _print_json(session: Session, found: "Proposal", progress: StageProgress) -> None:
+    from palpate.planning.tables import for_robot
+
+    session.json({**for_robot(found, {}), "warnings": progress.warnings})
 
 
 def _show(session: Session, found: "Proposal") -> None:

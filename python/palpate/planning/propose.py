@@ -3,13 +3,16 @@
 from pathlib import Path
 
 from palpate.errors import StudyError
-from palpate.fitted import NO_INTERVALS, certainty_stage, fitted
+from palpate.fitted import NO_INTERVALS, abscissae_of, certainty_stage, fitted
 from palpate.planning.candidates import Allowed, candidates, limits_of, usual
 from palpate.planning.narrowing import ALL
-from palpate.planning.stage import PlanningStage, Proposal
+from palpate.planning.stage import PlanningStage, Proposal, before_any_press, planned
 from palpate.planning.tables import for_robot
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
+from palpate.run.directory import RunDirectory
+from palpate.stages.limb import load_limbs
+from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study
 
 
@@ -49,3 +52,37 @@ def propose(
         proposal = stage.run(presses, goal, limits=limits, n_presses=n_presses, n_points=n_points)
         stored.run.write_proposal(for_robot(proposal, stored.inputs.limbs))
         return proposal
+
+
+def plan(
+    study: Study,
+    run_folder: Path,
+    plugins: Plugins,
+    progress: Progress = SILENT,
+    *,
+    allowed: Allowed | None = None,
+    goal: str = ALL,
+    n_presses: int = 1,
+    n_points: int = 6,
+) -> Proposal:
+    """Rank the first presses of a study, over its ranges and priors; none needs to be measured.
+
+    Raises
+    ------
+    StudyError
+        Nothing that is allowed is possible.
+    """
+    allowed = allowed or usual(study)
+    limits, presses = limits_of(allowed, plugins.channels), candidates(study, plugins, allowed)
+    limbs, run = load_limbs(study), RunDirectory(run_folder)
+    scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
+    with run.locked(study, plugins.channels) as check_lock:
+        run.initialise(study, plugins.channels, simulating=True)
+        with Simulations(study, run_folder, limbs, progress, check_lock) as simulations:
+            ground, points = before_any_press(
+                study, scenario, simulations.of, abscissae_of(plugins), n_points
+            )
+            progress.begin("plan", 0)
+            found = planned(ground, [], presses, points, goal, limits=limits, n_presses=n_presses)
+        run.write_proposal(for_robot(found, limbs))
+        return found

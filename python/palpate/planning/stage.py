@@ -1,15 +1,17 @@
 """The next press of a fitted study: candidates simulated through the run, and ranked."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import qmc
 
 from palpate.certainty.causes import Columns
 from palpate.certainty.tables import Assessed
-from palpate.domain import FloatArray, Response
+from palpate.domain import FloatArray, Response, Scenario
 from palpate.errors import StudyError
-from palpate.fit.problem import Problem
+from palpate.fit.problem import Problem, Simulate
+from palpate.fit.spot_term import term_of
 from palpate.planning.evidence import ErrorSizes, Evidence
 from palpate.planning.narrowing import Goal, Narrowing, Plan, interval
 from palpate.planning.presses import Ground, Press, SimulatedPress, presses_so_far, simulated_presses
@@ -107,38 +109,21 @@ class PlanningStage:
             There is no such goal, or no press can be made.
         """
         ground = self.ground()
-        problem, shared = ground.problem, ground.shared
-        if not shared:
-            raise StudyError(
-                f"{self.study.file}: every searched value belongs to one spot; a press shares none"
-            )
         best = self.assessed.end.best
         assert best is not None
-        parameters = tuple(problem.parameters[i] for i in shared)
-        aim = Goal(name=goal, parameters=parameters, values=problem.box.values(best.point)[shared])
         points = self._points(n_points)
         self.progress.begin("next", 0)
-        so_far = presses_so_far(ground, points)
-        simulated = simulated_presses(ground, presses, points)
-        refused = {each.press.name: why for each in simulated if (why := _refusal(each, limits))}
-        possible = [each for each in simulated if each.press.name not in refused]
-        if not possible:
-            name, why = next(iter(refused.items()))
-            raise StudyError(f"none of {len(simulated)} candidates is possible: {name}: {why}; allow others")
-        plan = Plan(so_far, aim, of_priors(problem, shared), len(points))
-        before, steps = plan.covariance, []
-        for _ in range(n_presses):
-            steps.append(Step(ranked=tuple(plan.ranked(possible))))
-            plan.add(steps[-1].chosen.press)
-        doubts = tuple(check.name for check in self.assessed.checks if check.is_failed)
-        return Proposal(
-            goal=aim,
-            before=before,
-            steps=tuple(steps),
-            refused=refused,
-            doubts=doubts,
-            check=self._worst_spot() if doubts else "",
+        found = planned(
+            ground,
+            presses_so_far(ground, points),
+            presses,
+            points,
+            goal,
+            limits=limits,
+            n_presses=n_presses,
         )
+        doubts = tuple(check.name for check in self.assessed.checks if check.is_failed)
+        return replace(found, doubts=doubts, check=self._worst_spot() if doubts else "")
 
     def ground(self) -> Ground:
         """What is known before the press."""
@@ -181,6 +166,71 @@ class PlanningStage:
             sizes[term.spot] = float(np.sum(best.residuals[at : at + term.n_points] ** 2))
             at += term.n_points
         return max(sizes, key=lambda spot: sizes[spot])
+
+
+def planned(
+    ground: Ground,
+    so_far: Sequence[SimulatedPress],
+    presses: Sequence[Press],
+    points: FloatArray,
+    goal: str,
+    *,
+    limits: Mapping[str, float],
+    n_presses: int,
+) -> Proposal:
+    """Simulate presses at points (n_points, n_parameters) of the box, and choose one after the other.
+
+    Raises
+    ------
+    StudyError
+        There is no such goal, or no press can be made.
+    """
+    problem, shared = ground.problem, ground.shared
+    if not shared:
+        raise StudyError(f"{ground.study.file}: every searched value belongs to one spot; presses share none")
+    parameters = tuple(problem.parameters[i] for i in shared)
+    aim = Goal(name=goal, parameters=parameters, values=problem.box.values(points[0])[shared])
+    simulated = simulated_presses(ground, presses, points)
+    refused = {each.press.name: why for each in simulated if (why := _refusal(each, limits))}
+    possible = [each for each in simulated if each.press.name not in refused]
+    if not possible:
+        name, why = next(iter(refused.items()))
+        raise StudyError(f"none of {len(simulated)} candidates is possible: {name}: {why}; allow others")
+    plan = Plan(so_far, aim, of_priors(problem, shared), len(points))
+    before, steps = plan.covariance, []
+    for _ in range(n_presses):
+        steps.append(Step(ranked=tuple(plan.ranked(possible))))
+        plan.add(steps[-1].chosen.press)
+    return Proposal(goal=aim, before=before, steps=tuple(steps), refused=refused)
+
+
+def before_any_press(
+    study: Study,
+    scenario: Scenario,
+    simulate: Simulate,
+    abscissae: Mapping[str, str],
+    n_points: int,
+) -> tuple[Ground, FloatArray]:
+    """What a study knows before its first press, and points (n_points, n_parameters) over its ranges.
+
+    Parameters
+    ----------
+    study : Study
+    scenario : Scenario
+    simulate : callable
+        From jobs to their simulations.
+    abscissae : mapping of channel to str
+    n_points : int
+        The first is where a search would start.
+    """
+    nothing = Response(curves={})
+    terms = [replace(term_of(study, s, scenario, nothing, abscissae), weights={}) for s in study.spot_names]
+    problem = Problem(study, terms, simulate, study.parametrisation, noise=study.noise)
+    spread = qmc.Halton(len(problem.parameters), rng=study.seed).random(64 * n_points)
+    accepted = spread[problem.accepts(spread)][: n_points - 1]
+    errors = ErrorSizes(noise={}, discrepancy={}, usual=study.budget.discrepancy)
+    ground = Ground(study=study, scenario=scenario, problem=problem, measured={}, errors=errors)
+    return ground, np.concatenate([problem.point_of({})[None], accepted])
 
 
 def of_priors(problem: Problem, shared: Sequence[int]) -> Evidence:

@@ -13,7 +13,7 @@ from palpate.domain import Job
 from palpate.errors import StudyError
 from palpate.planning.candidates import Allowed, read_allowed, usual
 from palpate.planning.extension import extended_study
-from palpate.planning.propose import propose
+from palpate.planning.propose import plan, propose
 from palpate.planning.study_text import with_press
 from palpate.planning.tables import for_robot, proposal_tables
 from palpate.run.result import ALL_SPOTS
@@ -182,3 +182,14 @@ def test_study_keeps_what_was_written_by_hand(run):
         with_press(added, "p7", "p1-3", {}, "p.csv")
     inline = 'spot = [{ name = "p1", measured = "p1.csv" }]\n'
     assert with_press(inline, "p1", "p2", {"depth": "3 mm"}, "p2.csv").count("name") == 2
+
+
+def test_first_presses_are_planned_over_the_ranges(run, tmp_path):
+    study, _, plugins = run
+    unmeasured = read_study(study.file, plugins, need_measured=False)
+    found = plan(unmeasured, tmp_path / "plan", plugins, allowed=ALLOWED, n_points=4, n_presses=2)
+    shares = np.sqrt(np.diag(found.before))
+    assert shares == pytest.approx(1.0, rel=0.1)  # nothing is known but the ranges
+    assert found.steps[0].chosen.press.press.keys["twist"]  # one press of force alone cannot tell both
+    assert found.steps[0].chosen.goal < 0.7
+    assert found.steps[1].chosen.goal < 1.0
