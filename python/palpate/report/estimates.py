@@ -7,6 +7,7 @@ import polars as pl
 
 from palpate.report.best_sets import Best, leading
 from palpate.report.report_data import ReportData
+from palpate.report.rounding import rounded
 from palpate.run.result import ALL_SPOTS
 
 
@@ -36,8 +37,10 @@ class Estimate:
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
-        known = "" if self.lower is None else f"{self.lower:.4g} to {self.upper:.4g}, "
-        value = "by spot" if self.value is None else f"= {self.value:.4g}{unit}"
+        ends, known = (self.lower, self.upper), ""
+        if self.lower is not None and self.upper is not None:
+            known = f"{rounded(self.lower, *ends)} to {rounded(self.upper, *ends)}, "
+        value = "by spot" if self.value is None else f"= {rounded(self.value, *ends)}{unit}"
         return f"{self.parameter} {value} ({known}{self.identifiability})"
 
 

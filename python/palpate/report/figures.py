@@ -51,8 +51,11 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
         drawings["fit_trace"] = partial(fit_trace, data)
     if not data.fit.certainty.intervals.is_empty():
         drawings["intervals"] = partial(interval_plot, data)
+    if not data.design.n_sets:
+        drawings["parameter_space"] = partial(parameter_space, data, "")
     for spot in data.spots:
-        drawings[f"parameter_space_{file_name(spot)}"] = partial(parameter_space, data, spot)
+        if data.design.n_sets:
+            drawings[f"parameter_space_{file_name(spot)}"] = partial(parameter_space, data, spot)
         drawings[f"response_{file_name(spot)}"] = partial(responses, data, spot)
     if data.is_fitted or not data.generalisation.is_empty():
         drawings["generalised"] = partial(generalised, data)

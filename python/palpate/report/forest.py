@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from palpate.report.best_sets import Best, Value, leading
 from palpate.report.report_data import ReportData, label_of
+from palpate.report.rounding import rounded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,7 +131,8 @@ def _percent(axis: Axis, value: float) -> float:
 def _mark(axis: Axis, scenario: int, value: Value) -> Mark:
     at = {end: getattr(value, end) for end in ("value", "lower", "upper")}
     known = {end: None if number is None else _percent(axis, number) for end, number in at.items()}
-    text = "by spot" if value.value is None else f"{value.value:.4g}"
+    ends = (value.lower, value.upper)
+    text = "by spot" if value.value is None else rounded(value.value, *ends)
     if value.lower is not None and value.upper is not None:
-        text += f" ({value.lower:.4g} to {value.upper:.4g})"
+        text += f" ({rounded(value.lower, *ends)} to {rounded(value.upper, *ends)})"
     return Mark(scenario=scenario, text=text, **known)

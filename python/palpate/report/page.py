@@ -23,6 +23,7 @@ from palpate.report.layout import address, figure_data, laid_out
 from palpate.report.page_data import page_data
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
+from palpate.report.rounding import rounded
 from palpate.report.table_files import shown
 from palpate.report.tables import COMPARISON_TITLES
 from palpate.report.verdict import Verdict
@@ -119,7 +120,7 @@ def template(name: str = "index.html.jinja") -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    filters = {"shown": shown, "heading": heading, "brief": "{:.3g}".format, "address": address}
+    filters = {"shown": shown, "heading": heading, "rounded": rounded, "address": address}
     environment.filters |= filters | {"kind": _kind, "grouped": _grouped}
     return environment.get_template(name)
 

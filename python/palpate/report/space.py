@@ -50,9 +50,9 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
     """Show sets in the space of their parameters: coloured by the logarithm of Fopt, red the least.
 
     The ways of the joint fit and of the spot's own are drawn over them, each to a diamond at its end, and
-    below them contour lines of Fopt. Three parameters of a sweep are shown in space and in pairs, more in
-    pairs (at most ``MOST_PAIRS``), one over its own axis. Axes are logarithmic where the sweep is; space has
-    none such.
+    below them contour lines of Fopt; without a spot, where there is no sweep, the ways of every spot. Three
+    parameters of a sweep are shown in space and in pairs, more in pairs (at most ``MOST_PAIRS``), one over
+    its own axis. Axes are logarithmic where the sweep is; space has none such.
     """
     values, fopt = _sets_at(data, spot)
     parameters = tuple(data.brief.values())
@@ -81,8 +81,8 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
         _colour_bar(figure, flat, data, fopt)
     legend_below(figure, flat[-1:])
     n_sets = int(np.isfinite(values[:, 0]).sum())
-    shown = f"{n_sets} sets and their NMSE" if data.design.n_sets else "the way of the fit"
-    entitle(figure, f"{data.study.name}, spot {spot}: {shown}", data.notice)
+    shown = f", spot {spot}: {n_sets} sets and their NMSE" if spot else ": the way of the fit"
+    entitle(figure, f"{data.study.name}{shown}", data.notice)
     return figure
 
 
@@ -197,10 +197,11 @@ def _draw_truth(data: ReportData, axis: Axes, names: Sequence[str]) -> None:
 
 
 def _draw_paths(data: ReportData, spot: str, axis: Axes, names: Sequence[str]) -> None:
-    """Draw the ways of the joint fit and of that of a spot along their columns of these names."""
+    """Draw the ways of the joint fit and of that of a spot, or of each, along columns of these names."""
     draw: Any = axis.plot
-    for fit, (colour, dash) in zip(dict.fromkeys((data.together, spot)), LINES, strict=False):
-        ways = paths(data, fit, data.generalising.name, spot)
+    fits = dict.fromkeys((data.together, *((spot,) if spot else data.spots)))
+    for fit, (colour, dash) in zip(fits, LINES, strict=False):
+        ways = paths(data, fit, data.generalising.name, fit if fit in data.spots else spot or data.spots[0])
         for way in ways:
             draw(*(way[name] for name in names), color=colour, linestyle=dash, linewidth=0.9, zorder=4)
         for way in ways[-1:]:
