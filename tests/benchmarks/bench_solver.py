@@ -47,7 +47,7 @@ FOREARMS = ("forearm-demo", "forearm")
 N_COLD = 5
 """Cold runs that stand for all."""
 
-LEAST_SETS = 40
+LEAST_SETS = 110
 """Fewest sets with some after the pilots."""
 
 N_TURNS = 3
@@ -55,9 +55,6 @@ N_TURNS = 3
 
 N_LATE = 30
 """Sets after the pilots that stand for all of them."""
-
-GROUP_NAMES = {"alone": "solved alone", "pilots": "from those", "late": "from all pilots"}
-"""The groups of a sweep's sets, in their order."""
 
 MOST_WITH_PEER = 15_000
 """Unknowns beyond which the peer, with new factors for every system, is left out."""
@@ -231,9 +228,11 @@ def from_pilots(mesh: str, n_sets: int, n_late: int) -> dict[str, Any]:
 
     limb, clock, solver = load(mesh), watched(), JaxSolver()
     work = with_pilots(designed(n_sets), limb, solver)
-    n_alone, n_pilots = solver.n_pilots(solver.n_pilots(n_sets) - 1), solver.n_pilots(n_sets)
-    late = np.unique(np.linspace(n_pilots, n_sets - 1, n_late).astype(int))
-    groups = {"alone": work[:n_alone], "pilots": work[n_alone:n_pilots], "late": [work[k] for k in late]}
+    groups: dict[int, list[Any]] = {}
+    for job in work[: solver.n_pilots(n_sets)]:
+        groups.setdefault(solver.n_pilots(job.set_id), []).append(job)
+    late = np.unique(np.linspace(solver.n_pilots(n_sets), n_sets - 1, n_late).astype(int))
+    groups[solver.n_pilots(n_sets)] = [work[k] for k in late]
     clock.shares()
     found = {"ready_s": time.process_time(), "groups": {}}
     with TemporaryDirectory() as folder:
@@ -326,14 +325,15 @@ def many(name: str, mesh: str, n_sets: int) -> None:
     found = in_own_process(from_pilots, mesh, n_sets, N_LATE)
     groups = found["groups"]
     each = {group: sum(g["spent"].values()) / g["n"] for group, g in groups.items()}
-    n_first = groups["alone"]["n"] + groups["pilots"]["n"]
-    sweep_s = sum(groups[g]["n"] * each[g] for g in ("alone", "pilots")) + (n_sets - n_first) * each["late"]
+    *first, late = groups
+    n_first = sum(groups[g]["n"] for g in first)
+    sweep_s = sum(groups[g]["n"] * each[g] for g in first) + (n_sets - n_first) * each[late]
     sweep_s += found["ready_s"]
     heading(f"{name}: sets", "how many", "cpu s each", "iterations", "factors", "cuts", "ok")
     write("cold, each a process", len(sample), f"{cold_s:.2f}", "–", "–", "–", "–")
     for group, g in groups.items():
         counts = (f"{g['iterations']:.0f}", f"{g['factors']:.1f}", g["cuts"], g["ok"])
-        write(GROUP_NAMES[group], g["n"], f"{each[group]:.2f}", *counts)
+        write(f"from {group} pilots", g["n"], f"{each[group]:.2f}", *counts)
     ratio = n_sets * cold_s / sweep_s
     sys.stdout.write(
         f"{n_sets} sets: cold {n_sets * cold_s:.0f} s, with pilots {sweep_s:.0f} s of one core, "
@@ -345,9 +345,9 @@ def many(name: str, mesh: str, n_sets: int) -> None:
 
 def profile(groups: dict[str, dict[str, Any]]) -> None:
     """Print where the time of a set goes."""
-    heading("ms of a set", *(GROUP_NAMES[group] for group in groups))
-    parts = sorted(groups["late"]["spent"], key=lambda part: -groups["late"]["spent"][part])
-    for part in parts:
+    heading("ms of a set", *(f"from {group} pilots" for group in groups))
+    *_, late = groups.values()
+    for part in sorted(late["spent"], key=lambda part: -late["spent"][part]):
         write(part, *(f"{1e3 * g['spent'].get(part, 0.0) / g['n']:.0f}" for g in groups.values()))
 
 
@@ -377,7 +377,7 @@ def main() -> None:
     parser.add_argument("--mesh", action="append", default=[], metavar="FILE")
     given = parser.parse_args()
     if given.many and given.many < LEAST_SETS:
-        parser.error(f"--many {given.many}: give at least {LEAST_SETS} sets; the first 36 are the pilots")
+        parser.error(f"--many {given.many}: give at least {LEAST_SETS} sets; the first 108 are the pilots")
     everything = not (given.sizes or given.many or given.slopes)
     forearms = {f"forearm, {Path(mesh).stem}": mesh for mesh in given.mesh}
     forearms = forearms or {f"forearm, {study}": forearm(study) for study in FOREARMS}

@@ -7,6 +7,7 @@ simulation and nothing else, so the folder may be deleted at any time and used b
 import contextlib
 import io
 import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,8 +17,11 @@ from numpy.typing import NDArray
 
 from palpate.api import FloatArray, write_atomically
 
-MOST_BYTES = 4_000_000_000
+MOST_BYTES = 8_000_000_000
 """Size of the folder beyond which the files that were used longest ago are deleted."""
+
+MOST_OF_FREE = 0.2
+"""The same as a share of what is free on the disk."""
 
 
 class PilotStates:
@@ -64,7 +68,9 @@ class PilotStates:
         """Delete the oldest files of a folder that is too large."""
         with contextlib.suppress(OSError):  # another worker may delete too
             found = sorted((e.stat().st_mtime, e.stat().st_size, e.path) for e in os.scandir(self._folder))
-            excess = sum(size for _, size, _ in found) - MOST_BYTES
+            total = sum(size for _, size, _ in found)
+            free = shutil.disk_usage(self._folder).free
+            excess = total - min(MOST_BYTES, MOST_OF_FREE * (total + free))
             for _, size, path in found:
                 if excess <= 0:
                     return

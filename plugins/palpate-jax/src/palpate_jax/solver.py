@@ -45,8 +45,8 @@ from palpate_jax.sensitivity import Sensitivity
 from palpate_jax.skin import surface_states
 from palpate_jax.strains import strain_ranges
 
-GROUPS = (12, 36)
-"""Sets of a sweep that start alone, then those that start from them; all others start from both."""
+GROUPS = (12, 36, 108)
+"""Where groups of a sweep's sets end: the first start alone, each other from all sets of those before it."""
 
 NODES_KEPT = 40_000
 """Nodes of the limbs that stay prepared, at about 25 kB each and more in large meshes.
