@@ -11,16 +11,20 @@ import numpy as np
 from palpate.errors import PluginError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.sections import (
+    Bar,
     Block,
     Drawing,
     Facts,
     Figure,
     Fold,
+    Lines,
     Listing,
     Paragraph,
     Picture,
     Section,
+    Shares,
     Table,
+    Word,
 )
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
@@ -113,7 +117,47 @@ def _table(section: Section, table: Table) -> Table:
                 f"section '{section.name}', table '{table.caption}': row {k} has {len(row)} cells for "
                 f"{len(columns)} columns; give one cell for each"
             )
+        for column, cell in zip(columns, row, strict=True):
+            if problem := _wrong(cell):
+                where = f"section '{section.name}', table '{table.caption}', column '{column}', row {k}"
+                raise PluginError(f"{where}: {problem}")
     return replace(table, columns=columns, rows=rows)
+
+
+def _wrong(cell: object) -> str:
+    """What is wrong with a cell; empty where it can be shown."""
+    match cell:
+        case Bar(lower=lower, upper=upper, value=value, truth=truth):
+            ends = {"lower": lower, "upper": upper, "value": value, "truth": truth}
+            for name, at in ends.items():
+                if at is not None and not _is_percent(at):
+                    return f"{name} of a bar is {at!r}; give percent of the axis, 0 to 100"
+            return "" if isinstance(cell.text, str) else f"the text of a bar is {cell.text!r}; give a text"
+        case Shares(parts=parts):
+            wrong = (part for part in parts if not _is_share(part))
+            return next((f"{part!r} is no share; give a name and percent, 0 to 100" for part in wrong), "")
+        case Lines(values=values):
+            nested = (each for each in values if isinstance(each, (Bar, Shares, Lines)))
+            problems = [f"{each!r} is one of several lines; give values and words" for each in nested]
+            return next(filter(None, problems + list(map(_wrong, values))), "")
+        case Word(text=text):
+            return "" if isinstance(text, str) else f"a word is {text!r}; give a text"
+        case None | str() | bool() | int() | float() | np.generic():
+            return ""
+    return f"{cell!r} is no cell; give a number, a text, None, Word, Bar, Shares or Lines"
+
+
+def _is_share(part: object) -> bool:
+    match part:
+        case str():
+            return False
+        case [str(), share]:
+            return _is_percent(share)
+    return False
+
+
+def _is_percent(value: object) -> bool:
+    return isinstance(value, (int, float, np.number)) and bool(0.0 <= value <= 100.0)
 
 
 def figure_data(figure: Figure) -> dict[str, Any]:
