@@ -184,11 +184,12 @@ def test_area_pressure_and_quantiles_of_a_contact():
         assert found == pytest.approx(wanted, rel=1e-4, abs=1e-9)
 
 
-def test_where_a_node_s_area_is_touched_in_part_the_pressure_is_that_of_the_touched_part():
-    contact = contact_of(skin([[0.05] * 4], touching=np.full((1, 4), 0.5)), threshold_MPa=0.09)
+def test_a_node_that_is_touched_in_part_counts_with_its_part():
+    touching = np.array([[1.0, 0.5, 0.0, 0.5]])
+    contact = contact_of(skin([[0.1, 0.05, 0.0, 0.05]], touching=touching), threshold_MPa=1e-9)
     assert contact.area_mm2[0] == pytest.approx(2.0, rel=1e-6)
-    assert contact.p95_MPa[0] == contact.peak_MPa[0] == pytest.approx(0.1)
-    assert contact.above_mm2[0] == pytest.approx(2.0, rel=1e-6)
+    assert contact.mean_MPa[0] == pytest.approx((0.1 * 4 / 3 + 0.05 * 4 / 3) / 2.0, rel=1e-6)
+    assert contact.above_mm2[0] <= contact.area_mm2[0] * (1.0 + 1e-6)
 
 
 def test_a_quantile_counts_areas():

@@ -33,11 +33,10 @@ class Contact:
 def contact_of(states: SurfaceStates, threshold_MPa: float | None) -> Contact:
     """Measure the contact at every state."""
     touched = states.areas_mm2 * states.touching
-    share = np.where(states.touching > 0.0, states.touching, 1.0)
-    pressure = states.pressures_MPa / share  # where it touches
-    shear = np.linalg.norm(states.shears_MPa, axis=2) / share
+    pressure = states.pressures_MPa  # the mean around a node: that of its touched part alone is all noise
+    shear = np.linalg.norm(states.shears_MPa, axis=2)
     area = touched.sum(axis=1)
-    load = (touched * pressure).sum(axis=1)
+    load = (states.areas_mm2 * pressure).sum(axis=1)
     return Contact(
         area_mm2=area,
         peak_MPa=pressure.max(axis=1, initial=0.0),
@@ -66,8 +65,7 @@ def area_above(states: SurfaceStates, threshold_MPa: float) -> FloatArray:
     sides = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]
     areas = 0.5 * np.linalg.norm(np.cross(*sides), axis=2)
     touching = states.touching[:, states.triangles]
-    pressure = states.pressures_MPa[:, states.triangles] / np.where(touching > 0.0, touching, 1.0)
-    low, middle, high = np.moveaxis(np.sort(pressure, axis=2), 2, 0)
+    low, middle, high = np.moveaxis(np.sort(states.pressures_MPa[:, states.triangles], axis=2), 2, 0)
     t = threshold_MPa
     with np.errstate(divide="ignore", invalid="ignore"):
         rising = 1.0 - (t - low) ** 2 / ((middle - low) * (high - low))
