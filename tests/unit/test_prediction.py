@@ -216,3 +216,17 @@ def test_the_skin_is_a_file_that_others_read():
     arrays = {e.attrib["Name"]: np.array(e.text.split(), dtype=float) for e in tree.iter("DataArray")}
     np.testing.assert_allclose(arrays["contact_pressure_MPa"], [0, 0.1, 0.2, 0.1], rtol=1e-6)
     np.testing.assert_array_equal(arrays["connectivity"], [0, 1, 2, 0, 2, 3])
+
+
+def test_a_tool_file_may_refine_the_mesh_and_move_a_spot(make_study, plugins, tmp_path):
+    (tmp_path / "other.vtu").touch()
+    more = 'fine_edge = "3 mm"\nfine_reach = "20 mm"\n'
+    place = '\n[[spot]]\nname = "wrist"\nmesh = "other.vtu"\nposition = ["1 cm", "0 mm", "0 mm"]\n'
+    tool = read_tool(tool_file(tmp_path, more + TOOL + place), make_study(), plugins)
+    assert (tool.fine_edge_mm, tool.fine_reach_mm, tool.threshold_MPa) == (3.0, 20.0, pytest.approx(0.05))
+    (spot,) = tool.spots
+    assert (spot.spot.name, spot.mesh) == ("wrist", tmp_path / "other.vtu")
+    assert spot.spot.position_mm.tolist() == [10.0, 0.0, 0.0]
+    missing = place.replace("other.vtu", "gone.vtu")
+    with pytest.raises(StudyError, match=r"spot 'wrist', mesh: no such file: .*gone\.vtu"):
+        read_tool(tool_file(tmp_path, TOOL + missing), make_study(), plugins)

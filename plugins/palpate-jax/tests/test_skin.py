@@ -1,6 +1,7 @@
 """States of the skin: what they add up to, and what bounds them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ from palpate.domain import Indentation, Job, Limb, Spot, Status
 from palpate.indenters import Sphere
 from palpate.mesh.spot_frame import spot_axes
 from palpate.specimens import block
+from palpate_jax.model import Model
 from palpate_jax.solver import JaxSettings, JaxSolver
+from palpate_jax.strains import strain_ranges
 from palpate_materials.neo_hookean import NeoHookean
 
 FRICTION = 0.4
@@ -99,3 +102,23 @@ def test_a_tilted_tool_is_where_its_axis_is():
     moved = simulation.surface.positions_mm[-1] - SHIFT
     along = -moved / np.linalg.norm(moved)
     assert np.degrees(np.arccos(along @ limb.spot.normal)) == pytest.approx(10.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["hex8", "tet4"])
+def test_strains_of_a_constant_deformation_are_its_own(kind):
+    F = np.array([[1.2, 0.3, 0.0], [0.0, 0.9, 0.1], [0.0, 0.0, 1.0]])
+    limb = block(kind, **SMALL)
+    model = Model(limb, {"soft_tissue": NeoHookean()}, True)
+    state = SimpleNamespace(displacements=model.points @ (F - np.eye(3)).T)
+    found = strain_ranges(limb, model, [state, state])["soft_tissue"]
+    stretches, J = np.linalg.svd(F, compute_uv=False), np.linalg.det(F)
+    for name, wanted in (("stretch_min", stretches.min()), ("stretch_max", stretches.max()), ("J_min", J),
+                         ("J_max", J), ("i1_max", (stretches**2).sum() / J ** (2 / 3))):  # fmt: skip
+        np.testing.assert_allclose(found[name], [wanted, wanted], rtol=1e-10)
+
+
+def test_strains_come_with_the_skin(pressed):
+    found = pressed[1].diagnostics["strain"]["soft_tissue"]
+    assert 0.3 < min(found["stretch_min"]) < 1.0 < max(found["stretch_max"]) < 3.0
+    assert np.all(np.diff(found["i1_max"][:3]) > 0.0)
+    assert len(found["where_mm"][-1]) == 3

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.domain import Channel, Curve, FloatArray, Job, Simulation, Status, SurfaceStates
+from palpate.domain import Channel, Curve, FloatArray, Job, Limb, Simulation, Status, SurfaceStates
 from palpate.errors import SolverError, StudyError
+from palpate.mesh.refinement import refined
 from palpate.prediction.bands import Thetas, check_shared, draws_of, ends, frame_rows, linear
 from palpate.prediction.exceedance import exceedances
 from palpate.prediction.measures import Contact, contact_of
@@ -36,6 +37,10 @@ QUANTITIES = (
 
 SCALED = ("force_N", "peak_MPa", "p95_MPa", "mean_MPa", "shear_peak_MPa")
 """Quantities whose linear band is that of the force: at one depth, pressures change like the force."""
+
+
+REFINED = 1.1
+"""Distance from the spot up to which a mesh is refined, over the reach of the tool."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,7 +135,7 @@ def predict(
     if n_solved and not draws:
         raise StudyError(f"{run.folder}: has no draws of the fitted values; run `palpate fit` with a search")
     pressed = tool.study(study)
-    limbs = load_limbs(pressed)
+    limbs = refined_limbs(pressed, tool)
     observed = tuple(c for c in channels.values() if c.columns <= set(study.solver.state_columns))
     with Simulations(pressed, run.folder, limbs, progress, check_lock) as simulations:
         spots = {}
@@ -154,6 +159,17 @@ def _experiment(
             table = simulate_surfaces(simulations, found, stored.inputs.measured)
         run.write_surface(table, [])
     return stored.strains()
+
+
+def refined_limbs(study: Study, tool: Tool) -> dict[str, Limb]:
+    """Limbs of a study of the tool, with edges as short as the tool file asks, where the tool may touch."""
+    limbs = load_limbs(study)
+    if not tool.fine_edge_mm:
+        return limbs
+    reach = REFINED * tool.protocol.indenter.reach_mm(float(tool.protocol.path[:, 0].max()))
+    return {
+        name: refined(limb, tool.fine_reach_mm or reach, tool.fine_edge_mm) for name, limb in limbs.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)

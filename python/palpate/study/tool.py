@@ -39,6 +39,12 @@ class ToolTable(Table):
     protocol: ProtocolTable = Field(description="Tool, motion and friction, as in a study.")
     spots: list[Name] = Field(default=[], description="Spots of the run; default: all, or those of [[spot]].")
     spot: list[ToolSpotTable] = Field(default=[], description="Spots with another mesh or place.")
+    fine_edge: Length = Field(
+        default=0.0, ge=0.0, description="Longest edge under the tool, to which meshes are refined; 0: as is."
+    )
+    fine_reach: Length = Field(
+        default=0.0, ge=0.0, description="How far from the spot; default: as far as the tool touches."
+    )
     threshold: Pressure | None = Field(
         default=None, gt=0.0, description="Pressure above which the area is reported."
     )
@@ -55,12 +61,18 @@ class Tool:
     protocol : Indentation
     spots : tuple of StudySpot
     threshold_MPa : float or None
+    fine_edge_mm : float
+        Longest edge under the tool, to which meshes are refined; 0: as they are.
+    fine_reach_mm : float
+        Distance from the spot up to which they are; 0: as far as the tool touches.
     """
 
     name: str
     protocol: Indentation
     spots: tuple[StudySpot, ...]
     threshold_MPa: float | None
+    fine_edge_mm: float = 0.0
+    fine_reach_mm: float = 0.0
 
     def study(self, study: Study) -> Study:
         """The study with the tool's protocol and spots."""
@@ -94,7 +106,14 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
                 f"solver '{study.solver.name}' of the run does not simulate indenter '{shape}'",
             )
     problems.raise_if_any()
-    return Tool(name=path.stem, protocol=require(protocol), spots=spots, threshold_MPa=table.threshold)
+    return Tool(
+        name=path.stem,
+        protocol=require(protocol),
+        spots=spots,
+        threshold_MPa=table.threshold,
+        fine_edge_mm=table.fine_edge,
+        fine_reach_mm=table.fine_reach,
+    )
 
 
 def _spots(path: Path, table: ToolTable, study: Study, problems: Problems) -> tuple[StudySpot, ...]:
