@@ -129,6 +129,7 @@ class LoadControl:
         free, at = aim.free, start
         change, moved = self._change(at, memory, aim)
         n_iterations = n_shortened = 0
+        low, high = np.full(free.size, -np.inf), np.full(free.size, np.inf)
         for _ in range(MOST_TRIALS):
             position = aim.position.copy()
             position[free] = at.position[free] + change
@@ -150,6 +151,13 @@ class LoadControl:
             if (np.abs(aim.loads - at.loads)[free] <= self._accepted(aim)).all():
                 return at
             change, moved = self._change(at, memory, aim)
+            if free.size == 1:  # a load that grows with its component is between those below and above
+                place, is_below = at.position[free], (aim.loads > at.loads)[free]
+                low, high = np.where(is_below, place, low), np.where(is_below, high, place)
+                if np.isfinite(low + high).all() and not (low < place + change < high).all():
+                    between = 0.5 * (low + high) - place
+                    moved = moved * float(between[0] / change[0]) if change.any() else moved
+                    change = between
         reason = f"the loads are not met after {MOST_TRIALS} trials"
         return Trial(at.position, at.loads, Balance(at.balance.displacements, n_iterations, reason))
 

@@ -1,6 +1,7 @@
 """Motions of the indenter against what mechanics asks of any of them."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -217,3 +218,19 @@ def test_a_loop_without_friction_takes_no_work():
     work = (0.5 * (states.wrench[1:] + states.wrench[:-1]) * moved).sum(axis=1)
     assert np.abs(work).sum() > 0.5
     assert abs(work.sum()) < 0.01 * np.abs(work).sum()
+
+
+def test_a_motion_that_never_touches_is_refused():
+    lifted = protocol_of({"depth": "-3 mm"}, {"slide": ["2 mm", "0 mm"]}, {"depth": "1 mm"})
+    hole = Limb(spot=BLOCK.spot, mesh=replace(BLOCK.mesh, points_mm=BLOCK.mesh.points_mm - [0, 0, 2.0]))
+    solver().check(job_of(lifted), BLOCK)
+    with pytest.raises(MeshError, match=r"off the surface|never touches"):
+        solver().check(job_of(lifted), hole)
+
+
+def test_a_force_is_reached_where_the_first_step_goes_beyond_it():
+    """Few points of a coarse mesh touch, and Newton's method from there leaves the skin again."""
+    coarse = block("hex8", n_across=6, n_down=3, width_mm=40.0, height_mm=20.0, grading=1.3)
+    protocol = protocol_of({"force": "0.4 N"}, depth_limit="6 mm", friction=0.5)
+    states = states_of(protocol, coarse, theta=np.array([0.0675, 0.45]), tolerance=1e-4)
+    np.testing.assert_allclose(states.wrench[1:, 0], 0.4 * (np.arange(1, 5) / 4) ** 1.5, rtol=1e-5)
