@@ -121,8 +121,13 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
     const size = (eye.zoom * 0.5 * Math.min(right, 1.7 * height)) / skin.size;
     context.scale(fine, fine);
     const place = (p) => [0.5 * right + size * p[0], 0.5 * height - size * p[1]];
+    context.save();
+    context.beginPath();
+    context.rect(0, 0, right, height); // the scale stays readable
+    context.clip();
     paintTriangles(context, skin, step, place, axes, values, most);
     if (skin.indenter.length) paintIndenter(context, skin, step, place, axes);
+    context.restore();
     paintScale(context, width, height, most, unit);
   }
 
