@@ -15,7 +15,7 @@ from palpate_robot_log.reading.raw import RawLog, Stream
 
 _MOST_OUTPUT_BYTES = 10_000_000_000
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-_BINARY = (".mat", ".npz", ".npy", ".parquet", ".bag", ".mcap", ".db3", ".h5", ".hdf5")
+_BINARY = (".mat", ".npz", ".npy", ".parquet", ".bag", ".mcap", ".db3", ".h5", ".hdf5", ".tdms")
 _UNREADABLE = (
     (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
     (b"BZh", "is compressed by bzip2; unpack it first"),
@@ -23,8 +23,7 @@ _UNREADABLE = (
     (b"\xfd7zXZ", "is compressed by xz; unpack it first"),
     (b"\x80", "is a pickle, which could run code and is never read; save plain numbers"),
     (b"\xd0\xcf\x11\xe0", "is a spreadsheet or document; save the table as CSV"),
-    (b"TDSm", "is a LabVIEW TDMS file; export it as CSV"),
-    (b"TDSh", "is a LabVIEW TDMS file; export it as CSV"),
+    (b"TDSh", "is the index of a LabVIEW TDMS file; give the .tdms file itself"),
 )
 
 
@@ -150,6 +149,10 @@ def _read(path: Path, request: Request) -> RawLog:
         return array_files.read_hdf5(path)
     if head[126:128] in (b"IM", b"MI") and head.startswith(b"MATLAB"):
         return array_files.read_matlab5(path)
+    if head.startswith(b"TDSm"):
+        from palpate_robot_log.reading.tdms import read_tdms
+
+        return read_tdms(path)
     if head and path.suffix.lower() in _BINARY:
         raise CurveError(
             f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"

@@ -1,0 +1,114 @@
+"""LabVIEW's TDMS, written by npTDMS: every channel comes back, and what cannot be read is named."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
+
+from palpate.errors import CurveError
+from palpate_robot_log.reading import ChannelMap, Request
+from palpate_robot_log.reading.assembly import assemble, columns_of
+from palpate_robot_log.reading.formats import read_here
+
+from . import log_writers as write
+
+try:
+    import nptdms
+except ImportError:
+    nptdms = None
+
+needs_nptdms = pytest.mark.skipif(nptdms is None, reason="npTDMS is not installed: the extra 'tdms'")
+numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
+
+
+def write_tdms(path: Path, groups: dict[str, dict[str, Any]], **properties: Any) -> None:
+    with nptdms.TdmsWriter(path) as writer:
+        for group, channels in groups.items():
+            objects = [
+                nptdms.ChannelObject(group, name, values, properties=properties)
+                for name, values in channels.items()
+            ]
+            writer.write_segment(objects)
+
+
+@needs_nptdms
+def test_a_press_comes_back_as_from_other_formats(tmp_path: Path) -> None:
+    table = write.press()
+    write_tdms(tmp_path / "log.tdms", {"press": table})
+    channels = ChannelMap.model_validate(dict(write.MAP))
+    recording = assemble(
+        read_here(tmp_path / "log.tdms", Request(columns=columns_of(channels))), channels
+    ).recording
+    np.testing.assert_allclose(recording.time_s - recording.time_s[0], table["time_s"], atol=2e-9)
+    np.testing.assert_array_equal(recording.force_N[:, 2], table["fz_N"])
+    np.testing.assert_allclose(recording.position_mm[:, 0], 1e3 * table["x_m"], rtol=1e-13)
+
+
+@needs_nptdms
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.dictionaries(
+        st.text("abcxyz '/_", min_size=1, max_size=6),
+        st.lists(numbers, min_size=2, max_size=5),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_every_channel_of_numbers_is_read_to_the_bit(tmp_path: Path, table: dict[str, list[float]]) -> None:
+    path = tmp_path / "any.tdms"
+    write_tdms(path, {"group": {name: np.array(values) for name, values in table.items()}})
+    log = read_here(path, Request())
+    assert len(log.streams) == len({len(values) for values in table.values()})
+    found = {
+        name: column.values.tolist() for stream in log.streams for name, column in stream.columns.items()
+    }
+    assert found == table
+
+
+@needs_nptdms
+def test_waveforms_have_a_time_and_units(tmp_path: Path) -> None:
+    path = tmp_path / "log.tdms"
+    groups = {"load": {"Fz": np.arange(5.0)}, "probe": {"z": np.arange(3.0), "label": ["a", "b", "c"]}}
+    write_tdms(path, groups, wf_increment=0.25, wf_start_offset=1.0, unit_string="N")
+    log = read_here(path, Request())
+    assert [stream.name for stream in log.streams] == ["load", "probe"]
+    load = log.stream("load").columns
+    assert (load["Fz"].unit, load["time"].unit) == ("N", "s")
+    np.testing.assert_array_equal(load["time"].values, [1.0, 1.25, 1.5, 1.75, 2.0])
+    assert log.notes == ("channels without numbers: probe.label",)
+
+
+@needs_nptdms
+def test_time_stamps_are_seconds_since_the_first(tmp_path: Path) -> None:
+    stamps = np.array(["2018-06-01T10:00:00.5", "2018-06-01T10:00:02"], dtype="datetime64[us]")
+    write_tdms(tmp_path / "log.tdms", {"load": {"when": stamps, "Fz": np.arange(2.0)}})
+    columns = read_here(tmp_path / "log.tdms", Request()).streams[0].columns
+    np.testing.assert_allclose(columns["when"].values, [0.0, 1.5], atol=1e-6)
+    assert columns["when"].unit == "s"
+
+
+@needs_nptdms
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.9])
+def test_a_file_that_is_cut_off_is_refused(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "log.tdms"
+    write_tdms(path, {"press": write.press(20)})
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(CurveError, match=r"log\.tdms: (the TDMS file is (damaged or )?cut off|no channels)"):
+        read_here(path, Request())
+
+
+def test_an_index_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "log.tdms_index").write_bytes(b"TDSh" + bytes(60))
+    with pytest.raises(CurveError, match=r"give the \.tdms file itself"):
+        read_here(tmp_path / "log.tdms_index", Request())
+
+
+def test_without_nptdms_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "log.tdms").write_bytes(b"TDSm" + bytes(60))
+    monkeypatch.setitem(sys.modules, "nptdms", None)
+    with pytest.raises(CurveError, match=r"pip install 'palpate-robot-log\[tdms\]'"):
+        read_here(tmp_path / "log.tdms", Request())
