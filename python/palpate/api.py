@@ -201,6 +201,9 @@ if TYPE_CHECKING:
         installed_code as installed_code,
     )
 
+    # ---- Interpolation of results
+    from palpate.certainty.gaussian_process import GaussianProcess as GaussianProcess
+
     # ---- Studies and runs, for commands
     from palpate.study.reading import (
         Study as Study,

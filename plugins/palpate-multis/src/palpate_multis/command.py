@@ -1,0 +1,42 @@
+"""``palpate predict-press``: the compliance of presses from their thicknesses, probe and load."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.api import AsJson, Session
+
+HEADS = ("row", "compliance [mm/MPa]", "95 %", "fat's share")
+
+
+def predict_press(
+    context: typer.Context,
+    table: Annotated[
+        Path,
+        typer.Argument(help="CSV with max_force_N, area_mm2 (360 or 675), skin_mm, fat_mm and muscle_mm."),
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Predict presses of an ultrasound probe, by layered finite elements fitted to 70 people."""
+    from palpate_multis.population import fit
+    from palpate_multis.presses import read_presses
+
+    session = Session.of(context)
+    presses = read_presses(table, measured=False)
+    population = fit(read_presses())
+    compliance, share = population.predict(presses.layers_mm, presses.width_mm, presses.force_N)
+    lower, upper = population.interval(compliance)
+    columns = (compliance.tolist(), lower.tolist(), upper.tolist(), share.tolist())
+    rows = list(zip(*columns, strict=True))
+    if as_json:
+        names = ("compliance_mm_per_MPa", "lower", "upper", "fat_share")
+        session.json({"presses": [dict(zip(names, row, strict=True)) for row in rows]})
+        return
+    cells = [
+        [str(number), f"{middle:.0f}", f"{low:.0f}–{high:.0f}", f"{fat:.0%}"]
+        for number, (middle, low, high, fat) in enumerate(rows, start=1)
+    ]
+    session.table("Presses", list(HEADS), cells)

@@ -1,0 +1,178 @@
+"""Three numbers for all people: the moduli of fat and muscle, and how they rise with the load.
+
+The compliance of a press is that of the finite elements, times (F/√A / 0.3 N/mm)^−m. The load over the root
+of the probe's area is in proportion to the depth in a half-space. Two presses of one person share a factor
+of compliance, and each press has another: both are log-normal.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from palpate.api import FloatArray, IntArray, PalpateError
+from palpate_multis.emulator import LOWER, UPPER, emulator
+from palpate_multis.layered_block import LENGTH_MM
+from palpate_multis.presses import Presses
+
+SKIN_MPA = 0.6
+"""Modulus of skin, fixed: between 0.42 and 0.85 MPa by torsion of young and old skin (Agache et al. 1980)."""
+
+REFERENCE_LOAD = 0.3
+"""Load over the root of the probe's area [N/mm] at which the moduli are given: that of the median press."""
+
+START = (np.log(0.015), np.log(0.005), 0.75)
+SIMPLEX = ((0.15, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.1))
+
+SMOOTHING = 1e-2
+"""Relative error below which the loss is rounded."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Population:
+    """What a fit gives.
+
+    Parameters
+    ----------
+    muscle_MPa, fat_MPa : float
+        Young's moduli at the reference load.
+    load_exponent : float
+        Compliance falls with this power of the load.
+    person_spread, press_spread : float
+        Standard deviations of the logarithm of compliance: between people, and between presses of one.
+    bias : float
+        Mean of measured less predicted logarithms.
+    """
+
+    muscle_MPa: float
+    fat_MPa: float
+    load_exponent: float
+    person_spread: float = 0.0
+    press_spread: float = 0.0
+    bias: float = 0.0
+
+    def predict(
+        self, layers_mm: FloatArray, width_mm: FloatArray, force_N: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Compliances (n,) [mm/MPa] and fat's shares of the compression (n,).
+
+        Parameters
+        ----------
+        layers_mm : (n, 3) array
+            Skin, fat and muscle.
+        width_mm : (n,) array
+            Of the probe: 8 or 15.
+        force_N : (n,) array
+
+        Raises
+        ------
+        PalpateError
+            Thicknesses or moduli are outside of what was simulated, or a load is not > 0.
+        """
+        ratios = np.broadcast_to([SKIN_MPA, self.fat_MPa], (len(force_N), 2)) / self.muscle_MPa
+        inputs = np.column_stack([layers_mm, ratios])
+        _check(inputs, force_N)
+        softness, share = np.empty(len(inputs)), np.empty(len(inputs))
+        for width in np.unique(width_mm):
+            here = width_mm == width
+            softness[here], share[here] = emulator(float(width))(inputs[here])
+        load = force_N / np.sqrt(LENGTH_MM * width_mm) / REFERENCE_LOAD
+        return softness / self.muscle_MPa * load**-self.load_exponent, share
+
+    def interval(self, compliance: FloatArray, n_known: int = 0) -> tuple[FloatArray, FloatArray]:
+        """Ends (n,) that hold a new press with 95 %, the person having ``n_known`` other presses."""
+        person, press = self.person_spread**2, self.press_spread**2
+        left = person * press / (press + n_known * person) if n_known else person
+        half, middle = 1.96 * np.sqrt(left + press), compliance * np.exp(self.bias)
+        return middle * np.exp(-half), middle * np.exp(half)
+
+
+def fit(presses: Presses, start: Sequence[float] = START) -> Population:
+    """The three numbers of the least mean relative error of compliance, and the spreads around them."""
+    lower, upper = np.log(SKIN_MPA / UPPER[3]), np.log(SKIN_MPA / LOWER[3])
+
+    def numbers(logs: FloatArray) -> Population:
+        muscle = float(np.clip(logs[0], lower + 1e-9, upper - 1e-9))
+        ratio = float(np.clip(logs[1] - muscle, np.log(LOWER[4]) + 1e-9, np.log(UPPER[4]) - 1e-9))
+        fat = np.exp(muscle + ratio)
+        return Population(muscle_MPa=float(np.exp(muscle)), fat_MPa=float(fat), load_exponent=float(logs[2]))
+
+    def loss(logs: FloatArray) -> float:
+        predicted = numbers(logs).predict(presses.layers_mm, presses.width_mm, presses.force_N)[0]
+        relative = predicted / presses.compliance
+        return float(np.sqrt((relative - 1.0) ** 2 + SMOOTHING**2).mean())
+
+    simplex = np.array([start, *np.add(start, SIMPLEX)])
+    best = minimize(
+        loss,
+        np.array(start),
+        method="Nelder-Mead",
+        options={"xatol": 2e-3, "fatol": 2e-5, "maxiter": 200, "initial_simplex": simplex},
+    )
+    found = numbers(best.x)
+    return _with_spread(found, presses)
+
+
+def bootstrap(presses: Presses, n_draws: int, seed: int = 0) -> list[Population]:
+    """Fits to people drawn with replacement: the uncertainty of the numbers."""
+    rng, whole = np.random.default_rng(seed), fit(presses)
+    start = (np.log(whole.muscle_MPa), np.log(whole.fat_MPa), whole.load_exponent)
+    rows = [np.flatnonzero(presses.person == number) for number in range(presses.n_people)]
+    drawn = [rng.integers(len(rows), size=len(rows)) for _ in range(n_draws)]
+    return [fit(presses[np.concatenate([rows[k] for k in people])], start) for people in drawn]
+
+
+def left_out(presses: Presses, folds: Sequence[IntArray]) -> FloatArray:
+    """Predicted compliances (n,) [mm/MPa]: those of each fold's people by a fit to all others."""
+    whole = fit(presses)
+    start = (np.log(whole.muscle_MPa), np.log(whole.fat_MPa), whole.load_exponent)
+    predicted = np.empty(len(presses.compliance))
+    for people in folds:
+        out = np.isin(presses.person, people)
+        found = fit(presses[np.flatnonzero(~out)], start)
+        held = presses[np.flatnonzero(out)]
+        predicted[out] = found.predict(held.layers_mm, held.width_mm, held.force_N)[0]
+    return predicted
+
+
+def person_factor(population: Population, residuals: FloatArray) -> float:
+    """Factor of compliance of one person, of the logarithms (n,) of measured over predicted."""
+    person, press, n = population.person_spread**2, population.press_spread**2, len(residuals)
+    share = person / (person + press / n) if n else 0.0
+    return float(np.exp(share * (residuals.mean() - population.bias))) if n else 1.0
+
+
+def _with_spread(found: Population, presses: Presses) -> Population:
+    """Spreads of the residuals between people and within, by analysis of variance."""
+    predicted = found.predict(presses.layers_mm, presses.width_mm, presses.force_N)[0]
+    residuals = np.log(presses.compliance / predicted)
+    groups = [residuals[presses.person == number] for number in np.unique(presses.person)]
+    n, k = len(residuals), len(groups)
+    within = sum(((g - g.mean()) ** 2).sum() for g in groups) / max(n - k, 1)
+    between = sum(len(g) * (g.mean() - residuals.mean()) ** 2 for g in groups) / max(k - 1, 1)
+    mean_size = (n - sum(len(g) ** 2 for g in groups) / n) / max(k - 1, 1)
+    person = max((between - within) / max(mean_size, 1.0), 0.0)
+    return Population(
+        muscle_MPa=found.muscle_MPa,
+        fat_MPa=found.fat_MPa,
+        load_exponent=found.load_exponent,
+        person_spread=float(np.sqrt(person)),
+        press_spread=float(np.sqrt(within)),
+        bias=float(residuals.mean()),
+    )
+
+
+def _check(inputs: FloatArray, force_N: FloatArray) -> None:
+    names = ("skin [mm]", "fat [mm]", "muscle [mm]", "skin over muscle modulus", "fat over muscle modulus")
+    with np.errstate(invalid="ignore"):
+        bad = np.argwhere(~((inputs >= LOWER) & (inputs <= UPPER)))
+    if bad.size:
+        row, column = bad[0]
+        raise PalpateError(
+            f"press {row + 1}: {names[column]} is {inputs[row, column]:.3g}; simulated presses have "
+            f"{LOWER[column]:g} to {UPPER[column]:g}"
+        )
+    weak = np.flatnonzero(~((force_N > 0.0) & np.isfinite(force_N)))
+    if weak.size:
+        raise PalpateError(f"press {weak[0] + 1}: the load is {force_N[weak[0]]:g} N; give a load > 0 N")

@@ -1,0 +1,153 @@
+"""Presses of living limbs: laws of the finite elements, their emulator, and the fit to people left out."""
+
+import json
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from palpate.cli.app import main
+from palpate.errors import PalpateError
+from palpate_multis import Population, Presses, fit, left_out, person_factor, read_presses, simulate_press
+from palpate_multis.emulator import LOWER, UPPER, WIDTHS_MM, emulator, simulated
+
+FEW = settings(max_examples=4, deadline=None)
+thicknesses = st.tuples(*(st.floats(low, high) for low, high in zip(LOWER[:3], UPPER[:3], strict=True)))
+
+
+@cache
+def presses() -> Presses:
+    return read_presses()
+
+
+@cache
+def population() -> Population:
+    return fit(presses())
+
+
+@FEW
+@given(thicknesses, st.floats(1.1, 3.0))
+def test_stiffer_layers_and_a_wider_probe_need_more_force(layers: tuple[float, ...], factor: float) -> None:
+    soft = simulate_press(layers, (20.0, 0.4), 8.0)
+    assert simulate_press(layers, (20.0, 0.4 * factor), 8.0).compliance < soft.compliance
+    force_per_mm = [
+        45.0 * width / simulate_press(layers, (20.0, 0.4), width).compliance for width in (8.0, 15.0)
+    ]
+    assert force_per_mm[1] > force_per_mm[0]
+    assert soft.shares.sum() == pytest.approx(1.0)
+
+
+def test_a_thin_layer_is_compressed_as_a_column_that_cannot_bulge() -> None:
+    """Far from the edges of the probe, p/u = E(1 − ν)/((1 + ν)(1 − 2ν))/h."""
+    press = simulate_press((0.05, 0.05, 0.1), (1.0, 1.0), 60.0)
+    assert press.compliance == pytest.approx(0.2 * 1.49 * 0.02 / 0.51, rel=0.1)
+
+
+def test_the_emulator_reproduces_its_runs_and_those_left_out() -> None:
+    for width in WIDTHS_MM:
+        compliance, share = np.sqrt((emulator(width).left_out ** 2).mean(axis=0))
+        assert compliance < 0.025
+        assert share < 0.01
+    press = simulate_press((1.4, 6.0, 30.0), (40.0, 0.4), 15.0)
+    compliance, _ = emulator(15.0)(np.array([[1.4, 6.0, 30.0, 40.0, 0.4]]))
+    assert compliance[0] == pytest.approx(press.compliance, rel=0.03)
+
+
+def test_runs_of_the_embedded_solver_with_finite_strain_agree() -> None:
+    """Neo-Hookean, a rounded box with contact, 10 % of the thickness deep: 55 runs."""
+    with (files("palpate_multis") / "data" / "runs_jax.csv").open("rb") as stream:
+        runs = pl.read_csv(stream)
+    names = ["skin_mm", "fat_mm", "muscle_mm", "skin_ratio", "fat_ratio"]
+    logs = []
+    for row in runs.iter_rows(named=True):
+        values = [row[name] for name in names]
+        small = simulate_press(values[:3], values[3:], float(row["width_mm"])).compliance
+        logs.append(np.log(row["compliance_mm_per_MPa"] / small))
+    assert abs(np.mean(logs)) < 0.04
+    assert np.std(logs) < 0.07
+
+
+def test_people_left_out_are_predicted() -> None:
+    folds = [np.arange(k, presses().n_people, 5) for k in range(5)]
+    predicted = left_out(presses(), folds)
+    assert np.mean(np.abs(predicted / presses().compliance - 1.0)) < 0.315
+    lower, upper = population().interval(predicted)
+    assert 0.92 < np.mean((presses().compliance > lower) & (presses().compliance < upper)) < 0.98
+
+
+def test_fats_share_of_the_compression_was_never_fitted() -> None:
+    table = presses()
+    _, share = population().predict(table.layers_mm, table.width_mm, table.force_N)
+    thick = table.layers_mm[:, 1] > 5.0
+    assert np.corrcoef(share[thick], table.fat_share[thick])[0, 1] > 0.65
+
+
+def test_a_fit_finds_the_numbers_that_made_the_presses() -> None:
+    truth, table = Population(muscle_MPa=0.02, fat_MPa=0.006, load_exponent=0.5), presses()
+    compliance, share = truth.predict(table.layers_mm, table.width_mm, table.force_N)
+    made = Presses(
+        person=table.person,
+        layers_mm=table.layers_mm,
+        width_mm=table.width_mm,
+        force_N=table.force_N,
+        compliance=compliance,
+        fat_share=share,
+    )
+    found = fit(made)
+    assert found.muscle_MPa == pytest.approx(0.02, rel=0.02)
+    assert found.fat_MPa == pytest.approx(0.006, rel=0.03)
+    assert found.load_exponent == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_person_with_other_presses_has_a_narrower_interval() -> None:
+    middle = np.array([500.0])
+    widths = [np.subtract(*population().interval(middle, n)[::-1])[0] for n in (0, 1, 7)]
+    assert widths[0] > widths[1] > widths[2]
+    assert person_factor(population(), np.zeros(0)) == 1.0
+
+
+def test_the_command_predicts_a_table_without_results(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = "max_force_N,area_mm2,skin_mm,fat_mm,muscle_mm\n7,675,1.4,6,30\n5,360,1.2,3,15\n"
+    (tmp_path / "new.csv").write_text(table)
+    assert main(["predict-press", str(tmp_path / "new.csv"), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["presses"]
+    assert [row["lower"] < row["compliance_mm_per_MPa"] < row["upper"] for row in rows] == [True, True]
+    assert main(["predict-press", str(tmp_path / "new.csv")]) == 0
+    assert "fat's share" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("7,675,1.4,,30", "row 2: fat_mm is 'None'"),
+        ("7,500,1.4,6,30", "the probes have 360 and 675"),
+        ("-7,675,1.4,6,30", "row 2: max_force_N is '-7'"),
+    ],
+)
+def test_a_bad_row_is_named(tmp_path: Path, row: str, words: str) -> None:
+    (tmp_path / "bad.csv").write_text(f"max_force_N,area_mm2,skin_mm,fat_mm,muscle_mm\n{row}\n")
+    with pytest.raises(PalpateError, match=words):
+        read_presses(tmp_path / "bad.csv", measured=False)
+
+
+def test_what_was_not_simulated_is_refused() -> None:
+    layers, width, force = np.array([[1.4, 60.0, 30.0]]), np.array([15.0]), np.array([7.0])
+    with pytest.raises(PalpateError, match=r"press 1: fat \[mm\] is 60"):
+        population().predict(layers, width, force)
+    with pytest.raises(PalpateError, match="45 × 8 and 45 × 15"):
+        population().predict(np.array([[1.4, 6.0, 30.0]]), np.array([12.0]), force)
+    with pytest.raises(PalpateError, match="no column"):
+        read_presses(Path(str(files("palpate_multis") / "data" / "runs.csv")))
+
+
+def test_runs_are_those_of_the_finite_elements() -> None:
+    runs = simulated(8.0)
+    press = simulate_press(runs.inputs[5, :3], runs.inputs[5, 3:], 8.0)
+    assert press.compliance == pytest.approx(runs.compliance[5], rel=1e-4)
+    assert press.shares[1] == pytest.approx(runs.fat_share[5], abs=1e-4)
