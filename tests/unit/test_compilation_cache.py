@@ -28,9 +28,11 @@ def test_a_kept_compilation_is_used_and_a_damaged_one_is_not(tmp_path):
     assert moduli(tmp_path) == first
     assert sorted(tmp_path.rglob("jit__rest-*")) == kept
     assert [path.stat().st_mtime_ns for path in kept] == written
+    whole = {path: path.read_bytes() for path in kept}
     for path in kept:
         path.write_bytes(path.read_bytes()[:50])
     assert moduli(tmp_path) == first
+    assert all(len(path.read_bytes()) > 0.9 * len(content) for path, content in whole.items())  # replaced
 
 
 def test_a_home_that_is_no_folder_costs_nothing_but_time(tmp_path):

@@ -2,16 +2,25 @@
 
 JAX's own cache: a file for each function, by a hash of the operations that it was traced to, of the
 versions of JAX and XLA, and of their flags. A file that is missing or cut short costs a compilation and
-nothing else, so the folder may be deleted at any time and used by any number of workers.
+nothing else, so the folder may be deleted at any time and used by any number of workers. JAX never replaces a
+file, so damaged ones are deleted here, when they have changed since the last process looked at them.
 """
 
 import hashlib
 import platform
 import warnings
+import zlib
+from contextlib import suppress
 from pathlib import Path
 
 import jax
 import platformdirs
+
+CHECKED = "checked"
+"""File in the folder whose time is that of the last look at it."""
+
+OTHER_STREAM = b"\x28\xb5\x2f\xfd"
+"""First bytes of a stream of Zstandard."""
 
 CPU_INFO = Path("/proc/cpuinfo")
 
@@ -25,6 +34,7 @@ def keep_compilations() -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
         return  # without a folder of its own, a user compiles each time
+    delete_damaged(folder)
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache", UserWarning)
     for name, value in (
         ("jax_compilation_cache_dir", str(folder)),
@@ -32,6 +42,29 @@ def keep_compilations() -> None:
         ("jax_persistent_cache_min_entry_size_bytes", -1),
     ):
         jax.config.update(name, value)  # type: ignore[no-untyped-call]
+
+
+def delete_damaged(folder: Path) -> None:
+    """Delete files that are no whole stream of zlib, of those that changed since the last call."""
+    mark = folder / CHECKED
+    with suppress(OSError):
+        last = mark.stat().st_mtime_ns if mark.exists() else 0
+        changed = [file for file in folder.glob("*-cache") if file.stat().st_mtime_ns >= last]
+        mark.touch()
+        for file in changed:
+            content = file.read_bytes()
+            # With another compressor at hand, JAX writes other streams.
+            if not content.startswith(OTHER_STREAM) and not _is_whole(content):
+                file.unlink(missing_ok=True)
+
+
+def _is_whole(content: bytes) -> bool:
+    try:
+        stream = zlib.decompressobj()
+        stream.decompress(content)
+    except zlib.error:
+        return False
+    return stream.eof
 
 
 def _processor() -> str:
