@@ -238,12 +238,14 @@ class SparseFactor:
     precision
         Of the factor. ``single`` halves memory and time: the matrix is first scaled to a diagonal
         near 1. It serves condition numbers up to about 1e5, ``double`` up to 1e11.
+    order
+        ``order`` (n,) of a factor of an equal pattern: saves the search, most of the time here.
 
     Raises
     ------
     ValueError
         The arrays do not describe a square matrix, the indices of a row do not rise, or an entry
-        has no counterpart.
+        has no counterpart; the order does not have every unknown once.
 
     Examples
     --------
@@ -258,6 +260,7 @@ class SparseFactor:
         indices: NDArray[np.int32],
         *,
         precision: Literal["double", "single"],
+        order: NDArray[np.uint32] | None = None,
     ) -> SparseFactor: ...
     def factorise(self, data: _Floats) -> None:
         """Factorise values (n_data,) in the order of ``indices``.
@@ -280,6 +283,21 @@ class SparseFactor:
         ``most_steps`` applications of the factor. Returns the best solution found, zero at worst, the
         number of applications, and whether the residual is within the tolerance.
         """
+
+    def krylov_together(
+        self, data: _Floats, rhs: _Floats, tolerance: float, most_steps: int
+    ) -> tuple[_Floats, int, float]:
+        """Solve for right-hand sides (m, n) with another matrix of the same pattern, in one space.
+
+        The factor is applied to all residuals at once, and every solution is a combination of all
+        directions, of which there are at most ``most_steps``. It ends where each residual is within the
+        tolerance or falls no further. Returns solutions (m, n), the number of directions, and
+        the largest residual.
+        """
+
+    @property
+    def order(self) -> NDArray[np.uint32]:
+        """Unknowns (n,) in the order of elimination."""
 
     @property
     def precision(self) -> Literal["double", "single"]:

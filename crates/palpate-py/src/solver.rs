@@ -1,6 +1,7 @@
 //! Sparse factors: [`palpate_sparse::solver`].
 
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::PyUntypedArrayMethods;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use palpate_sparse as core;
 use pyo3::prelude::*;
 
@@ -14,16 +15,19 @@ pub(crate) struct SparseFactor(core::SparseFactor);
 #[pymethods]
 impl SparseFactor {
     #[new]
-    #[pyo3(signature = (indptr, indices, *, precision))]
+    #[pyo3(signature = (indptr, indices, *, precision, order = None))]
     fn new(
         py: Python<'_>,
         indptr: PyReadonlyArray1<'_, i32>,
         indices: PyReadonlyArray1<'_, i32>,
         precision: &str,
+        order: Option<PyReadonlyArray1<'_, u32>>,
     ) -> Result<Self, Raised> {
         let (indptr, indices) = (values(&indptr), values(&indices));
-        let precision = precision.parse()?;
-        Ok(Self(py.detach(|| core::SparseFactor::new(&indptr, &indices, precision))?))
+        let (precision, order) = (precision.parse()?, order.as_ref().map(values));
+        let order = order.as_deref();
+        let made = py.detach(|| core::SparseFactor::ordered(&indptr, &indices, precision, order));
+        Ok(Self(made?))
     }
 
     fn factorise(&mut self, py: Python<'_>, data: PyReadonlyArray1<'_, f64>) -> Result<(), Raised> {
@@ -52,6 +56,27 @@ impl SparseFactor {
         let found = py.detach(|| self.0.krylov(&data, &rhs, tolerance, most_steps))?;
         let converged = found.residual <= tolerance;
         Ok((PyArray1::from_vec(py, found.solution), found.n_steps, converged))
+    }
+
+    fn krylov_together<'py>(
+        &self,
+        py: Python<'py>,
+        data: PyReadonlyArray1<'py, f64>,
+        rhs: PyReadonlyArray2<'py, f64>,
+        tolerance: f64,
+        most_steps: usize,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, usize, f64)> {
+        let shape = [rhs.shape()[0], rhs.shape()[1]];
+        let (data, rhs) = (values(&data), values(&rhs));
+        let solve = || self.0.krylov_together(&data, &rhs, tolerance, most_steps);
+        let found = py.detach(solve).map_err(Raised::from)?;
+        let solution = PyArray1::from_vec(py, found.solution).reshape(shape)?;
+        Ok((solution, found.n_steps, found.residual))
+    }
+
+    #[getter]
+    fn order<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        PyArray1::from_slice(py, self.0.order())
     }
 
     #[getter]

@@ -41,6 +41,9 @@ pub enum InputError {
         "entry ({row}, {column}) has no counterpart ({column}, {row}): give a symmetric pattern"
     )]
     OneSided { row: usize, column: usize },
+    /// The order of elimination does not have every unknown once.
+    #[error("order does not have each of {n} unknowns once: leave it out to have them ordered")]
+    Order { n: usize },
     /// The values to factorise are not symmetric.
     #[error(
         "entry ({row}, {column}) is {value} but its counterpart is {counterpart}: give the symmetric \

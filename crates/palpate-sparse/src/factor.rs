@@ -30,13 +30,17 @@ pub(crate) struct Factor<T> {
 }
 
 impl<T: Number> Factor<T> {
-    /// Orders and analyses a pattern; the numbers are still to come.
-    pub(crate) fn analyse(pattern: &Pattern) -> Result<Self, InputError> {
+    /// Orders a pattern, unless there is an order of elimination, and analyses it; the numbers are
+    /// still to come.
+    pub(crate) fn analyse(pattern: &Pattern, order: Option<&[u32]>) -> Result<Self, InputError> {
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: BLOCKED,
             ..Default::default()
         };
-        let order = elimination_order(pattern.n(), pattern.entries());
+        let order = match order {
+            Some(order) => checked(order, pattern.n())?,
+            None => elimination_order(pattern.n(), pattern.entries()),
+        };
         let inverse = inverted(&order);
         let order = SymmetricOrdering::Custom(PermRef::new_checked(&order, &inverse, pattern.n()));
         let columns = pattern.columns();
@@ -45,6 +49,11 @@ impl<T: Number> Factor<T> {
         let values = vec![T::default(); symbolic.len_val()];
         let triangles = TriangularSolve::new(supernodal(&symbolic));
         Ok(Self { symbolic, values, triangles })
+    }
+
+    /// Unknowns in the order of elimination.
+    pub(crate) fn order(&self) -> &[u32] {
+        order(&self.symbolic)
     }
 
     /// Computes the numbers. A singular matrix may pass and give infinities or NaN in a solution.
@@ -70,20 +79,16 @@ impl<T: Number> Factor<T> {
         Ok(())
     }
 
-    /// Numbers in a workspace of [`Self::apply`].
-    pub(crate) fn n_work(&self) -> usize {
-        self.triangles.n_work()
-    }
-
-    /// Solves for one right-hand side: `read(unknown)` gives it, `write(unknown, value)` takes the
-    /// solution, and `work` has [`Self::n_work`] numbers.
+    /// Solves for `n_rhs` right-hand sides: `read(k, unknown)` gives the k-th, `write(k, unknown, value)`
+    /// takes its solution; `work` is kept from call to call.
     pub(crate) fn apply(
         &self,
-        work: &mut [T],
-        read: impl Fn(usize) -> T,
-        write: impl FnMut(usize, T),
+        n_rhs: usize,
+        work: &mut Vec<T>,
+        read: impl Fn(usize, usize) -> T,
+        write: impl FnMut(usize, usize, T),
     ) {
-        self.triangles.apply(&self.values, work, read, write);
+        self.triangles.apply(&self.values, n_rhs, work, read, write);
     }
 }
 
@@ -97,6 +102,16 @@ fn supernodal(symbolic: &SymbolicCholesky<u32>) -> &SymbolicSupernodalCholesky<u
         SymbolicCholeskyRaw::Supernodal(supernodal) => supernodal,
         SymbolicCholeskyRaw::Simplicial(_) => unreachable!("the blocked variant is forced"),
     }
+}
+
+/// The order, if it has every unknown once.
+fn checked(order: &[u32], n: usize) -> Result<Vec<u32>, InputError> {
+    let mut seen = vec![false; n];
+    let fresh = |&unknown: &u32| {
+        seen.get_mut(unknown as usize).is_some_and(|seen| !std::mem::replace(seen, true))
+    };
+    let sound = order.len() == n && order.iter().all(fresh);
+    if sound { Ok(order.to_vec()) } else { Err(InputError::Order { n }) }
 }
 
 fn inverted(order: &[u32]) -> Vec<u32> {

@@ -2,8 +2,12 @@
 //!
 //! A cycle runs in the precision of the factor; the residual between cycles is taken in double
 //! precision, so that a cycle in single precision is one step of iterative refinement.
+#![expect(
+    clippy::inline_always,
+    reason = "only what is inlined into a dispatch is compiled for the processor at hand"
+)]
 
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 
 use crate::rows::Rows;
 use crate::triangular_solve::{Number, products};
@@ -12,7 +16,7 @@ use crate::triangular_solve::{Number, products};
 const CYCLE: usize = 30;
 
 /// Part of the tolerance at which a cycle ends, since its recursive residual drifts.
-const SAFETY: f64 = 0.9;
+pub(crate) const SAFETY: f64 = 0.9;
 
 /// Where an iteration ended.
 #[derive(Debug, Clone, PartialEq)]
@@ -182,20 +186,48 @@ impl LeastSquares {
     }
 }
 
-fn norm(vector: &[f64]) -> f64 {
+pub(crate) fn norm(vector: &[f64]) -> f64 {
     dot(vector, vector).sqrt()
 }
 
-fn dot<T: Number>(a: &[T], b: &[T]) -> T {
-    Arch::new().dispatch(|| products([a], b, 0)[0])
+pub(crate) fn dot<T: Number>(a: &[T], b: &[T]) -> T {
+    Arch::new().dispatch(Dot { a, b })
 }
 
-fn add<T: Number>(factor: T, vector: &[T], to: &mut [T]) {
-    Arch::new().dispatch(|| {
-        for (to, v) in to.iter_mut().zip(vector) {
-            *to += factor * *v;
+pub(crate) fn add<T: Number>(factor: T, vector: &[T], to: &mut [T]) {
+    Arch::new().dispatch(Add { factor, vector, to });
+}
+
+/// a · b, compiled for this processor; a closure would not be.
+struct Dot<'a, T> {
+    a: &'a [T],
+    b: &'a [T],
+}
+
+impl<T: Number> NullaryFnOnce for Dot<'_, T> {
+    type Output = T;
+
+    #[inline(always)]
+    fn call(self) -> T {
+        products([self.a], self.b, 0)[0]
+    }
+}
+
+struct Add<'a, T> {
+    factor: T,
+    vector: &'a [T],
+    to: &'a mut [T],
+}
+
+impl<T: Number> NullaryFnOnce for Add<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (to, v) in self.to.iter_mut().zip(self.vector) {
+            *to += self.factor * *v;
         }
-    });
+    }
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@
 //! | `precision` | a factor in double precision, or in single precision of a scaled matrix |
 //! | `triangular_solve` | the triangular solutions |
 //! | `rows`, `krylov` | products with the whole matrix; GMRES with an older factor |
+//! | `space` | one space of directions for several right-hand sides |
 //! | `smoother` | a sweep over the rows that changed since that factor |
 //! | [`solver`] | [`SparseFactor`]: analyse, factorise, probe, precondition |
 //! | [`error`] | what can be wrong with the input, and with the matrix |
@@ -28,6 +29,7 @@ mod rows;
 mod separator;
 mod smoother;
 pub mod solver;
+mod space;
 mod triangular_solve;
 
 pub use error::{Error, InputError, NumericalError};

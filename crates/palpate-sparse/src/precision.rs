@@ -8,6 +8,7 @@ use crate::krylov::{Cycle, Iterated, iterate};
 use crate::pattern::Pattern;
 use crate::rows::Rows;
 use crate::smoother::{Smoother, Work};
+use crate::space::Space;
 use crate::triangular_solve::Number;
 
 /// Numbers that a factor is kept in.
@@ -64,14 +65,26 @@ pub(crate) enum Numbers {
 }
 
 impl Numbers {
-    pub(crate) fn analyse(pattern: &Pattern, precision: Precision) -> Result<Self, InputError> {
+    pub(crate) fn analyse(
+        pattern: &Pattern,
+        precision: Precision,
+        order: Option<&[u32]>,
+    ) -> Result<Self, InputError> {
         Ok(match precision {
-            Precision::Double => Self::Double(Factor::analyse(pattern)?),
+            Precision::Double => Self::Double(Factor::analyse(pattern, order)?),
             Precision::Single => {
-                let factor = Factor::analyse(pattern)?;
+                let factor = Factor::analyse(pattern, order)?;
                 Self::Single { factor, scales: vec![1.0; pattern.n()] }
             }
         })
+    }
+
+    /// Unknowns in the order of elimination.
+    pub(crate) fn order(&self) -> &[u32] {
+        match self {
+            Self::Double(factor) => factor.order(),
+            Self::Single { factor, .. } => factor.order(),
+        }
     }
 
     pub(crate) fn precision(&self) -> Precision {
@@ -108,14 +121,12 @@ impl Numbers {
         let mut solution = vec![0.0; rhs.len()];
         match self {
             Self::Double(factor) => {
-                let mut work = vec![0.0; factor.n_work()];
-                factor.apply(&mut work, |i| rhs[i], |i, x| solution[i] = x);
+                factor.apply(1, &mut Vec::new(), |_, i| rhs[i], |_, i, x| solution[i] = x);
             }
             Self::Single { factor, scales } => {
-                let mut work = vec![0.0; factor.n_work()];
                 let size = power_of_two(rhs.iter().fold(0.0, |most: f64, v| most.max(v.abs())));
-                let read = |i: usize| f32::rounded(rhs[i] * scales[i] / size);
-                factor.apply(&mut work, read, |i, x| {
+                let read = |_, i: usize| f32::rounded(rhs[i] * scales[i] / size);
+                factor.apply(1, &mut Vec::new(), read, |_, i, x| {
                     solution[i] = f64::from(x) * scales[i] * size;
                 });
             }
@@ -127,41 +138,36 @@ impl Numbers {
 /// How far a cycle in single precision lessens a residual without wasting steps.
 const LEAST: f64 = 1e-5;
 
+/// A matrix to solve with: its `data` and those of the `factored` matrix nearby, by the same rows.
+#[derive(Clone, Copy)]
+pub(crate) struct Nearby<'a> {
+    pub(crate) rows: &'a Rows,
+    pub(crate) factored: &'a [f64],
+    pub(crate) data: &'a [f64],
+}
+
 impl Numbers {
-    /// Solves with another matrix, of these `data`, by GMRES with this factor, of the matrix
-    /// `factored`, as preconditioner.
+    /// Solves by GMRES with this factor as preconditioner.
     pub(crate) fn iterate(
         &self,
-        rows: &Rows,
-        factored: &[f64],
-        data: &[f64],
+        system: Nearby<'_>,
         rhs: &[f64],
         tolerance: f64,
         most_steps: usize,
     ) -> Iterated {
+        let Nearby { rows, data, .. } = system;
         match self {
             Self::Double(factor) => {
-                let mut work = vec![0.0; factor.n_work()];
-                let solve =
-                    |v: &[f64], z: &mut [f64]| factor.apply(&mut work, |i| v[i], |i, x| z[i] = x);
-                let precondition = swept(rows, data, factored, data, solve);
+                let precondition = swept(system, data, in_double(factor, rows.n()));
                 let mut cycle = Cycle { rows, values: data, precondition };
                 iterate(rows, data, rhs, tolerance, most_steps, 0.0, |r, target, steps| {
                     cycle.run(r, target, steps)
                 })
             }
             Self::Single { factor, scales } => {
-                // In single precision, numbers far from 1 could overflow.
-                let size = power_of_two(data.iter().fold(0.0, |most: f64, v| most.max(v.abs())));
-                let shrink = 1.0 / size;
-                let values: Vec<f32> = data.iter().map(|v| f32::rounded(v * shrink)).collect();
-                let mut work = vec![0.0; factor.n_work()];
-                let (before, after): (Vec<f32>, Vec<f32>) =
-                    scales.iter().map(|s| (f32::rounded(s * size), f32::rounded(*s))).unzip();
-                let solve = |v: &[f32], z: &mut [f32]| {
-                    factor.apply(&mut work, |i| v[i] * before[i], |i, x| z[i] = x * after[i]);
-                };
-                let precondition = swept(rows, data, factored, &values, solve);
+                let (values, size) = shrunk(data);
+                let solve = in_single(factor, scales, size);
+                let precondition = swept(system, &values, solve);
                 let mut cycle = Cycle { rows, values: &values, precondition };
                 iterate(rows, data, rhs, tolerance, most_steps, LEAST, |r, target, steps| {
                     let (mut x, n_steps) = cycle.run(r, target, steps);
@@ -173,22 +179,72 @@ impl Numbers {
             }
         }
     }
+
+    /// Solves for right-hand sides (m, n) together, in one space of directions.
+    pub(crate) fn iterate_together(
+        &self,
+        system: Nearby<'_>,
+        rhs: &[f64],
+        tolerance: f64,
+        most_steps: usize,
+    ) -> Iterated {
+        let Nearby { rows, data, .. } = system;
+        match self {
+            Self::Double(factor) => {
+                let precondition = swept(system, data, in_double(factor, rows.n()));
+                Space::new(rows, data, precondition, 0.0).solve(data, rhs, tolerance, most_steps)
+            }
+            Self::Single { factor, scales } => {
+                let (values, size) = shrunk(data);
+                let solve = in_single(factor, scales, size);
+                let precondition = swept(system, &values, solve);
+                let mut space = Space::new(rows, &values, precondition, LEAST).of_part(size);
+                space.solve(data, rhs, tolerance, most_steps)
+            }
+        }
+    }
 }
 
-/// A solution with an older factor after a sweep over the rows that changed since.
+/// The data over a power of two near the largest, in single precision, where others could overflow.
+fn shrunk(data: &[f64]) -> (Vec<f32>, f64) {
+    let size = power_of_two(data.iter().fold(0.0, |most: f64, v| most.max(v.abs())));
+    let shrink = 1.0 / size;
+    (data.iter().map(|v| f32::rounded(v * shrink)).collect(), size)
+}
+
+/// Solutions (m, n) with a factor.
+fn in_double(factor: &Factor<f64>, n: usize) -> impl FnMut(&[f64], &mut [f64]) {
+    let mut work = Vec::new();
+    move |v, z| {
+        factor.apply(v.len() / n, &mut work, |k, i| v[k * n + i], |k, i, x| z[k * n + i] = x);
+    }
+}
+
+/// Solutions (m, n) with a factor of a scaled matrix, for a matrix over `size`.
+fn in_single(factor: &Factor<f32>, scales: &[f64], size: f64) -> impl FnMut(&[f32], &mut [f32]) {
+    let n = scales.len();
+    let mut work = Vec::new();
+    let (before, after): (Vec<f32>, Vec<f32>) =
+        scales.iter().map(|s| (f32::rounded(s * size), f32::rounded(*s))).unzip();
+    move |v, z| {
+        let read = |k: usize, i: usize| v[k * n + i] * before[i];
+        factor.apply(v.len() / n, &mut work, read, |k, i, x| z[k * n + i] = x * after[i]);
+    }
+}
+
+/// Solutions (m, n) with an older factor after a sweep over the rows that changed since.
 fn swept<'a, T: Number>(
-    rows: &'a Rows,
-    data: &[f64],
-    factored: &[f64],
+    system: Nearby<'a>,
     values: &'a [T],
     mut solve: impl FnMut(&[T], &mut [T]) + 'a,
 ) -> impl FnMut(&[T], &mut [T]) + 'a {
-    let mut smoother = Smoother::new(rows, data, factored, values);
-    let mut work = Work::new(rows.n());
+    let rows = system.rows;
+    let mut smoother = Smoother::new(rows, system.data, system.factored, values);
+    let mut work = Work::new();
     move |v, z| {
         if smoother.sweep(rows, values, v, &mut work) {
             solve(&work.left, z);
-            smoother.add(z);
+            smoother.add(rows.n(), z);
         } else {
             solve(v, z);
         }

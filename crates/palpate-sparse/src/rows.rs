@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 
 use crate::error::InputError;
 use crate::triangular_solve::Number;
@@ -20,6 +20,8 @@ pub(crate) struct Rows {
     columns: Vec<u32>,
     /// Rows from here on that have the same columns: 3, or 1.
     panels: Vec<(usize, usize)>,
+    /// First of three columns in sequence, if all are such in panels of three rows.
+    triples: Option<Vec<u32>>,
 }
 
 impl Rows {
@@ -36,7 +38,9 @@ impl Rows {
             panels.push((row, height));
             row += height;
         }
-        Ok(Self { starts, columns, panels })
+        let whole = panels.iter().all(|&(_, height)| height == PANEL);
+        let triples = if whole { triples(&starts, &columns) } else { None };
+        Ok(Self { starts, columns, panels, triples })
     }
 
     pub(crate) fn n(&self) -> usize {
@@ -76,12 +80,12 @@ impl Rows {
         self.panels.iter().filter(reaches).copied().collect()
     }
 
-    /// A x.
+    /// A x for vectors (m, n).
     pub(crate) fn multiply<T: Number>(&self, values: &[T], x: &[T], out: &mut [T]) {
         self.multiply_panels(&self.panels, values, x, out);
     }
 
-    /// A x in the rows of some panels; the others stay as they are.
+    /// A x for vectors (m, n) in the rows of some panels; the others stay as they are.
     pub(crate) fn multiply_panels<T: Number>(
         &self,
         panels: &[(usize, usize)],
@@ -89,43 +93,85 @@ impl Rows {
         x: &[T],
         out: &mut [T],
     ) {
-        Arch::new().dispatch(|| {
-            for &(row, height) in panels {
-                let range = self.range(row);
-                let (columns, values) = (&self.columns[range.clone()], &values[range.start..]);
-                let out = &mut out[row..row + height];
-                if height == PANEL {
-                    out.copy_from_slice(&three(columns, values, x));
+        Arch::new().dispatch(Products { rows: self, panels, values, x, out });
+    }
+}
+
+/// Partial sums of a row.
+const LANES: usize = 8;
+
+/// Products of panels with vectors (m, n), compiled for this processor; a closure would not be.
+struct Products<'a, T> {
+    rows: &'a Rows,
+    panels: &'a [(usize, usize)],
+    values: &'a [T],
+    x: &'a [T],
+    out: &'a mut [T],
+}
+
+impl<T: Number> NullaryFnOnce for Products<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { rows, panels, values, x, out } = self;
+        let n = rows.n();
+        let mut taken = Vec::new();
+        for &(row, height) in panels {
+            let range = rows.range(row);
+            let values = &values[range.start..];
+            taken.resize(range.len(), T::default());
+            for (x, out) in x.chunks_exact(n).zip(out.chunks_exact_mut(n)) {
+                // One after the other first, so that the products below are of whole vectors.
+                if let Some(triples) = &rows.triples {
+                    let triples = &triples[range.start / (PANEL * PANEL)..];
+                    for (taken, &first) in taken.chunks_exact_mut(PANEL).zip(triples) {
+                        taken.copy_from_slice(&x[first as usize..first as usize + PANEL]);
+                    }
                 } else {
-                    out[0] = one(columns, values, x);
+                    for (taken, &column) in taken.iter_mut().zip(&rows.columns[range.clone()]) {
+                        *taken = x[column as usize];
+                    }
+                }
+                if height == PANEL {
+                    out[row..row + PANEL].copy_from_slice(&dots::<T, PANEL>(values, &taken));
+                } else {
+                    out[row] = dots::<T, 1>(values, &taken)[0];
                 }
             }
-        });
+        }
     }
 }
 
-/// Products of three rows of values, one after the other, that share their columns.
+/// Products of `N` rows of values, one after the other, with a vector.
 #[inline(always)]
-fn three<T: Number>(columns: &[u32], values: &[T], x: &[T]) -> [T; PANEL] {
-    let (first, rest) = values.split_at(columns.len());
-    let (second, rest) = rest.split_at(columns.len());
-    let mut sums = [T::default(); PANEL];
-    for (((&column, a), b), c) in columns.iter().zip(first).zip(second).zip(rest) {
-        let x = x[column as usize];
-        sums[0] += *a * x;
-        sums[1] += *b * x;
-        sums[2] += *c * x;
+fn dots<T: Number, const N: usize>(values: &[T], x: &[T]) -> [T; N] {
+    let mut rows = [values; N];
+    for (i, row) in rows.iter_mut().enumerate() {
+        *row = &values[i * x.len()..(i + 1) * x.len()];
+    }
+    let mut partial = [[T::default(); LANES]; N];
+    let whole = x.len() / LANES * LANES;
+    let mut k = 0;
+    while k < whole {
+        let taken = &x[k..k + LANES];
+        for (partial, row) in partial.iter_mut().zip(&rows) {
+            for ((sum, value), x) in partial.iter_mut().zip(&row[k..k + LANES]).zip(taken) {
+                *sum += *value * *x;
+            }
+        }
+        k += LANES;
+    }
+    let mut sums = [T::default(); N];
+    for ((sum, partial), row) in sums.iter_mut().zip(&partial).zip(&rows) {
+        for lane in partial {
+            *sum += *lane;
+        }
+        for (value, x) in row[whole..].iter().zip(&x[whole..]) {
+            *sum += *value * *x;
+        }
     }
     sums
-}
-
-#[inline(always)]
-fn one<T: Number>(columns: &[u32], values: &[T], x: &[T]) -> T {
-    let mut sum = T::default();
-    for (&column, a) in columns.iter().zip(values) {
-        sum += *a * x[column as usize];
-    }
-    sum
 }
 
 /// The pointers, checked to delimit `n_indices` indices.
@@ -146,6 +192,21 @@ fn pointers(indptr: &[i32], n_indices: usize) -> Result<Vec<usize>, InputError> 
         least = start;
     }
     Ok(starts)
+}
+
+/// The first of every three columns of every third row, if three are in sequence everywhere.
+fn triples(starts: &[usize], columns: &[u32]) -> Option<Vec<u32>> {
+    let panels = starts.windows(2).step_by(PANEL).map(|pair| &columns[pair[0]..pair[1]]);
+    let mut firsts = Vec::with_capacity(columns.len() / (PANEL * PANEL));
+    for columns in panels {
+        for triple in columns.chunks(PANEL) {
+            if triple.len() < PANEL || triple[2] != triple[0] + 2 {
+                return None;
+            }
+            firsts.push(triple[0]);
+        }
+    }
+    Some(firsts)
 }
 
 /// The columns, checked to be in the matrix and to increase within a row.

@@ -3,7 +3,7 @@
 use crate::error::{Error, InputError, NumericalError};
 use crate::krylov::Iterated;
 use crate::pattern::{self, Pattern};
-use crate::precision::{Numbers, Precision};
+use crate::precision::{Nearby, Numbers, Precision};
 
 /// Factors L B Lᵀ of symmetric, possibly indefinite matrices whose pattern stays the same, to
 /// precondition with.
@@ -35,9 +35,40 @@ impl SparseFactor {
     /// [`InputError`] if pointers and indices do not describe such a matrix, or the factor would
     /// exceed memory.
     pub fn new(indptr: &[i32], indices: &[i32], precision: Precision) -> Result<Self, Error> {
+        Self::ordered(indptr, indices, precision, None)
+    }
+
+    /// As [`Self::new`] with the [`Self::order`] of an equal pattern, whose search takes most of the
+    /// time.
+    ///
+    /// # Errors
+    /// As [`Self::new`], and [`InputError`] if `order` does not have every unknown once.
+    ///
+    /// # Examples
+    /// ```
+    /// use palpate_sparse::{Precision, SparseFactor};
+    /// let (indptr, indices) = ([0, 2, 4], [0, 1, 0, 1]);
+    /// let first = SparseFactor::new(&indptr, &indices, Precision::Single)?;
+    /// let order = Some(first.order());
+    /// let again = SparseFactor::ordered(&indptr, &indices, Precision::Double, order)?;
+    /// assert_eq!(again.order(), first.order());
+    /// # Ok::<(), palpate_sparse::Error>(())
+    /// ```
+    pub fn ordered(
+        indptr: &[i32],
+        indices: &[i32],
+        precision: Precision,
+        order: Option<&[u32]>,
+    ) -> Result<Self, Error> {
         let pattern = Pattern::new(indptr, indices)?;
-        let numbers = Numbers::analyse(&pattern, precision)?;
+        let numbers = Numbers::analyse(&pattern, precision, order)?;
         Ok(Self { pattern, numbers, factored: Vec::new(), is_ready: false })
+    }
+
+    /// Unknowns in the order of elimination.
+    #[must_use]
+    pub fn order(&self) -> &[u32] {
+        self.numbers.order()
     }
 
     /// Numbers that the factor is kept in.
@@ -109,8 +140,31 @@ impl SparseFactor {
         self.check_ready()?;
         pattern::finite("data", data, self.pattern.n_data())?;
         pattern::finite("rhs", rhs, self.pattern.n())?;
-        let rows = self.pattern.rows();
-        Ok(self.numbers.iterate(rows, &self.factored, data, rhs, tolerance, most_steps))
+        Ok(self.numbers.iterate(self.nearby(data), rhs, tolerance, most_steps))
+    }
+
+    /// Solves A x = b for several right-hand sides (m, n) as [`Self::krylov`] does for one, all in one
+    /// space of directions, of which there are `most_steps` at most: solutions (m, n), how many
+    /// directions, and the largest residual.
+    ///
+    /// # Errors
+    /// As [`Self::krylov`].
+    pub fn krylov_together(
+        &self,
+        data: &[f64],
+        rhs: &[f64],
+        tolerance: f64,
+        most_steps: usize,
+    ) -> Result<Iterated, Error> {
+        self.check_ready()?;
+        pattern::finite("data", data, self.pattern.n_data())?;
+        let n = self.pattern.n();
+        pattern::finite("rhs", rhs, rhs.len().next_multiple_of(n).max(n))?;
+        Ok(self.numbers.iterate_together(self.nearby(data), rhs, tolerance, most_steps))
+    }
+
+    fn nearby<'a>(&'a self, data: &'a [f64]) -> Nearby<'a> {
+        Nearby { rows: self.pattern.rows(), factored: &self.factored, data }
     }
 
     fn check_ready(&self) -> Result<(), InputError> {

@@ -121,11 +121,6 @@ impl<T: Number> TriangularSolve<T> {
         Self { supernodes, rows, order: Vec::new(), diagonal, beside, tallest }
     }
 
-    /// Numbers in a workspace of [`Self::apply`].
-    pub(crate) fn n_work(&self) -> usize {
-        self.diagonal.len() + self.tallest
-    }
-
     /// Takes pivots inside supernodes, which move rows, and the block diagonal B.
     ///
     /// `pattern` has the rows of L as of the analysis; `moved` and `places` give which row
@@ -167,30 +162,40 @@ impl<T: Number> TriangularSolve<T> {
         }
     }
 
-    /// Solves for one right-hand side: `read(unknown)` gives it, `write(unknown, value)` takes the
-    /// solution. `values` are L, and `work` has [`Self::n_work`] numbers.
+    /// Solves for `n_rhs` right-hand sides: `read(k, unknown)` gives the k-th, `write(k, unknown, value)`
+    /// takes its solution. `values` are L; `work` is kept from call to call.
     pub(crate) fn apply(
         &self,
         values: &[T],
-        work: &mut [T],
-        read: impl Fn(usize) -> T,
-        mut write: impl FnMut(usize, T),
+        n_rhs: usize,
+        work: &mut Vec<T>,
+        read: impl Fn(usize, usize) -> T,
+        mut write: impl FnMut(usize, usize, T),
     ) {
-        let (x, work) = work.split_at_mut(self.diagonal.len());
-        for (x, &unknown) in x.iter_mut().zip(&self.order) {
-            *x = read(unknown as usize);
+        let n = self.diagonal.len();
+        work.resize(n_rhs * (n + self.tallest), T::default());
+        let (x, work) = work.split_at_mut(n_rhs * n);
+        for (k, x) in x.chunks_exact_mut(n).enumerate() {
+            for (x, &unknown) in x.iter_mut().zip(&self.order) {
+                *x = read(k, unknown as usize);
+            }
         }
-        Arch::new().dispatch(Passes { triangles: self, values, x, work });
-        for (x, &unknown) in x.iter().zip(&self.order) {
-            write(unknown as usize, *x);
+        Arch::new().dispatch(Passes { triangles: self, values, n_rhs, x, work });
+        for (k, x) in x.chunks_exact(n).enumerate() {
+            for (x, &unknown) in x.iter().zip(&self.order) {
+                write(k, unknown as usize, *x);
+            }
         }
     }
 }
 
-/// Both passes over x, compiled for this processor.
+/// Both passes over x (m, n), compiled for this processor.
+///
+/// Right-hand sides take turns at every few columns, so that the factor comes out of memory once.
 struct Passes<'a, T> {
     triangles: &'a TriangularSolve<T>,
     values: &'a [T],
+    n_rhs: usize,
     x: &'a mut [T],
     work: &'a mut [T],
 }
@@ -200,35 +205,43 @@ impl<T: Number> WithSimd for Passes<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { triangles, values, x, work } = self;
+        let Self { triangles, values, n_rhs, x, work } = self;
+        let n = triangles.diagonal.len();
         for node in &triangles.supernodes {
             let rows = &triangles.rows[node.rows.clone()];
-            let n = node.columns.len();
-            let work = &mut work[..n + rows.len()];
-            work[..n].copy_from_slice(&x[node.columns.clone()]);
-            work[n..].fill(T::default());
-            let block = Block { values: &values[node.values.clone()], height: work.len() };
-            block.down(n, work);
-            for (&row, change) in rows.iter().zip(&work[n..]) {
-                x[row as usize] += *change;
+            let (own, width) = (node.columns.clone(), node.columns.len());
+            let height = width + rows.len();
+            let work = &mut work[..n_rhs * height];
+            for (x, work) in x.chunks_exact(n).zip(work.chunks_exact_mut(height)) {
+                work[..width].copy_from_slice(&x[own.clone()]);
+                work[width..].fill(T::default());
             }
-            let (diagonal, beside) = (&triangles.diagonal, &triangles.beside);
+            Block { values: &values[node.values.clone()], height }.down(width, work);
             let (diagonal, beside) =
-                (&diagonal[node.columns.clone()], &beside[node.columns.clone()]);
-            block_diagonal(diagonal, beside, &mut work[..n]);
-            x[node.columns.clone()].copy_from_slice(&work[..n]);
+                (&triangles.diagonal[own.clone()], &triangles.beside[own.clone()]);
+            for (x, work) in x.chunks_exact_mut(n).zip(work.chunks_exact_mut(height)) {
+                for (&row, change) in rows.iter().zip(&work[width..]) {
+                    x[row as usize] += *change;
+                }
+                block_diagonal(diagonal, beside, &mut work[..width]);
+                x[own.clone()].copy_from_slice(&work[..width]);
+            }
         }
         for node in triangles.supernodes.iter().rev() {
             let rows = &triangles.rows[node.rows.clone()];
-            let n = node.columns.len();
-            let work = &mut work[..n + rows.len()];
-            work[..n].copy_from_slice(&x[node.columns.clone()]);
-            for (below, &row) in work[n..].iter_mut().zip(rows) {
-                *below = x[row as usize];
+            let (own, width) = (node.columns.clone(), node.columns.len());
+            let height = width + rows.len();
+            let work = &mut work[..n_rhs * height];
+            for (x, work) in x.chunks_exact(n).zip(work.chunks_exact_mut(height)) {
+                work[..width].copy_from_slice(&x[own.clone()]);
+                for (below, &row) in work[width..].iter_mut().zip(rows) {
+                    *below = x[row as usize];
+                }
             }
-            let block = Block { values: &values[node.values.clone()], height: work.len() };
-            block.up(n, work);
-            x[node.columns.clone()].copy_from_slice(&work[..n]);
+            Block { values: &values[node.values.clone()], height }.up(width, work);
+            for (x, work) in x.chunks_exact_mut(n).zip(work.chunks_exact(height)) {
+                x[own.clone()].copy_from_slice(&work[..width]);
+            }
         }
     }
 }
@@ -258,25 +271,39 @@ struct Block<'a, T> {
 }
 
 impl<'a, T: Number> Block<'a, T> {
-    /// Solves L₁₁ y = x, where x are the supernode's rows of `work`, and takes L₂₁ y from the others.
+    /// Solves L₁₁ y = x, where x are the supernode's rows of each `work` (m, height), and takes L₂₁ y
+    /// from the others.
     #[inline(always)]
     fn down(self, n: usize, work: &mut [T]) {
         let mut j = 0;
-        while j + WIDTH <= n {
-            self.eliminate::<WIDTH>(j, work);
-            j += WIDTH;
+        while j < n {
+            let whole = j + WIDTH <= n;
+            for work in work.chunks_exact_mut(self.height) {
+                if whole {
+                    self.eliminate::<WIDTH>(j, work);
+                } else {
+                    self.eliminate::<1>(j, work);
+                }
+            }
+            j += if whole { WIDTH } else { 1 };
         }
-        (j..n).for_each(|j| self.eliminate::<1>(j, work));
     }
 
-    /// Solves L₁₁ᵀ y = x − L₂₁ᵀ z, where x are the supernode's rows of `work` and z the others.
+    /// Solves L₁₁ᵀ y = x − L₂₁ᵀ z, where x are the supernode's rows of each `work` (m, height) and z the
+    /// others.
     #[inline(always)]
     fn up(self, n: usize, work: &mut [T]) {
-        let mut j = n / WIDTH * WIDTH;
-        (j..n).rev().for_each(|j| self.substitute::<1>(j, work));
+        let mut j = n;
         while j > 0 {
-            j -= WIDTH;
-            self.substitute::<WIDTH>(j, work);
+            let whole = j.is_multiple_of(WIDTH);
+            j -= if whole { WIDTH } else { 1 };
+            for work in work.chunks_exact_mut(self.height) {
+                if whole {
+                    self.substitute::<WIDTH>(j, work);
+                } else {
+                    self.substitute::<1>(j, work);
+                }
+            }
         }
     }
 

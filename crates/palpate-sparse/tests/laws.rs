@@ -87,6 +87,22 @@ proptest! {
     }
 
     #[test]
+    fn right_hand_sides_are_solved_together(
+        a in well_posed(), single in any::<bool>(), m in 1..6_usize, repeated in any::<bool>(),
+    ) {
+        let precision = if single { Precision::Single } else { Precision::Double };
+        let factor = factorised(&a, precision).unwrap();
+        let wave = |k: usize| waves(a.n() + k)[if repeated { 0 } else { k }..][..a.n()].to_vec();
+        let known: Vec<f64> = (0..m).flat_map(wave).collect();
+        let rhs: Vec<f64> = known.chunks(a.n()).flat_map(|x| a.times(x)).collect();
+        let found = factor.krylov_together(&a.compressed().2, &rhs, 1e-11, 100).unwrap();
+        prop_assert!(found.residual <= 1e-11, "{}", found.residual);
+        for (f, x) in found.solution.iter().zip(&known) {
+            prop_assert!((f - x).abs() < 1e-8, "{f} {x}");
+        }
+    }
+
+    #[test]
     fn a_factor_follows_its_newest_values(a in well_posed(), scale in 0.1..10.0_f64) {
         let mut factor = factorised(&a, Precision::Double).unwrap();
         let b = Dense(a.0.iter().map(|r| r.iter().map(|v| v * scale).collect()).collect());
@@ -195,6 +211,26 @@ fn rows_that_change_by_much_cost_few_steps() {
     }
 }
 
+#[test]
+fn right_hand_sides_share_directions() {
+    let stiff = |i: usize| if i % 10 < 5 { f64::from(u32::try_from(i + 1).unwrap()) } else { 0.0 };
+    let (before, after) = (chain(|_| 0.0), chain(stiff));
+    let data = after.compressed().2;
+    for precision in [Precision::Double, Precision::Single] {
+        let factor = factorised(&before, precision).unwrap();
+        let mut rhs = waves(2 * after.n());
+        rhs.extend(vec![0.0; after.n()]);
+        let together = factor.krylov_together(&data, &rhs, 1e-8, 200).unwrap();
+        assert!(together.residual <= 1e-8, "{}", together.residual);
+        let alone = |b: &[f64]| factor.krylov_together(&data, b, 1e-8, 200).unwrap().n_steps;
+        let n_alone: usize = rhs.chunks(after.n()).map(alone).sum();
+        assert!(together.n_steps < n_alone, "{} of {n_alone}", together.n_steps);
+        assert_eq!(together.solution[2 * after.n()..], vec![0.0; after.n()]);
+        let few = factor.krylov_together(&data, &rhs, 1e-8, 4).unwrap();
+        assert!(few.n_steps <= 4 && few.residual > 1e-8 && few.residual < 1.0);
+    }
+}
+
 fn says<T>(result: Result<T, Error>, parts: &[&str]) {
     let message = result.map(|_| ()).unwrap_err().to_string();
     for part in parts {
@@ -219,6 +255,11 @@ fn bad_patterns_are_named() {
     says(of(&[0, 1, 3], &[0, 1, 0]), &["indices[2], in row 1", "sort indices"]);
     says(of(&[0, 1, 3], &[0, 0, 1]), &["(1, 0) has no counterpart (0, 1)"]);
     says(of(&[0, 2, 3], &[0, 1, 1]), &["(0, 1) has no counterpart (1, 0)"]);
+    let ordered =
+        |order: &[u32]| SparseFactor::ordered(&[0, 1, 2], &[0, 1], Precision::Double, Some(order));
+    for wrong in [&[0][..], &[0, 0], &[0, 2], &[0, 1, 1]] {
+        says(ordered(wrong), &["order does not have each of 2 unknowns once"]);
+    }
     says("half".parse::<Precision>(), &["precision \"half\" is unknown"]);
 }
 
@@ -230,6 +271,7 @@ fn bad_values_are_named_and_leave_no_factor() {
     says(factor.precondition(&[1.0]), &["rhs has 1 values where 2"]);
     says(factor.krylov(&[2.0], &[1.0, 1.0], 1e-6, 9), &["data has 1 values where 4"]);
     says(factor.krylov(&[2.0; 4], &[1.0, f64::NAN], 1e-6, 9), &["rhs[1] is NaN"]);
+    says(factor.krylov_together(&[2.0; 4], &[1.0; 3], 1e-6, 9), &["rhs has 3 values where 4"]);
     says(factor.factorise(&[2.0]), &["data has 1 values where 4"]);
     says(factor.precondition(&[1.0, 1.0]), &["call factorise first"]);
     says(factor.krylov(&[2.0; 4], &[1.0, 1.0], 1e-6, 9), &["call factorise first"]);
