@@ -4,7 +4,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
 
 from palpate.api import FloatArray, IntArray, Limb, Material, Mesh, MeshError
 from palpate.mesh.spot_frame import in_spot_frame, spot_axes
@@ -213,9 +212,9 @@ class Linearised(Forces):
             rate += model.free(ahead - self.internal) / probe
         return rate
 
-    def matrix(self, load: ContactState) -> sp.csr_array:
-        """Derivative of the residual [N/mm]."""
-        return self.model.pattern.matrix(self._values(load, coupled=True))
+    def matrix(self, load: ContactState) -> FloatArray:
+        """Values of the derivative of the residual, in the order of the pattern [N/mm]."""
+        return self._values(load, coupled=True)
 
     def preconditioner(self, load: ContactState) -> FloatArray:
         """Values of a symmetric matrix close to it; see :meth:`Contact.stiffness`."""

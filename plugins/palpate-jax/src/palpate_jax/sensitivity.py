@@ -169,7 +169,9 @@ class Sensitivity:
         """Solutions (m, n_nodes, 3) of right-hand sides (m, n)."""
         model, moved = self._model, np.zeros((len(rhs), *self._model.points.shape))
         try:
-            steps = model.linear.solve_all(here.matrix(load), here.preconditioner(load), rhs, ACCURACY)
+            steps = model.linear.solve_all(
+                here.matrix(load), partial(here.preconditioner, load), rhs, ACCURACY
+            )
         except np.linalg.LinAlgError:
             return np.full_like(moved, np.nan)
         return np.stack([model.straight(u, step) for u, step in zip(moved, steps, strict=True)])

@@ -9,10 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
-import scipy.sparse as sp
 
 from palpate.api import FloatArray, IntArray, SparseFactor
-from palpate_jax.krylov import Space
+from palpate_jax.kept_orders import keep_order, kept_order, order_file
 
 PATIENCE = 60
 """Extra Krylov steps of an older factor, compared with a new one, before a new factorisation.
@@ -27,46 +26,68 @@ MOST_KRYLOV_STEPS = 60
 """A solve that needs more with a fresh preconditioner has failed."""
 
 
+_ACROSS = np.arange(3)
+"""Unknowns of a node."""
+
+
+TOLERATED = 1e-5
+"""Relative residual of a solution that is taken although rounding keeps it from its tolerance."""
+
+
 class Pattern:
     """Places of the element entries in a compressed-row matrix of the free unknowns.
 
     Parameters
     ----------
-    groups : sequence of (e, m) integer arrays
-        Unknown of each element degree of freedom, −1 if it is fixed.
+    groups : sequence of (e, 3n) integer arrays
+        Unknown of each element degree of freedom, −1 if it is fixed. Those of a node are three numbers
+        in sequence that start at a multiple of three, or are all fixed.
     n_unknowns : int
     """
 
     def __init__(self, groups: Sequence[IntArray], n_unknowns: int) -> None:
-        self.n_unknowns = n_unknowns
-        rows = np.concatenate([np.repeat(g, g.shape[1], axis=1).ravel() for g in groups])
-        columns = np.concatenate([np.tile(g, (1, g.shape[1])).ravel() for g in groups])
+        self.n_unknowns, n_nodes = n_unknowns, n_unknowns // 3
+        nodes = [g[:, ::3] // 3 for g in groups]
+        rows = np.concatenate([np.repeat(g, g.shape[1], axis=1).ravel() for g in nodes])
+        columns = np.concatenate([np.tile(g, (1, g.shape[1])).ravel() for g in nodes])
         free = (rows >= 0) & (columns >= 0)
-        entries, found = np.unique(rows[free] * n_unknowns + columns[free], return_inverse=True)
-        places = np.full(len(rows), len(entries))  # fixed entries go to one spare place
-        places[free] = found
-        self._places = np.split(places, np.cumsum([g.size * g.shape[1] for g in groups])[:-1])
+        codes = rows[free] * n_nodes + columns[free]
+        pairs = np.sort(codes)  # much faster than a search for distinct values
+        pairs = pairs[np.diff(pairs, prepend=-1) > 0]
+        of, to = np.divmod(pairs, n_nodes)
+        counts = np.bincount(of, minlength=n_nodes)
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        # Of a pair: 3 × 3 entries; the next row of a node is as far as it has columns.
+        first = 9 * starts[of] + 3 * (np.arange(len(pairs)) - starts[of])
+        blocks = first[:, None, None] + (3 * counts[of])[:, None, None] * _ACROSS[:, None] + _ACROSS
+        self.indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * counts, 3))]).astype(np.int32)
+        self.indices = np.empty(blocks.size, dtype=np.int32)
+        self.indices[blocks] = 3 * to[:, None, None] + _ACROSS
+        counterparts = blocks[np.searchsorted(pairs, to * n_nodes + of)]
+        self._transposed = np.empty(blocks.size, dtype=np.int64)
+        self._transposed[blocks] = counterparts.transpose(0, 2, 1)
+        found = np.full(len(rows), len(pairs))  # pairs with a fixed node go to one spare place
+        found[free] = np.searchsorted(pairs, codes)
+        blocks = np.concatenate([blocks, np.full((1, 3, 3), blocks.size)])
+        parts = np.split(found, np.cumsum([g.size * g.shape[1] for g in nodes])[:-1])
+        self._places: list[IntArray] = [
+            blocks[part].reshape(-1, g.shape[1], g.shape[1], 3, 3).swapaxes(2, 3).reshape(len(g), -1)
+            for g, part in zip(nodes, parts, strict=True)
+        ]
         self._sizes = [g.shape[1] for g in groups]
-        self.indices = (entries % n_unknowns).astype(np.int32)
-        counts = np.bincount(entries // n_unknowns, minlength=n_unknowns)
-        self.indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        self._transposed = np.argsort(entries % n_unknowns * n_unknowns + entries // n_unknowns)
 
     def places(self, group: int) -> IntArray:
         """Place (e, m, m) of each entry of a group in ``indices``, their number for a fixed one."""
         m = self._sizes[group]
-        return self._places[group].reshape(-1, m, m)
+        places: IntArray = self._places[group].reshape(-1, m, m)
+        return places
 
     def add(self, values: FloatArray, group: int, elements: IntArray, stiffnesses: FloatArray) -> None:
         """Add stiffnesses (e', m, m) of some elements of a group to values in the order of ``indices``."""
         if len(elements):
-            places = self._places[group].reshape(-1, stiffnesses[0].size)[elements].ravel()
+            places = self._places[group][elements].ravel()
             free = places < len(values)
             np.add.at(values, places[free], stiffnesses.ravel()[free])
-
-    def matrix(self, values: FloatArray) -> sp.csr_array:
-        """Matrix with these values."""
-        return sp.csr_array((values, self.indices, self.indptr), shape=(self.n_unknowns,) * 2)
 
     def symmetric_part(self, values: FloatArray) -> FloatArray:
         """Values of (K + Kᵀ)/2."""
@@ -108,7 +129,7 @@ class LinearSolver:
 
     def solve(
         self,
-        matrix: sp.csr_array,
+        matrix: FloatArray,
         preconditioner: Callable[[], FloatArray],
         rhs: FloatArray,
         tolerance: float,
@@ -117,7 +138,8 @@ class LinearSolver:
 
         Parameters
         ----------
-        matrix : (n, n) sparse array
+        matrix : (n_entries,) array
+            In the order of the pattern.
         preconditioner : callable
             Returns the values of a symmetric matrix close to it, for new factors.
         rhs : (n,) array
@@ -128,7 +150,7 @@ class LinearSolver:
         numpy.linalg.LinAlgError
             The matrix is singular to working precision, or a value is not finite.
         """
-        if not (np.isfinite(matrix.data).all() and np.isfinite(rhs).all()):
+        if not (np.isfinite(matrix).all() and np.isfinite(rhs).all()):
             raise np.linalg.LinAlgError("the tangent is not finite")
         if self._ready and self._extra_steps < PATIENCE:
             solution, n_steps = self._iterate(matrix, rhs, tolerance, FEW_KRYLOV_STEPS)
@@ -142,20 +164,36 @@ class LinearSolver:
         return solution
 
     def solve_all(
-        self, matrix: sp.csr_array, preconditioner: FloatArray, rhs: FloatArray, tolerance: float
+        self,
+        matrix: FloatArray,
+        preconditioner: Callable[[], FloatArray],
+        rhs: FloatArray,
+        tolerance: float,
     ) -> FloatArray:
-        """Solutions (m, n) of several right-hand sides (m, n), with new factors and one Krylov space.
+        """Solutions (m, n) of several right-hand sides (m, n), in one Krylov space.
 
-        New factors, because older ones need many more steps at a tight tolerance.
+        A solution is taken up to ``TOLERATED`` if rounding keeps it from its tolerance.
 
         Raises
         ------
         numpy.linalg.LinAlgError
             As :meth:`solve`.
         """
-        self._factorise(preconditioner)
-        space = Space(matrix, self._factor.precondition, len(rhs))
-        return np.stack([space.solve(b, tolerance) for b in rhs])
+        if not (np.isfinite(matrix).all() and np.isfinite(rhs).all()):
+            raise np.linalg.LinAlgError("the tangent is not finite")
+        if self._ready:
+            solutions, _, left = self._factor.krylov_together(
+                matrix, rhs, tolerance, len(rhs) * FEW_KRYLOV_STEPS
+            )
+            if left <= tolerance:
+                return solutions
+        self._factorise(preconditioner())
+        solutions, _, left = self._factor.krylov_together(
+            matrix, rhs, tolerance, len(rhs) * MOST_KRYLOV_STEPS
+        )
+        if not left <= TOLERATED:
+            raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
+        return solutions
 
     def _factorise(self, values: FloatArray) -> None:
         self.n_factorisations += 1
@@ -171,12 +209,17 @@ class LinearSolver:
         self._ready = True
 
     def _iterate(
-        self, matrix: sp.csr_array, rhs: FloatArray, tolerance: float, most_steps: int
+        self, matrix: FloatArray, rhs: FloatArray, tolerance: float, most_steps: int
     ) -> tuple[FloatArray | None, int]:
         """Solution, or None, and the steps that it took."""
-        solution, n_steps, converged = self._factor.krylov(matrix.data, rhs, tolerance, most_steps)
+        solution, n_steps, converged = self._factor.krylov(matrix, rhs, tolerance, most_steps)
         return solution if converged else None, n_steps
 
 
 def _factor(pattern: Pattern, precision: Literal["single", "double"]) -> SparseFactor:
-    return SparseFactor(pattern.indptr, pattern.indices, precision=precision)
+    file = order_file(pattern.indptr, pattern.indices)
+    order = kept_order(file)
+    factor = SparseFactor(pattern.indptr, pattern.indices, precision=precision, order=order)
+    if order is None:
+        keep_order(file, factor.order)
+    return factor
