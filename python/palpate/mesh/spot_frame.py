@@ -14,7 +14,6 @@ round, and the direction of a tilt. All six components of pose and wrench are th
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from palpate.domain import FloatArray, Indentation, Job, Limb, Mesh
 from palpate.errors import StudyError
@@ -108,6 +107,8 @@ def _tilted(limb: Limb, tilt_deg: tuple[float, float]) -> Limb:
     """The limb with the frame of its spot rotated by a vector along x and y of that frame."""
     if not any(tilt_deg):
         return limb
+    from scipy.spatial.transform import Rotation  # here: slow to import, and few presses are tilted
+
     axes = spot_axes(limb.spot.normal, limb.spot.along)
     axes = axes @ Rotation.from_rotvec(np.radians([*tilt_deg, 0.0])).as_matrix()
     return replace(limb, spot=replace(limb.spot, normal=axes[:, 2], along=axes[:, 0]))
