@@ -11,8 +11,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 
-SPARED = {"SharedPath", "SharedPath.best_scale", "SharedPath.gradient"}
-"""What Measured.along makes; and what searches by slopes and stiffness scaling will call."""
+SPARED = {"SharedPath", "SharedPath.best_scale", "SharedPath.gradient", "SparseFactor.precondition"}
+"""What Measured.along makes; what searches by slopes and stiffness scaling will call; and one application
+of a factor, whose laws are tested by it.
+"""
 
 
 STUB = ast.parse((ROOT / "python/palpate/_core.pyi").read_text("utf-8"))
