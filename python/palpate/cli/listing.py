@@ -25,7 +25,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "plan": ("palpate plan arm", "palpate plan arm --presses 4 --allowed allowed.toml"),
         "next": (
             "palpate next runs/arm",
-            "palpate next runs/arm --for soft_tissue.c1 --presses 3 --allowed allowed.toml",
+            "palpate next runs/arm --for soft_tissue.c1 --presses 3",
         ),
         "extend": ("palpate extend runs/arm --with p2-9.csv",),
         "demo": ("palpate demo", "palpate demo --sets 4", "palpate demo --study treloar"),

@@ -261,6 +261,23 @@ class SurfaceRow(Closed):
     message: str
 
 
+class ProposalOutput(Closed):
+    """Which presses to make: ``presses`` has the poses and paths of those that are chosen.
+
+    ``ranking`` and ``intervals`` are tables as rows, ``protocols`` what a study says of each candidate.
+    """
+
+    goal: str
+    presses: list[dict[str, Any]]
+    intervals: list[Row]
+    ranking: list[Row]
+    protocols: dict[str, dict[str, Any]]
+    refused: list[Row]
+    doubts: list[str]
+    check_spot: str | None
+    warnings: list[str]
+
+
 class TermOutput(Closed):
     """A term of the method."""
 
@@ -316,6 +333,9 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "doctor": list[FindingOutput],
         "run": RunOutput,
         "resume": RunOutput,
+        "plan": ProposalOutput,
+        "next": ProposalOutput,
+        "extend": RunOutput,
         "status": StatusOutput,
         "compare": CompareOutput,
         "predict": PredictOutput,

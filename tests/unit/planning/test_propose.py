@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from pydantic import TypeAdapter
 
 import palpate_materials
 from palpate import pipeline
+from palpate.cli.output import ProposalOutput
 from palpate.domain import Job
 from palpate.errors import StudyError
 from palpate.planning.candidates import Allowed, read_allowed, usual
@@ -142,6 +144,7 @@ def test_robot_gets_the_whole_path(run):
     assert press["rotation_deg"] == chosen.protocol.path[:, 1].tolist()
     assert written["goal"] == "all"
     assert for_robot(found, {})["ranking"] == written["ranking"]
+    TypeAdapter(ProposalOutput).validate_python({**written, "warnings": []}, strict=True)
 
 
 def test_measured_press_narrows_as_expected(run, tmp_path):
