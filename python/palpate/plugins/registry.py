@@ -55,6 +55,7 @@ FIRST_PARTY = frozenset(
         "jax",
         "limb",
         "materials",
+        "multis",
         "robot-log",
         "validation",
     )
