@@ -51,3 +51,19 @@ def test_another_pattern_has_another_file():
     other = Pattern([ELEMENTS], 24)
     names = {kept_orders.order_file(p.indptr, p.indices).name for p in (PATTERN, other)}
     assert len(names) == 2
+
+
+def test_a_simulation_begins_in_single_precision_whatever_was_before_it():
+    rows = np.repeat(np.arange(24), np.diff(PATTERN.indptr))
+    diagonal = np.flatnonzero(rows == PATTERN.indices)
+    hard, easy = (np.zeros(len(PATTERN.indices)) for _ in range(2))
+    hard[diagonal], easy[diagonal] = 1.0, 1.0 / 3.0
+    coupled = (rows == 0) & (PATTERN.indices == 1) | (rows == 1) & (PATTERN.indices == 0)
+    hard[coupled] = 1.0 - 1e-10
+    rhs = np.linspace(1.0, 2.0, 24)
+    alone = LinearSolver(PATTERN).solve(easy, lambda: easy, rhs, 1e-12)
+    after = LinearSolver(PATTERN)
+    after.solve(hard, lambda: hard, rhs, 1e-6)
+    assert after._factor.precision == "double"  # which alone can hold it
+    after.restart()
+    assert np.array_equal(after.solve(easy, lambda: easy, rhs, 1e-12), alone)

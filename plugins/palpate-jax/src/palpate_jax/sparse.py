@@ -123,9 +123,14 @@ class LinearSolver:
         self._ready = False
 
     def restart(self) -> None:
-        """Drop the factors and the count, before another simulation of the same pattern."""
+        """Drop the factors and the count, before another simulation of the same pattern.
+
+        It begins in single precision, whatever the one before it has needed: its bits are its own.
+        """
         self.reset()
         self.n_factorisations = 0
+        if self._factor.precision != "single":
+            self._factor = _factor(self._pattern, "single")
 
     def solve(
         self,
