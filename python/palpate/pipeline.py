@@ -21,7 +21,7 @@ from palpate.executors.attempts import simulate_alone
 from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
 from palpate.fit.tables import fit_result
-from palpate.fitted import NO_INTERVALS, abscissae_of, cases_of, certainty_stage, fitted
+from palpate.opened_fit import NO_INTERVALS, abscissae_of, cases_of, certainty_stage, opened_fit
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.report import ReportData, draw_presses, write_report
@@ -312,7 +312,7 @@ def certainty(
     StudyError
         There is no fit, or none with intervals.
     """
-    with fitted(study, run_folder, plugins, progress) as (stored, simulations, cases):
+    with opened_fit(study, run_folder, plugins, progress) as (stored, simulations, cases):
         study, run, inputs = stored.study, stored.run, stored.inputs
         assessed = certainty_stage(simulations, inputs, cases).assessed(cases)
         sampled = PosteriorStage(study=study, design=inputs.design, progress=progress).run(cases, assessed)

@@ -67,7 +67,7 @@ def next_(  # named apart from the builtin
             n_points=n_points,
         )
     if as_json:
-        _print_json(session, found, progress)
+        _print_json(session, folder, progress)
         return
     _show(session, found)
     name = found.steps[0].chosen.press.press.name
@@ -106,26 +106,27 @@ def plan(
             n_points=n_points,
         )
     if as_json:
-        _print_json(session, found, progress)
+        _print_json(session, folder, progress)
         return
     _show(session, found)
     session.note(f"poses and paths are in {folder / 'next.json'}")
 
 
-def _print_json(session: Session, found: "Proposal", progress: StageProgress) -> None:
-    from palpate.planning.tables import for_robot
+def _print_json(session: Session, folder: Path, progress: StageProgress) -> None:
+    from palpate.run.directory import RunDirectory
 
-    session.json({**for_robot(found, {}), "warnings": progress.warnings})
+    session.json({**RunDirectory(folder).proposal(), "warnings": progress.warnings})
 
 
 def _show(session: Session, found: "Proposal") -> None:
     from palpate.planning.tables import proposal_tables
 
     tables = proposal_tables(found)
-    if found.doubts:
+    if found.failed_checks:
+        failed = ", ".join(found.failed_checks)
         session.paragraph(
-            f"The model does not describe the data ({', '.join(found.doubts)}), so narrower intervals would "
-            f"mislead. First repeat the press at {found.check} as it was: if its curves repeat, the model is "
+            f"The model does not describe the data ({failed}), so narrower intervals would mislead."
+            f" First repeat the press at {found.check} as it was: if its curves repeat, the model is "
             "wrong, else the measurement. What would narrow the intervals if the model were right:"
         )
     for number, ranking in tables.ranking.group_by("step", maintain_order=True):
@@ -182,6 +183,6 @@ def _of_run(context: typer.Context, run: Path | None, *, trust: bool) -> tuple[P
 
     folder = find_run(run)
     manifest = RunDirectory(folder).manifest()
-    file = study_file_of(folder, manifest)
+    file = study_file_of(folder, manifest, "put it back, with its meshes")
     named = [*plugins_of(folder, manifest), *study_plugins(file)]
     return folder, session_of_run(Session.of(context), folder, named, trust=trust, command="next"), file

@@ -273,7 +273,7 @@ class ProposalOutput(Closed):
     ranking: list[Row]
     protocols: dict[str, dict[str, Any]]
     refused: list[Row]
-    doubts: list[str]
+    failed_checks: list[str]
     check_spot: str | None
     warnings: list[str]
 

@@ -36,7 +36,7 @@ def resume(
 
     folder = find_run(run)
     manifest = RunDirectory(folder).manifest()
-    file = study or study_file_of(folder, manifest)
+    file = study or study_file_of(folder, manifest, f"name it: palpate resume {folder} --study FILE")
     named = [*plugins_of(folder, manifest), *([] if study else study_plugins(file))]
     session = session_of_run(Session.of(context), folder, named, trust=trust_plugins)
     checked = _extended(session.study(file), manifest, n_sets)

@@ -110,8 +110,8 @@ def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, 
     return found, read_study(run / "study.toml", found.plugins, copy_of=original)
 
 
-def study_file_of(run: Path, manifest: dict[str, Any]) -> Path:
-    """Study file that a run was made from.
+def study_file_of(run: Path, manifest: dict[str, Any], remedy: str) -> Path:
+    """Study file that a run was made from; ``remedy`` ends the message where it is gone.
 
     Raises
     ------
@@ -120,10 +120,7 @@ def study_file_of(run: Path, manifest: dict[str, Any]) -> Path:
     """
     file = run.joinpath(manifest["study_file"])
     if not file.is_file():
-        raise StudyError(
-            f"{file}: the study file of this run is not there any more; name it: "
-            f"palpate resume {run} --study FILE"
-        )
+        raise StudyError(f"{file}: the study file of this run is not there any more; {remedy}")
     return file.resolve()
 
 

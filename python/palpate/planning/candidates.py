@@ -1,18 +1,19 @@
 """Presses that may be made next: every combination of what the user allows."""
 
 import itertools
+import re
 import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from palpate.domain import Channel
 from palpate.errors import StudyError
 from palpate.planning.presses import Press
-from palpate.planning.study_text import with_press
+from palpate.planning.study_text import AddedPress, with_presses
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import Study, read_study
 from palpate.units import convert
@@ -39,6 +40,13 @@ class Allowed(BaseModel):
         default={}, description='Most of each channel with its unit, such as force = "30 N".'
     )
 
+    _file: Path | None = PrivateAttr(None)
+
+    @property
+    def place(self) -> str:
+        """How a message about it begins."""
+        return f"{self._file}: " if self._file else ""
+
 
 def read_allowed(path: Path) -> Allowed:
     """Read a file of candidates.
@@ -49,7 +57,9 @@ def read_allowed(path: Path) -> Allowed:
         Naming the file and the key.
     """
     try:
-        return Allowed.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        allowed = Allowed.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        allowed._file = path
+        return allowed
     except OSError as error:
         raise StudyError(f"{path}: cannot be read ({error.strerror}); check the path") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -61,20 +71,26 @@ def read_allowed(path: Path) -> Allowed:
         raise StudyError(f"{path}: {key}: {first['msg']}; a file of candidates has {keys}") from None
 
 
-def usual(study: Study) -> Allowed:
-    """Without a file: the study's depth and shares of it, without a twist, with half of it and all of it."""
-    table = _raw(study).get("protocol", {})
-    protocol: dict[str, list[Any]] = {}
-    if "depth" in table:
-        depth = convert(table["depth"], "mm")
-        protocol["depth"] = [f"{share * depth:g} mm" for share in SHARES]
-    if twist := [convert(angle, "deg") for angle in table.get("twist", [])]:
-        protocol["twist"] = [[f"{share * angle:g} deg" for angle in twist] for share in (0.0, 0.5, 1.0)]
-        protocol["twist"][0] = []
-    return Allowed(protocol=protocol)
+def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:
+    """Spots and keys of their protocols where nothing is said: shares of what each spot has.
+
+    That is half of the depth, three quarters and all of it, without a twist, with half of it and with all.
+    """
+    raw = tomllib.loads(study.file.read_text(encoding="utf-8-sig"))
+    found = []
+    for table in raw["spot"]:
+        own = {**raw.get("protocol", {}), **table.get("protocol", {})}
+        keys: dict[str, list[Any]] = {}
+        if "depth" in own:
+            depth = convert(own["depth"], "mm")
+            keys["depth"] = [f"{share * depth:g} mm" for share in SHARES]
+        if twist := [convert(angle, "deg") for angle in own.get("twist", [])]:
+            keys["twist"] = [[], *([f"{share * angle:g} deg" for angle in twist] for share in (0.5, 1.0))]
+        found += [(table["name"], each) for each in _combinations(keys)]
+    return found
 
 
-def limits_of(allowed: Allowed, channels: Mapping[str, Channel]) -> dict[str, float]:
+def limits_of(allowed: Allowed | None, channels: Mapping[str, Channel]) -> dict[str, float]:
     """Most of each channel, in its unit.
 
     Raises
@@ -82,19 +98,21 @@ def limits_of(allowed: Allowed, channels: Mapping[str, Channel]) -> dict[str, fl
     StudyError
         An unknown channel, or a quantity that is none of its kind.
     """
-    found = {}
+    found: dict[str, float] = {}
+    if allowed is None:
+        return found
     for name, given in allowed.limits.items():
         if name not in channels:
-            raise StudyError(f"limits.{name}: no such channel (known: {', '.join(channels)})")
+            raise StudyError(f"{allowed.place}limits.{name}: no such channel (known: {', '.join(channels)})")
         try:
             found[name] = convert(given, channels[name].units[1].replace("Nmm", "N*mm"))
         except ValueError as error:
-            raise StudyError(f"limits.{name}: {error}") from None
+            raise StudyError(f"{allowed.place}limits.{name}: {error}") from None
     return found
 
 
-def candidates(study: Study, plugins: Plugins, allowed: Allowed) -> list[Press]:
-    """Every press that is allowed, as the study would have it.
+def candidates(study: Study, plugins: Plugins, allowed: Allowed | None) -> list[Press]:
+    """Every press that is allowed, as the study would have it; by itself shares of its own.
 
     Raises
     ------
@@ -104,28 +122,45 @@ def candidates(study: Study, plugins: Plugins, allowed: Allowed) -> list[Press]:
     """
     if study.protocol is None:
         raise StudyError(f"{study.file}: has no [protocol]; a further press needs one")
-    spots = allowed.spots or list(study.spot_names)
-    if unknown := [spot for spot in spots if spot not in study.spot_names]:
-        raise StudyError(f"spots: no spot '{unknown[0]}' (known: {', '.join(study.spot_names)})")
-    ways = list(_combinations(allowed.protocol))
-    if not 0 < len(spots) * len(ways) <= MOST_PRESSES:
+    ways = usual(study) if allowed is None else list(_allowed_ways(study, allowed))
+    place = "" if allowed is None else allowed.place
+    if not 0 < len(ways) <= MOST_PRESSES:
         raise StudyError(
-            f"{len(spots) * len(ways)} candidates; allow 1 to {MOST_PRESSES} combinations of spots and keys"
+            f"{place}{len(ways)} candidates; allow 1 to {MOST_PRESSES} combinations of spots and keys"
         )
-    named = [(spot, _free_name(study, spot, i), keys) for spot in spots for i, keys in enumerate(ways, 1)]
+    names = _free_names(study, [spot for spot, _ in ways])
+    added = [
+        AddedPress(name=name, spot=spot, protocol=keys, measured=f"{name}.csv")
+        for name, (spot, keys) in zip(names, ways, strict=True)
+    ]
     text = study.file.read_text(encoding="utf-8-sig")
-    for spot, name, keys in named:
-        text = with_press(text, spot, name, keys, f"{name}.csv")
+    try:
+        extended = _read(with_presses(text, added), study, plugins)
+    except StudyError as error:
+        wrong = dict.fromkeys(re.findall(r"protocol(?:\.| ).*", str(error)))
+        raise StudyError("\n".join(f"{place}{each}" for each in wrong or [str(error)])) from None
+    presses = []
+    for each in added:
+        protocol = extended.protocol_at(each.name)
+        assert protocol is not None
+        presses.append(Press(name=each.name, spot=each.spot, protocol=protocol, keys=each.protocol))
+    return presses
+
+
+def _read(text: str, study: Study, plugins: Plugins) -> Study:
+    """Read a study from a text, with the paths of another one."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "study.toml"
         file.write_text(text, encoding="utf-8")
-        extended = read_study(file, plugins, need_measured=False, copy_of=study.file)
-    presses = []
-    for spot, name, keys in named:
-        protocol = extended.protocol_at(name)
-        assert protocol is not None
-        presses.append(Press(name=name, spot=spot, protocol=protocol, keys=keys))
-    return presses
+        return read_study(file, plugins, need_measured=False, copy_of=study.file)
+
+
+def _allowed_ways(study: Study, allowed: Allowed) -> Iterator[tuple[str, dict[str, Any]]]:
+    for spot in allowed.spots or study.spot_names:
+        if spot not in study.spot_names:
+            raise StudyError(f"{allowed.place}spots: no spot '{spot}' (known: {', '.join(study.spot_names)})")
+        for keys in _combinations(allowed.protocol):
+            yield spot, keys
 
 
 def described(press: Press) -> str:
@@ -146,12 +181,12 @@ def _combinations(protocol: Mapping[str, Sequence[Any]]) -> Iterator[dict[str, A
         yield dict(zip(protocol, values, strict=True))
 
 
-def _free_name(study: Study, spot: str, number: int) -> str:
-    name = f"{spot}-{number}"
-    while name in study.spot_names:
-        name += "b"
-    return name
-
-
-def _raw(study: Study) -> dict[str, Any]:
-    return tomllib.loads(study.file.read_text(encoding="utf-8-sig"))
+def _free_names(study: Study, spots: Sequence[str]) -> list[str]:
+    """Name of each press: its spot and a number, none of them that of a spot."""
+    taken, names = set(study.spot_names), []
+    for spot in spots:
+        number = itertools.count(1)
+        name = next(name for i in number if (name := f"{spot}-{i}") not in taken)
+        taken.add(name)
+        names.append(name)
+    return names

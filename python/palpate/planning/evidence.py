@@ -18,7 +18,7 @@ from palpate.domain import FloatArray
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""
 
-RANGE_SD = 12.0**-0.5
+FLAT_SD = 12.0**-0.5
 """Standard deviation, in ranges, of a value that may be anywhere in its range: nothing is outside of it."""
 
 SEEN = 1e-12
@@ -80,12 +80,12 @@ class Evidence:
         )
 
     def again(self, press: str, number: int) -> "Evidence":
-        """What the same press tells when it is made once more: causes of one press are drawn anew."""
+        """What the same press tells when it is made once more: causes of one press are drawn again."""
         end = f" of {press}"
         causes = {f"{n} {number}" if n.endswith(end) else n: part for n, part in self.causes.items()}
         return replace(self, causes=causes)
 
-    def covariance(self, range_sd: float = RANGE_SD) -> FloatArray:
+    def covariance(self, range_sd: float = FLAT_SD) -> FloatArray:
         """Covariance (n_parameters, n_parameters) of the fit of these presses, in shares of the ranges."""
         scores = self.noise + sum(part @ part.T for part in self.causes.values())
         sizes, axes = np.linalg.eigh(self.information)

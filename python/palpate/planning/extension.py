@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from palpate.errors import StudyError
-from palpate.planning.study_text import with_press
+from palpate.planning.study_text import AddedPress, with_presses
 from palpate.run.directory import RunDirectory
 from palpate.run.result_files import write_atomically
 
@@ -44,8 +44,7 @@ def extended_study(run: Path, study: Path, press: str | None, measured: Path) ->
     if file.exists():
         raise StudyError(f"{file}: exists and is not overwritten; move it, or run it as it is")
     path = Path(os.path.relpath(measured.resolve(), file.parent.resolve())).as_posix()
-    text = with_press(
-        study.read_text(encoding="utf-8-sig"), spots[name], name, known["protocols"][name], path
-    )
+    added = AddedPress(name=name, spot=spots[name], protocol=known["protocols"][name], measured=path)
+    text = with_presses(study.read_text(encoding="utf-8-sig"), [added])
     write_atomically(file, text.encode())
     return name, file

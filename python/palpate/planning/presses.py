@@ -21,7 +21,7 @@ USUAL_POINTS = 100
 """Points of a curve where no measured one shows how many there are."""
 
 OF_ONE_PRESS = ("onset", "tilt", "zero")
-"""Causes that are drawn anew with each press."""
+"""Causes that are drawn again with each press."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,20 +109,34 @@ class SimulatedPress:
         return {name: max(each.peaks.get(name, 0.0) for each in self.at) for name in names}
 
 
-def presses_so_far(ground: Ground, points: FloatArray) -> list[SimulatedPress]:
-    """What the presses of the fit tell, at points (n_points, n_parameters) of the box of the fit."""
+def presses_so_far(ground: Ground, points: FloatArray) -> tuple[list[SimulatedPress], FloatArray]:
+    """What the presses of the fit tell, at points (n_points, n_parameters) of the box of the fit.
+
+    Returns
+    -------
+    list of SimulatedPress
+    points : (n, n_parameters) array
+        Those at which every press can be simulated; the first is among them.
+
+    Raises
+    ------
+    PalpateError
+        A press cannot be simulated at the first point.
+    """
     terms = ground.problem.terms
     problems = [ground.problem.restated([term]) for term in terms]
-    found = _slopes([(problem, _at(ground, problem, point)) for problem in problems for point in points])
+    asked = [(problem, _at(ground, problem, point)) for problem in problems for point in points]
+    found = np.array(_slopes(asked), dtype=object).reshape(len(terms), len(points))
+    ended = np.array([[each.jacobian is not None for each in row] for row in found])
+    if failed := [i for i in range(len(terms)) if not ended[i, 0]]:
+        raise PalpateError(f"spot '{terms[failed[0]].spot}': {found[failed[0], 0].failure}")
+    used = np.flatnonzero(ended.all(axis=0))
     simulated = []
-    for i, (term, problem) in enumerate(zip(terms, problems, strict=True)):
+    for term, problem, row in zip(terms, problems, found, strict=True):
         press = Press(name=term.spot, spot=term.spot, protocol=term.protocol)
-        own = found[i * len(points) : (i + 1) * len(points)]
-        if failure := next((each.failure for each in own if each.jacobian is None), ""):
-            raise PalpateError(f"spot '{term.spot}': {failure}")
-        at = [_at_point(ground, press, problem, each, ground.columns) for each in own]
+        at = [_at_point(ground, press, problem, row[k], ground.columns) for k in used]
         simulated.append(SimulatedPress(press=press, at=tuple(at)))
-    return simulated
+    return simulated, points[used]
 
 
 def simulated_presses(ground: Ground, presses: Sequence[Press], points: FloatArray) -> list[SimulatedPress]:
@@ -245,7 +259,7 @@ def _as_measured(ground: Ground, press: Press, simulation: Simulation) -> Respon
             abscissa=np.interp(along, path, curve.abscissa),
             ordinate=np.interp(along, path, curve.ordinate),
         )
-    return Response(curves=curves)
+    return Response(curves=curves, record=known.record)
 
 
 def _slopes(asked: Sequence[tuple[Problem, FloatArray]]) -> list[Evaluation]:
@@ -276,7 +290,7 @@ def _at_point(
     slopes = (evaluation.jacobian * (box.upper - box.lower) / box.rates(evaluation.point))[:n]
     rows, channels = rows_of([term], n)
     groups = groups_of(rows)
-    measured = {term.spot: term.measured, **ground.measured}
+    measured = {**ground.measured, term.spot: term.measured}
     found = known_errors(ground.study, measured, [term], n, columns, ground.refinement)
     known = {
         _shared_name(label, name, press): groups @ column

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from palpate.errors import StudyError
-from palpate.fitted import NO_INTERVALS, abscissae_of, certainty_stage, fitted
-from palpate.planning.candidates import Allowed, candidates, limits_of, usual
+from palpate.opened_fit import NO_INTERVALS, abscissae_of, certainty_stage, opened_fit
+from palpate.planning.candidates import Allowed, candidates, limits_of
 from palpate.planning.narrowing import ALL
 from palpate.planning.stage import PlanningStage, Proposal, before_any_press, planned
 from palpate.planning.tables import for_robot
@@ -34,9 +34,8 @@ def propose(
     StudyError
         There is no joint fit with intervals, or nothing that is allowed is possible.
     """
-    allowed = allowed or usual(study)
     limits, presses = limits_of(allowed, plugins.channels), candidates(study, plugins, allowed)
-    with fitted(study, run_folder, plugins, progress) as (stored, simulations, cases):
+    with opened_fit(study, run_folder, plugins, progress) as (stored, simulations, cases):
         certain = certainty_stage(simulations, stored.inputs, cases)
         assessed = next(iter(certain.assessed(cases, joint_only=True)), None)
         if assessed is None:
@@ -72,9 +71,12 @@ def plan(
     StudyError
         Nothing that is allowed is possible.
     """
-    allowed = allowed or usual(study)
     limits, presses = limits_of(allowed, plugins.channels), candidates(study, plugins, allowed)
     limbs, run = load_limbs(study), RunDirectory(run_folder)
+    if (run_folder / "fit.parquet").exists():
+        raise StudyError(
+            f"{run_folder}: has a fit; `palpate next {run_folder}` plans further presses; name another folder"
+        )
     scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
     with run.locked(study, plugins.channels) as check_lock:
         run.initialise(study, plugins.channels, simulating=True)

@@ -50,17 +50,17 @@ class Proposal:
         One after the other.
     refused : mapping of name to str
         Candidates that cannot be simulated or are beyond a limit, and why.
-    doubts : tuple of str
+    failed_checks : tuple of str
         What says that the model does not describe the data.
     check : str
-        Spot whose press should be repeated first, where there are doubts; else empty.
+        Spot whose press should be repeated first, where a check has failed; else empty.
     """
 
     goal: Goal
     before: FloatArray
     steps: tuple[Step, ...]
     refused: Mapping[str, str]
-    doubts: tuple[str, ...] = ()
+    failed_checks: tuple[str, ...] = ()
     check: str = ""
 
     def intervals(self) -> list[tuple[FloatArray, FloatArray]]:
@@ -111,19 +111,20 @@ class PlanningStage:
         ground = self.ground()
         best = self.assessed.end.best
         assert best is not None
-        points = self._points(n_points)
+        check_goal(ground, goal)
         self.progress.begin("next", 0)
+        so_far, points = presses_so_far(ground, self._points(n_points))
         found = planned(
             ground,
-            presses_so_far(ground, points),
+            so_far,
             presses,
             points,
             goal,
             limits=limits,
             n_presses=n_presses,
         )
-        doubts = tuple(check.name for check in self.assessed.checks if check.is_failed)
-        return replace(found, doubts=doubts, check=self._worst_spot() if doubts else "")
+        failed_checks = tuple(check.name for check in self.assessed.checks if check.is_failed)
+        return replace(found, failed_checks=failed_checks, check=self._worst_spot() if failed_checks else "")
 
     def ground(self) -> Ground:
         """What is known before the press."""
@@ -185,23 +186,35 @@ def planned(
     StudyError
         There is no such goal, or no press can be made.
     """
-    problem, shared = ground.problem, ground.shared
-    if not shared:
-        raise StudyError(f"{ground.study.file}: every searched value belongs to one spot; presses share none")
-    parameters = tuple(problem.parameters[i] for i in shared)
-    aim = Goal(name=goal, parameters=parameters, values=problem.box.values(points[0])[shared])
+    problem = ground.problem
+    aim = check_goal(ground, goal, points[0])
     simulated = simulated_presses(ground, presses, points)
     refused = {each.press.name: why for each in simulated if (why := _refusal(each, limits))}
     possible = [each for each in simulated if each.press.name not in refused]
     if not possible:
         name, why = next(iter(refused.items()))
         raise StudyError(f"none of {len(simulated)} candidates is possible: {name}: {why}; allow others")
-    plan = Plan(so_far, aim, of_priors(problem, shared), len(points))
+    plan = Plan(so_far, aim, of_priors(problem, ground.shared), len(points))
     before, steps = plan.covariance, []
     for _ in range(n_presses):
         steps.append(Step(ranked=tuple(plan.ranked(possible))))
         plan.add(steps[-1].chosen.press)
     return Proposal(goal=aim, before=before, steps=tuple(steps), refused=refused)
+
+
+def check_goal(ground: Ground, goal: str, point: FloatArray | None = None) -> Goal:
+    """Make a goal at a point (n_parameters,) of the box.
+
+    Raises
+    ------
+    StudyError
+        There is no such goal, or every searched value belongs to one spot.
+    """
+    problem, shared = ground.problem, ground.shared
+    if not shared:
+        raise StudyError(f"{ground.study.file}: every searched value belongs to one spot; presses share none")
+    values = problem.box.values(problem.point_of({}) if point is None else point)
+    return Goal(name=goal, parameters=tuple(problem.parameters[i] for i in shared), values=values[shared])
 
 
 def before_any_press(

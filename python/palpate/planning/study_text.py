@@ -1,6 +1,7 @@
 """Study files with one more press: what was written by hand stays as it is."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import tomlkit
@@ -9,21 +10,30 @@ from tomlkit.items import AoT
 from palpate.errors import StudyError
 
 
-def with_press(text: str, spot: str, name: str, protocol: Mapping[str, Any], measured: str) -> str:
-    """Add a press at a spot to the text of a study: the spot once more under another name.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddedPress:
+    """A press that a study gets: the spot once more under another name.
 
     Parameters
     ----------
-    text : str
-        TOML of a study.
-    spot : str
-        Where the press is.
     name : str
         What the press is called: a name that no spot has.
+    spot : str
+        Where the press is.
     protocol : mapping
         Keys of ``[spot.protocol]``: what is done otherwise than in ``[protocol]``.
     measured : str
         File of its measured curves, relative to the study file.
+    """
+
+    name: str
+    spot: str
+    protocol: Mapping[str, Any]
+    measured: str
+
+
+def with_presses(text: str, presses: Iterable[AddedPress]) -> str:
+    """Add presses to the text (TOML) of a study.
 
     Raises
     ------
@@ -32,18 +42,18 @@ def with_press(text: str, spot: str, name: str, protocol: Mapping[str, Any], mea
     """
     document = tomlkit.parse(text)
     tables = document.get("spot", [])
-    names = [str(table.get("name")) for table in tables]
-    if spot not in names:
-        raise StudyError(f"no spot '{spot}' (known: {', '.join(names)}); correct the name")
-    if name in names:
-        raise StudyError(f"a spot '{name}' already exists; give the press another name")
-    like = tables[names.index(spot)].unwrap()
-    own = {**like.get("protocol", {}), **protocol}
-    added = {**like, "name": name, "measured": measured, **({"protocol": own} if own else {})}
-    if isinstance(tables, AoT):
-        tables.append(_table(added))
-    else:
-        tables.append(tomlkit.item(added, _parent=tables))
+    known = {str(table.get("name")): table.unwrap() for table in tables}
+    names = set(known)
+    for press in presses:
+        if press.spot not in known:
+            raise StudyError(f"no spot '{press.spot}' (known: {', '.join(known)}); correct the name")
+        if press.name in names:
+            raise StudyError(f"a spot '{press.name}' already exists; give the press another name")
+        names.add(press.name)
+        like = known[press.spot]
+        own = {**like.get("protocol", {}), **press.protocol}
+        added = {**like, "name": press.name, "measured": press.measured, **({"protocol": own} if own else {})}
+        tables.append(_table(added) if isinstance(tables, AoT) else tomlkit.item(added, _parent=tables))
     return tomlkit.dumps(document)
 
 

@@ -97,7 +97,7 @@ def for_robot(proposal: Proposal, limbs: Mapping[str, Limb]) -> dict[str, Any]:
             each.press.press.name: dict(each.press.press.keys) for each in proposal.steps[0].ranked
         },
         "refused": tables.refused.to_dicts(),
-        "doubts": list(proposal.doubts),
+        "failed_checks": list(proposal.failed_checks),
         "check_spot": proposal.check or None,
     }
 

@@ -16,7 +16,7 @@ from palpate.errors import StudyError
 from palpate.planning.candidates import Allowed, read_allowed, usual
 from palpate.planning.extension import extended_study
 from palpate.planning.propose import plan, propose
-from palpate.planning.study_text import with_press
+from palpate.planning.study_text import AddedPress, with_presses
 from palpate.planning.tables import for_robot, proposal_tables
 from palpate.run.result import ALL_SPOTS
 from palpate.study.reading import read_study
@@ -127,12 +127,13 @@ def test_file_of_candidates_names_its_mistake(tmp_path):
         read_allowed(file)
 
 
-def test_usual_candidates_are_shares_of_the_studys_press(run):
+def test_usual_candidates_are_shares_of_each_spots_press(run):
     study, _, _ = run
-    assert usual(study).protocol == {
-        "depth": ["1 mm", "1.5 mm", "2 mm"],
-        "twist": [[], ["2 deg"], ["4 deg"]],
-    }
+    depths, twists = ["1 mm", "1.5 mm", "2 mm"], [[], ["2 deg"], ["4 deg"]]
+    assert usual(study) == [("p1", {"depth": d, "twist": t}) for d in depths for t in twists]
+    text = study.file.read_text()
+    study.file.write_text(f'{text}protocol = {{ depth = "0.5 mm" }}\n')
+    assert {keys["depth"] for _, keys in usual(study)} == {"0.25 mm", "0.375 mm", "0.5 mm"}
 
 
 def test_robot_gets_the_whole_path(run):
@@ -174,17 +175,35 @@ def test_measured_press_narrows_as_expected(run, tmp_path):
     assert after / before == pytest.approx(expected, rel=0.25)
 
 
+def test_mistake_in_a_file_names_the_file_once(run, tmp_path):
+    file = tmp_path / "allowed.toml"
+    file.write_text('[protocol]\ndepht = ["1 mm", "2 mm"]\n')
+    with pytest.raises(StudyError, match=r"allowed\.toml: protocol\.depht") as raised:
+        _proposed(run, read_allowed(file))
+    assert str(raised.value).count("\n") == 0
+    assert "/study.toml" not in str(raised.value)
+
+
+def test_plan_leaves_a_fitted_run_alone(run):
+    study, folder, plugins = run
+    with pytest.raises(StudyError, match="has a fit"):
+        plan(study, folder, plugins, allowed=ALLOWED)
+
+
 def test_study_keeps_what_was_written_by_hand(run):
+    def press(name, spot="p1", protocol=None):
+        return AddedPress(name=name, spot=spot, protocol=protocol or {}, measured=f"more/{name}.csv")
+
     text = run[0].file.read_text() + "# the end\n"
-    added = with_press(text, "p1", "p1-2", {"depth": "3 mm", "twist": ["5 deg"]}, "more/p1-2.csv")
+    added = with_presses(text, [press("p1-2", protocol={"depth": "3 mm", "twist": ["5 deg"]})])
     assert "# the end" in added
     assert added.count("[[spot]]") == 2
     with pytest.raises(StudyError, match="already exists"):
-        with_press(added, "p1", "p1-2", {}, "p.csv")
+        with_presses(text, [press("p1-2"), press("p1-2")])
     with pytest.raises(StudyError, match="no spot 'p7'"):
-        with_press(added, "p7", "p1-3", {}, "p.csv")
+        with_presses(text, [press("p1-3", spot="p7")])
     inline = 'spot = [{ name = "p1", measured = "p1.csv" }]\n'
-    assert with_press(inline, "p1", "p2", {"depth": "3 mm"}, "p2.csv").count("name") == 2
+    assert with_presses(inline, [press("p2")]).count("name") == 2
 
 
 def test_first_presses_are_planned_over_the_ranges(run, tmp_path):

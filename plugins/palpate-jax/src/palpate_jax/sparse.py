@@ -128,7 +128,7 @@ class LinearSolver:
         It begins in single precision, whatever the one before it has needed: its bits are its own.
         """
         self.reset()
-        self.n_factorisations = 0
+        self.n_factorisations = self._fresh_steps = 0
         if self._factor.precision != "single":
             self._factor = _factor(self._pattern, "single")
 

@@ -63,7 +63,7 @@ def cases_of(
 
 
 @contextlib.contextmanager
-def fitted(
+def opened_fit(
     study: Study, run_folder: Path, plugins: Plugins, progress: Progress
 ) -> Iterator[tuple[StoredRun, Simulations, list[Case]]]:
     """Lock a run that has a fit and repeat its searches, whose simulations are all at hand."""
