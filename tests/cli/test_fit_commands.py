@@ -251,9 +251,12 @@ def test_a_card_is_printed_or_written_and_what_cannot_be_is_refused(call, withou
     run = ("runs/toy", "--trust-plugins")
     printed = call("card", *run, "--for", "json")
     assert printed.code == 0, printed.err
-    assert json.loads(printed.out)["parameters"]["k"]["value"] == pytest.approx(2.0, rel=1e-3)
+    assert json.loads(printed.out)["rubber"]["parameters"]["k"]["value"] == pytest.approx(2.0, rel=1e-3)
     assert call("card", *run, "--into", "rubber.json").code == 0
     assert (tmp_path / "rubber.json").read_text() == printed.out
+    both = call("card", *run, "--into", "both.json", "--json")
+    assert set(valid("card", both.json)) == {"rubber"}
+    assert (tmp_path / "both.json").read_text() == printed.out
     for options, expected in (
         (("--into", "rubber.json"), "exists and is not overwritten"),
         (("--for", "comsol"), "no such program; choose one of febio, abaqus, ansys, ls-dyna, json"),

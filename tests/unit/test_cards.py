@@ -7,11 +7,15 @@ import xml.etree.ElementTree as ET
 import jax
 import jax.numpy as jnp
 import numpy as np
+import polars as pl
 import pytest
 
 from palpate import mechanics
-from palpate.cards import PROGRAMS, CardData
+from palpate.cards import PROGRAMS, CardData, joined
+from palpate.cards.of_run import _intervals
 from palpate.errors import MaterialError
+from palpate.run.result import CertaintyResult, FitResult
+from palpate.stages.fitted import Fitted
 from palpate_materials.demiray import Demiray
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden, OgdenSettings
@@ -187,6 +191,48 @@ def test_json_has_every_material_and_others_are_refused_with_the_reason():
     for program in READERS:
         with pytest.raises(MaterialError, match=f"'demiray' cannot be written for {program}: its class decl"):
             PROGRAMS[program](given)
+
+
+def test_json_has_the_formula_alone():
+    energy = json.loads(PROGRAMS["json"](data("ogden")))["energy"]
+    assert energy == "Ψ = Σ_k c_k/m_k² (λ̃1^m_k + λ̃2^m_k + λ̃3^m_k − 3) + κ/2 (ln J)²"
+
+
+def test_materials_of_several_regions_have_numbers_of_their_own():
+    given = {region: data("yeoh", region=region, number=i) for i, region in enumerate(("fat", "muscle"), 1)}
+    texts = {name: joined(name, {r: write(d) for r, d in given.items()}) for name, write in PROGRAMS.items()}
+    febio_root = ET.fromstring(f"<Material>{texts['febio']}</Material>")
+    assert [(m.attrib["id"], m.attrib["name"]) for m in febio_root] == [("1", "fat"), ("2", "muscle")]
+    lines = texts["ansys"].splitlines()
+    assert [line for line in lines if line.startswith("MP,")] == ["MP,DENS,1,1e-09", "MP,DENS,2,1e-09"]
+    assert [line for line in lines if line.startswith("TB,")] == [
+        "TB,HYPER,1,1,3,YEOH",
+        "TB,HYPER,2,1,3,YEOH",
+    ]
+    lines = texts["ls-dyna"].splitlines()
+    firsts = [lines[i + 2] for i, line in enumerate(lines) if line.startswith("*MAT_")]
+    assert [int(first[:20]) for first in firsts] == [1, 2]
+    assert [card["region"] for card in json.loads(texts["json"]).values()] == ["fat", "muscle"]
+    assert texts["abaqus"].count("not fitted: density 1e-09 t/mm3, that of water") == 2
+
+
+def test_the_interval_is_that_of_the_spot_whose_value_it_is(space):
+    (region,) = space.regions
+    theta = np.array([0.4, 20.0])
+    rows = [
+        {"fit": "all spots", "scenario": "both", "parameter": name, "lower": lower, "upper": lower + 0.2}
+        for name, lower in (
+            ("soft_tissue.stiffness@p1", 0.3),
+            ("soft_tissue.stiffness@p2", 0.7),
+            ("soft_tissue.grip", 19.9),
+        )
+    ]
+    fit = FitResult(certainty=CertaintyResult(intervals=pl.DataFrame(rows)))
+    found = Fitted(source="fit", fit="all spots", scenario="both", values={}, spots=("p1", "p2"))
+    assert _intervals(fit, found, region, theta) == {
+        "stiffness": pytest.approx((0.3, 0.5)),
+        "grip": pytest.approx((19.9, 20.1)),
+    }
 
 
 def test_more_terms_than_a_program_has_are_refused():

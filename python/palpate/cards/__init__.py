@@ -2,4 +2,4 @@
 
 from palpate.cards.card import CardData as CardData
 from palpate.cards.of_run import cards_of as cards_of
-from palpate.cards.programs import PROGRAMS as PROGRAMS
+from palpate.cards.programs import PROGRAMS as PROGRAMS, joined as joined

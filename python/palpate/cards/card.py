@@ -12,7 +12,7 @@ from palpate.plugins.energy_form import EnergyForm, StandardMaterial
 from palpate.plugins.interfaces import Material
 
 DENSITY_T_PER_MM3 = 1e-9
-"""Density of water, for programs that ask for one."""
+"""Density of water, for programs that ask for one; nothing of it is fitted."""
 
 VOLUMES = (0.95, 1.05)
 """Relative volumes at which pressures are compared where those of the experiment are unknown."""
@@ -35,6 +35,8 @@ class CardData:
     strain : mapping
         Ends of what the experiment reached: ``stretch_min``, ``stretch_max``, ``i1_max``, ``J_min`` and
         ``J_max``; empty where that is not known.
+    number : int
+        By which the parts of a model name the material: from 1, in the order of the study's regions.
     """
 
     title: str
@@ -43,6 +45,7 @@ class CardData:
     theta: FloatArray
     intervals: Mapping[str, tuple[float, float]]
     strain: Mapping[str, float]
+    number: int = 1
 
 
 def check_form(data: CardData, program: str) -> EnergyForm:
@@ -78,6 +81,7 @@ def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
     yield "units: mm, N, MPa, tonne, s"
     for parameter, value in zip(data.material.parameters, data.theta.tolist(), strict=True):
         yield f"fitted: {parameter.name} = {_with_unit(parameter, value)}{_interval(data, parameter)}"
+    yield f"not fitted: density {DENSITY_T_PER_MM3:g} t/mm3, that of water"
     if form is not None:
         yield (
             f"initial moduli: shear {form.shear_MPa:.6g} MPa, bulk {form.bulk_MPa:.6g} MPa, "

@@ -16,7 +16,7 @@ def cards_of(stored: StoredRun) -> Iterator[CardData]:
     study, found, fit = stored.study, stored.fitted(), stored.run.fit()
     strains = stored.strains().values()
     thetas = inputs_at(study, found.spots[0], found.values, stored.inputs.measured).thetas
-    for region in study.space.regions:
+    for number, region in enumerate(study.space.regions, start=1):
         theta = thetas[region.region]
         yield CardData(
             title=f"{study.name}, region {region.region}, material {region.material.name} ({found.source}, "
@@ -26,6 +26,7 @@ def cards_of(stored: StoredRun) -> Iterator[CardData]:
             theta=theta,
             intervals=_intervals(fit, found, region, theta),
             strain=ranges_of([strain[region.region] for strain in strains if region.region in strain]),
+            number=number,
         )
 
 
@@ -37,7 +38,11 @@ def _intervals(
     if table.is_empty() or found.source != "fit":
         return {}
     rows = table.filter(fit=found.fit, scenario=found.scenario).iter_rows(named=True)
-    known = {row["parameter"].partition("@")[0]: (row["lower"], row["upper"]) for row in rows}
+    known = {}
+    for row in rows:
+        name, _, spot = row["parameter"].partition("@")
+        if spot in ("", found.spots[0]):  # whose values these are
+            known[name] = (row["lower"], row["upper"])
     intervals = {}
     for i, parameter in enumerate(region.material.parameters):
         if (ends := known.get(f"{region.region}.{parameter.name}")) is None or None in ends:

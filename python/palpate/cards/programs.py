@@ -11,6 +11,7 @@ ls-dyna     Σ C_k0 (Ĩ1 − 3)^k; Σ μ_j/α_j (Σ λ̃^α_j − 3)            
 ==========  ======================================================  ================================
 """
 
+import inspect
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
@@ -65,7 +66,7 @@ def febio(data: CardData) -> str:
     body = "".join(f"    <{name}>{value:.12g}</{name}>\n" for name, value in values)
     comment = "\n".join(f"  {line.replace('--', '- -')}" for line in lines)
     density = f"    <density>{DENSITY_T_PER_MM3:g}</density>\n"
-    start = f'<material id="1" name="{data.region}" type="{kind}">'
+    start = f'<material id="{data.number}" name="{data.region}" type="{kind}">'
     return f"<!--\n{comment}\n-->\n{start}\n{density}{body}</material>\n"
 
 
@@ -142,7 +143,10 @@ def ansys(data: CardData) -> str:
     rest = [d1, *[0.0] * (0 if table == "NEO" else n - 1)]
     numbers = [*values, *rest]
     option = "" if table == "NEO" else f"{n}"
-    lines = [f"MP,DENS,1,{DENSITY_T_PER_MM3:g}", f"TB,HYPER,1,1,{option},{table}"]
+    lines = [
+        f"MP,DENS,{data.number},{DENSITY_T_PER_MM3:g}",
+        f"TB,HYPER,{data.number},1,{option},{table}",
+    ]
     lines += [
         f"TBDATA,{i + 1}," + ",".join(f"{value:.12g}" for value in numbers[i : i + 6])
         for i in range(0, len(numbers), 6)
@@ -159,7 +163,7 @@ def ls_dyna(data: CardData) -> str:
             f"material '{data.material.name}' cannot be written for ls-dyna: *MAT_HYPERELASTIC_RUBBER takes "
             f"powers of I1 - 3 up to {MOST_YEOH_LS_DYNA}, and it has {n}; fit fewer terms"
         )
-    first = f"{1:>20}{DENSITY_T_PER_MM3:>20.12g}{form.poisson:>20.12g}{0:>20}"
+    first = f"{data.number:>20}{DENSITY_T_PER_MM3:>20.12g}{form.poisson:>20.12g}{0:>20}"
     if n > 1:
         keyword = "*MAT_HYPERELASTIC_RUBBER"
         c = [*form.powers, 0.0][:MOST_YEOH_LS_DYNA]
@@ -200,7 +204,7 @@ def as_json(data: CardData) -> str:
         "region": data.region,
         "material": data.material.name,
         "settings": data.material.settings.model_dump(mode="json"),
-        "energy": " ".join((type(data.material).__doc__ or "").split()).partition(">>>")[0].strip(),
+        "energy": _formula(type(data.material).__doc__ or ""),
         "stress": "Cauchy: sigma_a = lambda_a/J dW/dlambda_a",
         "units": "mm, N, MPa",
         "parameters": parameters,
@@ -209,6 +213,20 @@ def as_json(data: CardData) -> str:
         "strain_of_experiment": dict(data.strain) or None,
     }
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _formula(text: str) -> str:
+    """The paragraph of a material's docstring that has its energy; the first where none has."""
+    paragraphs = [" ".join(part.split()) for part in inspect.cleandoc(text).split("\n\n")]
+    return next((part for part in paragraphs if part.startswith(("Ψ =", "W ="))), paragraphs[0])
+
+
+def joined(program: str, cards: Mapping[str, str]) -> str:
+    """Cards by region as the text of one file; those in JSON become one object by region."""
+    if program != "json":
+        return "".join(cards.values())
+    content = {region: json.loads(card) for region, card in cards.items()}
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
 PROGRAMS: Mapping[str, Callable[[CardData], str]] = MappingProxyType(

@@ -27,7 +27,7 @@ def card(
     as_json: AsJson = False,
 ) -> None:
     """Write the fitted material for another program: values, formula of the stress, moduli, valid range."""
-    from palpate.cards import PROGRAMS, cards_of
+    from palpate.cards import PROGRAMS, cards_of, joined
     from palpate.progress import SILENT
     from palpate.run.directory import RunDirectory
     from palpate.run.result_files import write_atomically
@@ -43,14 +43,14 @@ def card(
         known = ", ".join(data.region for data in found)
         raise StudyError(f"--region {region}: not in the study; name one of {known}")
     cards = {data.region: PROGRAMS[program](data) for data in wanted}
+    text = joined(program, cards)
+    if into is not None:
+        if into.exists():
+            raise StudyError(f"{into}: exists and is not overwritten; move it, or name another file")
+        write_atomically(into, text.encode())
     if as_json:
         session.json(cards)
-        return
-    text = "".join(cards.values())
-    if into is None:
+    elif into is None:
         typer.echo(text, nl=False)
-        return
-    if into.exists():
-        raise StudyError(f"{into}: exists and is not overwritten; move it, or name another file")
-    write_atomically(into, text.encode())
-    session.say(f"written to {into}")
+    else:
+        session.say(f"written to {into}")
