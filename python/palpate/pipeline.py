@@ -36,14 +36,12 @@ from palpate.run.ownership import drawing_in
 from palpate.run.result import FitResult, PosteriorResult, SelectionResult, StudyInputs
 from palpate.run.stage_records import design_from, fit_from, measured_from, scores_from, selection_from
 from palpate.run.study_diff import Changed, changed
-from palpate.run.surface_files import surface_path
 from palpate.stages import scoring, selection, simulation
 from palpate.stages.completeness import completeness, without_result
 from palpate.stages.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
 from palpate.stages.limb import limb_warnings, load_limbs
 from palpate.stages.stiffness_scaling import best_scaled_sets
 from palpate.stages.study_design import draw_study
-from palpate.stages.surfaces import simulate_surfaces
 from palpate.stages.sweep import Simulations
 from palpate.stages.verification import verify
 from palpate.stored import StoredRun, best_sets, opened_run
@@ -336,7 +334,7 @@ def surface(study: Study, run_folder: Path, plugins: Plugins, progress: Progress
         opened_run(study, run_folder, plugins, needs="selection") as (stored, check_lock),
         stored.simulations(progress, check_lock) as simulations,
     ):
-        return _surface(simulations, stored)
+        return stored.simulate_surfaces(simulations)
 
 
 def report(
@@ -414,17 +412,10 @@ def _select(
     )
 
 
-def _surface(simulations: Simulations, stored: StoredRun) -> pl.DataFrame:
-    table = simulate_surfaces(simulations, stored.fitted(), stored.inputs.measured)
-    files = [surface_path(stored.run.folder, key) for key in table["key"]]
-    stored.run.write_surface(table, [file for file in files if file.exists()])
-    return table
-
-
 def _show_surface(simulations: Simulations, stored: StoredRun) -> None:
     """Simulate the skin for the page, if there is anything to simulate it with."""
     try:
-        _surface(simulations, stored)
+        stored.simulate_surfaces(simulations)
     except (StudyError, SolverError) as error:
         simulations.progress.note(f"warning: the limb under the press is not shown: {error}")
 

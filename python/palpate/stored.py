@@ -17,12 +17,13 @@ from palpate.run.directory import RunDirectory
 from palpate.run.keys import answers_key
 from palpate.run.result import FitResult, PosteriorResult, StudyInputs
 from palpate.run.stage_records import design_from, measured_from, scores_from, selection_from
+from palpate.run.surface_files import surface_path
 from palpate.stages import scoring, selection, simulation
 from palpate.stages.fitted import Fitted, fitted
 from palpate.stages.generalisation import generalise
 from palpate.stages.identifiability import assess_identifiability, at_measured
 from palpate.stages.limb import load_limbs
-from palpate.stages.surfaces import stored_strains, stored_surfaces
+from palpate.stages.surfaces import simulate_surfaces, stored_strains, stored_surfaces
 from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study, StudySpot
 
@@ -104,6 +105,13 @@ class StoredRun:
         run = self.run
         run.records.check("selection", selection_from(self.study, run.records))
         return fitted(self.study, run.selection(), run.generalisation(), run.fit())
+
+    def simulate_surfaces(self, simulations: Simulations) -> pl.DataFrame:
+        """Simulate the skin with what the run has found, and write which simulations have it."""
+        table = simulate_surfaces(simulations, self.fitted(), self.inputs.measured)
+        files = [surface_path(self.run.folder, key) for key in table["key"]]
+        self.run.write_surface(table, [file for file in files if file.exists()])
+        return table
 
     def surfaces(self) -> Mapping[str, SurfaceStates]:
         """States of the skin by spot, as ``palpate surface`` has simulated them; empty where it has not."""

@@ -265,6 +265,10 @@ def test_a_card_is_printed_or_written_and_what_cannot_be_is_refused(call, withou
     ):
         refused = call("card", *run, *options)
         assert (refused.code, expected in " ".join(refused.err.split())) == (2, True), refused.err
+    toolless = call("predict", *run)
+    assert (toolless.code, "Missing option '--tool'" in toolless.err) == (2, True), toolless.err
+    nowhere = call("predict", *run, "--tool", "plate.toml")
+    assert (nowhere.code, "no such tool file" in nowhere.err) == (2, True), nowhere.err
     skin = call("surface", without_sweep)
     assert skin.code == 2
     assert "does not give the states of the skin" in " ".join(skin.err.split())

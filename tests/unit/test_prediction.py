@@ -6,18 +6,26 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from pydantic import TypeAdapter
 
 from palpate import pipeline
+from palpate.cli.output import PredictOutput
+from palpate.cli.predict import _output
 from palpate.domain import Curve, Job, Limb, Response, Simulation, Status, SurfaceStates
 from palpate.errors import StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.interfaces import Solver
 from palpate.prediction import run_prediction, write_prediction
-from palpate.prediction.bands import ends, linear
+from palpate.prediction.bands import draws_of, ends, linear
 from palpate.prediction.exceedance import exceedances
+from palpate.prediction.files import notes
 from palpate.prediction.measures import area_above, contact_of, weighted_quantile
 from palpate.prediction.vtu import vtu
+from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
+from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
+from palpate.stages.fitted import Fitted
+from palpate.stored import StoredRun
 from palpate.study.tool import read_tool
 
 pytestmark = pytest.mark.usefixtures("one_figure")
@@ -60,9 +68,12 @@ class Pressed(Solver):
 
     name, summary, needs_limb, gives_surface, gives_slopes = "pressed", "with a skin", False, True, True
     answer = None  # of the analytic tissue
+    fails = staticmethod(lambda job: False)
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         (theta,) = job.thetas.values()
+        if self.fails(job):
+            return Simulation(job=job, status=Status.DIVERGED, response=None, message="step too small")
         response, surface, found = type(self).answer(*theta), None, {}
         if job.slopes:
             given = {
@@ -110,12 +121,7 @@ def tool_file(tmp_path, text=TOOL):
 def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins, tmp_path):
     study, run = fitted
     tool = read_tool(tool_file(tmp_path), study, plugins)
-
-    class Silent:
-        begin = step = note = lambda *_: None
-        should_continue = staticmethod(lambda: True)
-
-    found = run_prediction(study, run, tool, plugins.channels, Silent(), n_solved=5)
+    found = run_prediction(study, run, tool, plugins.channels, SILENT, n_solved=5)
     rows = {(row["spot"], row["quantity"]): row for row in found.summary.to_dicts()}
     stiffness = found.fitted.values["soft_tissue.stiffness"]
     peak = rows["p1", "peak pressure"]
@@ -129,8 +135,61 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     assert {path.suffix for path in files} >= {".parquet", ".csv", ".vtu", ".html", ".svg"}
     assert all(path.exists() for path in files)
     assert pl.read_parquet(tmp_path / "out" / "summary.parquet").equals(found.summary)
-    again = run_prediction(study, run, tool, plugins.channels, Silent(), n_solved=5)
+    again = run_prediction(study, run, tool, plugins.channels, SILENT, n_solved=5)
     assert again.summary.equals(found.summary)
+    printed = TypeAdapter(PredictOutput).validate_python(_output(found, "SIMULATED curves.", files))
+    assert (printed["source"], printed["n_draws"]) == ("fit", found.n_draws)
+    assert printed["notes"][0] == "SIMULATED curves."
+    assert "Solved bands at p2 are those of 5 draws, each simulated." in printed["notes"]
+
+
+def test_draws_that_fail_are_counted_and_reported(fitted, plugins, tmp_path, monkeypatch):
+    study, run = fitted
+    tool = read_tool(tool_file(tmp_path), study, plugins)
+    best = StoredRun.alone(study, run, SILENT).fitted().values["soft_tissue.stiffness"]
+
+    def soft(job):
+        is_draw = job.surface and not job.slopes and job.protocol.path[:, 0].max() == 5.0
+        return is_draw and job.thetas["soft_tissue"][0] < best
+
+    monkeypatch.setattr(Pressed, "fails", staticmethod(soft))
+    found = run_prediction(study, run, tool, plugins.channels, SILENT, n_solved=6)
+    n_ended = found.spots["p1"].n_ended
+    assert 0 < n_ended < found.spots["p1"].n_asked == 6
+    assert (
+        f"Solved bands at p1 are those of {n_ended} draws, each simulated; {6 - n_ended} of 6 failed and are "
+        "not in them." in notes(found, "")
+    )
+
+
+def test_a_spot_that_the_joint_fit_leaves_out_has_the_shared_values_alone(
+    fitted, plugins, tmp_path, monkeypatch
+):
+    study, run = fitted
+    tool = read_tool(
+        tool_file(tmp_path, TOOL.replace("threshold", 'spots = ["p2"]\nthreshold')), study, plugins
+    )
+    whole = StoredRun.alone(study, run, SILENT).fitted()
+    alone = replace(whole, spots=("p1",))
+    monkeypatch.setattr(StoredRun, "fitted", lambda self: alone)
+    found = run_prediction(study, run, tool, plugins.channels, SILENT)
+    assert found.summary["value"][0] > 0.0
+    alone = replace(alone, values={f"{name}@p1": value for name, value in whole.values.items()})
+    with pytest.raises(
+        StudyError, match=r"spot 'p2': .*grip was fitted for each spot by itself, and not for"
+    ):
+        run_prediction(study, run, tool, plugins.channels, SILENT)
+
+
+def test_draws_of_a_band_are_spread_over_all_that_there_are():
+    rows = pl.DataFrame({"k": np.arange(1000.0)}).with_columns(
+        fit=pl.lit("all spots"), scenario=pl.lit("both")
+    )
+    fit = FitResult(certainty=CertaintyResult(draws=rows))
+    found = Fitted(source="fit", fit="all spots", scenario="both", values={"k": 0.0}, spots=("p1",))
+    drawn = [row["k"] for row in draws_of(found, fit, PosteriorResult())]
+    assert (len(drawn), drawn[0], drawn[-1]) == (400, 0.0, 999.0)
+    assert np.mean(drawn) == pytest.approx(499.5, abs=1.0)
 
 
 def test_a_prediction_beyond_the_experiment_says_where_and_from_which_depth():
@@ -158,6 +217,7 @@ def test_a_prediction_beyond_the_experiment_says_where_and_from_which_depth():
         (("threshold", 'spots = ["p9"]\nthreshold'), r"the run has no spot 'p9' \(it has p1, p2\)"),
         (("threshold", "thresholt"), r"unknown key.*threshold"),
         (("friction = 0.5", ""), r"friction: missing"),
+        (("friction = 0.5", "friction = 0.5\n" + 2 * '[[spot]]\nname = "p1"\n'), r"'p1' is listed twice"),
     ],
 )
 def test_a_tool_file_that_is_wrong_is_refused_with_line_and_key(
@@ -165,6 +225,16 @@ def test_a_tool_file_that_is_wrong_is_refused_with_line_and_key(
 ):
     with pytest.raises(StudyError, match=message):
         read_tool(tool_file(tmp_path, TOOL.replace(*change)), make_study(), plugins)
+
+
+def test_a_motion_that_the_solver_of_the_run_lacks_is_refused(make_study, plugins, tmp_path):
+    class Turning(Pressed):
+        motions = ("rotation",)
+
+    with pytest.raises(
+        StudyError, match=r"protocol\.motion: solver 'pressed' simulates no motion with depth"
+    ):
+        read_tool(tool_file(tmp_path), make_study(solver=Turning()), plugins)
 
 
 def test_area_pressure_and_quantiles_of_a_contact():

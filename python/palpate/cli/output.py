@@ -243,8 +243,15 @@ class CertaintyOutput(Closed):
 
 
 class PredictOutput(Closed):
-    """A prediction: tables as rows, and its files."""
+    """A prediction: tables as rows, and its files; ``notes`` are the sentences of its page.
 
+    ``source`` is ``fit`` or the set whose values are used, ``n_draws`` those of the linear bands (0: none).
+    """
+
+    source: str
+    scenario: str
+    n_draws: int
+    notes: list[str]
     summary: list[dict[str, Any]]
     strains: list[dict[str, Any]]
     files: list[str]

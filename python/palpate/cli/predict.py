@@ -1,7 +1,8 @@
 """``palpate predict``: what the fitted limb feels under another tool."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,13 +11,15 @@ from palpate.cli.progress import StageProgress
 from palpate.cli.runs import find_run, study_of_run
 from palpate.cli.session import Session
 
+if TYPE_CHECKING:
+    from palpate.cli.output import PredictOutput
+    from palpate.prediction import Prediction
+
 
 def predict(
     context: typer.Context,
+    tool: Annotated[Path, typer.Option("--tool", metavar="FILE", help="Tool, motion and spots.")],
     run: RunPath = None,
-    tool: Annotated[Path, typer.Option("--tool", metavar="FILE", help="Tool, motion and spots.")] = Path(
-        "tool.toml"
-    ),
     draws: Annotated[
         int, typer.Option("--draws", min=0, help="Draws of the fitted values to simulate too, for a band.")
     ] = 0,
@@ -25,7 +28,7 @@ def predict(
 ) -> None:
     """Predict force, moment, pressure and shear under another tool, with a band and what extrapolates."""
     from palpate.prediction import run_prediction, write_prediction
-    from palpate.prediction.files import beyond
+    from palpate.prediction.files import notes
     from palpate.run.directory import RunDirectory
     from palpate.study.tool import read_tool
 
@@ -40,9 +43,23 @@ def predict(
     notice = "SIMULATED curves, not a real experiment." if study.data == "simulated" else ""
     files = write_prediction(found, session.plugins.channels, notice, into)
     if as_json:
-        tables = {"summary": found.summary, "strains": found.strains}
-        session.json({name: frame.to_dicts() for name, frame in tables.items()} | {"files": files})
+        session.json(_output(found, notice, files))
         return
     session.frame("Prediction", found.summary)
-    session.say(beyond(found.strains))
+    for text in notes(found, notice):
+        session.say(text)
     session.labelled("Page", files[-1].resolve().as_uri())
+
+
+def _output(found: "Prediction", notice: str, files: Sequence[Path]) -> "PredictOutput":
+    from palpate.prediction.files import notes
+
+    return {
+        "source": found.fitted.source,
+        "scenario": found.fitted.scenario,
+        "n_draws": found.n_draws,
+        "notes": notes(found, notice),
+        "summary": found.summary.to_dicts(),
+        "strains": found.strains.to_dicts(),
+        "files": [str(path) for path in files],
+    }

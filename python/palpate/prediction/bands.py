@@ -27,7 +27,7 @@ def draws_of(found: Fitted, fit: FitResult, posterior: PosteriorResult) -> list[
             continue
         own = table.filter(fit=found.fit, scenario=found.scenario)
         if own.height:
-            rows = own.gather_every(max(1, own.height // MOST_DRAWS)).head(MOST_DRAWS)
+            rows = own[np.linspace(0, own.height - 1, min(own.height, MOST_DRAWS)).astype(int)]
             names = [name for name in found.values if name in rows.columns]
             return [dict(found.values) | row for row in rows.select(names).to_dicts()]
     return []

@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 
 from palpate.domain import Channel
-from palpate.prediction.predict import Prediction
+from palpate.prediction.predict import Prediction, SpotPrediction
 from palpate.prediction.vtu import vtu
 from palpate.run.directory import file_name
 from palpate.run.result_files import write_atomically, write_frame
@@ -15,7 +15,6 @@ from palpate.run.result_files import write_atomically, write_frame
 TITLES = {
     "summary": "Under the tool, at its largest force",
     "strains": "Strains of the experiment and of the prediction",
-    "states": "Every balanced state",
 }
 
 
@@ -67,11 +66,19 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
         )
     else:
         lines.append("The run has no intervals, so nothing is known of how certain this is.")
-    if prediction.n_solved:
-        lines.append(f"Solved bands are those of {prediction.n_solved} draws, each simulated.")
+    lines += [_solved(spot, each) for spot, each in prediction.spots.items() if each.n_asked]
     failed = [f"{s} ({p.simulation.message})" for s, p in prediction.spots.items() if p.simulation.message]
     lines += [f"Not pressed to the end: {text}." for text in failed]
     return [*lines, beyond(prediction.strains)]
+
+
+def _solved(spot: str, each: SpotPrediction) -> str:
+    """How many simulated draws the solved bands of a spot hold."""
+    n_failed = each.n_asked - each.n_ended
+    if not each.n_ended:
+        return f"Solved bands at {spot}: none, since all {each.n_asked} simulated draws failed."
+    text = f"Solved bands at {spot} are those of {each.n_ended} draws, each simulated"
+    return text + (f"; {n_failed} of {each.n_asked} failed and are not in them." if n_failed else ".")
 
 
 def beyond(strains: pl.DataFrame) -> str:

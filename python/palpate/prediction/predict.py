@@ -18,7 +18,6 @@ from palpate.run.directory import RunDirectory
 from palpate.stages.fitted import Fitted, inputs_at
 from palpate.stages.limb import load_limbs
 from palpate.stages.simulation import check_jobs
-from palpate.stages.surfaces import simulate_surfaces
 from palpate.stages.sweep import Simulations
 from palpate.stored import StoredRun
 from palpate.study.reading import Study
@@ -60,6 +59,8 @@ class SpotPrediction:
         Ends of the linear band of a curve; none without draws.
     summary : list of dict
         Rows of the table.
+    n_asked, n_ended : int
+        Draws that were to be simulated, and those whose simulation did not fail: the solved bands hold these.
     """
 
     simulation: Simulation
@@ -68,6 +69,8 @@ class SpotPrediction:
     at: int
     bands: Mapping[str, FloatArray]
     summary: list[dict[str, Any]]
+    n_asked: int
+    n_ended: int
 
     @property
     def states(self) -> SurfaceStates:
@@ -85,7 +88,6 @@ class Prediction:
     spots: Mapping[str, SpotPrediction]
     strains: pl.DataFrame
     n_draws: int
-    n_solved: int
 
     @property
     def summary(self) -> pl.DataFrame:
@@ -130,7 +132,7 @@ def predict(
         raise StudyError(
             f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
         )
-    experiment = _experiment(stored, found, progress, check_lock)
+    experiment = _experiment(stored, progress, check_lock)
     draws = draws_of(found, run.fit(), run.posterior())
     if n_solved and not draws:
         raise StudyError(f"{run.folder}: has no draws of the fitted values; run `palpate fit` with a search")
@@ -143,21 +145,16 @@ def predict(
             plan = _Plan(stored, tool, found, spot, observed)
             spots[spot] = _at_spot(plan, simulations, draws, n_solved)
     strains = exceedances(experiment, {spot: each.simulation for spot, each in spots.items()})
-    return Prediction(
-        tool=tool, fitted=found, spots=spots, strains=strains, n_draws=len(draws), n_solved=n_solved
-    )
+    return Prediction(tool=tool, fitted=found, spots=spots, strains=strains, n_draws=len(draws))
 
 
-def _experiment(
-    stored: StoredRun, found: Fitted, progress: Progress, check_lock: Callable[[], None]
-) -> dict[str, Any]:
+def _experiment(stored: StoredRun, progress: Progress, check_lock: Callable[[], None]) -> dict[str, Any]:
     """Strains of the experiment by spot and region; simulates what `palpate surface` would."""
     study, run = stored.study, stored.run
     if not stored.strains():
         limbs = load_limbs(replace(study, fine_runs=0))
         with Simulations(study, run.folder, limbs, progress, check_lock) as simulations:
-            table = simulate_surfaces(simulations, found, stored.inputs.measured)
-        run.write_surface(table, [])
+            stored.simulate_surfaces(simulations)
     return stored.strains()
 
 
@@ -185,7 +182,7 @@ class _Plan:
     def thetas(self, values: Mapping[str, float]) -> Thetas:
         """Textbook values of the materials; friction and offsets are the tool's own."""
         study = self.stored.study
-        if self.spot in study.spot_names:
+        if self.spot in self.found.spots:
             return inputs_at(study, self.spot, values, self.stored.inputs.measured).thetas
         check_shared(values, study.space.names, self.spot)
         row = np.array([values[name] for name in study.space.names])
@@ -226,6 +223,7 @@ def _at_spot(
     force = _normal_force(simulation)
     space = plan.stored.study.space
     lines = {c.channel: linear(c, best, drawn, space) for c in simulation.response.curves.values()}
+    ended = [s for s in solved if s.status is Status.OK and s.surface is not None]
     prediction = SpotPrediction(
         simulation=simulation,
         contact=contact,
@@ -233,9 +231,11 @@ def _at_spot(
         at=int(np.argmax(force)),
         bands={name: np.array(ends(values)) for name, values in lines.items() if len(values)},
         summary=[],
+        n_asked=len(solved),
+        n_ended=len(ended),
     )
     factors = _factors(simulation.response.curves.get("force"), lines.get("force"))
-    prediction.summary.extend(_summary(plan, prediction, factors, solved))
+    prediction.summary.extend(_summary(plan, prediction, factors, ended))
     return prediction
 
 
@@ -260,9 +260,8 @@ def _factors(curve: Curve | None, lines: FloatArray | None) -> FloatArray:
 
 
 def _summary(
-    plan: _Plan, each: SpotPrediction, factors: FloatArray, solved: Sequence[Simulation]
+    plan: _Plan, each: SpotPrediction, factors: FloatArray, ended: Sequence[Simulation]
 ) -> Iterator[dict[str, Any]]:
-    others = [s for s in solved if s.status is Status.OK and s.surface is not None]
     for name, unit, attribute in QUANTITIES:
         value = _value(each.force_N, each.contact, attribute, each.at)
         if value is None:
@@ -273,8 +272,8 @@ def _summary(
             f"linear_{end}": None if at is None else float(at)
             for end, at in zip(("lower", "upper"), band, strict=True)
         }
-        if others:
-            found = [_of_simulation(s, plan.tool, attribute) for s in others]
+        if ended:
+            found = [_of_simulation(s, plan.tool, attribute) for s in ended]
             lower, upper = ends(np.array(found)[:, None])
             row |= {"solved_lower": float(lower[0]), "solved_upper": float(upper[0])}
         yield row
@@ -285,7 +284,8 @@ def _of_simulation(simulation: Simulation, tool: Tool, attribute: str) -> float:
     force = _normal_force(simulation)
     contact = contact_of(simulation.surface, tool.threshold_MPa)
     value = _value(force, contact, attribute, int(np.argmax(force)))
-    return np.nan if value is None else value
+    assert value is not None  # else the fit has none either, and no row is made
+    return value
 
 
 def _value(force_N: FloatArray, contact: Contact, attribute: str, at: int) -> float | None:

@@ -8,9 +8,10 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from palpate.domain import Indentation, Spot
+from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
-from palpate.study.build import Context
-from palpate.study.model import FileName, Length, Name, ProtocolTable, Table
+from palpate.study.build import Context, check_motions
+from palpate.study.model import FileName, Length, Name, ProtocolTable, Table, Tables
 from palpate.study.problems import Problems, require
 from palpate.study.reading import Study, parse_toml
 from palpate.study.source_positions import KeyLines
@@ -87,6 +88,8 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
     StudyError
         Everything that is wrong, with line, key and what to do.
     """
+    if not path.is_file():
+        raise StudyError(f"{path}: no such tool file; check the path")
     text, raw = parse_toml(path)
     problems = Problems(path, KeyLines(text), raw)
     context = Context(path.resolve(), plugins, problems)
@@ -105,6 +108,7 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
                 ("protocol", "indenter", "shape"),
                 f"solver '{study.solver.name}' of the run does not simulate indenter '{shape}'",
             )
+    check_motions(context, study.solver, Tables(written=frozenset()), [(("protocol",), protocol)])
     problems.raise_if_any()
     return Tool(
         name=path.stem,
@@ -125,6 +129,8 @@ def _spots(path: Path, table: ToolTable, study: Study, problems: Problems) -> tu
         else:
             problems.add(("spots", i), f"the run has no spot '{name}' (it has {', '.join(known)})")
     for i, own in enumerate(table.spot):
+        if own.name in (*table.spots, *(other.name for other in table.spot[:i])):
+            problems.add(("spot", i, "name"), f"'{own.name}' is listed twice; list each spot once")
         base = known.get(own.name)
         mesh = path.parent / own.mesh if own.mesh else None if base is None else base.mesh
         if mesh is None or not mesh.is_file():
