@@ -1,7 +1,7 @@
 """A run opened to go on with it: its simulations, and the searches of its fit."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import polars as pl
@@ -34,17 +34,22 @@ def abscissae_of(plugins: Plugins) -> dict[str, str]:
 
 
 def cases_of(
-    simulations: Simulations, stored: StoredRun, plugins: Plugins, scores: pl.DataFrame
+    simulations: Simulations,
+    stored: StoredRun,
+    plugins: Plugins,
+    scores: pl.DataFrame,
+    *,
+    look: Callable[[], None] = lambda: None,
 ) -> list[Case]:
-    """Fit every case of a study; what is simulated already is not simulated again."""
+    """Fit every case of a study; what is simulated already is not simulated again.
+
+    ``look`` is called before the searches and after each of their steps.
+    """
     inputs = stored.inputs
-    swept = simulation.jobs(stored.study, inputs.design, inputs.measured)
-    by_key = {simulations.key(job): job for job in swept}
-    time = FitTime(stored.study, stored.run.folder, inputs.limbs, by_key, simulations.progress)
-    time.look()
+    look()
 
     def follow(state: FitState) -> None:
-        time.look()
+        look()
         write_fit_state(stored.run.folder, state)
         if isinstance(simulations.progress, ShowsPlace):
             simulations.progress.at(str(state))
@@ -60,6 +65,14 @@ def cases_of(
         follow=follow,
     )
     return stage.run()
+
+
+def fit_time(simulations: Simulations, stored: StoredRun) -> FitTime:
+    """Make what says how long the fit of a run takes, whose searches have not been made before."""
+    inputs = stored.inputs
+    swept = simulation.jobs(stored.study, inputs.design, inputs.measured)
+    by_key = {simulations.key(job): job for job in swept}
+    return FitTime(stored.study, stored.run.folder, inputs.limbs, by_key, simulations.progress)
 
 
 @contextlib.contextmanager

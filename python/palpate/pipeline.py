@@ -21,7 +21,7 @@ from palpate.executors.attempts import simulate_alone
 from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
 from palpate.fit.tables import fit_result
-from palpate.opened_fit import NO_INTERVALS, abscissae_of, cases_of, certainty_stage, opened_fit
+from palpate.opened_fit import NO_INTERVALS, abscissae_of, cases_of, certainty_stage, fit_time, opened_fit
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.report import ReportData, draw_presses, write_report
@@ -423,7 +423,8 @@ def _show_surface(simulations: Simulations, stored: StoredRun) -> None:
 def _fit(simulations: Simulations, stored: StoredRun, plugins: Plugins, scores: pl.DataFrame) -> FitResult:
     study, run, found = stored.study, stored.run, FitResult()
     if not isinstance(study.search, BestSet):  # else the selection has it already
-        cases = cases_of(simulations, stored, plugins, scores)
+        look = fit_time(simulations, stored).look
+        cases = cases_of(simulations, stored, plugins, scores, look=look)
         stage = certainty_stage(simulations, stored.inputs, cases)
         assessed = stage.assessed(cases)
         planes = stage.planes(assessed, stored.inputs.design)

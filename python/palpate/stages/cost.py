@@ -52,6 +52,8 @@ class Cost:
         Spots, whose simulations a fit runs side by side.
     fit_factor : float
         Time of all simulations of the fit, of slopes and finer meshes too, over that of as many plain ones.
+    has_fit : bool
+        Whether there is one, and not the best set of the sweep as it is.
     """
 
     n_left: int
@@ -60,6 +62,7 @@ class Cost:
     n_fit: int = 0
     n_spots: int = 1
     fit_factor: float = 1.0
+    has_fit: bool = True
 
     @property
     def seconds(self) -> float | None:
@@ -83,7 +86,7 @@ class Cost:
             parts.append(f"{self.n_left} simulations to do{self._time(self.seconds)}")
         if self.n_fit:
             parts.append(f"about {self.n_fit} simulations of the fit{self._time(self.fit_seconds)}")
-        else:
+        elif self.has_fit:
             parts.append("the fit")
         return f"{'; then '.join(parts)}{f' (workers: {self.n_workers})' if self.n_workers else ''}"
 
@@ -135,6 +138,7 @@ def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapp
         n_fit=max(0, n_fit - len(others)),
         n_spots=len(study.spots),
         fit_factor=_fit_factor(study, limbs, n_fit),
+        has_fit=study.search.name != "sweep",
     )
 
 

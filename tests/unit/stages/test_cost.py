@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from palpate import pipeline
 from palpate.fit.least_squares import LeastSquares
-from palpate.fit.searches import DifferentialEvolution
+from palpate.fit.searches import BestSet, DifferentialEvolution
 from palpate.pipeline import check_study
 from palpate.progress import Silent
 from palpate.run.ledger.cache import ResultCache
@@ -53,6 +53,13 @@ def test_results_of_another_mesh_or_range_tell_the_time_of_one(make_study, plugi
 def test_an_executor_that_is_not_known_gives_no_time_of_all():
     left = Cost(n_left=3, seconds_each=2.0, n_workers=0)
     assert (left.seconds, str(left)) == (None, "3 simulations to do, each about 2 s here; then the fit")
+
+
+def test_the_paper_s_way_has_no_fit(make_study, tmp_path, plugins):
+    study = make_study(search=BestSet())
+    jobs, keys, _ = jobs_of(study, plugins)
+    left = replace(cost(study, dict(zip(keys, jobs, strict=True)), None, {}), seconds_each=1.0)
+    assert str(left) == f"{left.n_left} simulations to do, about {left.seconds:.0f} s (workers: 1)"
 
 
 def test_a_fit_without_a_sweep_has_a_time_too(make_study, plugins, tmp_path):
