@@ -139,7 +139,7 @@ def run_study(
             swept = simulation.run_sweep(simulations, inputs.design, inputs.measured)
             scores = _score(stored, swept)
             selected = _select(simulations, stored, swept, scores)
-            fitted = _fit(simulations, stored, plugins, scores)
+            fitted = _fit(simulations, stored, plugins, swept, scores)
             if study.solver.gives_surface:
                 _show_surface(simulations, stored)
         return RunResult(
@@ -292,12 +292,12 @@ def select(study: Study, run_folder: Path, plugins: Plugins, progress: Progress 
 def fit(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> FitResult:
     """Search the parameters for which the curves fit best, from the selected sets."""
     with opened_run(study, run_folder, plugins, needs="scores") as (stored, check_lock):
-        run = stored.run
-        scores = stored.scores(stored.swept())
+        run, swept = stored.run, stored.swept()
+        scores = stored.scores(swept)
         run.records.check("selection", selection_from(stored.study, run.records))
         run.initialise(stored.study, plugins.channels)
         with stored.simulations(progress, check_lock) as simulations:
-            return _fit(simulations, stored, plugins, scores)
+            return _fit(simulations, stored, plugins, swept, scores)
 
 
 def certainty(
@@ -313,7 +313,8 @@ def certainty(
     with opened_fit(study, run_folder, plugins, progress) as (stored, simulations, cases):
         study, run, inputs = stored.study, stored.run, stored.inputs
         assessed = certainty_stage(simulations, inputs, cases).assessed(cases)
-        sampled = PosteriorStage(study=study, design=inputs.design, progress=progress).run(cases, assessed)
+        stage = PosteriorStage(study=study, design=inputs.design, swept=stored.swept(), progress=progress)
+        sampled = stage.run(cases, assessed)
         if sampled is None:
             raise StudyError(NO_INTERVALS.format(run=run_folder, scenario=study.generalise_by))
         found = posterior_result(sampled, study.seed)
@@ -420,14 +421,20 @@ def _show_surface(simulations: Simulations, stored: StoredRun) -> None:
         simulations.progress.note(f"warning: the limb under the press is not shown: {error}")
 
 
-def _fit(simulations: Simulations, stored: StoredRun, plugins: Plugins, scores: pl.DataFrame) -> FitResult:
+def _fit(
+    simulations: Simulations,
+    stored: StoredRun,
+    plugins: Plugins,
+    swept: tuple[Simulation, ...],
+    scores: pl.DataFrame,
+) -> FitResult:
     study, run, found = stored.study, stored.run, FitResult()
     if not isinstance(study.search, BestSet):  # else the selection has it already
         look = fit_time(simulations, stored).look
         cases = cases_of(simulations, stored, plugins, scores, look=look)
         stage = certainty_stage(simulations, stored.inputs, cases)
         assessed = stage.assessed(cases)
-        planes = stage.planes(assessed, stored.inputs.design)
+        planes = stage.planes(assessed, stored.inputs.design, swept)
         certainty = replace(certainty_result(assessed, study), planes=planes)
         found = replace(fit_result(cases, simulations), certainty=certainty)
     run.write_fit(found, fit_from(study, run.records))

@@ -196,7 +196,8 @@ def experiment(name: str, seed: int, *, posterior: bool = False) -> dict:
         low, high = density.interval(assessed.point)
         found[key] = np.append((low <= truth) & (truth <= high), density.holds(truth))
     if posterior:
-        (drawn,) = PosteriorStage(study=study, design=stage.design).run([case], [assessed]).posteriors
+        sampling = PosteriorStage(study=study, design=stage.design, swept=())
+        (drawn,) = sampling.run([case], [assessed]).posteriors
         low, high = np.quantile(drawn.values, [0.025, 0.975], axis=0)
         found["posterior"] = np.append((low <= row) & (row <= high), np.nan)
     return found

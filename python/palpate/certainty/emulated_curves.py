@@ -1,15 +1,18 @@
 """Curves of all spots at the measured points, simulated and emulated, as functions of the searched values."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from palpate.certainty.emulator import Emulator, Runs
 from palpate.certainty.rows import pieces
-from palpate.domain import Design, FloatArray, channel_of
+from palpate.domain import Design, FloatArray, Simulation, channel_of
+from palpate.errors import PalpateError
 from palpate.fit.problem import Problem
+from palpate.fit.spot_term import NotRankedError, is_same_job
 from palpate.fit.stage import Case
+from palpate.plugins.parametrisation import SpotInputs
 from palpate.plugins.search import Trial
 
 MOST_SETS = 32
@@ -56,6 +59,23 @@ class SimulatedCurves:
             if each.jacobian is not None:
                 rates[i] = each.jacobian[:n] / self._scale[:, None] / box.rates(each.point)
         return Runs(values=box.values(points), ordinates=ordinates, slopes=rates)
+
+    def of_set(self, values: FloatArray, simulations: Mapping[str, Simulation]) -> FloatArray:
+        """Ordinates (n,) of a set of the sweep from its simulations by spot.
+
+        NaN where it has failed, or a fit would simulate something else at these values (n_parameters,).
+        """
+        parts = []
+        try:
+            for term in self.problem.terms:
+                inputs, simulation = self.problem.inputs_at(term, values), simulations[term.spot]
+                if not is_same_job(SpotInputs(thetas=simulation.job.thetas, protocol=term.protocol), inputs):
+                    raise NotRankedError
+                parts.append(term.residuals(simulation, inputs) / np.sqrt(len(self.problem.terms)))
+        except (KeyError, NotRankedError, PalpateError):
+            return np.full(self._scale.size, np.nan)
+        found: FloatArray = np.concatenate(parts) / self._scale + self.measured
+        return found
 
 
 class EmulatedCurves:
@@ -106,17 +126,32 @@ def runs_of_fits(simulated: SimulatedCurves, cases: Sequence[Case]) -> Runs:
     return simulated.runs(np.stack(list(sloped.values())), slopes=True).ended
 
 
-def runs_of_sets(simulated: SimulatedCurves, design: Design) -> Runs | None:
-    """Runs of the sets of a sweep that fit best, and of as many others; None where there was no sweep."""
-    names = [p.name for p in design.parameters]
-    rows = design.values.tolist()
-    sets = [simulated.problem.point_of(dict(zip(names, row, strict=True))) for row in rows]
-    if not sets:
+def runs_of_sets(simulated: SimulatedCurves, design: Design, swept: Sequence[Simulation]) -> Runs | None:
+    """Runs of the sets of a sweep that fit best, and of as many others; simulates nothing.
+
+    Returns
+    -------
+    Runs or None
+        None where no set has curves that a fit would simulate.
+    """
+    names, by_set = [p.name for p in design.parameters], dict[int, dict[str, Simulation]]()
+    for each in swept:
+        by_set.setdefault(each.job.set_id, {})[each.job.spot] = each
+    rows = [dict(zip(names, row, strict=True)) for row in design.values.tolist()]
+    values = [simulated.problem.values_of(row) for row in rows]
+    found = [(v, simulated.of_set(v, by_set.get(i, {}))) for i, v in enumerate(values)]
+    ended = [each for each in found if np.isfinite(each[1]).all()]
+    if not ended:
         return None
-    swept = simulated.runs(np.stack(sets), slopes=False).ended
-    misfit = (((swept.ordinates - simulated.measured) / simulated.peak) ** 2).sum(axis=1)
+    misfit = np.array([(((y - simulated.measured) / simulated.peak) ** 2).sum() for _, y in ended])
     best = np.argsort(misfit, kind="stable")[:MOST_SETS]
-    return swept[np.unique(np.concatenate([best, np.arange(min(MOST_SETS, misfit.size))]))]
+    chosen = [ended[i] for i in np.unique(np.concatenate([best, np.arange(min(MOST_SETS, misfit.size))]))]
+    ordinates = np.stack([y for _, y in chosen])
+    return Runs(
+        values=np.stack([v for v, _ in chosen]),
+        ordinates=ordinates,
+        slopes=np.full((*ordinates.shape, values[0].size), np.nan),
+    )
 
 
 class ScenarioDensity:

@@ -21,7 +21,7 @@ from palpate.certainty.emulated_curves import (
 )
 from palpate.certainty.rows import pieces
 from palpate.certainty.tables import Assessed
-from palpate.domain import BoolArray, Design, FloatArray, channel_of
+from palpate.domain import BoolArray, Design, FloatArray, Simulation, channel_of
 from palpate.fit.problem import Problem
 
 MOST_PLANES = 15
@@ -154,7 +154,9 @@ def _slope(residuals: Residuals, points: FloatArray, here: FloatArray, i: int) -
     return slope
 
 
-def planes_of_fits(assessed: Sequence[Assessed], design: Design, *, main: str) -> pl.DataFrame:
+def planes_of_fits(
+    assessed: Sequence[Assessed], design: Design, swept: Sequence[Simulation], *, main: str
+) -> pl.DataFrame:
     """Fopt of the joint fits, by an emulator of what the fits and the sweep have simulated.
 
     Parameters
@@ -162,6 +164,8 @@ def planes_of_fits(assessed: Sequence[Assessed], design: Design, *, main: str) -
     assessed : sequence of Assessed
     design : Design
         Of the sweep; may be empty.
+    swept : sequence of Simulation
+        Of its sets.
     main : str
         Scenario that generalises.
     """
@@ -171,8 +175,8 @@ def planes_of_fits(assessed: Sequence[Assessed], design: Design, *, main: str) -
     joint = [first, *(a for a in assessed if a is not first and a.case.label == first.case.label)]
     channels = {channel_of(name) for a in joint for t in a.end.problem.terms for name in t.weights}
     simulated = SimulatedCurves(first.end.problem, sorted(channels))
-    runs, swept = runs_of_fits(simulated, [a.case for a in joint]), runs_of_sets(simulated, design)
-    curves = EmulatedCurves(simulated, runs if swept is None else runs.and_others(swept))
+    runs, others = runs_of_fits(simulated, [a.case for a in joint]), runs_of_sets(simulated, design, swept)
+    curves = EmulatedCurves(simulated, runs if others is None else runs.and_others(others))
     return planes(joint, curves)
 
 

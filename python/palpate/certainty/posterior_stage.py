@@ -22,7 +22,7 @@ from palpate.certainty.emulator import Runs
 from palpate.certainty.posterior import Draws, draw
 from palpate.certainty.profiles import Profile, best_point, profile, refitted
 from palpate.certainty.tables import Assessed
-from palpate.domain import Design, FloatArray, channel_of
+from palpate.domain import Design, FloatArray, Simulation, channel_of
 from palpate.fit.box import Box
 from palpate.fit.stage import Case
 from palpate.progress import SILENT, Progress
@@ -130,11 +130,14 @@ class PosteriorStage:
     study : Study
     design : Design
         Of the sweep; may be empty.
+    swept : sequence of Simulation
+        Of its sets.
     progress : Progress
     """
 
     study: Study
     design: Design
+    swept: Sequence[Simulation]
     progress: Progress = SILENT
 
     def run(self, cases: Sequence[Case], assessed: Sequence[Assessed]) -> Sampled | None:
@@ -176,7 +179,7 @@ class PosteriorStage:
         spread = qmc.Halton(len(problem.parameters), rng=self.study.seed).random(64 * n)
         accepted = spread[problem.accepts(spread)][: max(n - len(runs.values), n // 2)]
         runs = runs.and_others(simulated.runs(accepted, slopes=self.study.solver.gives_slopes).ended)
-        swept = runs_of_sets(simulated, self.design)
+        swept = runs_of_sets(simulated, self.design, self.swept)
         return runs if swept is None else runs.and_others(swept)
 
     def _sampled(self, assessed: Assessed, curves: EmulatedCurves) -> Posterior:

@@ -15,7 +15,7 @@ from palpate.certainty.likelihood import whitening
 from palpate.certainty.planes import planes_of_fits
 from palpate.certainty.rows import Rows, grouped, groups_of, rows_of
 from palpate.certainty.tables import ALLOWED, Assessed, certainty_result
-from palpate.domain import Design, FloatArray, Response, channel_of
+from palpate.domain import Design, FloatArray, Response, Simulation, channel_of
 from palpate.errors import PalpateError, StoppedError
 from palpate.fit.running import Fit
 from palpate.fit.stage import Case
@@ -63,10 +63,12 @@ class CertaintyStage:
         wanted = [by] if joint_only else ended
         return [each for case in wanted if (each := self._assessed(case, columns))]
 
-    def planes(self, assessed: Sequence[Assessed], design: Design) -> pl.DataFrame:
+    def planes(
+        self, assessed: Sequence[Assessed], design: Design, swept: Sequence[Simulation]
+    ) -> pl.DataFrame:
         """Fopt of the joint fits in the planes of the parameters; empty where there is no emulator."""
         try:
-            return planes_of_fits(assessed, design, main=self.study.generalise_by)
+            return planes_of_fits(assessed, design, swept, main=self.study.generalise_by)
         except StoppedError:
             raise
         except (PalpateError, np.linalg.LinAlgError) as error:

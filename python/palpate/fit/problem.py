@@ -192,8 +192,7 @@ class Problem:
 
         What is not known is at its prior, where the parametrisation starts, or in the middle.
         """
-        with answering_for(self.parametrisation, "asking where to start"):
-            usual = self.parametrisation.start({term.spot: term.protocol for term in self.terms})
+        usual = self._usual()
         point = np.full(len(self.parameters), 0.5)
         for i, parameter in enumerate(self.parameters):
             head = parameter.name.partition("@")[0]
@@ -205,6 +204,17 @@ class Problem:
                     point[i] = self.box.point(values)[i]
                     break
         return point
+
+    def values_of(self, row: Mapping[str, float]) -> FloatArray:
+        """Values (n_parameters,) of a set of the sweep, given by name; where it varies none, the usual."""
+        given = {**self._usual(), **row}
+        known = [given.get(name, given.get(name.partition("@")[0], np.nan)) for name in self.names]
+        # To the last bit those of the sweep, which by way of the box they are not.
+        return np.clip(np.where(np.isnan(known), self.start, known), self.box.lower, self.box.upper)
+
+    def _usual(self) -> Mapping[str, float]:
+        with answering_for(self.parametrisation, "asking where to start"):
+            return self.parametrisation.start({term.spot: term.protocol for term in self.terms})
 
     def residuals_of_nothing(self) -> FloatArray:
         """Residuals (n_points,) where every simulated ordinate is zero; zero for the priors."""
@@ -266,9 +276,13 @@ class Problem:
         return simulation
 
     def _inputs(self, term: SpotTerm, point: FloatArray) -> SpotInputs:
-        values = dict(zip(self.names, self.box.values(point).tolist(), strict=True))
+        return self.inputs_at(term, self.box.values(point))
+
+    def inputs_at(self, term: SpotTerm, values: FloatArray) -> SpotInputs:
+        """What is simulated at a spot at values (n_parameters,)."""
+        named = dict(zip(self.names, values.tolist(), strict=True))
         with answering_for(self.parametrisation, f"what it gives spot '{term.spot}'"):
-            found = self.parametrisation.inputs(self.study.space, term.spot, term.protocol, values)
+            found = self.parametrisation.inputs(self.study.space, term.spot, term.protocol, named)
             if not isinstance(found, SpotInputs):
                 raise TypeError(f"it gave {found!r:.100}, not SpotInputs")
             return found

@@ -111,7 +111,7 @@ def sampled(pressed, stage_of):
     stage = stage_of(study, measured)
     cases = stage.run()
     assessed = CertaintyStage(study=study, measured=measured).assessed(cases)
-    return study, PosteriorStage(study=study, design=stage.design).run(cases, assessed)
+    return study, PosteriorStage(study=study, design=stage.design, swept=()).run(cases, assessed)
 
 
 def test_the_posterior_is_that_of_a_grid_of_real_simulations(sampled):

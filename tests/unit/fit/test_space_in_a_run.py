@@ -3,9 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 
 from palpate import pipeline
+from palpate.certainty import stage
+from palpate.certainty.emulated_curves import SimulatedCurves, runs_of_sets
 from palpate.domain import (
     Curve,
     Parameter,
@@ -13,6 +16,7 @@ from palpate.domain import (
     Prior,
     RegionMaterial,
     Response,
+    Scenario,
     Simulation,
     Status,
     Tie,
@@ -21,6 +25,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.indenters import Sphere
 from palpate.plugins.interfaces import Solver
+from palpate.stages.cost import FitTime
 from palpate.testing import LinearMaterial
 
 pytestmark = pytest.mark.usefixtures("one_figure")
@@ -185,3 +190,84 @@ def test_a_gain_is_found_and_a_prior_counts(run):
     result = run(truth, space(prior=Prior(value=0.5, sd=0.1)), searched, torque_gain=1.3, reported=True)
     assert row(result, "all spots", "p1")["gain.torque"] == pytest.approx(1.3, rel=1e-3)
     assert "gain.torque = 1.3" in result.report.verdict.lead
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Every job that is simulated; all sets but two start from these two, and friction makes the torque."""
+    jobs, simulate = [], Layers.simulate
+
+    def recorded(self, job, limb):
+        jobs.append(job)
+        found = simulate(self, job, limb)
+        force, torque = found.response.curves.values()
+        torque = replace(torque, ordinate=torque.ordinate * (0.5 + 0.5 * job.protocol.friction))
+        return replace(found, response=Response(curves={"force": force, "torque": torque}))
+
+    monkeypatch.setattr(Layers, "simulate", recorded)
+    monkeypatch.setattr(Layers, "n_pilots", lambda self, number: 2 * (number >= 2))
+    return jobs
+
+
+TRUTH = {"p1": (0.5, 0.3), "p2": (0.5, 0.0)}
+ONE = (Scenario(name="I", weights={"force": 1.0, "torque": 1.0}),)
+SEARCHED = {
+    "friction": {"lower": 0.1, "upper": 1.5},
+    "gains": {"torque": {"lower": 0.5, "upper": 2.0, "prior": {"value": 1.2, "sd": 0.1}}},
+}
+
+
+def test_contours_simulate_nothing_and_know_the_sets_of_the_sweep(run, asked, monkeypatch):
+    made = []
+
+    def planes_of_fits(assessed, design, swept, *, main):
+        n_asked = len(asked)
+        found = real(assessed, design, swept, main=main)
+        assert len(asked) == n_asked
+        simulated = SimulatedCurves(assessed[0].end.problem, ["force", "torque"])
+        made.append((found, runs_of_sets(simulated, design, swept), design, simulated))
+        return found
+
+    real = stage.planes_of_fits
+    monkeypatch.setattr(stage, "planes_of_fits", planes_of_fits)
+    result = run(TRUTH, space(), SEARCHED, n_sets=7, scenarios=ONE)
+    assert sum(bool(job.pilots) for job in asked) == 2 * 5
+    ((planes, runs, design, simulated),) = made
+    assert not planes.is_empty()
+    np.testing.assert_array_equal(runs.values[:, :2], design.values)
+    forces = [s.response.curves["force"] for s in result.simulations if s.job.spot == "p1"]
+    np.testing.assert_allclose(
+        runs.ordinates[:, simulated.places["p1", "force"]], [curve.ordinate for curve in forces], atol=1e-12
+    )
+
+
+def test_a_set_that_a_fit_would_simulate_otherwise_is_left_out(run, monkeypatch):
+    made = []
+
+    def planes_of_fits(assessed, design, swept, *, main):
+        made.append(runs_of_sets(SimulatedCurves(assessed[0].end.problem, ["force"]), design, swept))
+        return pl.DataFrame()
+
+    monkeypatch.setattr(stage, "planes_of_fits", planes_of_fits)
+    run(TRUTH, space(), {"friction": {"lower": 0.1, "upper": 0.9}}, n_sets=4, scenarios=ONE)
+    assert made == [None]
+
+
+def test_the_posterior_asks_for_no_set_of_the_sweep_again(run, asked, plugins, monkeypatch):
+    pytest.importorskip("emcee")
+
+    def run_study(study, folder, plugins):
+        found = real(study, folder, plugins)
+        del asked[:]
+        monkeypatch.setattr(FitTime, "look", lambda self: pytest.fail("no fit is to be made"))
+        pipeline.certainty(study, folder, plugins)
+        return found
+
+    monkeypatch.setattr(stage, "planes_of_fits", lambda *args, main: pl.DataFrame())
+    real = pipeline.run_study
+    monkeypatch.setattr(pipeline, "run_study", run_study)
+    found = run(TRUTH, space(), n_sets=7, scenarios=ONE)
+    thetas = [[float(theta[0]) for theta in job.thetas.values()] for job in asked]
+    assert thetas
+    apart = np.abs(np.array(thetas)[:, None] - found.design.values).max(axis=2)
+    assert apart.min() > 1e-9
