@@ -23,7 +23,9 @@ WRENCH = ("force_N", "lateral_x_N", "lateral_y_N", "moment_x_Nmm", "moment_y_Nmm
 is against the normal."""
 
 ALONG = ("slide_mm", "tilt_deg", "lateral_force_N", "tilt_moment_Nmm")
-"""Columns along the direction in which the path first shifts, or tilts: they depend on no axes."""
+"""Columns along the direction in which the path first shifts, or tilts: they depend on no axes.
+
+Smaller shifts and tilts than a thousandth of the largest have no direction."""
 
 TIME = "time_s"
 """Column of the time, where the path has one."""
@@ -32,6 +34,9 @@ STATE_COLUMNS = (*POSE, *WRENCH, *ALONG, TIME)
 """Columns that balanced states have by themselves."""
 
 _SHIFT, _TILT = slice(1, 3), slice(3, 5)
+
+MOVED = 1e-3
+"""Share of the largest shift, or tilt, up to which one is a remainder of Newton's method under loads."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,9 +166,9 @@ def pose_columns(
 
 
 def _first_direction(parts: FloatArray) -> FloatArray:
-    """Unit vector (2,) of the first row (k, 2) that is not zero; zeros where all are."""
+    """Unit vector (2,) of the first row (k, 2) that moves; zeros where none does."""
     sizes = np.hypot(*parts.T)
-    moved = np.flatnonzero(sizes > 0.0)
+    moved = np.flatnonzero(sizes > MOVED * sizes.max(initial=0.0))
     direction: FloatArray = parts[moved[0]] / sizes[moved[0]] if moved.size else np.zeros(2)
     return direction
 

@@ -61,6 +61,21 @@ def test_a_slide_and_a_tilt_depend_on_no_axes(seed, angle, turn):
         assert here[name].abscissa[1] > 0.0
 
 
+@given(SEEDS, st.floats(-3.1, 3.1), st.floats(1e-12, 1e-6))
+def test_a_slide_after_a_press_that_floats_has_its_own_direction(seed, angle, remainder):
+    """Under ``slide_force = [0, 0]`` the shifts of the press are remainders of Newton's method."""
+    states, random = slid(seed, angle=angle), np.random.default_rng(seed)
+    pose = states.pose + np.roll(states.pose, 2, axis=1) * [0, 0, 0, 1, 1, 0]
+    floating = pose.copy()
+    floating[1, 1:5] = remainder * random.standard_normal(4)
+    exact, found = (
+        BalancedStates(pose=each, wrench=states.wrench, slopes=states.slopes).columns
+        for each in (pose, floating)
+    )
+    for name in ("slide_mm", "tilt_deg", "lateral_force_N", "tilt_moment_Nmm"):
+        np.testing.assert_allclose(found[name], exact[name], atol=10.0 * remainder)
+
+
 @given(SEEDS, st.sampled_from([FORCE, LATERAL_FORCE, RATIO]))
 def test_slopes_are_those_of_the_ordinate(seed, channel):
     states, step = slid(seed), 1e-6
