@@ -186,3 +186,12 @@ class ProcessingSettings(Settings):
     relaxation: Switch = Field(
         default_factory=Switch, description="Measure how far force and torque fall in each dwell."
     )
+
+    @model_validator(mode="after")
+    def _one_frame(self) -> Self:
+        if self.slide.enabled and not self.frame.rotate:
+            raise ValueError(
+                "slide.enabled with frame.rotate = false: the line of the slide is in the base frame, and "
+                "the force in that of the sensor; leave one of them out"
+            )
+        return self
