@@ -91,6 +91,61 @@ def test_time_stamps_are_seconds_since_the_first(tmp_path: Path) -> None:
 
 
 @needs_nptdms
+@given(st.floats(0.0, 100.0), st.integers(0, 10**6))
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_streams_of_one_file_have_one_clock(tmp_path: Path, lag: float, later_us: int) -> None:
+    """Of time stamps and of waveforms that start at a time, whichever comes first."""
+    path, start = tmp_path / "log.tdms", np.datetime64("2018-06-01T10:00:00", "us")
+    later = start + np.timedelta64(later_us, "us")
+    waveform = {"wf_increment": 0.5, "wf_start_time": start, "wf_start_offset": lag}
+    with nptdms.TdmsWriter(path) as writer:
+        stamps = later + np.array([0, 1_500_000], dtype="timedelta64[us]")
+        writer.write_segment(
+            [
+                nptdms.ChannelObject("probe", "when", stamps),
+                nptdms.ChannelObject("load", "Fz", np.arange(3.0), properties=waveform),
+                nptdms.ChannelObject(
+                    "late", "Fz", np.arange(3.0), properties=waveform | {"wf_start_time": later}
+                ),
+                nptdms.ChannelObject("unset", "Fz", np.arange(3.0), properties={"wf_increment": 0.5}),
+            ]
+        )
+    log, after = read_here(path, Request()), 1e-6 * later_us
+    for stream, column, seconds in (
+        ("probe", "when", [after, after + 1.5]),
+        ("load", "time", [lag, lag + 0.5, lag + 1.0]),
+        ("late", "time", [lag + after, lag + after + 0.5, lag + after + 1.0]),
+        ("unset", "time", [0.0, 0.5, 1.0]),
+    ):
+        np.testing.assert_allclose(log.stream(stream).columns[column].values, seconds, atol=2e-6)
+
+
+@needs_nptdms
+@pytest.mark.parametrize(
+    ("changed", "names"),
+    [
+        ({"wf_increment": 0.25}, ["load, 3 rows, every 0.5 s", "load, 3 rows, every 0.25 s"]),
+        (
+            {"wf_start_offset": 2.0},
+            ["load, 3 rows, every 0.5 s, from 0.0 s", "load, 3 rows, every 0.5 s, from 2.0 s"],
+        ),
+    ],
+)
+def test_streams_of_one_length_have_names_of_their_own(
+    tmp_path: Path, changed: dict[str, float], names: list[str]
+) -> None:
+    path, waveform = tmp_path / "log.tdms", {"wf_increment": 0.5, "wf_start_offset": 0.0}
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                nptdms.ChannelObject("load", name, np.arange(3.0), properties=given)
+                for name, given in (("Fz", waveform), ("z", waveform | changed))
+            ]
+        )
+    assert [stream.name for stream in read_here(path, Request()).streams] == names
+
+
+@needs_nptdms
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.9])
 def test_a_file_that_is_cut_off_is_refused(tmp_path: Path, share: float) -> None:
     path = tmp_path / "log.tdms"
