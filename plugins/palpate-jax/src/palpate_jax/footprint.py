@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.api import FloatArray, Indentation, IntArray, Limb, Mesh, MeshError
+from palpate.api import BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh, MeshError, Waypoints
 from palpate.mesh.contact_edge import NEAR, contact_edge_mm
 from palpate.mesh.spot_frame import in_spot_frame
 from palpate_jax.contact_surface import contact_surfaces
@@ -74,7 +74,8 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     rim = rim[mesh.points_mm[rim, 2] > -lowest]
     if not rim.size:
         return
-    for offsets in _from_way(mesh.points_mm[rim, :2], protocol.waypoints.pose[:, 1:3]):
+    way = np.where(_is_pushed(protocol.waypoints), 0.0, protocol.waypoints.pose[:, 1:3])
+    for offsets in _from_way(mesh.points_mm[rim, :2], way):
         distances = np.hypot(*offsets.T)
         near = np.flatnonzero(distances < most)
         directions = offsets[near] / np.maximum(distances[near], 1e-12)[:, None]
@@ -94,10 +95,14 @@ def _aside_mm(protocol: Indentation) -> float:
     waypoints, indenter = protocol.waypoints, protocol.indenter
     tilt = np.radians(np.hypot(waypoints.pose[:, 3], waypoints.pose[:, 4]).max())
     aside = 2.0 * indenter.radius_mm * float(np.sin(tilt))
-    if waypoints.loads is not None:
-        pushed = np.where(np.isnan(waypoints.loads[:, 1:3]), 0.0, waypoints.pose[:, 1:3])
-        aside += float(np.linalg.norm(pushed, axis=1).max())
-    return aside
+    pushed = np.where(_is_pushed(waypoints), waypoints.pose[:, 1:3], 0.0)
+    return aside + float(np.linalg.norm(pushed, axis=1).max())
+
+
+def _is_pushed(waypoints: Waypoints) -> BoolArray:
+    """Whether a load moves each shift (n, 2), so that its row has the limit."""
+    loads = waypoints.loads
+    return np.zeros((len(waypoints.pose), 2), np.bool_) if loads is None else ~np.isnan(loads[:, 1:3])
 
 
 def _from_way(points: FloatArray, way: FloatArray) -> Iterator[FloatArray]:

@@ -124,7 +124,9 @@ class LoadStepping:
         if schedule.has_loads:
             self._control = LoadControl(self._model, self._thetas, self._law, self._tolerance, schedule.steps)
         for k, target in enumerate(schedule.targets):
-            guesses = [] if self._initial_guess is None else self._initial_guess.at(k, state.displacements)
+            # Where a load moves the indenter the first trial's position is not that of the guesses.
+            guessed = None if target.has_loads else self._initial_guess
+            guesses = [] if guessed is None else guessed.at(k, state.displacements)
             is_limit = False
             try:
                 reason = self._advance(state, target, guesses)

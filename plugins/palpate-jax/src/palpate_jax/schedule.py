@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.api import FloatArray, Indentation
+from palpate.api import BoolArray, FloatArray, Indentation
+from palpate.waypoints import DEPTH
 
 HERTZ = 1.5
 """Exponent of the depth in the force of a round indenter."""
@@ -33,6 +34,11 @@ class Target:
     loads: FloatArray
     load_share: float = 1.0
     time_s: float = 0.0
+
+    @property
+    def has_loads(self) -> bool:
+        """Whether any load is to be reached."""
+        return bool(np.isfinite(self.loads).any())
 
     def position(self, before: FloatArray) -> FloatArray:
         """Position (6,) to go to from the one before; that one for what a load moves, and what stays."""
@@ -75,7 +81,7 @@ class Schedule:
     @property
     def has_loads(self) -> bool:
         """Whether any load is to be reached."""
-        return any(np.isfinite(target.loads).any() for target in self.targets)
+        return any(target.has_loads for target in self.targets)
 
     @classmethod
     def through(cls, positions: FloatArray) -> "Schedule":
@@ -87,7 +93,8 @@ class Schedule:
 def schedule(protocol: Indentation, depth_steps: int, rotation_step_deg: float) -> Schedule:
     """Targets of a protocol, with its waypoints and without the rest.
 
-    Shifts take steps of the depth's length, tilts those of the rotation, and a load as many as the depth.
+    Shifts take steps of the depth's length, tilts those of the rotation, and a load as many as the depth;
+    a load that was not prescribed before takes all of them, as nobody knows by how much it changes.
     """
     depth_step_mm = max(float(protocol.path[:, 0].max()), 1e-9) / depth_steps
     steps = np.array([*[depth_step_mm] * 3, *[rotation_step_deg] * 3])
@@ -96,15 +103,17 @@ def schedule(protocol: Indentation, depth_steps: int, rotation_step_deg: float) 
     loads = np.full(pose.shape, np.nan) if waypoints.loads is None else waypoints.loads
     times = np.zeros(len(pose)) if waypoints.time_s is None else waypoints.time_s
     largest = np.where(np.isfinite(loads), np.abs(loads), 0.0).max(axis=0)
+    lowest = -np.abs(pose)
+    lowest[:, DEPTH] = np.minimum(0.0, pose[:, DEPTH])
     targets: list[Target] = []
     for k in range(1, len(pose)):
         given = np.isnan(loads[k])
+        known = given & np.isnan(loads[k - 1])
         n = max(
-            _count(np.abs(pose[k] - pose[k - 1])[given] / steps[given]),
-            _count(depth_steps * _changes(loads[k - 1], loads[k]) / np.where(largest > 0.0, largest, 1.0)),
+            _count(_farthest(pose[k], lowest[k - 1], pose[k - 1], known)[given] / steps[given]),
+            _count(depth_steps * _changes(loads[k - 1], loads[k], largest)),
             1,
         )
-        known = given & np.isnan(loads[k - 1])
         targets += _between(pose[k - 1 : k + 1], loads[k], known, times[k - 1 : k + 1], n)
     return Schedule(tuple(targets), steps)
 
@@ -113,14 +122,20 @@ def _count(change: FloatArray) -> int:
     return int(np.ceil(change.max(initial=0.0) - 1e-9))
 
 
-def _changes(before: FloatArray, after: FloatArray) -> FloatArray:
-    """Size (6,) of what loads change by; one that nobody prescribed before counts as zero."""
-    start = np.where(np.isfinite(before), before, 0.0)
-    return np.where(np.isfinite(after), np.abs(after - start), 0.0)
+def _farthest(to: FloatArray, lowest: FloatArray, highest: FloatArray, known: BoolArray) -> FloatArray:
+    """Longest ways (6,) to a place, from ``highest`` where it is known, else from anywhere in the limits."""
+    return np.where(known, np.abs(to - highest), np.maximum(np.abs(to - lowest), np.abs(to - highest)))
+
+
+def _changes(before: FloatArray, after: FloatArray, largest: FloatArray) -> FloatArray:
+    """Changes (6,) of loads as shares of the largest; 1 where none was prescribed before."""
+    is_known, sizes = np.isfinite(before), np.where(largest > 0.0, largest, 1.0)
+    changed = np.abs(after - np.where(is_known, before, 0.0)) / sizes
+    return np.where(np.isfinite(after), np.where(is_known, changed, 1.0), 0.0)
 
 
 def _between(
-    ends: FloatArray, loads: FloatArray, known: FloatArray, times: FloatArray, n: int
+    ends: FloatArray, loads: FloatArray, known: BoolArray, times: FloatArray, n: int
 ) -> Iterator[Target]:
     """Make n targets from one waypoint to the next; what is not ``known`` at the first goes by shares."""
     between = ends[0] + (ends[1] - ends[0]) * np.arange(1, n + 1)[:, None] / n
