@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from palpate.api import POSE, WRENCH, FloatArray, IntArray
+from palpate.waypoints import DEPTH
 from palpate_jax.contact import ContactLaw, ContactState, Memory
 from palpate_jax.kinematics import motion, pose, tip_at, wrench, wrench_rates
 from palpate_jax.model import Model
@@ -29,8 +30,6 @@ FINER = 1e-2
 
 ACCURACY = 1e-4
 """Residual of the linear systems of the slopes."""
-
-DEPTH = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,8 +170,8 @@ class LoadControl:
     def _change(self, at: Trial, memory: Memory, aim: Aim) -> tuple[FloatArray, FloatArray]:
         """Change (n_free,) of the free components by Newton's method, and that of the displacements."""
         free = aim.free
-        if not at.loads.any():  # off the skin: down to it
-            wanted = np.where(free == DEPTH, self._steps[DEPTH], 0.0)
+        if not at.loads.any():  # off the skin: down to it, first to depth 0
+            wanted = np.where(free == DEPTH, max(self._steps[DEPTH], -at.position[DEPTH]), 0.0)
             slopes = None
         else:
             slopes = [self._slope(at, memory, component) for component in free]

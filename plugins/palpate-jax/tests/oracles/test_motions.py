@@ -234,3 +234,13 @@ def test_a_force_is_reached_where_the_first_step_goes_beyond_it():
     protocol = protocol_of({"force": "0.4 N"}, depth_limit="6 mm", friction=0.5)
     states = states_of(protocol, coarse, theta=np.array([0.0675, 0.45]), tolerance=1e-4)
     np.testing.assert_allclose(states.wrench[1:, 0], 0.4 * (np.arange(1, 5) / 4) ** 1.5, rtol=1e-5)
+
+
+def test_a_force_is_reached_from_far_off_the_skin():
+    small = block("hex8", n_across=4, n_down=2, width_mm=24.0, height_mm=10.0)
+    held = {"force": "0.01 N"}
+    lifted, direct = (
+        states_of(protocol_of(*moves, held, depth_limit="0.5 mm", friction=0.0), small)
+        for moves in ([{"depth": "-5 mm"}], [])
+    )
+    np.testing.assert_allclose(lifted.pose[-1], direct.pose[-1], atol=1e-6)
