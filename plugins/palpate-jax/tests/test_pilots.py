@@ -92,6 +92,17 @@ def test_pilots_that_diverge_are_left_out(limb):
     assert bits(alone) == bits(cold)
 
 
+def test_states_in_a_folder_that_cannot_be_changed_are_read(tmp_path, monkeypatch):
+    states = PilotStates(tmp_path)
+    states.store("a", [np.ones((2, 3))])
+
+    def refuse(path):
+        raise PermissionError(path)
+
+    monkeypatch.setattr("os.utime", refuse)
+    np.testing.assert_array_equal(PilotStates(tmp_path).load("a"), np.ones((1, 2, 3)))
+
+
 def test_without_the_setting_no_set_has_pilots():
     assert [JaxSolver(SETTINGS).n_pilots(i) for i in (0, 2, 3, 4, 5, 99)] == [0, 0, 3, 3, 5, 5]
     assert JaxSolver(SETTINGS.model_copy(update={"pilots": False})).n_pilots(99) == 0

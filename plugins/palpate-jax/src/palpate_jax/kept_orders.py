@@ -1,15 +1,12 @@
 """Orders of elimination, kept on disk for the next process.
 
 The search for an order takes as long as several factors, and depends on the mesh alone. A file holds the
-order of one pattern, named by a hash of the pattern and of the compiled code that searches. It is written
-under another name and moved, so that any number of workers may share the folder; one that is damaged
-or was deleted is written again.
+order of one pattern, named by a hash of the pattern and of the compiled code that searches. Any number of
+workers may share the folder; a file that is damaged or was deleted is written again.
 """
 
 import hashlib
-import os
 import sys
-import tempfile
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -18,7 +15,7 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from palpate.api import SparseFactor
+from palpate.api import SparseFactor, write_atomically
 
 Order = NDArray[np.uint32]
 
@@ -46,14 +43,7 @@ def keep_order(file: Path, order: Order) -> None:
     """Write an order; without a folder for it, the next process searches again."""
     numbers = order.astype("<u4").tobytes()
     with suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=file.parent)
-        try:
-            with os.fdopen(handle, "wb") as opened:
-                opened.write(CHECKSUM(numbers).digest() + numbers)
-            Path(part).replace(file)
-        except OSError:
-            Path(part).unlink(missing_ok=True)
+        write_atomically(file, CHECKSUM(numbers).digest() + numbers)
 
 
 @cache

@@ -44,9 +44,10 @@ class PilotStates:
         path = self._path(key)
         try:
             stack = np.load(path, mmap_mode="r")
-            os.utime(path)
         except (OSError, ValueError, EOFError):
             return None
+        with contextlib.suppress(OSError):  # a folder of someone else may be read too
+            os.utime(path)
         return stack if stack.dtype == np.float32 and stack.ndim == 3 else None
 
     def store(self, key: str, displacements: Sequence[FloatArray]) -> None:
