@@ -88,6 +88,18 @@ def test_a_load_needs_a_limit(load):
         moves({load: f"1 {unit}"})
 
 
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ([{"tilt": ["25 deg", "20 deg"]}], "'tilt' tilts by 25° about x and 20° about y, 32° in all"),
+        ([{"tilt_moment": ["1 N*mm", "0 N*mm"]}], "'tilt_limit' tilts by 25° about x and 25° about y, 35.4°"),
+    ],
+)
+def test_a_tilt_that_is_too_large_is_named_by_its_key(given, reason):
+    with pytest.raises(StudyError, match=reason):
+        moves({"depth": "2 mm"}, *given, tilt_limit="25 deg")
+
+
 def test_too_many_moves_are_refused():
     with pytest.raises(StudyError, match="more than 1000 moves"):
         moves({"repeat": 1000, "moves": SOAK})

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from palpate.api import MOST_WAYPOINTS, FloatArray, Motion, Quantity, Settings, StudyError, Waypoints
+from palpate.waypoints import MOST_TILT_DEG
 
 Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]
@@ -82,8 +83,12 @@ class MovesSettings(Settings):
 
     moves: tuple[Move, ...] = Field(min_length=1, description="What is done, in order.")
     depth_limit: Length | None = Field(None, gt=0.0, description="Deepest a force may press [mm].")
-    slide_limit: Length | None = Field(None, gt=0.0, description="Farthest a slide_force may push [mm].")
-    tilt_limit: Angle | None = Field(None, gt=0.0, description="Farthest a tilt_moment may tilt [degrees].")
+    slide_limit: Length | None = Field(
+        None, gt=0.0, description="Farthest a slide_force may push, along each of x and y [mm]."
+    )
+    tilt_limit: Angle | None = Field(
+        None, gt=0.0, description="Farthest a tilt_moment may tilt, about each of x and y [degrees]."
+    )
     twist_limit: Angle | None = Field(None, gt=0.0, description="Farthest a torque may turn [degrees].")
 
     @property
@@ -118,10 +123,17 @@ def _followed(settings: MovesSettings) -> Waypoints:
         if len(poses) > MOST_WAYPOINTS:
             raise StudyError(f"the motion has more than {MOST_WAYPOINTS} moves; repeat less often")
         pose, load = _after(move, poses[-1], loads[-1], settings)
+        _check_tilt(pose[3:5], "tilt" if np.isnan(load[3]) else "tilt_limit")
         poses.append(pose)
         loads.append(load)
         times.append(times[-1] + move.duration)
     return Waypoints(pose=np.array(poses), loads=np.array(loads), time_s=np.array(times))
+
+
+def _check_tilt(tilt: FloatArray, key: str) -> None:
+    if (size := float(np.hypot(*tilt))) >= MOST_TILT_DEG:
+        about = f"{tilt[0]:g}° about x and {tilt[1]:g}° about y"
+        raise StudyError(f"'{key}' tilts by {about}, {size:.3g}° in all; give less than {MOST_TILT_DEG:g}°")
 
 
 def _after(
