@@ -62,7 +62,7 @@ if TYPE_CHECKING:
         Waypoints as Waypoints,
         moving_span as moving_span,
     )
-    from palpate.waypoints import MOST_WAYPOINTS as MOST_WAYPOINTS
+    from palpate.waypoints import MOST_TILT_DEG as MOST_TILT_DEG, MOST_WAYPOINTS as MOST_WAYPOINTS
 
     from palpate.indenters import Sphere as Sphere
 

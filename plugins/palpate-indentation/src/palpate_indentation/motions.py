@@ -6,8 +6,16 @@ from typing import Annotated, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from palpate.api import MOST_WAYPOINTS, FloatArray, Motion, Quantity, Settings, StudyError, Waypoints
-from palpate.waypoints import MOST_TILT_DEG
+from palpate.api import (
+    MOST_TILT_DEG,
+    MOST_WAYPOINTS,
+    FloatArray,
+    Motion,
+    Quantity,
+    Settings,
+    StudyError,
+    Waypoints,
+)
 
 Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]

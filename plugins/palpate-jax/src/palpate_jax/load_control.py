@@ -13,13 +13,12 @@ from functools import partial
 import numpy as np
 
 from palpate.api import POSE, WRENCH, FloatArray, IntArray
-from palpate.waypoints import DEPTH
 from palpate_jax.contact import ContactLaw, ContactState, Memory
 from palpate_jax.kinematics import motion, pose, tip_at, wrench, wrench_rates
 from palpate_jax.model import Model
 from palpate_jax.newton import Balance, Start, equilibrium
 from palpate_jax.rates import Rates
-from palpate_jax.schedule import HERTZ
+from palpate_jax.schedule import DEPTH, HERTZ
 
 MOST_TRIALS = 20
 MOST_SHORTENED = 5

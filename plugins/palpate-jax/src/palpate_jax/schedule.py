@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import BoolArray, FloatArray, Indentation
-from palpate.waypoints import DEPTH
+
+DEPTH = 0
+"""Component of a position."""
 
 HERTZ = 1.5
 """Exponent of the depth in the force of a round indenter."""
