@@ -1,8 +1,8 @@
 """Balanced states of an indenter along its path, and the curves that channels observe of them.
 
-Pose and wrench are in the frame of the spot (:mod:`palpate.mesh.spot_frame`), and conjugate: each
-component of the wrench is positive where the indenter does work on the tissue as that component of the
-pose grows. A component's column is named with its unit, as channels name it.
+Pose and wrench are in the frame of the spot (:mod:`palpate.mesh.spot_frame`), moments about its axes. Without
+tilt they are conjugate: each component of the wrench is positive where the indenter does work on the tissue
+as that component of the pose grows. A component's column is named with its unit, as channels name it.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ from palpate.curves import BoolArray, Channel, Curve, FloatArray, Response, froz
 from palpate.errors import CurveError
 
 POSE = ("depth_mm", "shift_x_mm", "shift_y_mm", "tilt_x_deg", "tilt_y_deg", "rotation_deg")
-"""Columns of a pose: where the indenter's point is below the spot and beside its axis, the rotation
+"""Columns of a pose: where the indenter's point is below the spot and away from its axis, the rotation
 vector of the indenter's axis from the normal, and the rotation about that axis."""
 
 WRENCH = ("force_N", "lateral_x_N", "lateral_y_N", "moment_x_Nmm", "moment_y_Nmm", "torque_Nmm")
