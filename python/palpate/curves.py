@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from inspect import isfunction
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -96,6 +97,11 @@ class Channel:
         if bool(self.needs) != (self.observe is not None):
             raise CurveError(
                 f"channel '{self.name}': `needs` and `observe` belong together; give both or none"
+            )
+        if not (self.observe is None or isfunction(self.observe)):  # keys need its name and its file
+            raise CurveError(
+                f"channel '{self.name}': `observe` is of class {type(self.observe).__name__}; give a "
+                "function defined at the top of a module"
             )
 
     @property

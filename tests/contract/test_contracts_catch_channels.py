@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.channels import BALANCED, FORCE, TORQUE
+from palpate.errors import CurveError
 from palpate.testing import ChannelContract
 
 CONTRACT = ChannelContract()
@@ -61,6 +62,11 @@ def test_a_faulty_channel_is_caught(law, faulty, reason):
     names = method.__code__.co_varnames[1 : method.__code__.co_argcount]
     with pytest.raises((AssertionError, pytest.fail.Exception), match=reason):
         method(**{name: given[name] for name in names})
+
+
+def test_a_quotient_that_has_no_value_at_rest_is_caught():
+    with pytest.raises(CurveError, match="finite"), np.errstate(invalid="ignore"):
+        CONTRACT.test_it_is_finite(replace(LEVER, abscissa="depth_mm"), STATES)
 
 
 def test_slopes_by_numpy_are_caught():

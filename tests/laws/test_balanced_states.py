@@ -1,5 +1,8 @@
 """Channels observe balanced states: columns by name, over the moving part of the path, with their slopes."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -124,6 +127,11 @@ def test_columns_have_names_with_units_and_one_place_each():
 def test_states_that_do_not_match_are_refused(given, words):
     with pytest.raises(CurveError, match=words):
         BalancedStates(**{"pose": np.zeros((4, 6)), "wrench": np.zeros((4, 6))} | given)
+
+
+def test_what_is_no_function_cannot_observe():
+    with pytest.raises(CurveError, match="`observe` is of class partial"):
+        replace(RATIO, observe=partial(RATIO.observe))
 
 
 def test_needs_and_observe_belong_together():

@@ -36,12 +36,16 @@ class ChannelContract:
 
     @pytest.fixture
     def states(self) -> BalancedStates:
-        """Provide balanced states in which every column moves; with ``others``, those of its solver."""
+        """Provide states, from rest on, in which every column moves; with ``others``, those of its solver.
+
+        The second is pressed only: a channel over a shift, tilt or rotation starts there.
+        """
         random = np.random.default_rng(1)
-        way = np.linspace(0.1, 1.0, 9)[:, None]
+        way = np.linspace(0.0, 1.0, 9)[:, None]
         pose = way * [2.0, 1.0, 0.5, 3.0, -2.0, 10.0]
         wrench = way * [4.0, 1.0, 0.7, 5.0, -3.0, 20.0] * random.uniform(0.8, 1.2, (9, 6))
-        slopes = {"tissue.c1": random.standard_normal((9, 6))}
+        pose[1, 1:] = wrench[1, 1:] = 0.0
+        slopes = {"tissue.c1": way * random.standard_normal((9, 6))}
         return BalancedStates(pose=pose, wrench=wrench, time_s=np.arange(9.0), slopes=slopes)
 
     def test_its_columns_end_in_their_units(self, channel: Channel) -> None:
