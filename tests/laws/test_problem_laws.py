@@ -107,6 +107,7 @@ def problem_of(scenario, responses, rules, solver, prior=None):
         filters=(),
         protocol_at=lambda spot: HomogeneousTests(paths={}),
         observed=lambda channels: PRESS_AND_TWIST,
+        site_of=lambda spot: spot,
     )
     abscissae = {"force": "depth_mm", "torque": "rotation_deg"}
     terms = [term_of(study, spot, scenario, response, abscissae) for spot, response in responses.items()]

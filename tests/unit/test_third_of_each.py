@@ -43,7 +43,7 @@ def test_channels_of_a_plugin_are_simulated_fitted_and_reported(tmp_path):
     assert measured["grip"].first_turn > 0.0 > measured["grip"].ordinate[-1]  # against each stroke
     result = pipeline.run_study(study, tmp_path / "run", plugins)
     fits = result.fit.table
-    assert set(fits["message"]) == {"converged"}
+    assert set(fits["message"]) <= {"converged", "no step gains any more"}
     np.testing.assert_allclose(fits["tissue.e"], study.truth["tissue.e"], rtol=1e-4)
     assert fits.filter(scenario="wiped")["n_runs"][0] <= 4  # exact slopes
     best = result.selected.stiffness_scaling

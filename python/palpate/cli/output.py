@@ -238,6 +238,7 @@ class CertaintyOutput(Closed):
     profile_ends: list[dict[str, Any]]
     ribbons: list[dict[str, Any]]
     volumes: list[dict[str, Any]]
+    posterior_planes: list[dict[str, Any]]
     emulator: list[dict[str, Any]]
     warnings: list[str]
 

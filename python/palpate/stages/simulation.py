@@ -90,7 +90,7 @@ def _job(
         materials={region.region: region.material for region in study.space.regions},
         thetas=thetas,
         protocol=study.protocol_at(spot) or homogeneous_tests(measured[spot]),
-        channels=study.observed(measured.get(spot, ())),
+        channels=study.observed(measured.get(spot) or ()),
     )
 
 

@@ -31,7 +31,7 @@ def test_the_others_are_fitted_within_their_ranges(seed, free):
     for start, fopt in zip(points, least, strict=True):
         rest = target - matrix[:, ~moves] @ start[~moves]
         best = 2.0 * lsq_linear(matrix[:, moves], rest, (0.0, 1.0)).cost if moves.any() else rest @ rest
-        assert best - 1e-9 <= fopt <= 1.01 * best + 1e-9
+        assert (1.0 - 1e-9) * best - 1e-9 <= fopt <= 1.01 * best + 1e-9
 
 
 def test_the_variance_of_a_process_is_none_where_it_was_observed_and_of_the_size_of_its_errors():

@@ -118,7 +118,7 @@ def test_a_fit_is_drawn_with_and_without_a_sweep(browser, page, changes):
         trace = "document.querySelector('#section-fit .plot:not([hidden])')"
         assert browser.value(f"{trace}.data.length") == (4 if changes else 6)
         ends = "document.getElementById('pairs').data.filter(t => t.marker?.symbol === 'diamond')"
-        assert browser.value(f"{ends}.length") == 2 * (1 if changes else 3)
+        assert browser.value(f"{ends}.length") == 2 * 3
         assert browser.value(f"{ends}[1].x[0]") == pytest.approx(0.4, rel=1e-3)
         browser.value(
             "(s => {s.value = '1'; s.dispatchEvent(new Event('change'))})(document.getElementById('spot'))"
