@@ -10,7 +10,7 @@ QUIET := $(if $(MAKE_TERMOUT),,--quiet)
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
-.PHONY: coverage coverage-fe help demo test test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-search bench-solver bench-sparse clean
+.PHONY: coverage coverage-fe help demo test test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-next bench-search bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -79,7 +79,7 @@ hooks: $(VENV)/installed ## write the reference of hooks into plugins/README.md
 bench: $(VENV)/installed ## timings, each with a peer of the same run
 	$(BIN)/python tests/benchmarks/bench_scoring.py
 	$(BIN)/python tests/benchmarks/bench_elements.py
-	@echo "more: make coverage, bench-core, bench-executors, bench-fit, bench-logs, bench-ledger, bench-search, bench-solver, bench-sparse"
+	@echo "more: make coverage, bench-core, bench-executors, bench-fit, bench-logs, bench-ledger, bench-next, bench-search, bench-solver, bench-sparse"
 
 coverage: $(VENV)/installed ## how often 95 % intervals hold the truth, over 600 simulated experiments
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_coverage.py
@@ -105,6 +105,9 @@ bench-ledger: $(VENV)/installed ## the ledger and Optuna's storages: cost of a r
 bench-logs: $(VENV)/installed ## a robot's log of a million rows, read and processed, with polars and NumPy as peers
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_reading.py
 	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_robot_log.py
+
+bench-next: $(VENV)/installed ## what chosen presses are worth, over 50 simulated sessions
+	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_next.py
 
 bench-search: $(VENV)/installed ## how many simulations a search needs, with CMA-ES and SciPy's differential evolution
 	$(BIN)/python -m pip install --quiet --group bench
