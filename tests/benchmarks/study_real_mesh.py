@@ -1,0 +1,101 @@
+"""Error by the mesh on real limbs: ``study_real_mesh.py ANATOMY arm:p2 mean:popliteal``.
+
+As ``study_mesh_size.py``, with the limbs and places of ``bench_limbs.py``: all lengths of a mesh are in
+proportion to the edge under the sphere, and Richardson's extrapolation gives the limit. ``--skin 1.5``
+adds a layer of a neo-Hookean skin (E 0.15 MPa, ν 0.45) over the tissue. ``--depth`` is that of the press.
+"""
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from bench_limbs import VIRTUAL, arm, cpu_s, leg
+from study_mesh_size import PATH, RADIUS_MM, THETA, extrapolated, peaks, plan
+
+from palpate.domain import Indentation, Job, Limb, Response
+from palpate.indenters import Sphere
+from palpate_jax.solver import JaxSettings, JaxSolver
+from palpate_limb.first_contact import moved_to_contact
+from palpate_limb.from_scan import ReadScan, ScanPlan, sound_mesh
+from palpate_limb.quality import assess
+from palpate_limb.segment import Segment, cut
+from palpate_materials.neo_hookean import NeoHookean
+from palpate_materials.yeoh import Yeoh
+
+SKIN = np.array([0.15, 0.45])
+
+
+def read(anatomy: Path, limb: str) -> tuple[ReadScan, ScanPlan]:
+    """A limb of ``bench_limbs.py`` with its options."""
+    residual = anatomy / "residual_limb"
+    if limb == "arm":
+        return arm(anatomy / "arm", {})
+    if limb == "mean":
+        return leg(residual / "Mean_Skin_Shape.stl", residual / "Mean_Bones_Shape.stl", {})
+    if limb not in VIRTUAL:
+        raise SystemExit(f"no limb '{limb}': arm, mean, {', '.join(VIRTUAL)}")
+    return leg(residual / f"{limb}.stl", residual / f"{limb}.stl", {})
+
+
+def segment_of(anatomy: Path, limb: str, spot: str) -> Segment:
+    """The segment of a spot, 80 mm long."""
+    scan, options = read(anatomy, limb)
+    return cut(scan.surface, scan.bones, scan.spots[spot].spot, scan.axis, stump=options.stump)
+
+
+def pressed(limb: Limb, depth_mm: float) -> Response:
+    """Curves of the press and the twist, at the phantom's material and SKIN."""
+    materials, thetas = {"soft_tissue": Yeoh(), "skin": NeoHookean()}, {"soft_tissue": THETA, "skin": SKIN}
+    path = PATH * np.array([depth_mm / PATH[:, 0].max(), 1.0])
+    job = Job(
+        spot=limb.spot.name,
+        set_id=0,
+        materials={name: materials[name] for name in limb.mesh.regions},
+        thetas={name: thetas[name] for name in limb.mesh.regions},
+        protocol=Indentation(indenter=Sphere(radius_mm=RADIUS_MM), path=path, friction=1.0),
+    )
+    made = JaxSolver(JaxSettings()).simulate(job, limb)
+    if made.response is None or made.status != "ok":
+        raise RuntimeError(f"{made.status}: {made.message}")
+    return made.response
+
+
+def row(segment: Segment, ratio: float, layers_mm: dict[str, float], depth_mm: float) -> tuple[float, float]:
+    """Force and torque of one mesh, in one line."""
+    start = cpu_s()
+    made = replace(plan(ratio), layers_mm=layers_mm)
+    limb, _ = moved_to_contact(sound_mesh(segment, made), RADIUS_MM)
+    quality = assess(limb, segment, 1.2 * RADIUS_MM)
+    force, torque = peaks(pressed(limb, depth_mm))
+    sys.stdout.write(
+        f"{segment.name:>16}{ratio:>7.3f}{quality.contact_edge_mm:>9.2f}{quality.n_nodes:>8}{force:>9.4f}"
+        f"{torque:>13.4f}{quality.least_scaled_jacobian:>9.3f}{cpu_s() - start:>8.0f}\n"
+    )
+    sys.stdout.flush()
+    return force, torque
+
+
+def main() -> None:
+    """Print a row for each size of each spot, the limits and the errors."""
+    asked = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    asked.add_argument("anatomy", type=Path)
+    asked.add_argument("spots", nargs="+", metavar="LIMB:SPOT")
+    asked.add_argument("--sizes", type=float, nargs="+", default=[0.4, 0.3, 0.225])
+    asked.add_argument("--skin", type=float, default=0.0)
+    asked.add_argument("--depth", type=float, default=10.0)
+    options = asked.parse_args()
+    layers = {"skin": options.skin} if options.skin else {}
+    sys.stdout.write("            spot    h/R  edge mm   nodes  force N  torque N·mm  Jacobian   cpu-s\n")
+    for limb, _, spot in (text.partition(":") for text in options.spots):
+        segment = segment_of(options.anatomy, limb, spot)
+        values = np.array([row(segment, ratio, layers, options.depth) for ratio in options.sizes])
+        for name, found in zip(("force", "torque"), values.T, strict=True):
+            limit, order = extrapolated(np.array(options.sizes), found)
+            errors = ", ".join(f"{100 * (v / limit - 1):+.2f} %" for v in found)
+            sys.stdout.write(f"{name}: {limit:.4f} at h = 0 (order {order:.2f}); rows are off by {errors}\n")
+
+
+if __name__ == "__main__":
+    main()
