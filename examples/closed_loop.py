@@ -19,6 +19,7 @@ from palpate import pipeline
 from palpate.domain import Curve, Job, Protocol, Response, Status
 from palpate.errors import PalpateError
 from palpate.planning.extension import extended_study
+from palpate.planning.options import PlanOptions
 from palpate.planning.propose import propose
 from palpate.plugins.catalogue import Plugins
 from palpate.run.result import ALL_SPOTS
@@ -38,7 +39,7 @@ def loop(
         say(f"{study.name}: {len(study.spots)} presses, the widest interval is {widest[-1]:.0%} of its value")
         if widest[-1] <= until:
             break
-        press = propose(study, run, plugins, goal="worst").steps[0].chosen.press.press
+        press = propose(study, run, plugins, options=PlanOptions(goal="worst")).steps[0].chosen.press.press
         file = folder / f"press-{number}.csv"
         study.loader.save(file, press_of(study, press.spot, press.protocol, noise, robot))  # type: ignore[attr-defined]
         name, written = extended_study(run, study.file, press.name, file)

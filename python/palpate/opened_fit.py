@@ -1,12 +1,14 @@
 """A run opened to go on with it: its simulations, and the searches of its fit."""
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import polars as pl
 
 from palpate.certainty.stage import CertaintyStage
+from palpate.domain import Limb
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import Case, FitStage
 from palpate.fit.tables import refinement
@@ -77,14 +79,29 @@ def fit_time(simulations: Simulations, stored: StoredRun) -> FitTime:
 
 @contextlib.contextmanager
 def opened_fit(
-    study: Study, run_folder: Path, plugins: Plugins, progress: Progress
+    study: Study,
+    run_folder: Path,
+    plugins: Plugins,
+    progress: Progress,
+    other_limbs: Mapping[str, Limb] = MappingProxyType({}),
 ) -> Iterator[tuple[StoredRun, Simulations, list[Case]]]:
-    """Lock a run that has a fit and repeat its searches, whose simulations are all at hand."""
+    """Lock a run that has a fit and repeat its searches, whose simulations are all at hand.
+
+    Parameters
+    ----------
+    study : Study
+    run_folder : Path
+    plugins : Plugins
+    progress : Progress
+    other_limbs : mapping of limb name to Limb
+        Those that the caller simulates besides the study's.
+    """
     with opened_run(study, run_folder, plugins, needs="fit") as (stored, check_lock):
         study, run = stored.study, stored.run
         scores = stored.scores(stored.swept())
         run.records.check("fit", fit_from(study, run.records))
-        with stored.simulations(progress, check_lock) as simulations:
+        limbs = {**stored.inputs.limbs, **other_limbs}
+        with Simulations(study, run.folder, limbs, progress, check_lock) as simulations:
             searches = not isinstance(study.search, BestSet)
             cases = cases_of(simulations, stored, plugins, scores) if searches else []
             remove_fit_state(run_folder)

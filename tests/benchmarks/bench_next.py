@@ -26,6 +26,7 @@ from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Design, Indentation, Spot
 from palpate.fit.stage import FitStage
 from palpate.indenters import Sphere
+from palpate.planning.options import PlanOptions
 from palpate.planning.presses import Press
 from palpate.planning.stage import PlanningStage
 from palpate.study.reading import StudySpot
@@ -177,7 +178,7 @@ def session(seed: int) -> dict:
         stage = PlanningStage(
             study=study, measured=measured, assessed=assessed, columns=columns, refinement={}
         )
-        best = stage.run(candidates, "all", limits={}, n_points=4).steps[0].chosen
+        best = stage.run(candidates, PlanOptions(n_points=4), {}).steps[0].chosen
         name = f"{best.press.press.name}#{len(made)}"
         protocol = best.press.press.protocol
         made[name] = (protocol, world.press(best.press.press.spot, protocol))

@@ -13,7 +13,9 @@ from palpate.cli.session import Session, run_folder
 from palpate.errors import StudyError
 
 if TYPE_CHECKING:
+    from palpate.planning.options import PlanOptions
     from palpate.planning.stage import Proposal
+    from palpate.study.reading import Study
 
 SHOWN = 8
 """Candidates that are printed for each step."""
@@ -29,7 +31,22 @@ Allowed: TypeAlias = Annotated[
     ),
 ]
 Goal: TypeAlias = Annotated[
-    str, typer.Option("--for", metavar="GOAL", help="What to narrow: all, worst, or one parameter.")
+    str | None,
+    typer.Option(
+        "--for",
+        metavar="GOAL",
+        help="What to narrow: all, worst, one parameter, or with --tool the prediction; default: all.",
+        show_default=False,
+    ),
+]
+ToolFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--tool",
+        metavar="FILE",
+        help="Narrow what `palpate predict` says of the force of this tool.",
+        show_default=False,
+    ),
 ]
 NumberOfPresses: TypeAlias = Annotated[
     int, typer.Option("--presses", min=1, max=20, help="Presses to choose, one after the other.")
@@ -43,29 +60,21 @@ def next_(  # named apart from the builtin
     context: typer.Context,
     run: RunPath = None,
     allowed: Allowed = None,
-    goal: Goal = "all",
+    goal: Goal = None,
+    tool: ToolFile = None,
     n_presses: NumberOfPresses = 1,
     n_points: NumberOfPoints = 6,
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
     """Rank further presses by how much each would narrow the intervals of a run."""
-    from palpate.planning.candidates import read_allowed
     from palpate.planning.propose import propose
 
     folder, session, file = _of_run(context, run, trust=trust_plugins)
     study = session.study(file)
+    options = _options(session, study, allowed, tool, goal=goal, n_presses=n_presses, n_points=n_points)
     with StageProgress(session, folder) as progress:
-        found = propose(
-            study,
-            folder,
-            session.plugins,
-            progress,
-            allowed=read_allowed(allowed) if allowed else None,
-            goal=goal,
-            n_presses=n_presses,
-            n_points=n_points,
-        )
+        found = propose(study, folder, session.plugins, progress, options)
     if as_json:
         _print_json(session, folder, progress)
         return
@@ -82,34 +91,49 @@ def plan(
     study: StudyPath,
     out: OutFolder = None,
     allowed: Allowed = None,
-    goal: Goal = "all",
+    goal: Goal = None,
+    tool: ToolFile = None,
     n_presses: NumberOfPresses = 3,
     n_points: NumberOfPoints = 6,
     as_json: AsJson = False,
 ) -> None:
     """Rank the first presses of a study, over its ranges; nothing needs to be measured."""
-    from palpate.planning.candidates import read_allowed
-    from palpate.planning.propose import plan as planned
+    from palpate.planning.propose import plan as plan_presses
 
     session = Session.of(context)
     checked = session.study(study, need_measured=False)
     folder = run_folder(checked, out)
+    options = _options(session, checked, allowed, tool, goal=goal, n_presses=n_presses, n_points=n_points)
     with StageProgress(session) as progress:
-        found = planned(
-            checked,
-            folder,
-            session.plugins,
-            progress,
-            allowed=read_allowed(allowed) if allowed else None,
-            goal=goal,
-            n_presses=n_presses,
-            n_points=n_points,
-        )
+        found = plan_presses(checked, folder, session.plugins, progress, options)
     if as_json:
         _print_json(session, folder, progress)
         return
     _show(session, found)
     session.note(f"poses and paths are in {folder / 'next.json'}")
+
+
+def _options(
+    session: Session,
+    study: "Study",
+    allowed: Path | None,
+    tool: Path | None,
+    *,
+    goal: str | None,
+    n_presses: int,
+    n_points: int,
+) -> "PlanOptions":
+    from palpate.planning.candidates import read_allowed
+    from palpate.planning.options import PlanOptions
+    from palpate.study.tool import read_tool
+
+    return PlanOptions(
+        allowed=read_allowed(allowed) if allowed else None,
+        tool=read_tool(tool, study, session.plugins) if tool else None,
+        goal=goal,
+        n_presses=n_presses,
+        n_points=n_points,
+    )
 
 
 def _print_json(session: Session, folder: Path, progress: StageProgress) -> None:

@@ -5,14 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.certainty.laplace import RANGE_SD, Laplace
+from palpate.certainty.laplace import N_DRAWS, RANGE_SD, Density, Laplace
 from palpate.domain import FloatArray, Parameter
 from palpate.errors import StudyError
 from palpate.planning.evidence import Evidence, total
 from palpate.planning.presses import SimulatedPress
+from palpate.planning.tool_force import ToolForce
+from palpate.run.result import LEVEL
 
-ALL, WORST = "all", "worst"
-"""Goals: the volume of the joint region, and the relative width of the parameter that is known least."""
+ALL, WORST, PREDICTION = "all", "worst", "prediction"
+"""Goals: the volume of the joint region, the relative width of the parameter that is known least, and the
+force of a tool."""
 
 MOST_WIDER = 1.1
 """Width of an interval, over that before, up to which a press counts as one that widens none."""
@@ -25,39 +28,49 @@ class Goal:
     Parameters
     ----------
     name : str
-        ``all``, ``worst`` or the name of a parameter; any other name with a ``gradient``.
+        ``all``, ``worst``, ``prediction`` or the name of a parameter.
     parameters : tuple of Parameter
         Those that all presses share.
     values : (n_parameters,) array
         Where the fit has ended.
-    gradient : (n_parameters,) array, optional
-        Derivative of a prediction in each parameter, per its unit.
+    predicted : tuple of ToolForce
+        What is predicted; relative widths of several count alike.
     """
 
     name: str
     parameters: tuple[Parameter, ...]
     values: FloatArray
-    gradient: FloatArray | None = None
+    predicted: tuple[ToolForce, ...] = ()
 
     def __post_init__(self) -> None:
-        names = [p.name for p in self.parameters]
-        if self.gradient is None and self.name not in (ALL, WORST, *names):
-            raise StudyError(
-                f"'{self.name}' is nothing to narrow; name one of {', '.join([ALL, WORST, *names])}"
-            )
+        check_goal(self.name, self.parameters)
 
     def width(self, covariance: FloatArray) -> float:
         """Width to be narrowed, in some unit, of a covariance (n, n) in shares of the ranges."""
         ranges = np.array([p.upper - p.lower for p in self.parameters])
         sds = np.sqrt(np.diag(covariance)) * ranges
-        if self.gradient is not None:
-            along = self.gradient * ranges
-            return float(np.sqrt(along @ covariance @ along))
+        if self.name == PREDICTION:
+            along = np.stack([each.gradient for each in self.predicted]) * ranges
+            return float(np.sqrt(np.mean(np.sum(along @ covariance * along, axis=1))))
         if self.name == ALL:
             return float(np.exp(0.5 * np.linalg.slogdet(covariance)[1] / len(covariance)))
         if self.name == WORST:
             return float((sds / np.maximum(np.abs(self.values), 1e-3 * ranges)).max())
         return float(sds[[p.name for p in self.parameters].index(self.name)])
+
+
+def check_goal(name: str, parameters: Sequence[Parameter]) -> None:
+    """Refuse a goal that these parameters do not have.
+
+    Raises
+    ------
+    StudyError
+    """
+    known = [ALL, WORST, *(p.name for p in parameters)]
+    if name not in (*known, PREDICTION):
+        raise StudyError(
+            f"'{name}' is nothing to narrow; name one of {', '.join(known)}, or {PREDICTION} with a tool"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -144,8 +157,27 @@ class Plan:
 
 def interval(goal: Goal, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ends (n_parameters,) of the 95 % intervals around the goal's values, cut off at the ranges."""
+    lower, width = _ranges(goal)
+    ends = _within(goal, covariance).interval((goal.values - lower) / width)
+    return lower + width * ends[0], lower + width * ends[1]
+
+
+def bands(goal: Goal, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ends (n_predicted,) of the 95 % bands of what is predicted [N], by its gradient."""
+    lower, width = _ranges(goal)
+    drawn = lower + width * _within(goal, covariance).draws(N_DRAWS) - goal.values
+    forces = [each.force_N * (1.0 + drawn @ each.gradient) for each in goal.predicted]
+    ends = np.quantile(np.array(forces).reshape(-1, N_DRAWS), [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0], axis=1)
+    return ends[0], ends[1]
+
+
+def _ranges(goal: Goal) -> tuple[FloatArray, FloatArray]:
+    """Lower end and width (n_parameters,) of the ranges."""
     lower, upper = (np.array([getattr(p, end) for p in goal.parameters]) for end in ("lower", "upper"))
-    shares = (goal.values - lower) / (upper - lower)
-    density = Laplace(centre=shares, covariance=covariance, shares={}).within()
-    ends = density.interval(shares)
-    return lower + (upper - lower) * ends[0], lower + (upper - lower) * ends[1]
+    return lower, upper - lower
+
+
+def _within(goal: Goal, covariance: FloatArray) -> Density:
+    """Density around the goal's values, in shares of the ranges."""
+    lower, width = _ranges(goal)
+    return Laplace(centre=(goal.values - lower) / width, covariance=covariance, shares={}).within()

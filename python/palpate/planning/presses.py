@@ -44,7 +44,7 @@ class Press:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ground:
+class DesignProblem:
     """What is known before a further press.
 
     Parameters
@@ -109,7 +109,7 @@ class SimulatedPress:
         return {name: max(each.peaks.get(name, 0.0) for each in self.at) for name in names}
 
 
-def presses_so_far(ground: Ground, points: FloatArray) -> tuple[list[SimulatedPress], FloatArray]:
+def presses_so_far(design: DesignProblem, points: FloatArray) -> tuple[list[SimulatedPress], FloatArray]:
     """What the presses of the fit tell, at points (n_points, n_parameters) of the box of the fit.
 
     Returns
@@ -123,10 +123,10 @@ def presses_so_far(ground: Ground, points: FloatArray) -> tuple[list[SimulatedPr
     PalpateError
         A press cannot be simulated at the first point.
     """
-    terms = ground.problem.terms
-    problems = [ground.problem.restated([term]) for term in terms]
-    asked = [(problem, _at(ground, problem, point)) for problem in problems for point in points]
-    found = np.array(_slopes(asked), dtype=object).reshape(len(terms), len(points))
+    terms = design.problem.terms
+    problems = [design.problem.restated([term]) for term in terms]
+    asked = [(problem, point_in(design, problem, point)) for problem in problems for point in points]
+    found = np.array(slopes_of(asked), dtype=object).reshape(len(terms), len(points))
     ended = np.array([[each.jacobian is not None for each in row] for row in found])
     if failed := [i for i in range(len(terms)) if not ended[i, 0]]:
         raise PalpateError(f"spot '{terms[failed[0]].spot}': {found[failed[0], 0].failure}")
@@ -134,19 +134,21 @@ def presses_so_far(ground: Ground, points: FloatArray) -> tuple[list[SimulatedPr
     simulated = []
     for term, problem, row in zip(terms, problems, found, strict=True):
         press = Press(name=term.spot, spot=term.spot, protocol=term.protocol)
-        at = [_at_point(ground, press, problem, row[k], ground.columns) for k in used]
+        at = [_at_point(design, press, problem, row[k], design.columns) for k in used]
         simulated.append(SimulatedPress(press=press, at=tuple(at)))
     return simulated, points[used]
 
 
-def simulated_presses(ground: Ground, presses: Sequence[Press], points: FloatArray) -> list[SimulatedPress]:
+def simulated_presses(
+    design: DesignProblem, presses: Sequence[Press], points: FloatArray
+) -> list[SimulatedPress]:
     """Simulate presses at points (n_points, n_parameters) of the box; causes are taken at the first."""
-    problems = _stated(ground, presses, points)
+    problems = _stated(design, presses, points)
     whole = {press: found for press, found in problems.items() if not isinstance(found, str)}
     each = iter(
-        _slopes(
+        slopes_of(
             [
-                (problem, _at(ground, problem, p))
+                (problem, point_in(design, problem, p))
                 for found in whole.values()
                 for problem, p in zip(found, points, strict=True)
             ]
@@ -155,7 +157,7 @@ def simulated_presses(ground: Ground, presses: Sequence[Press], points: FloatArr
     results = {}
     for press, found in whole.items():
         ended = [next(each) for _ in points]
-        results[press] = _simulated(ground, press, found, ended)
+        results[press] = _simulated(design, press, found, ended)
     return [
         results[press] if press in results else SimulatedPress(press=press, failure=str(problems[press]))
         for press in presses
@@ -163,12 +165,12 @@ def simulated_presses(ground: Ground, presses: Sequence[Press], points: FloatArr
 
 
 def _simulated(
-    ground: Ground, press: Press, problems: Sequence[Problem], ended: Sequence[Evaluation]
+    design: DesignProblem, press: Press, problems: Sequence[Problem], ended: Sequence[Evaluation]
 ) -> SimulatedPress:
     if failure := next((each.failure for each in ended if each.jacobian is None), ""):
         return SimulatedPress(press=press, failure=failure)
     try:
-        columns = _columns(ground, problems[0], ended[0])
+        columns = _columns(design, problems[0], ended[0])
     except PalpateError as error:
         return SimulatedPress(press=press, failure=str(error))
     at = []
@@ -179,7 +181,7 @@ def _simulated(
             }
             for (spot, name), of in columns.items()
         }
-        at.append(_at_point(ground, press, problem, each, scaled))
+        at.append(_at_point(design, press, problem, each, scaled))
     return SimulatedPress(press=press, at=tuple(at))
 
 
@@ -190,41 +192,44 @@ def _as_large(column: FloatArray, problem: Problem, first: Problem, channel: str
     return scaled
 
 
-def _stated(ground: Ground, presses: Sequence[Press], points: FloatArray) -> dict[Press, list[Problem] | str]:
+def _stated(
+    design: DesignProblem, presses: Sequence[Press], points: FloatArray
+) -> dict[Press, list[Problem] | str]:
     """State a problem for each press and point, its simulated curves as measured; or why there is none."""
-    bare = {press: ground.problem.restated([_term(ground, press, Response(curves={}))]) for press in presses}
-    jobs = [_job(ground, problem, point) for problem in bare.values() for point in points]
-    ended = iter(ground.problem.simulate(jobs))
+    bare = {press: design.problem.restated([_term(design, press, Response(curves={}))]) for press in presses}
+    jobs = [job_of(design, problem, point) for problem in bare.values() for point in points]
+    ended = iter(design.problem.simulate(jobs))
     found: dict[Press, list[Problem] | str] = {}
     for press, problem in bare.items():
         stated = []
         for simulation in [next(ended) for _ in points]:
-            if simulation.response is None or simulation.status not in ground.study.scoring.ranked_statuses:
+            if simulation.response is None or simulation.status not in design.study.scoring.ranked_statuses:
                 found[press] = f"{simulation.status}: {simulation.message or simulation.status.remedy}"
                 break
-            stated.append(problem.restated([_term(ground, press, _as_measured(ground, press, simulation))]))
+            stated.append(problem.restated([_term(design, press, _as_measured(design, press, simulation))]))
         else:
             found[press] = stated
             if not stated[0].terms[0].weights:
-                found[press] = f"it shows no channel of scenario '{ground.scenario.name}'"
+                found[press] = f"it shows no channel of scenario '{design.scenario.name}'"
     return found
 
 
-def _job(ground: Ground, problem: Problem, point: FloatArray) -> Job:
+def job_of(design: DesignProblem, problem: Problem, point: FloatArray) -> Job:
+    """Make the job of a problem of one term, at a point (n_parameters,) of the box of the fit."""
     (term,) = problem.terms
-    inputs = problem.inputs(term.spot, _at(ground, problem, point))
-    return term.job(inputs, -1, slopes=ground.study.solver.gives_slopes, fine=False)
+    inputs = problem.inputs(term.spot, point_in(design, problem, point))
+    return term.job(inputs, -1, slopes=design.study.solver.gives_slopes, fine=False)
 
 
-def _at(ground: Ground, problem: Problem, point: FloatArray) -> FloatArray:
-    """The point in the box of another problem of the same study, by the names of the values."""
-    values = dict(zip(ground.problem.names, ground.problem.box.values(point).tolist(), strict=True))
+def point_in(design: DesignProblem, problem: Problem, point: FloatArray) -> FloatArray:
+    """Find a point of the box of the fit in that of another problem, by the names of the values."""
+    values = dict(zip(design.problem.names, design.problem.box.values(point).tolist(), strict=True))
     return problem.point_of(values)
 
 
-def _term(ground: Ground, press: Press, measured: Response) -> SpotTerm:
-    like = ground.term(press.spot)
-    weights = {n: w for n, w in ground.scenario.weighed.items() if channel_of(n) in measured.curves}
+def _term(design: DesignProblem, press: Press, measured: Response) -> SpotTerm:
+    like = design.term(press.spot)
+    weights = {n: w for n, w in design.scenario.weighed.items() if channel_of(n) in measured.curves}
     corrections = {name: _as_of(like, name, curve) for name, curve in measured.curves.items()}
     return replace(
         like,
@@ -245,10 +250,10 @@ def _as_of(like: SpotTerm, channel: str, curve: Curve) -> FloatArray:
     return correction
 
 
-def _as_measured(ground: Ground, press: Press, simulation: Simulation) -> Response:
+def _as_measured(design: DesignProblem, press: Press, simulation: Simulation) -> Response:
     """Simulated curves as they would be measured: with as many points as those of the spot have."""
     assert simulation.response is not None
-    known = ground.measured.get(press.spot) or next(iter(ground.measured.values()), Response(curves={}))
+    known = design.measured.get(press.spot) or next(iter(design.measured.values()), Response(curves={}))
     curves = {}
     for name, curve in simulation.response.curves.items():
         n = known[name].abscissa.size if name in known.curves else USUAL_POINTS
@@ -262,7 +267,7 @@ def _as_measured(ground: Ground, press: Press, simulation: Simulation) -> Respon
     return Response(curves=curves, record=known.record)
 
 
-def _slopes(asked: Sequence[tuple[Problem, FloatArray]]) -> list[Evaluation]:
+def slopes_of(asked: Sequence[tuple[Problem, FloatArray]]) -> list[Evaluation]:
     """Evaluate a point of each problem with slopes; what all of them need is simulated side by side."""
     jobs: list[Job] = []
     finishing = [problem.begin([Trial(point=point, slopes=True)], jobs) for problem, point in asked]
@@ -270,17 +275,17 @@ def _slopes(asked: Sequence[tuple[Problem, FloatArray]]) -> list[Evaluation]:
     return [finish(ended)[0] for finish in finishing]
 
 
-def _columns(ground: Ground, problem: Problem, evaluation: Evaluation) -> Columns:
+def _columns(design: DesignProblem, problem: Problem, evaluation: Evaluation) -> Columns:
     measured = {term.spot: term.measured for term in problem.terms}
-    causes = causes_of(ground.study, {**ground.measured, **measured}, problem.names)
+    causes = causes_of(design.study, {**design.measured, **measured}, problem.names)
     here = [cause for cause in causes if any(cause.is_at(term.spot) for term in problem.terms)]
     channels = dict.fromkeys(name for response in measured.values() for name in response)
     fit = Fit(problem, evaluation.point, best=evaluation)
-    return columns_of(fit, here, [name for name in channels if ground.scenario.fits(name)])
+    return columns_of(fit, here, [name for name in channels if design.scenario.fits(name)])
 
 
 def _at_point(
-    ground: Ground, press: Press, problem: Problem, evaluation: Evaluation, columns: Columns
+    design: DesignProblem, press: Press, problem: Problem, evaluation: Evaluation, columns: Columns
 ) -> PressAtPoint:
     (term,) = problem.terms
     assert evaluation.residuals is not None
@@ -290,8 +295,8 @@ def _at_point(
     slopes = (evaluation.jacobian * (box.upper - box.lower) / box.rates(evaluation.point))[:n]
     rows, channels = rows_of([term], n)
     groups = groups_of(rows)
-    measured = {**ground.measured, term.spot: term.measured}
-    found = known_errors(ground.study, measured, [term], n, columns, ground.refinement)
+    measured = {**design.measured, term.spot: term.measured}
+    found = known_errors(design.study, measured, [term], n, columns, design.refinement)
     known = {
         _shared_name(label, name, press): groups @ column
         for label, of_label in found.items()
@@ -306,7 +311,7 @@ def _at_point(
             groups @ slopes[:, own],
             grouped(rows, groups),
             known,
-            ground.errors,
+            design.errors,
             channels=channels,
             site=term.site,
         ),

@@ -4,10 +4,11 @@ from pathlib import Path
 
 from palpate.errors import StudyError
 from palpate.opened_fit import NO_INTERVALS, abscissae_of, certainty_stage, opened_fit
-from palpate.planning.candidates import Allowed, candidates, limits_of
-from palpate.planning.narrowing import ALL
-from palpate.planning.stage import PlanningStage, Proposal, before_any_press, planned
+from palpate.planning.candidates import candidates, limits_of
+from palpate.planning.options import PlanOptions
+from palpate.planning.stage import PlanningStage, Proposal, before_any_press, choose_presses
 from palpate.planning.tables import for_robot
+from palpate.planning.tool_force import tool_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
@@ -15,17 +16,16 @@ from palpate.stages.limb import load_limbs
 from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study
 
+USUAL = PlanOptions()
+"""Options where none are given."""
+
 
 def propose(
     study: Study,
     run_folder: Path,
     plugins: Plugins,
     progress: Progress = SILENT,
-    *,
-    allowed: Allowed | None = None,
-    goal: str = ALL,
-    n_presses: int = 1,
-    n_points: int = 6,
+    options: PlanOptions = USUAL,
 ) -> Proposal:
     """Rank further presses by how much they would narrow the joint fit; simulates each at likely parameters.
 
@@ -34,8 +34,10 @@ def propose(
     StudyError
         There is no joint fit with intervals, or nothing that is allowed is possible.
     """
+    allowed = options.allowed
     limits, presses = limits_of(allowed, plugins.channels), candidates(study, plugins, allowed)
-    with opened_fit(study, run_folder, plugins, progress) as (stored, simulations, cases):
+    tool = tool_limbs(study, options.tool)
+    with opened_fit(study, run_folder, plugins, progress, tool) as (stored, simulations, cases):
         certain = certainty_stage(simulations, stored.inputs, cases)
         assessed = next(iter(certain.assessed(cases, joint_only=True)), None)
         if assessed is None:
@@ -48,7 +50,7 @@ def propose(
             refinement=certain.refinement,
             progress=progress,
         )
-        proposal = stage.run(presses, goal, limits=limits, n_presses=n_presses, n_points=n_points)
+        proposal = stage.run(presses, options, limits)
         stored.run.write_proposal(for_robot(proposal, stored.inputs.limbs))
         return proposal
 
@@ -58,11 +60,7 @@ def plan(
     run_folder: Path,
     plugins: Plugins,
     progress: Progress = SILENT,
-    *,
-    allowed: Allowed | None = None,
-    goal: str = ALL,
-    n_presses: int = 1,
-    n_points: int = 6,
+    options: PlanOptions = USUAL,
 ) -> Proposal:
     """Rank the first presses of a study, over its ranges and priors; none needs to be measured.
 
@@ -71,7 +69,9 @@ def plan(
     StudyError
         Nothing that is allowed is possible.
     """
+    allowed = options.allowed
     limits, presses = limits_of(allowed, plugins.channels), candidates(study, plugins, allowed)
+    tool = tool_limbs(study, options.tool)
     limbs, run = load_limbs(study), RunDirectory(run_folder)
     if (run_folder / "fit.parquet").exists():
         raise StudyError(
@@ -80,11 +80,11 @@ def plan(
     scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
     with run.locked(study, plugins.channels) as check_lock:
         run.initialise(study, plugins.channels, simulating=True)
-        with Simulations(study, run_folder, limbs, progress, check_lock) as simulations:
-            ground, points = before_any_press(
-                study, scenario, simulations.of, abscissae_of(plugins), n_points
+        with Simulations(study, run_folder, {**limbs, **tool}, progress, check_lock) as simulations:
+            design, points = before_any_press(
+                study, scenario, simulations.of, abscissae_of(plugins), options.n_points
             )
             progress.begin("plan", 0)
-            found = planned(ground, [], presses, points, goal, limits=limits, n_presses=n_presses)
+            found = choose_presses(design, [], presses, points, options, limits)
         run.write_proposal(for_robot(found, limbs))
         return found

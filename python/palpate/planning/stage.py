@@ -8,13 +8,15 @@ from scipy.stats import qmc
 
 from palpate.certainty.causes import Columns
 from palpate.certainty.tables import Assessed
-from palpate.domain import FloatArray, Response, Scenario
+from palpate.domain import FloatArray, Parameter, Response, Scenario
 from palpate.errors import StudyError
 from palpate.fit.problem import Problem, Simulate
 from palpate.fit.spot_term import term_of
 from palpate.planning.evidence import ErrorSizes, Evidence
-from palpate.planning.narrowing import Goal, Narrowing, Plan, interval
-from palpate.planning.presses import Ground, Press, SimulatedPress, presses_so_far, simulated_presses
+from palpate.planning.narrowing import Goal, Narrowing, Plan, bands, check_goal, interval
+from palpate.planning.options import PlanOptions
+from palpate.planning.presses import DesignProblem, Press, SimulatedPress, presses_so_far, simulated_presses
+from palpate.planning.tool_force import tool_forces
 from palpate.progress import SILENT, Progress
 from palpate.study.reading import Study
 
@@ -65,8 +67,14 @@ class Proposal:
 
     def intervals(self) -> list[tuple[FloatArray, FloatArray]]:
         """Ends (n_parameters,) of the 95 % intervals now, and after each step."""
-        covariances = [self.before, *(step.chosen.covariance for step in self.steps)]
-        return [interval(self.goal, covariance) for covariance in covariances]
+        return [interval(self.goal, covariance) for covariance in self._covariances()]
+
+    def bands(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Ends (n_predicted,) of the 95 % bands of what is predicted now, and after each step."""
+        return [bands(self.goal, covariance) for covariance in self._covariances()]
+
+    def _covariances(self) -> list[FloatArray]:
+        return [self.before, *(step.chosen.covariance for step in self.steps)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,11 +103,8 @@ class PlanningStage:
     def run(
         self,
         presses: Sequence[Press],
-        goal: str,
-        *,
+        options: PlanOptions,
         limits: Mapping[str, float],
-        n_presses: int = 1,
-        n_points: int = 6,
     ) -> Proposal:
         """Simulate the presses at likely parameters, and choose one after the other.
 
@@ -108,25 +113,17 @@ class PlanningStage:
         StudyError
             There is no such goal, or no press can be made.
         """
-        ground = self.ground()
+        design = self.design()
         best = self.assessed.end.best
         assert best is not None
-        check_goal(ground, goal)
+        check_goal(options.narrowed, shared_parameters(design))
         self.progress.begin("next", 0)
-        so_far, points = presses_so_far(ground, self._points(n_points))
-        found = planned(
-            ground,
-            so_far,
-            presses,
-            points,
-            goal,
-            limits=limits,
-            n_presses=n_presses,
-        )
+        so_far, points = presses_so_far(design, self._points(options.n_points))
+        found = choose_presses(design, so_far, presses, points, options, limits)
         failed_checks = tuple(check.name for check in self.assessed.checks if check.is_failed)
         return replace(found, failed_checks=failed_checks, check=self._worst_spot() if failed_checks else "")
 
-    def ground(self) -> Ground:
+    def design(self) -> DesignProblem:
         """What is known before the press."""
         found, channels = self.assessed.errors, self.assessed.channels
         errors = ErrorSizes(
@@ -135,7 +132,7 @@ class PlanningStage:
             correlations=found.correlations,
             usual=self.study.budget.discrepancy,
         )
-        return Ground(
+        return DesignProblem(
             study=self.study,
             scenario=self.assessed.case.scenario,
             problem=self.assessed.end.problem,
@@ -169,15 +166,13 @@ class PlanningStage:
         return max(sizes, key=lambda spot: sizes[spot])
 
 
-def planned(
-    ground: Ground,
+def choose_presses(
+    design: DesignProblem,
     so_far: Sequence[SimulatedPress],
     presses: Sequence[Press],
     points: FloatArray,
-    goal: str,
-    *,
+    options: PlanOptions,
     limits: Mapping[str, float],
-    n_presses: int,
 ) -> Proposal:
     """Simulate presses at points (n_points, n_parameters) of the box, and choose one after the other.
 
@@ -186,35 +181,44 @@ def planned(
     StudyError
         There is no such goal, or no press can be made.
     """
-    problem = ground.problem
-    aim = check_goal(ground, goal, points[0])
-    simulated = simulated_presses(ground, presses, points)
+    problem = design.problem
+    goal = _goal(design, options, points[0])
+    simulated = simulated_presses(design, presses, points)
     refused = {each.press.name: why for each in simulated if (why := _refusal(each, limits))}
     possible = [each for each in simulated if each.press.name not in refused]
     if not possible:
         name, why = next(iter(refused.items()))
         raise StudyError(f"none of {len(simulated)} candidates is possible: {name}: {why}; allow others")
-    plan = Plan(so_far, aim, of_priors(problem, ground.shared), len(points))
+    plan = Plan(so_far, goal, of_priors(problem, design.shared), len(points))
     before, steps = plan.covariance, []
-    for _ in range(n_presses):
+    for _ in range(options.n_presses):
         steps.append(Step(ranked=tuple(plan.ranked(possible))))
         plan.add(steps[-1].chosen.press)
-    return Proposal(goal=aim, before=before, steps=tuple(steps), refused=refused)
+    return Proposal(goal=goal, before=before, steps=tuple(steps), refused=refused)
 
 
-def check_goal(ground: Ground, goal: str, point: FloatArray | None = None) -> Goal:
-    """Make a goal at a point (n_parameters,) of the box.
+def shared_parameters(design: DesignProblem) -> tuple[Parameter, ...]:
+    """Parameters that all presses share.
 
     Raises
     ------
     StudyError
-        There is no such goal, or every searched value belongs to one spot.
+        Every searched value belongs to one spot.
     """
-    problem, shared = ground.problem, ground.shared
-    if not shared:
-        raise StudyError(f"{ground.study.file}: every searched value belongs to one spot; presses share none")
-    values = problem.box.values(problem.point_of({}) if point is None else point)
-    return Goal(name=goal, parameters=tuple(problem.parameters[i] for i in shared), values=values[shared])
+    if not design.shared:
+        raise StudyError(f"{design.study.file}: every searched value belongs to one spot; presses share none")
+    return tuple(design.problem.parameters[i] for i in design.shared)
+
+
+def _goal(design: DesignProblem, options: PlanOptions, point: FloatArray) -> Goal:
+    """Make the goal at a point (n_parameters,) of the box."""
+    tool = options.tool
+    return Goal(
+        name=options.narrowed,
+        parameters=shared_parameters(design),
+        values=design.problem.box.values(point)[design.shared],
+        predicted=() if tool is None else tool_forces(design, tool, point),
+    )
 
 
 def before_any_press(
@@ -223,7 +227,7 @@ def before_any_press(
     simulate: Simulate,
     abscissae: Mapping[str, str],
     n_points: int,
-) -> tuple[Ground, FloatArray]:
+) -> tuple[DesignProblem, FloatArray]:
     """What a study knows before its first press, and points (n_points, n_parameters) over its ranges.
 
     Parameters
@@ -242,8 +246,8 @@ def before_any_press(
     spread = qmc.Halton(len(problem.parameters), rng=study.seed).random(64 * n_points)
     accepted = spread[problem.accepts(spread)][: n_points - 1]
     errors = ErrorSizes(noise={}, discrepancy={}, usual=study.budget.discrepancy)
-    ground = Ground(study=study, scenario=scenario, problem=problem, measured={}, errors=errors)
-    return ground, np.concatenate([problem.point_of({})[None], accepted])
+    design = DesignProblem(study=study, scenario=scenario, problem=problem, measured={}, errors=errors)
+    return design, np.concatenate([problem.point_of({})[None], accepted])
 
 
 def of_priors(problem: Problem, shared: Sequence[int]) -> Evidence:

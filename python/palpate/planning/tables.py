@@ -25,8 +25,8 @@ class ProposalTables:
         One row per step and candidate, the best first: step, press, spot, what is done, width (of the goal,
         over that before the step), width of each parameter, and the peak of each channel.
     intervals : DataFrame
-        One row per parameter and step, from 0 (now): value, lower and upper end of the 95 % interval, and
-        its width over that now.
+        One row per parameter, and predicted force, and step, from 0 (now): value, lower and upper end of the
+        95 % interval, and its width over that now.
     refused : DataFrame
         Candidates that cannot be made, and why.
     """
@@ -60,22 +60,24 @@ def _row(proposal: Proposal, found: Narrowing) -> dict[str, Any]:
 
 
 def _intervals(proposal: Proposal) -> list[dict[str, Any]]:
-    rows = []
-    first = np.subtract(*proposal.intervals()[0][::-1])
-    for step, (lower, upper) in enumerate(proposal.intervals()):
-        for i, parameter in enumerate(proposal.goal.parameters):
-            rows.append(
-                {
-                    "step": step,
-                    "parameter": parameter.name,
-                    "unit": parameter.unit,
-                    "value": float(proposal.goal.values[i]),
-                    "lower": float(lower[i]),
-                    "upper": float(upper[i]),
-                    "width": float((upper[i] - lower[i]) / first[i]),
-                }
-            )
-    return rows
+    goal = proposal.goal
+    about = [(p.name, p.unit) for p in goal.parameters] + [(p.name, "N") for p in goal.predicted]
+    values = [*goal.values.tolist(), *(p.force_N for p in goal.predicted)]
+    ends = [np.hstack(pair) for pair in zip(proposal.intervals(), proposal.bands(), strict=True)]
+    first = ends[0][1] - ends[0][0]
+    return [
+        {
+            "step": step,
+            "parameter": name,
+            "unit": unit,
+            "value": value,
+            "lower": float(lower[i]),
+            "upper": float(upper[i]),
+            "width": float((upper[i] - lower[i]) / first[i]),
+        }
+        for step, (lower, upper) in enumerate(ends)
+        for i, ((name, unit), value) in enumerate(zip(about, values, strict=True))
+    ]
 
 
 def for_robot(proposal: Proposal, limbs: Mapping[str, Limb]) -> dict[str, Any]:

@@ -15,11 +15,13 @@ from palpate.domain import Job
 from palpate.errors import StudyError
 from palpate.planning.candidates import Allowed, read_allowed, usual
 from palpate.planning.extension import extended_study
+from palpate.planning.options import PlanOptions
 from palpate.planning.propose import plan, propose
 from palpate.planning.study_text import AddedPress, with_presses
 from palpate.planning.tables import for_robot, proposal_tables
 from palpate.run.result import ALL_SPOTS
 from palpate.study.reading import read_study
+from palpate.study.tool import read_tool
 from palpate.testing.studies import StudyRunner
 
 REGION = {
@@ -58,7 +60,7 @@ def run(tmp_path, monkeypatch):
 
 def _proposed(run, allowed=ALLOWED, **options):
     study, folder, plugins = run
-    return propose(study, folder, plugins, allowed=allowed, n_points=3, **options)
+    return propose(study, folder, plugins, options=PlanOptions(allowed=allowed, n_points=3, **options))
 
 
 def test_press_with_a_twist_tells_what_presses_without_cannot(run):
@@ -85,6 +87,61 @@ def test_goal_of_one_parameter_is_its_own_width(run):
     assert best.goal == pytest.approx(best.widths[1])
     with pytest.raises(StudyError, match=r"'nu' is nothing to narrow; name one of all, worst, tissue\.E"):
         _proposed(run, goal="nu")
+
+
+TOOL = """
+[protocol]
+indenter = { shape = "sphere", radius = "20 mm" }
+depth = "1.5 mm"
+friction = 0.5
+"""
+
+
+@pytest.fixture
+def tool(run, tmp_path):
+    """A larger sphere, read from its file."""
+    file = tmp_path / "tool.toml"
+    file.write_text(TOOL)
+    return read_tool(file, run[0], run[2])
+
+
+def test_force_of_a_tool_changes_as_its_gradient_says(run, tool):
+    study, _, _ = run
+    goal = _proposed(run, tool=tool).goal
+    (force,) = goal.predicted
+    assert force.name == "tool at p1"
+    materials = {region.region: region.material for region in study.space.regions}
+
+    def simulated(values):
+        thetas = study.space.thetas(values)
+        job = Job(spot="p1", set_id=0, materials=materials, thetas=thetas, protocol=tool.protocol)
+        return study.solver.simulate(job, None).response.curves["force"].ordinate.max()
+
+    assert simulated(goal.values) == pytest.approx(force.force_N)
+    for step in np.diag(1e-3 * goal.values):
+        change = (simulated(goal.values + step) - simulated(goal.values - step)) / (2.0 * force.force_N)
+        assert step @ force.gradient == pytest.approx(change, rel=5e-3)  # it is differenced
+
+
+def test_prediction_of_a_tool_is_narrowed(run, tool):
+    found = _proposed(run, tool=tool)
+    tables = proposal_tables(found)
+    widths = tables.intervals.filter(parameter="tool at p1")["width"].to_list()
+    assert found.goal.name == "prediction"
+    assert widths[0] == 1.0
+    assert widths[1] == pytest.approx(found.steps[0].chosen.goal, rel=0.1)
+    by_all = _proposed(run).steps[0].ranked
+    of_same = {each.press.press.name: each.goal for each in found.steps[0].ranked}
+    assert found.steps[0].chosen.goal <= of_same[by_all[0].press.press.name]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"goal": "prediction"}, "needs a tool"), ({"goal": "all", "tool": "given"}, "needs no tool")],
+)
+def test_goal_and_tool_go_together(tool, options, message):
+    with pytest.raises(StudyError, match=message):
+        PlanOptions(**({**options, "tool": tool} if "tool" in options else options))
 
 
 def test_limits_refuse_what_presses_too_hard(run):
@@ -187,7 +244,7 @@ def test_mistake_in_a_file_names_the_file_once(run, tmp_path):
 def test_plan_leaves_a_fitted_run_alone(run):
     study, folder, plugins = run
     with pytest.raises(StudyError, match="has a fit"):
-        plan(study, folder, plugins, allowed=ALLOWED)
+        plan(study, folder, plugins, options=PlanOptions(allowed=ALLOWED))
 
 
 def test_study_keeps_what_was_written_by_hand(run):
@@ -209,7 +266,12 @@ def test_study_keeps_what_was_written_by_hand(run):
 def test_first_presses_are_planned_over_the_ranges(run, tmp_path):
     study, _, plugins = run
     unmeasured = read_study(study.file, plugins, need_measured=False)
-    found = plan(unmeasured, tmp_path / "plan", plugins, allowed=ALLOWED, n_points=4, n_presses=2)
+    found = plan(
+        unmeasured,
+        tmp_path / "plan",
+        plugins,
+        options=PlanOptions(allowed=ALLOWED, n_points=4, n_presses=2),
+    )
     shares = np.sqrt(np.diag(found.before))
     assert shares == pytest.approx(1.0, rel=0.1)  # nothing is known but the ranges
     assert found.steps[0].chosen.press.press.keys["twist"]  # one press of force alone cannot tell both
