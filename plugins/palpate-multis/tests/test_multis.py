@@ -122,6 +122,21 @@ def test_the_command_predicts_a_table_without_results(
     assert "fat's share" in capsys.readouterr().out
 
 
+def test_the_command_fits_other_presses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Presses that are 1.2 times as stiff predict such a press."""
+    with (files("palpate_multis") / "data" / "presses.csv").open("rb") as stream:
+        table = pl.read_csv(stream)
+    table.with_columns(pl.col("stiffness_MPa_per_mm") * 1.2).write_csv(tmp_path / "stiffer.csv")
+    new, fits = tmp_path / "new.csv", []
+    new.write_text("max_force_N,area_mm2,skin_mm,fat_mm,muscle_mm\n7,675,1.4,6,30\n")
+    for more in ([], ["--fitted-to", str(tmp_path / "stiffer.csv")]):
+        assert main(["predict-press", str(new), "--json", *more]) == 0
+        fits.append(json.loads(capsys.readouterr().out))
+    assert fits[0]["fit"]["muscle_MPa"] == pytest.approx(population().muscle_MPa)
+    first, stiffer = (fit["presses"][0]["compliance_mm_per_MPa"] for fit in fits)
+    assert stiffer == pytest.approx(first / 1.2, rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("row", "words"),
     [

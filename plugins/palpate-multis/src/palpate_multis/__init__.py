@@ -27,5 +27,8 @@ def palpate_commands(app: "typer.Typer") -> None:
     from palpate.api import examples, name_of
     from palpate_multis.command import predict_press
 
-    lines = ("palpate predict-press presses.csv", "palpate predict-press presses.csv --json")
+    lines = (
+        "palpate predict-press presses.csv",
+        "palpate predict-press presses.csv --fitted-to measured.csv --json",
+    )
     app.command(name_of(predict_press), rich_help_panel="Limbs", epilog=examples(*lines))(predict_press)

@@ -18,25 +18,34 @@ def predict_press(
         Path,
         typer.Argument(help="CSV with max_force_N, area_mm2 (360 or 675), skin_mm, fat_mm and muscle_mm."),
     ],
+    fitted_to: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV of other presses with person, fat_compression_mm, muscle_compression_mm and "
+            "stiffness_MPa_per_mm too: the moduli are fitted to these and not to the 70 people of MULTIS."
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Predict presses of an ultrasound probe, by layered finite elements fitted to 70 people."""
+    """Predict presses of an ultrasound probe, by layered finite elements fitted to living limbs."""
     from palpate_multis.population import fit
     from palpate_multis.presses import read_presses
 
     session = Session.of(context)
     presses = read_presses(table, measured=False)
-    population = fit(read_presses())
+    population = fit(read_presses(fitted_to))
     compliance, share = population.predict(presses.layers_mm, presses.width_mm, presses.force_N)
     lower, upper = population.interval(compliance)
     columns = (compliance.tolist(), lower.tolist(), upper.tolist(), share.tolist())
     rows = list(zip(*columns, strict=True))
+    moduli = {name: getattr(population, name) for name in ("muscle_MPa", "fat_MPa", "load_exponent")}
     if as_json:
         names = ("compliance_mm_per_MPa", "lower", "upper", "fat_share")
-        session.json({"presses": [dict(zip(names, row, strict=True)) for row in rows]})
+        session.json({"fit": moduli, "presses": [dict(zip(names, row, strict=True)) for row in rows]})
         return
     cells = [
         [str(number), f"{middle:.0f}", f"{low:.0f}–{high:.0f}", f"{fat:.0%}"]
         for number, (middle, low, high, fat) in enumerate(rows, start=1)
     ]
+    session.table("Fit", list(moduli), [[f"{value:.3g}" for value in moduli.values()]])
     session.table("Presses", list(HEADS), cells)

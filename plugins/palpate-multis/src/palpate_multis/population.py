@@ -17,7 +17,7 @@ from palpate_multis.layered_block import LENGTH_MM
 from palpate_multis.presses import Presses
 
 SKIN_MPA = 0.6
-"""Modulus of skin, fixed: between 0.42 and 0.85 MPa by torsion of young and old skin (Agache et al. 1980)."""
+"""Modulus of skin, assumed: published ones span orders of magnitude, and the presses do not tell it."""
 
 REFERENCE_LOAD = 0.3
 """Load over the root of the probe's area [N/mm] at which the moduli are given: that of the median press."""
