@@ -11,15 +11,17 @@ from pydantic import TypeAdapter
 from palpate import pipeline
 from palpate.cli.output import PredictOutput
 from palpate.cli.predict import _output
-from palpate.domain import Curve, Job, Limb, Response, Simulation, Status, SurfaceStates
+from palpate.domain import Curve, Indentation, Job, Limb, Response, Simulation, Status, SurfaceStates
 from palpate.errors import StudyError
 from palpate.fit.least_squares import LeastSquares
+from palpate.indenters import Sphere
 from palpate.plugins.interfaces import Solver
 from palpate.prediction import run_prediction, write_prediction
 from palpate.prediction.bands import draws_of, ends, linear
 from palpate.prediction.exceedance import exceedances
 from palpate.prediction.files import notes
 from palpate.prediction.measures import area_above, contact_of, weighted_quantile
+from palpate.prediction.summary import QUANTITIES, PressStates, is_by_force, spread, summary_rows
 from palpate.prediction.vtu import vtu
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
@@ -27,6 +29,7 @@ from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
 from palpate.stages.fitted import Fitted
 from palpate.stored import StoredRun
 from palpate.study.tool import read_tool
+from palpate.waypoints import Waypoints
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -279,6 +282,48 @@ def test_a_linear_band_follows_the_slopes(space):
     np.testing.assert_allclose(lower, [0, 1.1, 2.2], atol=1e-12)
     np.testing.assert_allclose(upper, [0, 2.9, 5.8], atol=1e-12)
     assert linear(replace(curve, slopes={}), best, drawn, space).shape == (0, 3)
+
+
+def hertzian(stiffness=1.0):
+    """A press to 10 N, where force and pressure are those of a ball on elastic tissue."""
+    force = np.linspace(0.0, 10.0, 9)
+    contact = contact_of(
+        skin(np.outer(stiffness ** (2 / 3) * force ** (1 / 3), np.ones(4)), depths=force), None
+    )
+    return PressStates(depth_mm=(force / stiffness) ** (2 / 3), force_N=force, contact=contact)
+
+
+def test_draws_of_a_press_to_a_force_spread_its_depth_and_not_its_force():
+    softer, stiffer = hertzian(), hertzian(1.2)
+    for quantity in QUANTITIES:
+        found = spread(softer, quantity, np.array([1.2]), by_force=True)
+        assert (found is not None) == quantity.at_force
+        if found is not None:
+            assert found[0] == pytest.approx(stiffer.value(quantity.attribute), rel=1e-6), quantity.name
+    factors = np.linspace(0.9, 1.1, 201)
+    rows = {row["quantity"]: row for row in summary_rows("p1", softer, factors, [], by_force=True)}
+    ends_of_force = [rows["normal force"][f"linear_{end}"] for end in ("lower", "upper")]
+    assert ends_of_force == pytest.approx([10.0, 10.0])
+    assert rows["depth"]["linear_upper"] == pytest.approx(softer.value("depth_mm") * 0.91 ** (-2 / 3))
+    by_depth = {row["quantity"]: row for row in summary_rows("p1", softer, factors, [], by_force=False)}
+    assert "depth" not in by_depth
+    assert by_depth["normal force"]["linear_upper"] == pytest.approx(10.0 * 1.09)
+
+
+def test_a_press_that_shows_no_growth_with_the_force_has_no_band_at_a_force():
+    one = hertzian()
+    still = replace(one, force_N=np.where(one.force_N > 4.0, 10.0, 0.0))
+    assert spread(still, QUANTITIES[0], np.array([1.2]), by_force=True) is None
+
+
+def test_a_force_to_be_reached_makes_a_press_by_force():
+    pose, loads = np.zeros((3, 6)), np.full((3, 6), np.nan)
+    pose[1:, 0] = 9.0
+    ball = Sphere(radius_mm=20.0)
+    by_depth = Indentation.along(Waypoints(pose=pose), indenter=ball, friction=0.5)
+    loads[1, 0], loads[2, 0] = 3.0, np.inf  # then the depth stays where the force has left it
+    by_force = Indentation.along(Waypoints(pose=pose, loads=loads), indenter=ball, friction=0.5)
+    assert (is_by_force(by_depth), is_by_force(by_force)) == (False, True)
 
 
 def test_the_skin_is_a_file_that_others_read():

@@ -8,6 +8,7 @@ import polars as pl
 
 from palpate.domain import Channel
 from palpate.prediction.predict import Prediction, SpotPrediction
+from palpate.prediction.summary import is_by_force
 from palpate.prediction.vtu import vtu
 from palpate.run.directory import file_name
 from palpate.run.result_files import write_atomically, write_frame
@@ -64,6 +65,11 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
             f"Linear bands hold 90 % of {prediction.n_draws} draws of the fitted values, by the slopes of "
             "one simulation; pressures and shear are taken to change like the force, the contact not at all."
         )
+        if is_by_force(tool.protocol):
+            lines.append(
+                "By force, a stiffer tissue is taken to have what this one has under less force; areas, mean "
+                "pressure and shear have no linear band then."
+            )
     else:
         lines.append("The run has no intervals, so nothing is known of how certain this is.")
     lines += [_solved(spot, each) for spot, each in prediction.spots.items() if each.n_asked]

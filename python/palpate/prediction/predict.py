@@ -12,7 +12,7 @@ from palpate.errors import SolverError, StudyError
 from palpate.mesh.refinement import refined
 from palpate.prediction.bands import Thetas, check_shared, draws_of, ends, frame_rows, linear
 from palpate.prediction.exceedance import exceedances
-from palpate.prediction.measures import Contact, contact_of
+from palpate.prediction.summary import QUANTITIES, PressStates, is_by_force, press_states, summary_rows
 from palpate.progress import Progress
 from palpate.run.directory import RunDirectory
 from palpate.stages.fitted import Fitted, inputs_at
@@ -22,21 +22,6 @@ from palpate.stages.sweep import Simulations
 from palpate.stored import StoredRun
 from palpate.study.reading import Study
 from palpate.study.tool import Tool
-
-QUANTITIES = (
-    ("normal force", "N", "force_N"),
-    ("contact area", "mm²", "area_mm2"),
-    ("peak pressure", "MPa", "peak_MPa"),
-    ("95th percentile of pressure", "MPa", "p95_MPa"),
-    ("mean pressure", "MPa", "mean_MPa"),
-    ("peak shear", "MPa", "shear_peak_MPa"),
-    ("area above the threshold", "mm²", "above_mm2"),
-)
-"""Rows of the summary: name, unit, and what it is called here."""
-
-SCALED = ("force_N", "peak_MPa", "p95_MPa", "mean_MPa", "shear_peak_MPa")
-"""Quantities whose linear band is that of the force: at one depth, pressures change like the force."""
-
 
 REFINED = 1.1
 """Distance from the spot up to which a mesh is refined, over the reach of the tool."""
@@ -50,11 +35,8 @@ class SpotPrediction:
     ----------
     simulation : Simulation
         With the fitted values; partial where it has diverged.
-    contact : Contact
-    force_N : (k,) array
-        Normal force at the states.
-    at : int
-        The state with the largest force.
+    pressed : PressStates
+        Depth, force and contact at the balanced states.
     bands : mapping of channel to (2, n) array
         Ends of the linear band of a curve; none without draws.
     summary : list of dict
@@ -64,9 +46,7 @@ class SpotPrediction:
     """
 
     simulation: Simulation
-    contact: Contact
-    force_N: FloatArray
-    at: int
+    pressed: PressStates
     bands: Mapping[str, FloatArray]
     summary: list[dict[str, Any]]
     n_asked: int
@@ -77,6 +57,11 @@ class SpotPrediction:
         """The skin at the balanced states."""
         assert self.simulation.surface is not None
         return self.simulation.surface
+
+    @property
+    def at(self) -> int:
+        """The state with the largest force."""
+        return self.pressed.at
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,24 +204,22 @@ def _at_spot(
             f"spot '{plan.spot}': {plan.tool.name} cannot be pressed: "
             f"{simulation.message or 'no balanced state'}"
         )
-    contact = contact_of(simulation.surface, plan.tool.threshold_MPa)
-    force = _normal_force(simulation)
+    threshold = plan.tool.threshold_MPa
     space = plan.stored.study.space
     lines = {c.channel: linear(c, best, drawn, space) for c in simulation.response.curves.values()}
     ended = [s for s in solved if s.status is Status.OK and s.surface is not None]
-    prediction = SpotPrediction(
+    pressed = press_states(simulation, threshold)
+    stiffer = _stiffer(simulation.response.curves.get("force"), lines.get("force"))
+    found = [press_states(each, threshold) for each in ended]
+    by_force = is_by_force(plan.tool.protocol)
+    return SpotPrediction(
         simulation=simulation,
-        contact=contact,
-        force_N=force,
-        at=int(np.argmax(force)),
+        pressed=pressed,
         bands={name: np.array(ends(values)) for name, values in lines.items() if len(values)},
-        summary=[],
+        summary=list(summary_rows(plan.spot, pressed, stiffer, found, by_force=by_force)),
         n_asked=len(solved),
         n_ended=len(ended),
     )
-    factors = _factors(simulation.response.curves.get("force"), lines.get("force"))
-    prediction.summary.extend(_summary(plan, prediction, factors, ended))
-    return prediction
 
 
 def _spread(drawn: Sequence[Thetas], n: int) -> list[Thetas]:
@@ -244,53 +227,11 @@ def _spread(drawn: Sequence[Thetas], n: int) -> list[Thetas]:
     return [drawn[i] for i in np.linspace(0, len(drawn) - 1, min(n, len(drawn))).astype(int)] if n else []
 
 
-def _normal_force(simulation: Simulation) -> FloatArray:
-    """Force (k,) [N] along the axis of the tool as it first touches."""
-    states = simulation.surface
-    assert states is not None
-    force, _ = states.resultants(states.positions_mm[0])
-    return np.asarray(-(force @ states.rotations[0][:, 2]))
-
-
-def _factors(curve: Curve | None, lines: FloatArray | None) -> FloatArray:
-    """Force of each draw over that of the fit, at the end of the press."""
+def _stiffer(curve: Curve | None, lines: FloatArray | None) -> FloatArray:
+    """Force of each draw over that of the fit, at the depth where the press ends."""
     if curve is None or lines is None or not len(lines) or not curve.ordinate[-1] > 0.0:
         return np.empty(0)
     return np.asarray(lines[:, -1] / curve.ordinate[-1])
-
-
-def _summary(
-    plan: _Plan, each: SpotPrediction, factors: FloatArray, ended: Sequence[Simulation]
-) -> Iterator[dict[str, Any]]:
-    for name, unit, attribute in QUANTITIES:
-        value = _value(each.force_N, each.contact, attribute, each.at)
-        if value is None:
-            continue
-        row: dict[str, Any] = {"spot": plan.spot, "quantity": name, "unit": unit, "value": value}
-        band = ends(value * factors) if attribute in SCALED and len(factors) else (None, None)
-        row |= {
-            f"linear_{end}": None if at is None else float(at)
-            for end, at in zip(("lower", "upper"), band, strict=True)
-        }
-        if ended:
-            found = [_of_simulation(s, plan.tool, attribute) for s in ended]
-            lower, upper = ends(np.array(found)[:, None])
-            row |= {"solved_lower": float(lower[0]), "solved_upper": float(upper[0])}
-        yield row
-
-
-def _of_simulation(simulation: Simulation, tool: Tool, attribute: str) -> float:
-    assert simulation.surface is not None
-    force = _normal_force(simulation)
-    contact = contact_of(simulation.surface, tool.threshold_MPa)
-    value = _value(force, contact, attribute, int(np.argmax(force)))
-    assert value is not None  # else the fit has none either, and no row is made
-    return value
-
-
-def _value(force_N: FloatArray, contact: Contact, attribute: str, at: int) -> float | None:
-    values = force_N if attribute == "force_N" else getattr(contact, attribute)
-    return None if values is None else float(values[at])
 
 
 def _curve_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:
@@ -304,15 +245,14 @@ def _curve_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:
 
 
 def _state_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:
-    for i in range(len(each.force_N)):
+    for i in range(len(each.pressed.force_N)):
         row: dict[str, Any] = {
             "spot": spot,
             "state": i,
-            "depth_mm": float(each.states.depth_mm[i]),
             "rotation_deg": float(each.states.rotation_deg[i]),
         }
-        values = ((name, _value(each.force_N, each.contact, name, i)) for _, _, name in QUANTITIES)
-        yield row | {name: value for name, value in values if value is not None}
+        values = ((q.attribute, each.pressed.along(q.attribute)) for q in QUANTITIES)
+        yield row | {name: float(of_states[i]) for name, of_states in values if of_states is not None}
 
 
 def run_prediction(

@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 from palpate.api import MeshError
 from palpate.domain import Indentation, Job, Limb, Spot, Status
 from palpate.indenters import Sphere
+from palpate.prediction.summary import QUANTITIES, press_states, spread
 from palpate.specimens import block
 from palpate_indentation import Moves, MovesSettings, Punch, PunchSettings
 from palpate_jax.kinematics import motion, pose
@@ -244,3 +245,20 @@ def test_a_force_is_reached_from_far_off_the_skin():
         for moves in ([{"depth": "-5 mm"}], [])
     )
     np.testing.assert_allclose(lifted.pose[-1], direct.pose[-1], atol=1e-6)
+
+
+def test_a_stiffer_tissue_under_a_force_has_what_a_softer_one_has_under_less():
+    """The linear bands of a prediction by force take this from the states of one press."""
+    protocol = protocol_of({"force": "0.5 N"}, friction=0.4, depth_limit="4 mm")
+    jax = JaxSolver(JaxSettings(depth_steps=6))
+    found = []
+    for modulus in (0.02, 0.022):
+        job = replace(job_of(protocol, np.array([modulus, 0.4])), surface=True)
+        found.append(press_states(jax.simulate(job, BLOCK), None))
+    softer, stiffer = found
+    for quantity in (each for each in QUANTITIES if each.at_force):
+        (expected,) = spread(softer, quantity, np.array([1.1]), by_force=True)
+        found = stiffer.value(quantity.attribute)
+        assert found == pytest.approx(expected, rel=0.006), quantity.name
+    assert stiffer.value("depth_mm") < 0.96 * softer.value("depth_mm")
+    assert stiffer.value("p95_MPa") > 1.06 * softer.value("p95_MPa")

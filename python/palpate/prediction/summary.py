@@ -1,0 +1,141 @@
+"""Rows of the summary: quantities of the contact at the largest force, and how far draws spread them.
+
+Draws make the tissue stiffer or softer. With a factor s on all moduli, whatever the tool, the same depth
+needs s times the force and has s times the pressures. A tool that is pressed by force F then has s times
+what this tissue has at F/s, which the states along its path show.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from palpate.domain import FloatArray, Indentation, Simulation
+from palpate.prediction.bands import ends
+from palpate.prediction.measures import Contact, contact_of
+from palpate.waypoints import DEPTH
+
+
+class Quantity(NamedTuple):
+    """A row of the summary: name, unit and attribute, and where it has a linear band.
+
+    ``at_depth``: at one depth a stiffer tissue has more of it. ``at_force``: it is smooth enough along the
+    path for a band at one force; areas, and what is divided by them, change by whole faces.
+    """
+
+    name: str
+    unit: str
+    attribute: str
+    at_depth: bool
+    at_force: bool
+
+
+QUANTITIES = (
+    Quantity("depth", "mm", "depth_mm", False, True),
+    Quantity("normal force", "N", "force_N", True, True),
+    Quantity("contact area", "mm²", "area_mm2", False, False),
+    Quantity("peak pressure", "MPa", "peak_MPa", True, True),
+    Quantity("95th percentile of pressure", "MPa", "p95_MPa", True, True),
+    Quantity("mean pressure", "MPa", "mean_MPa", True, False),
+    Quantity("peak shear", "MPa", "shear_peak_MPa", True, False),
+    Quantity("area above the threshold", "mm²", "above_mm2", False, False),
+)
+"""Rows of the summary."""
+
+FROM_FORCE = 0.5
+"""Share of the largest force from which on states show how a quantity grows with the force."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressStates:
+    """A tool at its balanced states, (k,) each: depth, normal force and contact."""
+
+    depth_mm: FloatArray
+    force_N: FloatArray
+    contact: Contact
+
+    @property
+    def at(self) -> int:
+        """The state with the largest force."""
+        return int(np.argmax(self.force_N))
+
+    def along(self, attribute: str) -> FloatArray | None:
+        """A quantity (k,) at the states; None for an area without a threshold."""
+        if attribute in ("depth_mm", "force_N"):
+            return np.asarray(getattr(self, attribute))
+        found: FloatArray | None = getattr(self.contact, attribute)
+        return found
+
+    def value(self, attribute: str) -> float | None:
+        """The quantity at the largest force."""
+        found = self.along(attribute)
+        return None if found is None else float(found[self.at])
+
+    def growth(self, attribute: str) -> float | None:
+        """Power of the force with which a quantity grows along the path; None where it cannot be seen."""
+        values = self.along(attribute)
+        if values is None:
+            return None
+        seen = (self.force_N >= FROM_FORCE * self.force_N[self.at]) & (values > 0.0)
+        forces, sizes = np.log(self.force_N[seen]), np.log(values[seen])
+        return float(np.polyfit(forces, sizes, 1)[0]) if np.unique(forces).size > 1 else None
+
+
+def press_states(simulation: Simulation, threshold_MPa: float | None) -> PressStates:
+    """Measure a simulation with a surface, by the force along the axis of the tool as it first touches."""
+    states = simulation.surface
+    assert states is not None
+    force, _ = states.resultants(states.positions_mm[0])
+    return PressStates(
+        depth_mm=states.depth_mm,
+        force_N=np.asarray(-(force @ states.rotations[0][:, 2])),
+        contact=contact_of(states, threshold_MPa),
+    )
+
+
+def is_by_force(protocol: Indentation) -> bool:
+    """Whether a force is to be reached, so that the depth is predicted."""
+    return protocol.loads is not None and bool(np.isfinite(protocol.loads[:, DEPTH]).any())
+
+
+def spread(
+    pressed: PressStates, quantity: Quantity, stiffer: FloatArray, *, by_force: bool
+) -> FloatArray | None:
+    """Values (n,) of a quantity for draws that are stiffer by factors (n,); None where none are known."""
+    value = pressed.value(quantity.attribute)
+    if value is None or not len(stiffer) or not (quantity.at_force if by_force else quantity.at_depth):
+        return None
+    growth = pressed.growth(quantity.attribute) if by_force else 0.0
+    return None if growth is None else value * stiffer ** (float(quantity.at_depth) - growth)
+
+
+def summary_rows(
+    spot: str,
+    pressed: PressStates,
+    stiffer: FloatArray,
+    solved: Sequence[PressStates],
+    *,
+    by_force: bool,
+) -> Iterator[dict[str, Any]]:
+    """Value, ends of the linear band, and those of simulated draws, of each quantity at a spot."""
+    for quantity in QUANTITIES:
+        value = pressed.value(quantity.attribute)
+        if value is None or (quantity.attribute == "depth_mm" and not by_force):
+            continue
+        row: dict[str, Any] = {
+            "spot": spot,
+            "quantity": quantity.name,
+            "unit": quantity.unit,
+            "value": value,
+        }
+        drawn = spread(pressed, quantity, stiffer, by_force=by_force)
+        band = (None, None) if drawn is None else ends(drawn)
+        row |= {
+            f"linear_{end}": None if at is None else float(at)
+            for end, at in zip(("lower", "upper"), band, strict=True)
+        }
+        if solved:
+            lower, upper = ends(np.array([[each.value(quantity.attribute)] for each in solved]))
+            row |= {"solved_lower": float(lower[0]), "solved_upper": float(upper[0])}
+        yield row
