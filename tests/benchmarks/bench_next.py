@@ -1,20 +1,23 @@
 """What chosen presses are worth: ``make bench-next``.
 
 Simulated sessions on strips of tissue in closed form, at four spots of different thickness. Each has random
-parameters; presses have noise and an onset of their own; gains, friction, the mesh's error and what the model
-leaves out are drawn once, in part for each spot. One way presses four spots alike, as the paper; the other
-presses the first spot so, and then twice where the next press is expected to narrow most. Prints how wide the
-intervals are beside each other, how many hold the truth, and how the width that was expected compares with
-that of the fit.
+parameters; presses have noise and an onset of their own; gains, friction and what the model leaves out are
+drawn once, in part for each spot. One way presses four spots alike, as the paper; others press the first spot
+so, and then twice where the next press is expected to narrow most: by Fopt, by generalised least squares, and
+by these the force of a tool. Prints each session as it ends, then how wide the intervals are relative to the
+four alike by Fopt, how many hold the truth, and the width that was expected over that of the fit.
 
     python tests/benchmarks/bench_next.py --n 50
 """
 
 import argparse
+import functools
+import operator
 import sys
+from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations_with_replacement, pairwise
 
 import bench_coverage as strips
 import numpy as np
@@ -24,23 +27,46 @@ from palpate import Curve, Job, Response, Simulation
 from palpate.certainty.causes import ONSET_MM, RELATIVE
 from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Design, Indentation, Spot
-from palpate.fit.stage import FitStage
+from palpate.fit.stage import Case, FitStage
 from palpate.indenters import Sphere
 from palpate.planning.options import PlanOptions
-from palpate.planning.presses import Press
+from palpate.planning.presses import Press, simulated_presses
 from palpate.planning.stage import PlanningStage
+from palpate.run.result import ALL_SPOTS
 from palpate.study.reading import StudySpot
+from palpate.study.tool import Tool
 
 THICKNESS = {"p1": 1.0, "p2": 0.8, "p3": 1.25, "p4": 1.5}
 """Strain of the strips of each spot, over that of the first."""
+UNDER_TOOL = 1.5
+"""That under the tool whose force is predicted: more than under the first press."""
 DEPTHS_MM, TWISTS_DEG = (5.0, 7.5, 10.0), ((), (-22.5, 22.5, 0.0), (-45.0, 45.0, 0.0))
-N_CHOSEN, COMMON = 2, 0.5
+N_CHOSEN, N_POINTS, N_DRAWS, COMMON = 2, 3, 64, 0.5
 NAMES = ("c1", "c2", "c3")
 
 
 def protocol_of(depth: float, twist: tuple[float, ...]) -> Indentation:
     path = [(0.0, 0.0), (depth, 0.0), *((depth, angle) for angle in twist)]
     return Indentation(indenter=Sphere(radius_mm=7.5), path=path, friction=1.0)
+
+
+CANDIDATES = [
+    Press(name=f"{spot}-{depth:g}-{max(twist, default=0):g}", spot=spot, protocol=protocol_of(depth, twist))
+    for spot in THICKNESS
+    for depth in DEPTHS_MM
+    for twist in TWISTS_DEG
+]
+TOOL = Tool(
+    name="tool",
+    protocol=protocol_of(10.0, ()),
+    spots=(StudySpot(spot=Spot(name="p1"), measured={}, mesh=None),),
+    threshold_MPa=None,
+)
+WAYS = {
+    "three, fopt": ("fopt", None),
+    "three, gls": ("gls", None),
+    "three for the tool, gls": ("gls", TOOL),
+}
 
 
 class Spots(strips.Layered):
@@ -54,7 +80,7 @@ class Spots(strips.Layered):
         angles = _along(path[1:, 1]) if is_twisted else np.array([0.0, 1.0])
         strips.pressed.ANGLES, kept = angles, strips.pressed.ANGLES
         compressed = strips.pressed.COMPRESSED
-        strips.pressed.COMPRESSED = compressed * THICKNESS[job.spot[:2]]
+        strips.pressed.COMPRESSED = compressed * THICKNESS.get(job.spot[:2], UNDER_TOOL)
         try:
             found = super().simulate(job, None)
         finally:
@@ -79,7 +105,6 @@ class World:
         (self.row,) = strips.pressed.truths(self.study, 1, seed)
         budget, rng = self.study.budget, self.rng
         self.gain = {name: 1.0 + budget.gain * rng.normal() for name in ("force", "torque")}
-        self.mesh = {name: 1.0 + budget.mesh * rng.normal() for name in ("force", "torque")}
         self.friction = 1.0 + RELATIVE * rng.normal()
         self.kappa = 1.0 + RELATIVE * rng.normal()
         self.shapes = {}
@@ -113,7 +138,7 @@ class World:
         shape += np.sqrt(1.0 - COMMON) * self._shape(spot, curve.channel, path)
         left = self.study.budget.discrepancy * shape * np.maximum.accumulate(np.abs(y))
         noise = strips.NOISE * size * self.rng.normal(size=x.size)
-        y = y * self.gain[curve.channel] * self.mesh[curve.channel] + left + noise
+        y = y * self.gain[curve.channel] + left + noise
         return Curve(channel=curve.channel, abscissa=x, ordinate=y)
 
     def _shape(self, spot: str, channel: str, path: np.ndarray) -> np.ndarray:
@@ -124,16 +149,17 @@ class World:
             self.shapes[spot, channel] = np.linalg.cholesky(along) @ self.rng.normal(size=grid.size)
         return np.interp(path, grid, self.shapes[spot, channel])
 
-    def fitted(self, presses: dict[str, tuple[Indentation, Response]]) -> tuple:
-        """Fit presses by name; the case, its certainty, and the stage."""
+    def fitted(self, presses: dict[str, tuple[Indentation, Response]], estimator: str) -> PlanningStage:
+        """Fit presses by name, and what can be planned from there."""
         spots = tuple(
             StudySpot(spot=Spot(name=name), measured={}, mesh=None, protocol=protocol)
             for name, (protocol, _) in presses.items()
         )
-        study = replace(self.study, spots=spots)
+        budget = self.study.budget.model_copy(update={"estimator": estimator})
+        study = replace(self.study, spots=spots, budget=budget)
         measured = {name: response for name, (_, response) in presses.items()}
         parameters = study.space.parameters
-        stage = FitStage(
+        stage = JointFit(
             study=study,
             design=Design(parameters=parameters, values=np.zeros((0, len(self.row))), seed=1, n_drawn=0),
             measured=measured,
@@ -141,84 +167,160 @@ class World:
             simulations=strips.Here(study.solver, {}),
             abscissae={"force": "depth_mm", "torque": "rotation_deg"},
         )
-        case = stage.run()[0]
+        (case,) = stage.run()
         certainty = CertaintyStage(study=study, measured=measured)
         columns = certainty.columns(case)
-        return study, measured, certainty.assess(case, columns), columns
+        return PlanningStage(
+            study=study,
+            measured=measured,
+            assessed=certainty.assess(case, columns),
+            columns=columns,
+            refinement={},
+        )
+
+    def tool_force(self, row: np.ndarray) -> float:
+        """Force of the tool on a material (n_searched,)."""
+        materials = {region.region: region.material for region in self.study.space.regions}
+        thetas = self.study.space.thetas(row)
+        job = Job(spot="tool", set_id=0, materials=materials, thetas=thetas, protocol=TOOL.protocol)
+        return float(self.study.solver.simulate(job, None).response.curves["force"].ordinate[-1])
 
 
-def widths_of(world: World, assessed: object) -> tuple[np.ndarray, np.ndarray]:
-    """Widths of the intervals as shares of the ranges, and which hold the truth."""
+class JointFit(FitStage):
+    """The joint fit alone."""
+
+    def run(self) -> list[Case]:
+        (scenario,) = self.study.scenarios
+        case = Case(ALL_SPOTS, self.study.spot_names, scenario)
+        self._search([case], {id(case): []})
+        return [case]
+
+
+def widths_of(world: World, stage: PlanningStage) -> tuple[np.ndarray, np.ndarray]:
+    """Widths of the intervals as shares of the ranges, and of the tool's force relative to it; which hold."""
+    assessed = stage.assessed
     box = assessed.end.problem.box
     truth = (world.row - box.lower) / (box.upper - box.lower)
-    low, high = assessed.density.interval(assessed.point)
-    return high - low, (low <= truth) & (truth <= high)
+    density = assessed.density
+    low, high = density.interval(assessed.point)
+    forces = [world.tool_force(box.lower + (box.upper - box.lower) * draw) for draw in density.draws(N_DRAWS)]
+    ends, force = np.quantile(forces, [0.025, 0.975]), world.tool_force(world.row)
+    widths = np.append(high - low, (ends[1] - ends[0]) / force)
+    return widths, np.append((low <= truth) & (truth <= high), ends[0] <= force <= ends[1])
+
+
+def chosen(world: World, first: tuple, estimator: str, tool: Tool | None) -> dict:
+    """The first press and those that are chosen after it."""
+    made = {"p1": first}
+    stage = world.fitted(made, estimator)
+    widths, expected, names = [widths_of(world, stage)[0]], [], []
+    for _ in range(N_CHOSEN):
+        best = stage.run(CANDIDATES, PlanOptions(n_points=N_POINTS, tool=tool), {}).steps[0].chosen
+        press = best.press.press
+        names.append(press.name)
+        made[f"{press.name}#{len(made)}"] = (press.protocol, world.press(press.spot, press.protocol))
+        stage = world.fitted(made, estimator)
+        after, holds = widths_of(world, stage)
+        expected.append(best.widths / (after / widths[-1])[: len(NAMES)])
+        widths.append(after)
+    return {"widths": widths[-1], "first": widths[0], "holds": holds, "expected": expected, "presses": names}
 
 
 def session(seed: int) -> dict:
-    """Both ways in one world."""
+    """Every way in one world, the same first press in each."""
     world = World(seed)
     first = protocol_of(10.0, TWISTS_DEG[1])
     alike = {spot: (first, world.press(spot, first)) for spot in THICKNESS}
-    _, _, assessed, _ = world.fitted(alike)
-    found = {"alike": widths_of(world, assessed)}
-    made = {"p1": alike["p1"]}
-    candidates = [
-        Press(
-            name=f"{spot}-{depth:g}-{max(twist, default=0):g}", spot=spot, protocol=protocol_of(depth, twist)
-        )
-        for spot in THICKNESS
-        for depth in DEPTHS_MM
-        for twist in TWISTS_DEG
-    ]
-    study, measured, assessed, columns = world.fitted(made)
-    before = widths_of(world, assessed)[0]
-    expected, chosen = [], []
-    for _ in range(N_CHOSEN):
-        stage = PlanningStage(
-            study=study, measured=measured, assessed=assessed, columns=columns, refinement={}
-        )
-        best = stage.run(candidates, PlanOptions(n_points=4), {}).steps[0].chosen
-        name = f"{best.press.press.name}#{len(made)}"
-        protocol = best.press.press.protocol
-        made[name] = (protocol, world.press(best.press.press.spot, protocol))
-        study, measured, assessed, columns = world.fitted(made)
-        after = widths_of(world, assessed)[0]
-        expected.append(best.widths / (after / before))
-        before = after
-        chosen.append(name)
-    found["chosen"] = widths_of(world, assessed)
-    return found | {"expected": np.array(expected), "presses": chosen}
+    found = {}
+    for estimator in ("fopt", "gls"):
+        widths, holds = widths_of(world, world.fitted(alike, estimator))
+        found[f"four alike, {estimator}"] = {"widths": widths, "holds": holds}
+    for way, (estimator, tool) in WAYS.items():
+        found[way] = chosen(world, alike["p1"], estimator, tool)
+    return found
+
+
+def bound(seed: int) -> dict:
+    """Least largest width of the parameters, of any two presses after the first, over four alike by Fopt.
+
+    Widths are expected ones at the truth; "all" is every candidate at once.
+    """
+    world = World(seed)
+    first = protocol_of(10.0, TWISTS_DEG[1])
+    design = world.fitted({"p1": (first, world.press("p1", first))}, "fopt").design()
+    point = design.problem.box.point(world.row)[None]
+    found, of = {}, None
+    for estimator in ("fopt", "gls"):
+        budget = design.study.budget.model_copy(update={"estimator": estimator})
+        by = replace(design, study=replace(design.study, budget=budget))
+        each = {s.press.name: s.at[0].evidence for s in simulated_presses(by, CANDIDATES, point) if s.at}
+        alike = [each[f"{spot}-10-22.5"] for spot in THICKNESS]
+        of = _sds(alike) if of is None else of
+        pairs = [
+            (alike[0] + each[a].again(a, 1) + each[b].again(b, 2))
+            for a, b in combinations_with_replacement(each, 2)
+        ]
+        ratios = [_sds([pair]) / of for pair in pairs]
+        found[f"four alike, {estimator}"] = _sds(alike) / of
+        found[f"best three, {estimator}"] = min(ratios, key=lambda ratio: ratio.max())
+        found[f"all {len(each)}, {estimator}"] = _sds(list(each.values())) / of
+    return found
+
+
+def _sds(evidence: list) -> np.ndarray:
+    return np.sqrt(np.diag(functools.reduce(operator.add, evidence).covariance()))
+
+
+def table(found: list[dict]) -> None:
+    """Print every way relative to four alike by Fopt."""
+    of = [each["four alike, fopt"]["widths"] for each in found]
+    say("| presses | " + " | ".join(f"{n}: width, wider by 10 %, holds" for n in (*NAMES, "tool")) + " |")
+    say("|---|---|---|---|---|")
+    for way in found[0]:
+        ratios = np.array([each[way]["widths"] / alike for each, alike in zip(found, of, strict=True)])
+        holds = np.array([each[way]["holds"] for each in found])
+        cells = [
+            f"{r.mean():.2f}, {np.mean(r > 1.1):.0%}, {h.mean():.0%}"
+            for r, h in zip(ratios.T, holds.T, strict=True)
+        ]
+        say(f"| {way} | {' | '.join(cells)} |")
+
+
+def expectations(way: str, found: list[dict]) -> None:
+    """Print the expected over the realised width of each chosen press, and which were chosen most."""
+    for k in range(N_CHOSEN):
+        at = np.array([each[way]["expected"][k] for each in found])
+        within = np.mean(np.abs(at - 1.0) <= 0.25)
+        say(f"{way}, press {k + 2}: median {np.median(at):.2f}, within 25 %: {within:.0%}")
+    counts = Counter(name for each in found for name in each[way]["presses"])
+    say("chosen most: " + ", ".join(f"{name} ({n})" for name, n in counts.most_common(5)))
+    over = np.median([each[way]["widths"][-1] / each[way]["first"][-1] for each in found])
+    say(f"band of the tool over that of the first press: median {over:.2f}")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--n", type=int, default=50, help="sessions")
-    chosen = parser.parse_args()
-    with ProcessPoolExecutor() as pool:
-        found = list(pool.map(session, range(chosen.n)))
-    say(f"{chosen.n} sessions: four presses alike, and three of which two are chosen")
-    say(
-        "| 95 % interval of | width, chosen over alike | wider by more than 10 % | alike hold | chosen hold |"
-    )
-    say("|---|---|---|---|---|")
-    ratios = np.array([each["chosen"][0] / each["alike"][0] for each in found])
-    for i, name in enumerate(NAMES):
-        held = [
-            f"{100.0 * np.mean([each[way][1][i] for each in found]):.0f} %" for way in ("alike", "chosen")
-        ]
-        ratio = ratios[:, i]
-        say(f"| {name} | {ratio.mean():.2f} | {np.mean(ratio > 1.1):.0%} | {' | '.join(held)} |")
-    expected = np.array([each["expected"] for each in found])
-    say("\nwidth that was expected over that of the fit, of each chosen press:")
-    for k in range(N_CHOSEN):
-        at = expected[:, k]
-        within = np.mean(np.abs(at - 1.0) <= 0.25)
-        say(f"press {k + 2}: median {np.median(at):.2f}, within 25 %: {within:.0%}")
-    names = [name for each in found for name in each["presses"]]
-    counts = {name: sum(n.startswith(name) for n in names) for name in {n.partition("#")[0] for n in names}}
-    most = sorted(counts.items(), key=lambda item: -item[1])[:6]
-    say("chosen most: " + ", ".join(f"{name} ({count})" for name, count in most))
+    parser.add_argument("--workers", type=int, help="processes; default: all cores")
+    parser.add_argument("--bound", action="store_true", help="what any presses could reach, instead")
+    asked = parser.parse_args()
+    found = []
+    if asked.bound:
+        with ProcessPoolExecutor(asked.workers) as pool:
+            found = list(pool.map(bound, range(asked.n)))
+        for way in found[0] if found else ():
+            ratios = np.array([list(each.values()) for each in found])[:, list(found[0]).index(way)]
+            say(f"{way}: mean {ratios.mean(axis=0).round(2)}, least {ratios.min(axis=0).round(2)}")
+        return
+    with ProcessPoolExecutor(asked.workers) as pool:
+        for each in pool.map(session, range(asked.n)):
+            found.append(each)
+            say(f"{len(found)}: " + "; ".join(f"{way} {np.round(e['widths'], 4)}" for way, e in each.items()))
+            if len(found) % 4 == 0:
+                table(found)
+    table(found)
+    for way in WAYS:
+        expectations(way, found)
 
 
 def say(line: str) -> None:

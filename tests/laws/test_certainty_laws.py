@@ -36,6 +36,21 @@ def test_the_covariance_is_that_of_the_fit_of_a_linear_model(seed):
     np.testing.assert_allclose(density(jacobian, causes, range_sd=np.inf).covariance, expected, rtol=1e-6)
 
 
+@given(seeds)
+def test_generalised_least_squares_are_aitkens_and_never_wider(seed):
+    rng, jacobian, causes = linear(seed)
+    errors = np.concatenate(list(causes.values()), axis=1)
+    weights = np.linalg.inv(errors @ errors.T)
+    residuals = rng.normal(size=len(jacobian))
+    found = laplace(np.zeros(3), residuals, jacobian, causes, range_sd=np.inf, weighs_points=True)
+    expected = np.linalg.inv(jacobian.T @ weights @ jacobian)
+    np.testing.assert_allclose(found.covariance, expected, rtol=1e-6)
+    np.testing.assert_allclose(found.centre, -expected @ jacobian.T @ weights @ residuals, rtol=1e-5)
+    by_fopt = density(jacobian, causes, range_sd=np.inf)
+    assert np.linalg.eigvalsh(by_fopt.covariance - found.covariance).min() > -1e-9 * by_fopt.covariance.max()
+    np.testing.assert_allclose(sum(found.shares.values()), 1.0, rtol=1e-9)
+
+
 @given(seeds, st.floats(0.01, 10.0))
 def test_white_noise_gives_the_textbook_covariance(seed, sigma):
     _, jacobian, _ = linear(seed)

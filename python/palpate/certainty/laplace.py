@@ -2,9 +2,11 @@
 
 A fit at the least Σ r² solves Jᵀr = 0. With residuals of covariance C, the scores Jᵀr hold the information
 JᵀJ (JᵀCJ)⁻¹ JᵀJ on the parameters: its inverse is the covariance of the fit, whatever the weights of
-Fopt are (the sandwich of generalised estimating equations: Liang & Zeger, Biometrika 73, 1986). A wide normal
-density over each range is added, and what is outside the ranges is cut off, so that a direction which no
-curve shows is as wide as the ranges.
+Fopt are (the sandwich of generalised estimating equations: Liang & Zeger, Biometrika 73, 1986). Generalised
+least squares weighs all residuals by C⁻¹ instead (Aitken, Proc. R. Soc. Edinb. 55, 1935): the information is
+JᵀC⁻¹J, never less, and one step leads from the fit to the most likely values. A wide normal density over each
+range is added, and what is outside the ranges is cut off, so that a direction which no curve shows is as wide
+as the ranges.
 """
 
 from collections.abc import Callable, Mapping
@@ -112,6 +114,7 @@ def laplace(
     causes: Mapping[str, FloatArray],
     *,
     range_sd: float = RANGE_SD,
+    weighs_points: bool = False,
 ) -> Laplace:
     """Normal density around a fit, and the share of each cause in its variance.
 
@@ -126,13 +129,17 @@ def laplace(
         What each makes of the residuals: F with the covariance F Fᵀ. At least one is noise of every residual.
     range_sd : float
         Standard deviation of each parameter before any curve; infinite for none.
+    weighs_points : bool
+        Whether every residual counts by its own errors: generalised least squares. Else as in Fopt.
     """
-    left, sizes, right = np.linalg.svd(jacobian, full_matrices=False)
+    left: FloatArray = np.eye(len(jacobian))
+    if not weighs_points:
+        left = np.linalg.svd(jacobian, full_matrices=False)[0].astype(np.float64)
     parts = {name: _gram(left.T @ factor) for name, factor in causes.items()}
-    slopes = sizes[:, None] * right
+    slopes = left.T @ jacobian
     gain = np.linalg.solve(np.sum(list(parts.values()), axis=0), slopes)
     prior = np.eye(jacobian.shape[1]) / range_sd**2
-    covariance = np.linalg.inv(slopes.T @ gain + prior)
+    covariance: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
     through = covariance @ gain.T
     variance = np.diag(covariance)
     shares = {name: _share(through, part, variance) for name, part in parts.items()}

@@ -119,11 +119,12 @@ class CertaintyStage:
         errors = estimate(residuals, jacobian, every, rows, expected=expected, allowed=ALLOWED * expected)
         parts = {NOISE: _root(errors.noise_covariance), DISCREPANCY: _root(errors.discrepancy_covariance)}
         covariance = every @ every.T + errors.noise_covariance + errors.discrepancy_covariance
-        of_all = laplace(point, residuals, jacobian, {**known, **parts})
+        weighs_points = self.study.budget.weighs_points
+        of_all = laplace(point, residuals, jacobian, {**known, **parts}, weighs_points=weighs_points)
         return Assessed(
             case=case,
             end=end,
-            point=point,
+            point=np.clip(of_all.centre, 0.0, 1.0) if weighs_points else point,
             laplace=of_all,
             noise_only=laplace(point, residuals, jacobian, {NOISE: parts[NOISE], PRIORS: known[PRIORS]}),
             white=whitening(jacobian, covariance, groups),

@@ -34,7 +34,7 @@ class Assessed:
     case : Case
     end : Fit
     point : (n_parameters,) array
-        Where it has ended, as shares of the ranges.
+        Where it has ended, as shares of the ranges; with the ``gls`` estimator the most likely values.
     laplace, noise_only : Laplace
         By all causes, and by the noise alone.
     white : (m, n) array
@@ -101,7 +101,7 @@ def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
         for density in densities
         for end in density.interval(each.point)
     ]
-    values = box.values(each.end.best.point)
+    values = box.lower + (box.upper - box.lower) * each.point
     for i, parameter in enumerate(box.parameters):
         value, (lower, upper, *of_noise) = float(values[i]), (float(end[i]) for end in ends)
         over_value = (upper - lower) / abs(value) if value else np.inf
@@ -133,8 +133,8 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
 
 def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
     assert each.end.best is not None
-    box, point = each.end.problem.box, each.end.best.point
-    for found in directions(box.names, box.values(point), box.upper - box.lower, each.laplace.covariance):
+    box, width = each.end.problem.box, each.end.problem.box.upper - each.end.problem.box.lower
+    for found in directions(box.names, box.lower + width * each.point, width, each.laplace.covariance):
         yield _about(each) | {
             "combination": found.text,
             "relative_width": found.relative_width,

@@ -1,19 +1,22 @@
-"""What each press tells about the parameters, in sums that presses add to.
+"""The information of each press on the parameters, in sums that presses add to.
 
 The covariance of a fit is that of :mod:`palpate.certainty.laplace`. With slopes J of the residuals and their
-covariance C it needs no more than JᵀJ and JᵀCJ. Both are sums: the first over the presses, the second over
-the presses and over every cause, whose columns F give (JᵀF)(JᵀF)ᵀ with JᵀF a sum over the presses that
-share the cause. So a press that is simulated once is added to any others at no cost.
+covariance C a fit by Fopt needs no more than JᵀJ and JᵀCJ. Both are sums: the first over the presses, the
+second over the presses and over every cause, whose columns F give (JᵀF)(JᵀF)ᵀ with JᵀF a sum over the presses
+that share the cause. For generalised least squares [J F]ᵀC⁻¹[J F], C of the noise alone, is such a sum. So a
+press that is simulated once is added to any others at no cost.
 """
 
 import functools
-from collections.abc import Iterable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Self, TypeVar, final
 
 import numpy as np
 
 from palpate.certainty.rows import COMMON, Rows, matern
-from palpate.domain import FloatArray
+from palpate.domain import FloatArray, IntArray
 
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""
@@ -53,9 +56,28 @@ class ErrorSizes:
         return found
 
 
+class Evidence(ABC):
+    """Information of some presses on the parameters."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def __add__(self, other: Self) -> Self:
+        """Information of both."""
+
+    @abstractmethod
+    def again(self, press: str, number: int) -> Self:
+        """Information of the same press when it is made once more: causes of one press are drawn again."""
+
+    @abstractmethod
+    def covariance(self, range_sd: float = FLAT_SD) -> FloatArray:
+        """Covariance (n_parameters, n_parameters) of the fit of these presses, in shares of the ranges."""
+
+
+@final
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Evidence:
-    """What some presses tell.
+class FoptEvidence(Evidence):
+    """Of presses that are fitted by least Fopt.
 
     Parameters
     ----------
@@ -71,22 +93,21 @@ class Evidence:
     noise: FloatArray
     causes: Mapping[str, FloatArray]
 
-    def __add__(self, other: "Evidence") -> "Evidence":
+    def __add__(self, other: Self) -> Self:
         names = dict.fromkeys([*self.causes, *other.causes])
-        return Evidence(
+        return replace(
+            self,
             information=self.information + other.information,
             noise=self.noise + other.noise,
             causes={name: _sum(self.causes.get(name), other.causes.get(name)) for name in names},
         )
 
-    def again(self, press: str, number: int) -> "Evidence":
-        """What the same press tells when it is made once more: causes of one press are drawn again."""
-        end = f" of {press}"
-        causes = {f"{n} {number}" if n.endswith(end) else n: part for n, part in self.causes.items()}
-        return replace(self, causes=causes)
+    def again(self, press: str, number: int) -> Self:
+        """Rename the causes of the press."""
+        return replace(self, causes=_renamed(self.causes, press, number))
 
     def covariance(self, range_sd: float = FLAT_SD) -> FloatArray:
-        """Covariance (n_parameters, n_parameters) of the fit of these presses, in shares of the ranges."""
+        """As :func:`~palpate.certainty.laplace.laplace` has it."""
         scores = self.noise + sum(part @ part.T for part in self.causes.values())
         sizes, axes = np.linalg.eigh(self.information)
         seen = sizes > SEEN * sizes[-1]
@@ -106,10 +127,62 @@ def _sum(one: FloatArray | None, other: FloatArray | None) -> FloatArray:
     return summed
 
 
-def total(parts: Iterable[Evidence], n_parameters: int) -> Evidence:
-    """Sum of what several presses tell; of none, nothing."""
-    none = np.zeros((n_parameters, n_parameters))
-    return sum(parts, start=Evidence(information=none, noise=none, causes={}))
+Named = TypeVar("Named")
+
+
+def _renamed(causes: Mapping[str, Named], press: str, number: int) -> dict[str, Named]:
+    """Causes under other names where they are of this press alone."""
+    end = f" of {press}"
+    return {f"{name} {number}" if name.endswith(end) else name: part for name, part in causes.items()}
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GlsEvidence(Evidence):
+    """Of presses that are fitted by generalised least squares.
+
+    What causes do is estimated with the parameters, each cause with a prior of variance 1: that is the same.
+
+    Parameters
+    ----------
+    n_parameters : int
+    columns : mapping of name to int
+        Number of columns of each cause, in their order.
+    gram : (n, n) array
+        XᵀC⁻¹X with X = [J F…], of the slopes and the columns of the causes, and C of the noise.
+    """
+
+    n_parameters: int
+    columns: Mapping[str, int]
+    gram: FloatArray
+
+    def __add__(self, other: Self) -> Self:
+        names = dict.fromkeys([*self.columns, *other.columns])
+        columns = {name: max(self.columns.get(name, 0), other.columns.get(name, 0)) for name in names}
+        n = self.n_parameters + sum(columns.values())
+        gram = np.zeros((n, n))
+        for each in (self, other):
+            at = each._places(columns)
+            gram[np.ix_(at, at)] += each.gram
+        return replace(self, columns=columns, gram=gram)
+
+    def again(self, press: str, number: int) -> Self:
+        """Rename the causes of the press."""
+        return replace(self, columns=_renamed(self.columns, press, number))
+
+    def covariance(self, range_sd: float = FLAT_SD) -> FloatArray:
+        """Invert the information on parameters and causes."""
+        n = self.n_parameters
+        prior = np.ones(len(self.gram))
+        prior[:n] = range_sd**-2
+        covariance: FloatArray = np.linalg.inv(self.gram + np.diag(prior))[:n, :n].astype(np.float64)
+        return (covariance + covariance.T) / 2.0
+
+    def _places(self, columns: Mapping[str, int]) -> IntArray:
+        """Where the parameters and the own columns (n,) are among those of more causes."""
+        starts = dict(zip(columns, self.n_parameters + np.cumsum([0, *columns.values()]), strict=False))
+        own = [starts[name] + np.arange(n) for name, n in self.columns.items()]
+        return np.concatenate([np.arange(self.n_parameters), *own]).astype(np.int64)
 
 
 def evidence_of(
@@ -121,8 +194,9 @@ def evidence_of(
     *,
     channels: tuple[str, ...],
     site: str,
+    weighs_points: bool = False,
 ) -> Evidence:
-    """Tell what one press says.
+    """Make the information of one press.
 
     Parameters
     ----------
@@ -139,28 +213,62 @@ def evidence_of(
         By their numbers in ``rows``.
     site : str
         Presses at one site share what the model leaves out there.
+    weighs_points : bool
+        Whether the fit is by generalised least squares.
     """
+    noise = _noise(rows, errors, channels)
+    causes = {name: column[:, None] for name, column in known.items()} | _left_out(
+        rows, errors, channels, site
+    )
+    if not weighs_points:
+        slopes = _without(free, slopes)
+        return FoptEvidence(
+            information=slopes.T @ slopes,
+            noise=slopes.T @ noise @ slopes,
+            causes={name: slopes.T @ part for name, part in causes.items()},
+        )
+    root = np.linalg.cholesky(noise)
+    every = np.concatenate([slopes, *causes.values()], axis=1)
+    white = _without(np.linalg.solve(root, free), np.linalg.solve(root, every))
+    return GlsEvidence(
+        n_parameters=slopes.shape[1],
+        columns={name: part.shape[1] for name, part in causes.items()},
+        gram=white.T @ white,
+    )
+
+
+def _without(free: FloatArray, columns: FloatArray) -> FloatArray:
+    """Columns (n, k) less what they share with free ones (n, m), as the fit of these takes it."""
     axes, sizes, _ = np.linalg.svd(free, full_matrices=False)
     taken = axes[:, sizes > SEEN * max(sizes.max(initial=0.0), 1e-300)]
-    slopes = slopes - taken @ (taken.T @ slopes)  # as the fit does, which fits them too
-    noise = np.zeros((slopes.shape[1],) * 2)
-    causes = {name: (slopes.T @ column)[:, None] for name, column in known.items()}
+    left: FloatArray = columns - taken @ (taken.T @ columns)
+    return left
+
+
+def _noise(rows: Rows, errors: ErrorSizes, channels: tuple[str, ...]) -> FloatArray:
+    """Covariance (n, n) of the noise."""
+    noise = np.zeros((rows.channel.size,) * 2)
+    for number in rows.channels:
+        size = errors.noise.get(channels[number], errors.usual)
+        for points, probability in errors.marginal(0).items():
+            noise += probability * size**2 * rows.noise(number, points)
+    return noise
+
+
+def _left_out(rows: Rows, errors: ErrorSizes, channels: tuple[str, ...], site: str) -> dict[str, FloatArray]:
+    """What the model leaves out, as independent columns (n, m): common to all presses, and of this site."""
+    found = {}
     for number in rows.channels:
         channel, inside = channels[number], rows.channel == number
-        for points, probability in errors.marginal(0).items():
-            covariance = (
-                probability * errors.noise.get(channel, errors.usual) ** 2 * rows.noise(number, points)
-            )
-            noise += slopes.T @ covariance @ slopes
         for length, probability in errors.marginal(1).items():
-            size = (
-                np.sqrt(probability) * errors.discrepancy.get(channel, errors.usual) * rows.envelope[inside]
-            )
-            left_out = slopes[inside].T @ (size[:, None] * _along(rows.path[inside], length))
+            size = np.sqrt(probability) * errors.discrepancy.get(channel, errors.usual)
+            along = _along(rows.path[inside], length)
+            part = np.zeros((inside.size, along.shape[1]))
+            part[inside] = size * rows.envelope[inside][:, None] * along
             name = f"model {channel} {length:g}"
-            causes[name] = np.sqrt(COMMON) * left_out
-            causes[f"{name} {site}"] = np.sqrt(1.0 - COMMON) * left_out
-    return Evidence(information=slopes.T @ slopes, noise=noise, causes=causes)
+            found[name] = np.sqrt(COMMON) * part
+            found[f"{name} {site}"] = np.sqrt(1.0 - COMMON) * part
+    return found
 
 
 def _along(path: FloatArray, length: float) -> FloatArray:

@@ -1,5 +1,7 @@
 """Which further presses narrow an interval most, one after the other."""
 
+import functools
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -8,7 +10,7 @@ import numpy as np
 from palpate.certainty.laplace import N_DRAWS, RANGE_SD, Density, Laplace
 from palpate.domain import FloatArray, Parameter
 from palpate.errors import StudyError
-from palpate.planning.evidence import Evidence, total
+from palpate.planning.evidence import Evidence
 from palpate.planning.presses import SimulatedPress
 from palpate.planning.tool_force import ToolForce
 from palpate.run.result import LEVEL
@@ -109,9 +111,9 @@ class Plan:
     def __init__(self, so_far: Sequence[SimulatedPress], goal: Goal, known: Evidence, n_points: int) -> None:
         self.goal = goal
         self._times: dict[str, int] = {}
-        n = len(goal.parameters)
         self._evidence = [
-            total([known, *(each.at[k].evidence for each in so_far)], n) for k in range(n_points)
+            functools.reduce(operator.add, (each.at[k].evidence for each in so_far), known)
+            for k in range(n_points)
         ]
 
     @property

@@ -59,6 +59,8 @@ class DesignProblem:
         What causes add to the presses so far.
     refinement : mapping of spot name to float
         As for :func:`~palpate.certainty.known_errors.known_errors`.
+    estimate : (n_parameters,) array, optional
+        Values of the fit; by default those at the first point.
     """
 
     study: Study
@@ -68,6 +70,7 @@ class DesignProblem:
     errors: ErrorSizes
     columns: Columns = field(default_factory=dict)
     refinement: Mapping[str, float] = field(default_factory=dict)
+    estimate: FloatArray | None = None
 
     @property
     def shared(self) -> list[int]:
@@ -314,6 +317,7 @@ def _at_point(
             design.errors,
             channels=channels,
             site=term.site,
+            weighs_points=design.study.budget.weighs_points,
         ),
         peaks={name: float(np.abs(curve.ordinate).max()) for name, curve in term.measured.curves.items()},
     )

@@ -12,7 +12,7 @@ from palpate.domain import FloatArray, Parameter, Response, Scenario
 from palpate.errors import StudyError
 from palpate.fit.problem import Problem, Simulate
 from palpate.fit.spot_term import term_of
-from palpate.planning.evidence import ErrorSizes, Evidence
+from palpate.planning.evidence import ErrorSizes, Evidence, FoptEvidence, GlsEvidence
 from palpate.planning.narrowing import Goal, Narrowing, Plan, bands, check_goal, interval
 from palpate.planning.options import PlanOptions
 from palpate.planning.presses import DesignProblem, Press, SimulatedPress, presses_so_far, simulated_presses
@@ -126,6 +126,7 @@ class PlanningStage:
     def design(self) -> DesignProblem:
         """What is known before the press."""
         found, channels = self.assessed.errors, self.assessed.channels
+        box = self.assessed.end.problem.box
         errors = ErrorSizes(
             noise={channels[i]: size for i, size in found.noise.items()},
             discrepancy={channels[i]: size for i, size in found.discrepancy.items()},
@@ -140,6 +141,7 @@ class PlanningStage:
             errors=errors,
             columns=self.columns,
             refinement=self.refinement,
+            estimate=box.lower + (box.upper - box.lower) * self.assessed.point,
         )
 
     def _points(self, n: int) -> FloatArray:
@@ -181,7 +183,6 @@ def choose_presses(
     StudyError
         There is no such goal, or no press can be made.
     """
-    problem = design.problem
     goal = _goal(design, options, points[0])
     simulated = simulated_presses(design, presses, points)
     refused = {each.press.name: why for each in simulated if (why := _refusal(each, limits))}
@@ -189,7 +190,7 @@ def choose_presses(
     if not possible:
         name, why = next(iter(refused.items()))
         raise StudyError(f"none of {len(simulated)} candidates is possible: {name}: {why}; allow others")
-    plan = Plan(so_far, goal, of_priors(problem, design.shared), len(points))
+    plan = Plan(so_far, goal, of_priors(design), len(points))
     before, steps = plan.covariance, []
     for _ in range(options.n_presses):
         steps.append(Step(ranked=tuple(plan.ranked(possible))))
@@ -216,7 +217,9 @@ def _goal(design: DesignProblem, options: PlanOptions, point: FloatArray) -> Goa
     return Goal(
         name=options.narrowed,
         parameters=shared_parameters(design),
-        values=design.problem.box.values(point)[design.shared],
+        values=(design.problem.box.values(point) if design.estimate is None else design.estimate)[
+            design.shared
+        ],
         predicted=() if tool is None else tool_forces(design, tool, point),
     )
 
@@ -250,16 +253,20 @@ def before_any_press(
     return design, np.concatenate([problem.point_of({})[None], accepted])
 
 
-def of_priors(problem: Problem, shared: Sequence[int]) -> Evidence:
-    """What the priors of a problem tell of the values that all presses share."""
-    box, n = problem.box, len(shared)
-    rows = np.zeros(n)
+def of_priors(design: DesignProblem) -> Evidence:
+    """Information of the priors of a problem on the values that all presses share."""
+    problem, shared = design.problem, design.shared
+    rates = np.zeros(len(shared))
     for i, number in enumerate(shared):
         prior = problem.parameters[number].prior
         if prior is not None:
-            rows[i] = problem.noise * (box.upper - box.lower)[number] / prior.sd * np.sqrt(len(problem.terms))
-    sd = problem.noise * np.sqrt(len(problem.terms))
-    return Evidence(information=np.diag(rows**2), noise=np.diag((rows * sd) ** 2), causes={})
+            rates[i] = (problem.box.upper - problem.box.lower)[number] / prior.sd
+    if design.study.budget.weighs_points:
+        return GlsEvidence(n_parameters=len(shared), columns={}, gram=np.diag(rates**2))
+    size = problem.noise * np.sqrt(len(problem.terms))  # of a residual; slopes are as large
+    return FoptEvidence(
+        information=np.diag((size * rates) ** 2), noise=np.diag((size**2 * rates) ** 2), causes={}
+    )
 
 
 def _refusal(press: SimulatedPress, limits: Mapping[str, float]) -> str:

@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 from palpate.certainty.laplace import laplace
 from palpate.certainty.rows import Rows
-from palpate.planning.evidence import ErrorSizes, evidence_of, total
+from palpate.planning.evidence import ErrorSizes, evidence_of
 
 ERRORS = ErrorSizes(
     noise={"force": 0.01, "torque": 0.02},
@@ -34,13 +34,21 @@ def _press(rng, n=24, span=1.0):
     return slopes, rows, known
 
 
-def _evidence(press, site):
+def _evidence(press, site, weighs_points):
     slopes, rows, known = press
-    free = np.zeros((len(slopes), 0))
-    return evidence_of(slopes, free, rows, known, ERRORS, channels=("force", "torque"), site=site)
+    return evidence_of(
+        slopes,
+        np.zeros((len(slopes), 0)),
+        rows,
+        known,
+        ERRORS,
+        channels=("force", "torque"),
+        site=site,
+        weighs_points=weighs_points,
+    )
 
 
-def _of_joint_fit(presses, sites):
+def _of_joint_fit(presses, sites, weighs_points):
     """Covariance by the residuals of all presses together."""
     slopes = np.concatenate([press[0] for press in presses])
     rows = [press[1] for press in presses]
@@ -58,17 +66,25 @@ def _of_joint_fit(presses, sites):
     causes = {"errors": vectors * np.sqrt(np.maximum(values, 0.0))}
     for name in presses[0][2]:
         causes[name] = np.concatenate([press[2][name] for press in presses])[:, None]
-    return laplace(np.full(3, 0.5), np.zeros(len(slopes)), slopes, causes).covariance
+    return laplace(
+        np.full(3, 0.5), np.zeros(len(slopes)), slopes, causes, weighs_points=weighs_points
+    ).covariance
 
 
 @settings(max_examples=20, deadline=None)
-@given(seed=st.integers(0, 10_000), same=st.booleans(), span=st.sampled_from([1.0, 2.0]))
-def test_sum_is_covariance_of_joint_fit(seed, same, span):
+@given(
+    seed=st.integers(0, 10_000),
+    same=st.booleans(),
+    span=st.sampled_from([1.0, 2.0]),
+    weighs_points=st.booleans(),
+)
+def test_sum_is_covariance_of_joint_fit(seed, same, span, weighs_points):
     rng = np.random.default_rng(seed)
     presses = [_press(rng), _press(rng, span=span)]
     sites = ["p1", "p1" if same else "p2"]
-    found = total(map(_evidence, presses, sites), 3).covariance(range_sd=1.0)
-    expected = _of_joint_fit(presses, sites)
+    one, two = (_evidence(press, site, weighs_points) for press, site in zip(presses, sites, strict=True))
+    found = (one + two).covariance(range_sd=1.0)
+    expected = _of_joint_fit(presses, sites, weighs_points)
     sizes = np.sqrt(np.diag(expected))
     assert np.abs(found - expected).max() <= 0.02 * np.outer(sizes, sizes).max()
     assert np.sqrt(np.diag(found)) == pytest.approx(sizes, rel=0.02)
