@@ -36,7 +36,7 @@ def check(
     """Check a study with its curves and meshes, and how long it will take; writes nothing."""
     session = Session.of(context)
     if schema:
-        from palpate.study.model import NAMED_BY, json_schema
+        from palpate.study.schema import NAMED_BY, json_schema
 
         kinds = {kind: session.plugins.catalogue(kind) for kind in NAMED_BY}
         session.json(

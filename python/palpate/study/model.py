@@ -1,13 +1,12 @@
 """The shape of study.toml: its tables and keys, and what each may hold.
 
 This decides what a file may look like; what its names mean is for
-:mod:`palpate.study.build`. The JSON schema that editors use comes from here.
+:mod:`palpate.study.build`, and the JSON schema for editors comes from :mod:`palpate.study.schema`.
 """
 
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
@@ -477,44 +476,3 @@ class Tables:
     budget: BudgetTable | None = None
     scenario: Sequence[ScenarioTable] = ()
     truth: Mapping[str, Any] = field(default_factory=dict)
-
-
-NAMED_BY: Mapping[str, tuple[type[Table], str, str]] = MappingProxyType(
-    {
-        "loaders": (ExperimentTable, "loader", "settings"),
-        "limb_sources": (LimbTable, "source", "settings"),
-        "motions": (ProtocolTable, "motion", ""),
-        "materials": (RegionTable, "material", "settings"),
-        "samplers": (SamplingTable, "sampler", "settings"),
-        "solvers": (SolverTable, "name", "settings"),
-        "executors": (ExecutorTable, "name", "settings"),
-        "searches": (FitTable, "search", "settings"),
-        "parametrisations": (FitTable, "parametrisation", "searched"),
-    }
-)
-"""Table, key that names a component of a kind there, and key of its settings; empty: next to the name."""
-
-
-def json_schema(settings: Mapping[str, Mapping[str, type[BaseModel]]] | None = None) -> dict[str, Any]:
-    """JSON schema of study.toml, for editors.
-
-    Parameters
-    ----------
-    settings : mapping of kind to mapping of name to class of settings, optional
-        Components whose settings the schema describes, by the keys of ``NAMED_BY``.
-    """
-    schema = StudyFile.model_json_schema()
-    for kind, models in (settings or {}).items():
-        table, key, settings_key = NAMED_BY[kind]
-        choices = schema["$defs"][table.__name__].setdefault("allOf", [])
-        for name, model in models.items():
-            own = model.model_json_schema(ref_template=f"#/$defs/{kind}.{name}.{{model}}")
-            schema["$defs"] |= {f"{kind}.{name}.{k}": each for k, each in own.pop("$defs", {}).items()}
-            own.pop("required", None)  # a spot may give what [experiment] leaves out
-            named: dict[str, Any] = {"properties": {key: {"const": name}}}
-            if table.model_fields[key].default != name:
-                named["required"] = [key]
-            within = own | {"properties": dict.fromkeys(table.model_fields, True) | own.get("properties", {})}
-            then = {"properties": {settings_key: own}} if settings_key else within
-            choices.append({"if": named, "then": then})
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

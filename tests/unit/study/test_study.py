@@ -12,8 +12,8 @@ import pytest
 
 from palpate.domain import Indentation, Normaliser, PointWeighting
 from palpate.plugins.catalogue import Plugins
-from palpate.study.model import NAMED_BY, json_schema
 from palpate.study.reading import Study, read_study
+from palpate.study.schema import NAMED_BY, json_schema
 
 TOY = Path(__file__).parents[2] / "data" / "toy"
 PLUGIN = TOY / "toy_plugin.py"
