@@ -72,6 +72,7 @@ if TYPE_CHECKING:
         Settings as Settings,
         Solver as Solver,
     )
+    from palpate.plugins.provides import Provides as Provides
     from palpate.report.notebook_html import show_in_notebooks as show_in_notebooks
     from palpate.report.result import RunResult as RunResult
     from palpate.study.reading import Study as Study, read_study as read_study

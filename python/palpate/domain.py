@@ -49,6 +49,7 @@ from palpate.surface import SurfaceStates as SurfaceStates
 from palpate.waypoints import (
     DEPTH as DEPTH,
     MOST_TILT_DEG as MOST_TILT_DEG,
+    MOVES as MOVES,
     ROTATION as ROTATION,
     Waypoints as Waypoints,
 )
@@ -225,16 +226,11 @@ class Indentation:
 
     @property
     def moves(self) -> tuple[str, ...]:
-        """What it moves: ``depth``, ``rotation``, ``shift``, ``tilt``; and ``load`` if loads do."""
+        """Parts of its motion, of :data:`palpate.waypoints.MOVES`."""
         pose = self.waypoints.pose
-        parts = {
-            "depth": pose[:, DEPTH],
-            "rotation": pose[:, ROTATION],
-            "shift": pose[:, 1:3],
-            "tilt": pose[:, 3:5],
-        }
-        loads = () if self.loads is None else ("load",)
-        return (*(name for name, values in parts.items() if values.any()), *loads)
+        parts = (pose[:, DEPTH], pose[:, ROTATION], pose[:, 1:3], pose[:, 3:5])
+        are_moved = (*(values.any() for values in parts), self.loads is not None)
+        return tuple(name for name, is_moved in zip(MOVES, are_moved, strict=True) if is_moved)
 
     @property
     def columns(self) -> dict[str, FloatArray]:
@@ -351,13 +347,13 @@ class Job:
         Textbook values in the order of the material's parameters.
     slopes : bool
         Whether to compute each curve's derivatives in the parameters and the friction too; only for a
-        solver that declares ``gives_slopes``.
+        solver that provides ``slopes``.
     fine : bool
         Whether to use the spot's finer mesh.
     channels : tuple of Channel
         What to observe of the balanced states, where the solver has them; by itself force and torque.
     surface : bool
-        Whether the states of the skin are wanted too; only for a solver that declares ``gives_surface``.
+        Whether the states of the skin are wanted too; only for a solver that provides ``surface``.
     pilots : mapping of region to (n_pilots, n_parameters) array, optional
         Sets that the solver may start this one from, with values as in ``thetas``.
     is_pilot : bool

@@ -140,7 +140,7 @@ def run_study(
             scores = _score(stored, swept)
             selected = _select(simulations, stored, swept, scores)
             fitted = _fit(simulations, stored, plugins, swept, scores)
-            if study.solver.gives_surface:
+            if study.solver.provides.surface:
                 _show_surface(simulations, stored)
         return RunResult(
             folder=run_folder,

@@ -69,7 +69,7 @@ class StoredRun:
         study = run.trusting(study)
         design, measured = run.design(), run.measured(study.spot_names)
         limbs = load_limbs(study, to_show=True)
-        for name in study.spot_names if study.solver.needs_limb else ():
+        for name in study.spot_names if study.solver.provides.mesh else ():
             if name not in limbs:
                 progress.note(f"warning: no limb is shown at spot '{name}': its mesh is missing")
         inputs = StudyInputs(measured=measured, limbs=limbs, design=design, of_last_sweep=True)

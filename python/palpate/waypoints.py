@@ -16,6 +16,10 @@ DEPTH, ROTATION = 0, 5
 """Columns of a pose; the four between them are two shifts and two tilts."""
 
 
+MOVES = ("depth", "rotation", "shift", "tilt", "load")
+"""Parts of a motion: components that move, and whether loads move some of them."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Waypoints:
     """Poses of an indenter, or loads on it, in the order travelled; between them all changes linearly.

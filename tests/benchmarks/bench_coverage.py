@@ -26,6 +26,7 @@ from palpate.certainty.posterior_stage import PosteriorStage
 from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Design, ParameterSpace, RegionMaterial
 from palpate.fit.stage import FitStage
+from palpate.plugins.provides import Provides
 from palpate.plugins.registry import load_file
 from palpate_materials.ogden import Ogden
 from palpate_materials.yeoh import Yeoh
@@ -50,7 +51,8 @@ class LayeredSettings(Settings):
 class Layered(Solver[LayeredSettings]):
     """Strips of one or two tissues, by the depth and the friction of the protocol."""
 
-    name, summary, needs_limb, accuracy, gives_slopes = "layered", "strips of tissue", False, 1e-4, True
+    name, summary = "layered", "strips of tissue"
+    provides = Provides(body="layers", slopes=True)
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         depth, friction = job.protocol.path[:, 0].max(), job.protocol.friction

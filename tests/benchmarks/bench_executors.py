@@ -59,7 +59,9 @@ SLEEPER = """
 import time
 import numpy as np
 from pydantic import Field
-from palpate import Curve, IsotropicMaterial, Parameter, Response, Settings, Simulation, Solver, Status
+from palpate import (
+    Curve, IsotropicMaterial, Parameter, Provides, Response, Settings, Simulation, Solver, Status,
+)
 X = np.linspace(0.0, 10.0, 80)
 class Foam(IsotropicMaterial):
     name, summary = "foam", "one number"
@@ -69,7 +71,7 @@ class Foam(IsotropicMaterial):
 class SleepSettings(Settings):
     pause_s: float = Field(0.0, description="Time of a job.")
 class Sleep(Solver[SleepSettings]):
-    name, summary, needs_limb = "sleep", "sleeps", False
+    name, summary, provides = "sleep", "sleeps", Provides(body="layers", channels=("force",))
     def n_pilots(self, number):
         return 36 if number >= 36 else 0
     def simulate(self, job, limb):

@@ -98,7 +98,8 @@ def say(line: str) -> None:
 def _without_slopes(solver: Solver) -> Solver:
     if isinstance(solver, pressed.Pressed):
         return pressed.Pressed(pressed.PressedSettings(exact=False))
-    return type("WithoutSlopes", (type(solver),), {"gives_slopes": False})(solver.settings)
+    provides = replace(solver.provides, slopes=False)
+    return type("WithoutSlopes", (type(solver),), {"provides": provides})(solver.settings)
 
 
 def counted(task: Task, search: Search, exact: bool) -> float:

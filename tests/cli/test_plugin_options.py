@@ -1,6 +1,7 @@
 """The command line with plugins: files, installed ones, and what they provide."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -76,6 +77,12 @@ def test_plugins_by_kind_and_by_name(call: Call) -> None:
     one = call("plugins", "materials", "spring").out
     assert "stiffening" in one
     assert "conventions: textbook, doubled" in one
+    (solver,) = call("plugins", "solvers", "closed_form", "--json").json["solvers"]
+    assert solver["provides"]["body"] == "specimen"
+    assert solver["provides"]["channels"] == ["pull", "push"]
+    shown = call("plugins", "solvers", "on_mesh").out
+    assert re.search(r"motions\W+depth, rotation\W", shown)
+    assert re.search(r"max_regions\W+any\W", shown)
     assert call("plugins", "channels", "pull", "--json").json["channels"][0]["abscissa"] == "stretch"
 
 

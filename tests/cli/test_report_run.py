@@ -21,9 +21,10 @@ pytestmark = pytest.mark.usefixtures("one_figure")
 
 MESHED = """
 import numpy as np
-from palpate import Curve, Response, Simulation, Solver, Status, hookimpl
+from palpate import Curve, Provides, Response, Simulation, Solver, Status, hookimpl
 class Meshed(Solver):
-    name, summary, needs_limb = "meshed", "Wants a mesh, and does nothing with it", True
+    name, summary = "meshed", "Wants a mesh, and does nothing with it"
+    provides = Provides(channels=("pull",))
     def simulate(self, job, limb):
         (theta,), x = job.thetas.values(), np.linspace(1.0, 2.0, 11)
         curve = Curve(channel="pull", abscissa=x, ordinate=theta[0] * (x - 1.0))

@@ -12,6 +12,7 @@ from palpate import (
     HomogeneousTests,
     Indentation,
     Job,
+    Provides,
     Response,
     Simulation,
     Solver,
@@ -32,8 +33,8 @@ class Sound(Solver):
     Where there is a limb, its thickness stiffens the answer.
     """
 
-    name, summary, needs_limb, n_steps = "sound", "without fault", False, 40
-    gives_slopes = gives_surface = True
+    name, summary, n_steps = "sound", "without fault", 40
+    provides = Provides(slopes=True, surface=True)
 
     def simulate(self, job, limb):
         stiffness = self.stiffness(job)
@@ -108,7 +109,7 @@ class CutShort(Sound):
 
 
 class Boasting(Sound):
-    state_columns = ("depth_mm", "force_N", "lateral_x_N")
+    provides = replace(Sound.provides, columns=("depth_mm", "force_N", "lateral_x_N"))
 
 
 class WithoutBranches(Sound):
@@ -129,7 +130,22 @@ class Hopeful(Sound):
 
 
 class Undeclared(Sound):
-    channels = ("force",)
+    provides = replace(Sound.provides, channels=("force",))
+
+
+class WithoutTorque(Sound):
+    """Has no torque, which every solver declares by itself."""
+
+    def curves(self, *given):
+        return {"force": super().curves(*given)["force"]}
+
+
+class WithoutTwist(Sound):
+    provides = replace(Sound.provides, motions=("depth",))
+
+
+class WithoutMesh(Sound):
+    provides = replace(Sound.provides, body="layers")
 
 
 class Mute(Sound):
@@ -269,6 +285,7 @@ def hold(test, solver, contract=SolverContract):
 
 HALF_SPACE = "a_half_space_has_the_force_of_hertz_and_the_torque_of_reissner_and_sagoci"
 INPUTS, PARAMETERS = "radius_friction_and_limb_matter", "a_parameter_matters_unless_it_is_ignored"
+DECLARED = "it_provides_what_it_declares"
 SLOPES = "slopes_are_those_of_central_differences"
 SURFACE = "a_surface_carries_the_force_of_the_curves"
 FAULTS = [
@@ -278,7 +295,10 @@ FAULTS = [
         WithoutBranches(),
         "'torque'.* runs -20 → 20 where .* 0 → -20 → 20 → 0",
     ),
-    ("simulates_the_whole_protocol", Undeclared(), "torque is not among the solver's channels"),
+    (DECLARED, Undeclared(), "the answer has torque, which is not among the channels of `provides`"),
+    (DECLARED, WithoutTorque(), "no curve of torque, which `provides` declares"),
+    (DECLARED, WithoutTwist(), "`provides` lacks what the job asks for: motions with rotation"),
+    (DECLARED, WithoutMesh(), "`provides` declares the body 'layers', and the contract has a limb"),
     ("it_observes_every_channel_of_its_columns", Boasting(), "no curve over depth of force_N, lateral_x_N"),
     ("a_hopeless_job_is_no_success", Hopeful(), "status ok for a job that has no answer"),
     ("a_hopeless_job_is_no_success", Mute(), "status diverged without a message"),
@@ -337,7 +357,8 @@ def test_inputs_declared_without_influence_pass(solver):
 class Stretched(Solver):
     """Small-strain stress of a uniaxial and a shear test."""
 
-    name, summary, needs_limb, factor = "stretched", "homogeneous", False, 1.0
+    name, summary, factor = "stretched", "homogeneous", 1.0
+    provides = Provides(body="specimen", max_regions=1, channels=("uniaxial", "simple_shear"))
 
     def simulate(self, job, limb):
         (material,), (theta,) = job.materials.values(), job.thetas.values()

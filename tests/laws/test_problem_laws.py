@@ -27,6 +27,7 @@ from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.problem import Problem
 from palpate.fit.spot_term import term_of
 from palpate.plugins.interfaces import IsotropicMaterial, Solver
+from palpate.plugins.provides import Provides
 from palpate.stages.scoring import score
 from palpate.stages.selection import objectives
 
@@ -53,15 +54,15 @@ class Two(IsotropicMaterial):
 class Formula(Solver):
     """Smooth curves, cut short where a test asks for it."""
 
-    name, summary, needs_limb, accuracy = "formula", "closed form", False, 1e-6
+    name, summary = "formula", "closed form"
     reach = (1.0, 1.0)
     seed = 1
     exact = False
     status = Status.OK
 
     @property
-    def gives_slopes(self):
-        return self.exact
+    def provides(self):
+        return Provides(body="layers", slopes=self.exact, accuracy=1e-6)
 
     def simulate(self, job, limb):
         k, a = job.thetas["tissue"]

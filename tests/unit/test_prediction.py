@@ -16,6 +16,7 @@ from palpate.errors import StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.indenters import Sphere
 from palpate.plugins.interfaces import Solver
+from palpate.plugins.provides import Provides
 from palpate.prediction import run_prediction, write_prediction
 from palpate.prediction.bands import draws_of, ends, linear
 from palpate.prediction.exceedance import exceedances
@@ -69,7 +70,8 @@ def skin(pressures, depths=(5.0,), touching=None):
 class Pressed(Solver):
     """Force = stiffness · depth^1.5 over the skin of ``skin``; strains as deep as the press."""
 
-    name, summary, needs_limb, gives_surface, gives_slopes = "pressed", "with a skin", False, True, True
+    name, summary = "pressed", "with a skin"
+    provides = Provides(body="layers", slopes=True, surface=True)
     answer = None  # of the analytic tissue
     fails = staticmethod(lambda job: False)
 
@@ -184,6 +186,19 @@ def test_a_spot_that_the_joint_fit_leaves_out_has_the_shared_values_alone(
         run_prediction(study, run, tool, plugins.channels, SILENT)
 
 
+def test_a_band_by_slopes_needs_a_solver_that_gives_them(fitted, plugins, tmp_path):
+    study, run = fitted
+    tool = read_tool(tool_file(tmp_path), study, plugins)
+    plain = Pressed()
+    plain.provides = replace(Pressed.provides, slopes=False)
+    study = replace(study, solver=plain)
+    with pytest.raises(StudyError, match=r"'pressed' gives no slopes, so that .* add --draws 20"):
+        run_prediction(study, run, tool, plugins.channels, SILENT)
+    found = run_prediction(study, run, tool, plugins.channels, SILENT, n_solved=3)
+    assert found.summary["linear_lower"].null_count() == found.summary.height
+    assert not any("Linear bands" in text or "no intervals" in text for text in notes(found, ""))
+
+
 def test_draws_of_a_band_are_spread_over_all_that_there_are():
     rows = pl.DataFrame({"k": np.arange(1000.0)}).with_columns(
         fit=pl.lit("all spots"), scenario=pl.lit("both")
@@ -232,7 +247,7 @@ def test_a_tool_file_that_is_wrong_is_refused_with_line_and_key(
 
 def test_a_motion_that_the_solver_of_the_run_lacks_is_refused(make_study, plugins, tmp_path):
     class Turning(Pressed):
-        motions = ("rotation",)
+        provides = replace(Pressed.provides, motions=("rotation",))
 
     with pytest.raises(
         StudyError, match=r"protocol\.motion: solver 'pressed' simulates no motion with depth"

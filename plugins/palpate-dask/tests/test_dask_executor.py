@@ -53,7 +53,9 @@ import os, time
 from pathlib import Path
 import numpy as np
 from pydantic import Field
-from palpate import Curve, IsotropicMaterial, Parameter, Response, Settings, Simulation, Solver, Status
+from palpate import (
+    Curve, IsotropicMaterial, Parameter, Provides, Response, Settings, Simulation, Solver, Status,
+)
 class Foam(IsotropicMaterial):
     name, summary = "foam", "one number"
     parameters = (Parameter(name="k", unit="MPa", lower=0.1, upper=1.0, kind="modulus",
@@ -64,7 +66,8 @@ class PressSettings(Settings):
     pause_s: float = Field(0.0, description="Taken for each.")
     hurts: bool = Field(False, description="Whether some jobs end or stop their process.")
 class Press(Solver):
-    name, summary, Settings, needs_limb = "press", "closed form", PressSettings, False
+    name, summary, Settings = "press", "closed form", PressSettings
+    provides = Provides(body="layers", channels=("force",))
     def simulate(self, job, limb):
         with Path(self.settings.log).open("a") as log:
             log.write(f"{job.set_id} {os.getpid()}\\n")

@@ -13,6 +13,7 @@ from palpate.errors import NothingSelectableError, StoppedError, StudyError
 from palpate.executors import InProcess
 from palpate.mechanics import initial_moduli
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.provides import Provides
 from palpate_forearm import reproduction
 from palpate_forearm.comparison import compare, write
 from palpate_forearm.paper_tables import table1, table2
@@ -28,7 +29,7 @@ class Failing(Solver):
 
     name = "failing"
     summary = "diverges"
-    needs_limb = False
+    provides = Provides(body="layers")
 
     def simulate(self, job, limb):
         return Simulation(job=job, status=Status.DIVERGED, response=None, message="no step", seconds=0.1)
@@ -39,7 +40,7 @@ class Scaled(Solver):
 
     name = "scaled"
     summary = "closed form"
-    needs_limb = False
+    provides = Provides(body="layers")
 
     def simulate(self, job, limb):
         material, theta = job.materials["soft_tissue"], job.thetas["soft_tissue"]

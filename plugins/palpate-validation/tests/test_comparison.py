@@ -1,20 +1,25 @@
 """Comparison of solvers: agreement, and differences that are reported."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from palpate.balanced_states import STATE_COLUMNS, BalancedStates
+from palpate.channels import BALANCED
 from palpate.cli.app import main
-from palpate.domain import Curve, Response, Simulation, Status
+from palpate.domain import MOVES, Channel, Curve, Response, Simulation, Status
 from palpate.errors import MaterialError
 from palpate.plugins.interfaces import Solver
+from palpate.plugins.provides import Provides
 from palpate.specimens import block
 from palpate_febio.binary import find_binary
 from palpate_materials import NeoHookean, Ogden, Yeoh
 from palpate_validation.comparison import Case, Row, SolverComparison, at, compared
 from palpate_validation.comparison_block import block_rows
 from palpate_validation.comparison_element import RECORDED_VALUES, one_element, recorded_deviation
+from palpate_validation.comparison_shared import motion_rows, not_shared
 from palpate_validation.comparison_twist import TWIST_DEG, twist_rows
 
 MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
@@ -181,6 +186,88 @@ def test_others_are_compared_with_references_and_not_the_other_way_round():
     assert {r.against for r in rows} == {"itself"}
 
 
+def wrench(factor):
+    """Balanced states whose loads are in proportion to the pose; a moment of its own solver alone."""
+
+    def respond(job):
+        pose = job.protocol.waypoints.pose
+        loads = pose * np.array([2.0, factor, 1.0, 3.0, 1.0, 5.0])
+        states = BalancedStates(pose=pose, wrench=loads)
+        return Simulation(job=job, status=Status.OK, response=states.observed(job.channels))
+
+    return lambda _: Sliding(respond)
+
+
+class Sliding(Echo):
+    provides = Provides(columns=STATE_COLUMNS, motions=("depth", "rotation", "shift", "tilt"))
+
+
+PUSH = Channel(
+    name="push", abscissa="depth_mm", ordinate="lateral_x_N", abscissa_label="mm", ordinate_label="N"
+)
+CHANNELS = {channel.name: channel for channel in (*BALANCED, PUSH)}
+
+
+def test_solvers_are_compared_in_every_channel_that_both_provide():
+    limb, theta = block(n_across=2, n_down=1), np.array([0.06, 3.0, 1.0])
+    contenders = {"ours": wrench(1.0), "theirs": wrench(1.1), "plain": forgetful(False)}
+    rows = list(motion_rows(limb, Ogden(), theta, contenders, CHANNELS, ["ours"]))
+    assert {(r.solver, r.against) for r in rows} == {("theirs", "ours")}  # the plain one does not slide
+    by = {(r.problem, r.quantity): r for r in rows}
+    assert set(by) == {
+        ("slide", "force"), ("slide", "lateral_force"), ("slide", "push"),
+        ("tilt", "force"), ("tilt", "tilt_moment"), ("tilt", "push"),
+    }  # fmt: skip
+    assert by["slide", "lateral_force"].difference == pytest.approx(0.1)
+    assert by["slide", "lateral_force"].verdict == "differs"
+    assert all(r.verdict == "agrees" for r in rows if r.quantity in ("force", "tilt_moment"))
+    twisted = list(twist_rows(limb, Ogden(), theta, contenders, "twist", ["ours"], CHANNELS.values()))
+    pairs = {(r.solver, r.quantity) for r in twisted if r.against == "ours"}
+    assert pairs == {("theirs", "force"), ("theirs", "torque"), ("theirs", "push"), ("plain", "force"),
+                     ("plain", "torque")}  # fmt: skip
+
+
+def test_a_failed_slide_is_no_agreement():
+    limb, theta = block(n_across=2, n_down=1), np.array([0.06, 3.0, 1.0])
+
+    def lost(job):
+        return Simulation(job=job, status=Status.DIVERGED, response=None, message="it slips")
+
+    contenders = {"ours": wrench(1.0), "lost": lambda _: Sliding(lost)}
+    rows = list(motion_rows(limb, Ogden(), theta, contenders, CHANNELS))
+    assert {(r.verdict, r.note) for r in rows} == {("failed", "lost: it slips")}
+
+
+def test_what_is_not_shared_is_said():
+    able = Provides(columns=STATE_COLUMNS, indenters=None, motions=MOVES, slopes=True, fields=True)
+    plain = Provides(indenters=("sphere", "cone"), max_regions=1)
+    assert not_shared({"able": able, "plain": plain}, list(BALANCED)) == [
+        "not compared, 'able' alone and not 'plain': channels lateral_force, tilt_moment, motions with "
+        "shift, tilt, load, indenters other than sphere, cone, more than 1 region, cell fields, slopes"
+    ]
+    (line,) = not_shared({"one": Provides(), "two": replace(Provides(), indenters=("cone",))}, [])[:1]
+    assert line == "not compared, 'one' alone and not 'two': indenters sphere"
+    assert not_shared({"one": able, "two": able}, list(BALANCED)) == []
+
+
+def test_a_solver_is_compared_in_what_it_provides_alone():
+    class Pressing(Echo):
+        provides = Provides(channels=("force",), motions=("depth",))
+
+    rows = list(block_rows("ogden", MATERIALS, {"echo": lambda _: Pressing(answering(1.0)(0).respond)}))
+    assert {(r.problem, r.quantity, r.verdict) for r in rows} == {
+        ("bonded punch", "force", "open"),
+        ("bonded punch", "torque", "open"),
+        ("frictionless press", "force", "differs"),
+    }
+    assert rows[0].note == "it does not provide motions with rotation"
+    silent = Pressing(answering(1.0)(0).respond)
+    (row,) = compared(
+        case_of([(0, 0), (1, 0)]), {"echo": lambda _: silent}, {"torque": ([1.0], np.ones(1), 1.0)}, 0.1
+    )
+    assert (row.verdict, row.note) == ("open", "it does not provide channel 'torque'")
+
+
 def test_a_torque_of_zero_is_a_failure():
     def respond(job):
         curve = Curve(
@@ -217,13 +304,15 @@ def test_a_third_party_solver_is_compared_on_request(capsys, tmp_path, monkeypat
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setattr("palpate_validation.comparison_block.block_rows", lambda *_: iter(()))
 
-    def only_named(limb, material, theta, contenders, problem, references):
+    def only_named(limb, material, theta, contenders, problem, references, channels):
         assert references == ["jax"]
+        assert {"force", "lateral_force"} <= {channel.name for channel in channels}
         for name in contenders:
             yield Row(problem=problem, material="", quantity="", solver=name, against="", tolerance=1.0,
                       difference=0.0 if name == "jax" else None)  # fmt: skip
 
     monkeypatch.setattr("palpate_validation.comparison_twist.twist_rows", only_named)
+    monkeypatch.setattr("palpate_validation.comparison_shared.motion_rows", lambda *_: iter(()))
     (tmp_path / "alien.py").write_text(ALIEN)
     call = ["--plugin", str(tmp_path / "alien.py"), "certify", "yeoh", "--json"]
     assert main(call) == 0
@@ -235,6 +324,7 @@ def test_a_third_party_solver_is_compared_on_request(capsys, tmp_path, monkeypat
         asked = json.loads(capsys.readouterr().out)
         assert (list(asked["solvers"]), asked["judged"]) == (["jax", name], [name])
         assert asked["by_solver"][name] is False
+        assert any(f"not compared, 'jax' alone and not '{name}': " in line for line in asked["missing"])
     for name, said in (
         ("homogeneous", "takes no mesh"),
         ("febio", "febio4"),

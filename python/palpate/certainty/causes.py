@@ -91,7 +91,7 @@ def _value(cause: Cause) -> str:
 
 def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[Cause]:
     budget, protocol = study.budget, study.protocol
-    usual = RELATIVE if study.solver.gives_slopes else 0.0  # without slopes each would cost simulations
+    usual = RELATIVE if study.solver.provides.slopes else 0.0  # without slopes each would cost simulations
     for channel in dict.fromkeys(name for response in measured.values() for name in response):
         yield Cause(kind="gain", of=channel, sd=budget.gain)
     if isinstance(protocol, Indentation):

@@ -60,7 +60,7 @@ def known_errors(
         if term.spot in refinement and channel in term.corrections:
             left = term.corrections[channel] / (refinement[term.spot] ** ORDER - 1.0)
             add(MESH, "", at, (scale * left)[inside])
-        elif study.solver.needs_limb:
+        elif study.solver.provides.mesh:
             add(MESH, channel, at, (scale * study.budget.mesh * curve.ordinate)[inside])
     return found
 

@@ -178,7 +178,7 @@ class PosteriorStage:
         n = RUNS_EACH * len(problem.parameters)
         spread = qmc.Halton(len(problem.parameters), rng=self.study.seed).random(64 * n)
         accepted = spread[problem.accepts(spread)][: max(n - len(runs.values), n // 2)]
-        runs = runs.and_others(simulated.runs(accepted, slopes=self.study.solver.gives_slopes).ended)
+        runs = runs.and_others(simulated.runs(accepted, slopes=self.study.solver.provides.slopes).ended)
         swept = runs_of_sets(simulated, self.design, self.swept)
         return runs if swept is None else runs.and_others(swept)
 
@@ -195,7 +195,7 @@ class PosteriorStage:
         draws = self._drawn(density, curves, start, to_convergence=False)
         known = np.stack([box.point(row) for row in curves.runs.values])
         chosen = _farthest(draws.points, known, len(box.names) + 2)
-        checked = simulated.runs(chosen, slopes=self.study.solver.gives_slopes).ended
+        checked = simulated.runs(chosen, slopes=self.study.solver.provides.slopes).ended
         return Posterior(
             assessed=assessed,
             density=density,
@@ -230,7 +230,7 @@ class PosteriorStage:
             return density.white(values, curves(values))
 
         def solved(points: FloatArray) -> FloatArray:
-            runs = curves.simulated.runs(points, slopes=self.study.solver.gives_slopes)
+            runs = curves.simulated.runs(points, slopes=self.study.solver.provides.slopes)
             return density.white(runs.values, runs.ordinates)
 
         assert end.best is not None

@@ -1,6 +1,6 @@
 """``palpate plugins``: who provides what."""
 
-from dataclasses import asdict
+from dataclasses import asdict, is_dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -10,6 +10,7 @@ from palpate.cli.session import Session
 
 if TYPE_CHECKING:
     from palpate.plugins.catalogue import Plugins
+    from palpate.plugins.interfaces import Solver
 
 
 COMMANDS = "commands"
@@ -72,7 +73,7 @@ def _entries(session: Session, kind: str, name: str | None) -> list[dict[str, An
 def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
     """Everything there is to know about one entry, in plain values."""
     from palpate.cli.settings import settings_rows
-    from palpate.plugins.interfaces import Component, Material
+    from palpate.plugins.interfaces import Component, Material, Solver
 
     catalogue = loaded.catalogue(kind)
     entry = catalogue[name]
@@ -82,6 +83,8 @@ def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
         found["settings"] = settings_rows(entry.Settings)
     if isinstance(entry, type) and issubclass(entry, Material):
         found.update(_material(entry))
+    if isinstance(entry, type) and issubclass(entry, Solver):
+        found["provides"] = _provides(entry)
     for attribute in ("abscissa", "ordinate", "weights", "directory"):
         if hasattr(entry, attribute) and not isinstance(entry, type):
             found[attribute] = getattr(entry, attribute)
@@ -104,6 +107,12 @@ def _material(material: Any) -> dict[str, Any]:  # noqa: ANN401 -- a material cl
     return {"parameters": parameters, "conventions": ["textbook", *built.conventions]}
 
 
+def _provides(solver: type["Solver"]) -> dict[str, Any]:
+    """Describe what a solver provides; empty where that depends on its settings."""
+    provides = solver.provides
+    return asdict(provides) if is_dataclass(provides) else {}
+
+
 def _show_all(session: Session, found: dict[str, list[dict[str, Any]]]) -> None:
     rows = [
         [kind, entry["name"], entry["plugin"], entry["summary"]]
@@ -118,10 +127,20 @@ def _show_all(session: Session, found: dict[str, list[dict[str, Any]]]) -> None:
 
 def _show_one(session: Session, entry: dict[str, Any]) -> None:
     for key, value in entry.items():
-        if not isinstance(value, list):
+        if not isinstance(value, list) and key != "provides":
             session.say(f"{key}: {value}")
+    if provided := entry.get("provides"):
+        session.table("Provides", ["what", "value"], [[k, _shown(v)] for k, v in provided.items()])
     if "conventions" in entry:
         session.say(f"conventions: {', '.join(entry['conventions'])}")
     for key in ("parameters", "settings"):
         if rows := entry.get(key):
             session.table(key.capitalize(), list(rows[0]), [list(row.values()) for row in rows])
+
+
+def _shown(value: Any) -> str:  # noqa: ANN401 -- a field of a declaration
+    if value is None:
+        return "any"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return ", ".join(value) or "none" if isinstance(value, tuple) else str(value)

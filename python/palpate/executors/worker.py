@@ -121,8 +121,8 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
             name, limb_pickle, others = content
             limbs = {other: limbs[other] for other in others} | {name: pickle.loads(limb_pickle)}
         else:
-            needs_limb, tasks = content[0], pickle.loads(content[1])
-            limb = limbs[tasks[0][1].limb_name] if needs_limb else None
+            has_limb, tasks = content[0], pickle.loads(content[1])
+            limb = limbs[tasks[0][1].limb_name] if has_limb else None
             started = partial(tell, "started")
             for result in attempt(solver, limb, tasks, started):
                 tell("done", result)

@@ -142,7 +142,7 @@ class Problem:
     def residuals(self, values: ArrayLike) -> FloatArray:
         """Residuals (n_points,) at values (n_parameters,); all NaN where they cannot be simulated."""
         # With slopes where they are exact, so that `jacobian` at the same values costs no other simulation.
-        found = self._at(values, slopes=self.study.solver.gives_slopes)
+        found = self._at(values, slopes=self.study.solver.provides.slopes)
         return np.full(self.n_points, np.nan) if found.residuals is None else found.residuals
 
     def jacobian(self, values: ArrayLike) -> FloatArray:
@@ -271,7 +271,7 @@ class Problem:
 
     def simulated(self, term: SpotTerm, inputs: SpotInputs) -> Simulation:
         """Simulate these inputs, with slopes if the solver gives them, as a search has them."""
-        slopes = self.study.solver.gives_slopes
+        slopes = self.study.solver.provides.slopes
         (simulation,) = self.simulate([term.job(inputs, -1, slopes=slopes, fine=self.fine)])
         return simulation
 
@@ -293,7 +293,7 @@ class Problem:
             for term in self.terms:
                 plan.inputs[term.spot] = self._inputs(term, trial.point)
                 self._check(plan.inputs[term.spot])
-            exact = self.study.solver.gives_slopes and trial.slopes
+            exact = self.study.solver.provides.slopes and trial.slopes
             for term in self.terms:
                 base = plan.inputs[term.spot]
                 plan.jobs[term.spot] = self._add(jobs, term, base, slopes=exact)
@@ -329,9 +329,9 @@ class Problem:
     ) -> list[_Shift]:
         """Two steps along a coordinate: to both sides, or both inwards from a bound."""
         probe = self._inputs(term, _moved(point, i, SMALL_STEP if point[i] < 0.5 else -SMALL_STEP))
-        exact = is_along_slopes(base, probe) and self.study.solver.gives_slopes
+        exact = is_along_slopes(base, probe) and self.study.solver.provides.slopes
         is_free = exact or is_same_job(base, probe)
-        size = SMALL_STEP if is_free else self.study.solver.accuracy ** (1.0 / 3.0)
+        size = SMALL_STEP if is_free else self.study.solver.provides.accuracy ** (1.0 / 3.0)
         if size <= point[i] <= 1.0 - size:
             steps = (-size, size)
         else:

@@ -153,8 +153,8 @@ def _space(fit: Fit, seed: int) -> SearchSpace:
         parameters=fit.problem.parameters,
         log=tuple(bool(each) for each in fit.problem.box.log),
         start=fit.start,
-        exact_slopes=solver.gives_slopes,
-        accuracy=solver.accuracy,
+        exact_slopes=solver.provides.slopes,
+        accuracy=solver.provides.accuracy,
         seed=seed,
         accepts=fit.problem.accepts,
     )

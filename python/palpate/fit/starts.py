@@ -82,5 +82,5 @@ def scaled_start(problem: Problem, start: FloatArray) -> FloatArray:
     values = problem.box.values(start)
     scaled = problem.box.point(np.where(is_modulus, scale * values, values))
     # As a search asks for it, so that it costs nothing more.
-    (found,) = problem.evaluate([Trial(point=scaled, slopes=problem.study.solver.gives_slopes)])
+    (found,) = problem.evaluate([Trial(point=scaled, slopes=problem.study.solver.provides.slopes)])
     return start if found.residuals is None else scaled

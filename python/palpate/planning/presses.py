@@ -221,7 +221,7 @@ def job_of(design: DesignProblem, problem: Problem, point: FloatArray) -> Job:
     """Make the job of a problem of one term, at a point (n_parameters,) of the box of the fit."""
     (term,) = problem.terms
     inputs = problem.inputs(term.spot, point_in(design, problem, point))
-    return term.job(inputs, -1, slopes=design.study.solver.gives_slopes, fine=False)
+    return term.job(inputs, -1, slopes=design.study.solver.provides.slopes, fine=False)
 
 
 def point_in(design: DesignProblem, problem: Problem, point: FloatArray) -> FloatArray:

@@ -30,6 +30,7 @@ from palpate.domain import (
 )
 from palpate.errors import MaterialError, ParameterError
 from palpate.plugins.fingerprints import CORE, code_fingerprint
+from palpate.plugins.provides import Provides
 
 Array = Any
 """An array of the array API: numpy in checks, JAX under differentiation."""
@@ -343,36 +344,8 @@ class SetFilter(Component[SettingsT]):
 class Solver(Component[SettingsT]):
     """Simulates a job."""
 
-    takes_fields: ClassVar[bool] = False
-    """Whether it gives materials the cell fields of the mesh."""
-
-    needs_limb: ClassVar[bool] = True
-    """False for a solver that has no mesh: closed forms, or homogeneous tests."""
-
-    homogeneous: ClassVar[bool] = False
-    """True for a solver of homogeneous tests alone; a study that gives it a protocol is refused."""
-
-    gives_slopes: ClassVar[bool] = False
-    """Whether a job with ``slopes`` gets exact derivatives with its curves; else they are differenced."""
-
-    gives_surface: ClassVar[bool] = False
-    """Whether a job with ``surface`` gets the states of the skin with its curves."""
-
-    accuracy: float = 1e-4
-    """Scatter of its curves, relative to their size: slopes are differenced over steps that fit it."""
-
-    channels: ClassVar[tuple[str, ...] | None] = None
-    """Channels that it computes; a study that weights another one is refused. None: not declared."""
-
-    state_columns: ClassVar[tuple[str, ...]] = ()
-    """Columns of its balanced states: it computes every channel of them that a job asks for, as
-    ``states.observed(job.channels)``, besides those that it declares by name."""
-
-    indenters: ClassVar[tuple[str, ...] | None] = ("sphere",)
-    """Indenters that it simulates; a study with another one is refused. None: all, by their distance."""
-
-    motions: ClassVar[tuple[str, ...]] = ("depth", "rotation")
-    """Parts of a motion that it simulates, of those that :attr:`palpate.Indentation.moves` may name."""
+    provides: Provides = Provides()
+    """What it simulates; a study that asks for more is refused before the first simulation."""
 
     def ignored(self, material: Material) -> tuple[str, ...]:
         """Names of the material's parameters that cannot change an answer; a study has to fix them."""

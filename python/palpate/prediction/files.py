@@ -60,7 +60,7 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
         f"Prediction of {indenter.name} ({indenter.settings}) with friction {tool.protocol.friction:g}, by "
         f"the {found.source} of scenario {found.scenario} at {', '.join(found.spots)}."
     )
-    if prediction.n_draws:
+    if prediction.n_draws and any(each.bands for each in prediction.spots.values()):
         lines.append(
             f"Linear bands hold 90 % of {prediction.n_draws} draws of the fitted values, by the slopes of "
             "one simulation; pressures and shear are taken to change like the force, the contact not at all."
@@ -70,7 +70,7 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
                 "By force, a stiffer tissue is taken to have what this one has under less force; areas, mean "
                 "pressure and shear have no linear band then."
             )
-    else:
+    elif not prediction.n_draws:
         lines.append("The run has no intervals, so nothing is known of how certain this is.")
     lines += [_solved(spot, each) for spot, each in prediction.spots.items() if each.n_asked]
     failed = [f"{s} ({p.simulation.message})" for s, p in prediction.spots.items() if p.simulation.message]

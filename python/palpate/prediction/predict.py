@@ -108,12 +108,13 @@ def predict(
     Raises
     ------
     StudyError
-        The solver gives no surface, or the fitted values are not those of the tool's spots.
+        The solver gives no surface, or no slopes where no draw is simulated, or the fitted values are not
+        those of the tool's spots.
     SolverError
         The tool could not be pressed at any depth.
     """
     study, found, run = stored.study, stored.fitted(), stored.run
-    if not study.solver.gives_surface:
+    if not study.solver.provides.surface:
         raise StudyError(
             f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
         )
@@ -121,9 +122,14 @@ def predict(
     draws = draws_of(found, run.fit(), run.posterior())
     if n_solved and not draws:
         raise StudyError(f"{run.folder}: has no draws of the fitted values; run `palpate fit` with a search")
+    if draws and not n_solved and not study.solver.provides.slopes:
+        raise StudyError(
+            f"{study.file}: solver '{study.solver.name}' gives no slopes, so that a band needs simulations; "
+            "add --draws 20"
+        )
     pressed = tool.study(study)
     limbs = refined_limbs(pressed, tool)
-    observed = tuple(c for c in channels.values() if c.columns <= set(study.solver.state_columns))
+    observed = tuple(c for c in channels.values() if c.columns <= set(study.solver.provides.columns))
     with Simulations(pressed, run.folder, limbs, progress, check_lock) as simulations:
         spots = {}
         for spot in pressed.spot_names:
@@ -181,7 +187,7 @@ class _Plan:
             materials={region.region: region.material for region in study.space.regions},
             thetas=thetas,
             protocol=self.tool.protocol,
-            slopes=slopes and study.solver.gives_slopes,
+            slopes=slopes and study.solver.provides.slopes,
             surface=True,
             channels=self.channels,
         )

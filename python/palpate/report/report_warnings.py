@@ -198,7 +198,7 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
         (f"{row['fit']}, scenario {row['scenario']}" for row in ends if UNSETTLED in row["message"]),
         "The values there still have part of the mesh's error; raise fine_runs, or refine the meshes.",
     )
-    if ends and data.study.solver.needs_limb and data.fit.mesh.is_empty():
+    if ends and data.study.solver.provides.mesh and data.fit.mesh.is_empty():
         yield ReportWarning(
             "How far the mesh moves the parameters is unknown",
             "No finer mesh corrected the fit; make finer ones with `palpate limb --fine`.",

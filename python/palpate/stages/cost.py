@@ -148,7 +148,7 @@ def _n_fit(study: Study) -> int:
     each = study.search.usual_trials * (1.0 + OTHER_SCENARIO * (n_scenarios - 1))
     if study.search.usual_trials and n_spots > 1:
         each += OF_SPOT * n_scenarios
-    if not study.solver.gives_slopes:
+    if not study.solver.provides.slopes:
         each *= 1 + 2 * len(study.parametrisation.parameters(study.space, study.spot_names))
     return round(n_spots * each)
 
@@ -161,7 +161,7 @@ def _fit_factor(study: Study, limbs: Mapping[str, Limb], n_fit: int) -> float:
         if name in limbs and f"{name}/fine" in limbs
     ]
     finer = sum(float((fine.mesh.n_nodes / limb.mesh.n_nodes) ** GROWTH) for limb, fine in pairs)
-    return (SLOPES if study.solver.gives_slopes else 1.0) + study.fine_runs * finer / max(1, n_fit)
+    return (SLOPES if study.solver.provides.slopes else 1.0) + study.fine_runs * finer / max(1, n_fit)
 
 
 def timed(study: Study, jobs: Sequence[Job], limbs: Mapping[str, Limb]) -> float:

@@ -42,7 +42,7 @@ def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
     StudyError
         The solver needs a mesh and the study names none.
     """
-    if not study.solver.needs_limb:
+    if not study.solver.provides.mesh:
         return {}
     limbs = {}
     meshes = {spot.spot.name: spot.mesh for spot in study.spots if spot.mesh is not None}

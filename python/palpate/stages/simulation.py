@@ -17,7 +17,7 @@ from palpate.domain import (
 )
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import IsotropicMaterial, Solver
+from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT, Progress
 from palpate.run.keys import JobKeys
 from palpate.run.ledger import Ledger
@@ -122,21 +122,19 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
             with answering_for(job.materials[region], f"checking set {job.set_id}"):
                 job.materials[region].check(theta)
         if (name := job.limb_name) not in asked:
-            _check_fields(study.solver, job, limbs.get(name))
+            _check_provided(study.solver, job)
             with answering_for(study.solver, f"checking spot '{name}'"):
                 study.solver.check(job, limbs.get(name))
             asked.add(name)
 
 
-def _check_fields(solver: Solver, job: Job, limb: Limb | None) -> None:
-    """Refuse a material whose cell fields the solver does not provide."""
-    for region, material in job.materials.items():
-        has_none = isinstance(material, IsotropicMaterial) or limb is None or not solver.takes_fields
-        if material.fields and has_none:
-            raise StudyError(
-                f"region '{region}': material '{material.name}' takes cell data {', '.join(material.fields)} "
-                f"and solver '{solver.name}' does not provide it; use 'jax' with a mesh, or another material"
-            )
+def _check_provided(solver: Solver, job: Job) -> None:
+    """Refuse what a study that was not read from a file, or a further press, asks for in vain."""
+    if lacks := solver.provides.lacks(job):
+        raise StudyError(
+            f"spot '{job.spot}': solver '{solver.name}' does not provide {', '.join(lacks)}; name another "
+            "solver"
+        )
 
 
 def _check_searched(study: Study) -> None:

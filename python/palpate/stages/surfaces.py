@@ -34,7 +34,7 @@ def simulate_surfaces(
         No simulation has ended with a balanced state.
     """
     study = simulations.study
-    if not study.solver.gives_surface:
+    if not study.solver.provides.surface:
         raise StudyError(
             f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
         )

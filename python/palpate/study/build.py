@@ -1,6 +1,6 @@
 """From the tables of study.toml to the parts of a Study: what the names in them mean."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -25,10 +25,8 @@ from palpate.plugins.search import Search
 from palpate.study.model import (
     BudgetTable,
     ExecutorTable,
-    ProtocolTable,
     ScenarioTable,
     SelectionTable,
-    SpotProtocolTable,
     Tables,
 )
 from palpate.study.problems import Problems, choice
@@ -250,8 +248,15 @@ def check_budget(
             context.problems.add(("budget", "parameters", name), choice(name, known, "parameter"))
 
 
-def check_stiffness_scaling(context: Context, space: ParameterSpace) -> None:
-    """Refuse stiffness scaling where a modulus does not move with the others."""
+def check_stiffness_scaling(
+    context: Context, space: ParameterSpace, protocols: Iterable[Protocol | None]
+) -> None:
+    """Refuse stiffness scaling where a modulus does not move with the others, or loads move the indenter."""
+    if any(isinstance(each, Indentation) and "load" in each.moves for each in protocols):
+        context.problems.add(
+            ("selection", "stiffness_scaling"),
+            "a motion until a load is reached does not scale with the moduli; leave it out",
+        )
     if fixed := space.fixed_moduli:
         do = "does" if len(fixed) == 1 else "do"
         context.problems.add(
@@ -268,77 +273,3 @@ def check_limits(context: Context, executor: Executor, table: ExecutorTable) -> 
             ("executor", "memory_limit"),
             f"executor '{executor.name}' holds no job to it; leave it out, or name another executor",
         )
-
-
-def check_solver_channels(
-    context: Context, solver: Solver, selection: SelectionTable, scenarios: Collection[Scenario]
-) -> None:
-    """Refuse a scenario of a channel that the solver declares not to compute."""
-    declared, states = context.plugins.channels, set(solver.state_columns)
-    observed = [name for name, channel in declared.items() if channel.columns <= states]
-    computed = list(dict.fromkeys([*(solver.channels or ()), *observed]))
-    for scenario in scenarios if solver.channels is not None else ():
-        missing = [c for c in map(channel_of, scenario.weighed) if c not in computed]
-        if missing:
-            context.problems.add(
-                ("selection", "scenarios", selection.scenarios.index(scenario.name)),
-                f"scenario '{scenario.name}' weights channel '{missing[0]}', which solver '{solver.name}' "
-                f"does not compute (it has {', '.join(computed)}); choose another of either",
-            )
-
-
-def check_solver_needs(context: Context, solver: Solver, tables: Tables) -> None:
-    """Refuse a study that lacks what its solver needs, or gives what it would pass over."""
-    problems, name = context.problems, f"solver '{solver.name}'"
-    for table in ("limb", "protocol"):
-        if solver.needs_limb and table not in tables.written:
-            problems.add(("solver", "name"), f"{name} needs a [{table}] table; add one")
-    if not solver.needs_limb and tables.limb is not None:
-        problems.add(("limb",), f"{name} takes no mesh; remove the table")
-    if solver.homogeneous and tables.protocol is not None:
-        problems.add(("protocol",), f"{name} makes homogeneous tests and has no protocol; remove the table")
-    if not solver.needs_limb and tables.fit and tables.fit.fine_edge:
-        problems.add(("fit", "fine_edge"), f"{name} takes no mesh; remove the key")
-    for place, shape in _indenters(tables):
-        is_known = shape in context.plugins.indenters  # else that is said already
-        if solver.indenters is not None and is_known and shape not in solver.indenters:
-            known = ", ".join(solver.indenters)
-            problems.add(
-                place,
-                f"{name} does not simulate indenter '{shape}' (it has {known}); choose another of either",
-            )
-    for index, spot in enumerate(tables.spot):
-        if solver.needs_limb and spot.mesh is None:
-            problems.add(("spot", index), f'{name} needs a mesh; add mesh = "…" to the spot')
-        for key in ("mesh", "fine_mesh"):
-            if not solver.needs_limb and getattr(spot, key) is not None:
-                problems.add(("spot", index, key), f"{name} takes no mesh; remove the key")
-
-
-def check_motions(
-    context: Context, solver: Solver | None, tables: Tables, protocols: Iterable[tuple[Key, Protocol | None]]
-) -> None:
-    """Refuse a motion that the solver does not simulate; each comes with the key of its table."""
-    for key, protocol in protocols:
-        moves = protocol.moves if isinstance(protocol, Indentation) else ()
-        missing = [part for part in moves if solver is not None and part not in solver.motions]
-        if solver is not None and missing:
-            context.problems.add(
-                (*key, "motion"),
-                f"solver '{solver.name}' simulates no motion with {', '.join(missing)} "
-                f"(it has {', '.join(solver.motions)}); choose another of either",
-            )
-        if "load" in moves and tables.selection and tables.selection.stiffness_scaling:
-            context.problems.add(
-                ("selection", "stiffness_scaling"),
-                "a motion until a load is reached does not scale with the moduli; leave it out",
-            )
-
-
-def _indenters(tables: Tables) -> Iterator[tuple[Key, str]]:
-    """Each indenter that the file names, with its key."""
-    named: list[tuple[Key, ProtocolTable | SpotProtocolTable | None]] = [(("protocol",), tables.protocol)]
-    named += [(("spot", index, "protocol"), spot.protocol) for index, spot in enumerate(tables.spot)]
-    for key, table in named:
-        if table is not None and table.indenter is not None:
-            yield (*key, "indenter", "shape"), table.indenter.shape

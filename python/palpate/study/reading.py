@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -22,17 +22,15 @@ from palpate.study.build import (
     build_scenarios,
     check_budget,
     check_limits,
-    check_motions,
     check_parametrisation,
-    check_solver_channels,
-    check_solver_needs,
     check_stiffness_scaling,
 )
 from palpate.study.model import BudgetTable, ExecutorTable, Tables
 from palpate.study.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
 from palpate.study.problems import Problems, read_tables, require
 from palpate.study.regions import build_space, build_truth, written_units
-from palpate.study.source_positions import KeyLines, dotted
+from palpate.study.solver_checks import check_body, check_channels, check_protocols, check_regions
+from palpate.study.source_positions import Key, KeyLines, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
 
 __all__ = ["Study", "StudySpot", "read_study", "relative", "with_study_plugins"]
@@ -170,11 +168,11 @@ class Study:
         These are force and torque, and each of ``channels`` that the solver does not declare by name and
         has the columns of.
         """
-        solver, more = self.solver, dict.fromkeys(channels)
-        for name in [*(solver.channels or ()), *(channel.name for channel in PRESS_AND_TWIST)]:
+        provides, more = self.solver.provides, dict.fromkeys(channels)
+        for name in [*provides.channels, *(channel.name for channel in PRESS_AND_TWIST)]:
             more.pop(name, None)
         known = [self.channels[name] for name in more if name in self.channels]
-        return (*PRESS_AND_TWIST, *(c for c in known if c.columns <= set(solver.state_columns)))
+        return (*PRESS_AND_TWIST, *(c for c in known if provides.computes(c)))
 
     def site_of(self, name: str) -> str:
         """Return the first spot at the same place of the same limb: its presses share a discrepancy."""
@@ -315,14 +313,15 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
     truth = build_truth(context, tables, space)
     _check_together(context, tables, parts, space)
+    own = [spot.protocol for spot in spots]
     if tables.budget:
-        check_budget(context, tables.budget, space, [protocol, *(spot.protocol for spot in spots)])
-    own = [(("spot", i, "protocol"), spot.protocol) for i, spot in enumerate(spots)]
-    check_motions(context, parts.solver, tables, [(("protocol",), protocol), *own])
+        check_budget(context, tables.budget, space, [protocol, *own])
+    if tables.selection and tables.selection.stiffness_scaling:
+        check_stiffness_scaling(context, space, [protocol, *own])
+    if parts.solver:
+        _check_solver(context, parts.solver, tables, space, scenarios, [protocol, *own])
     if parts.parametrisation:
         check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
-    if parts.solver and selection:
-        check_solver_channels(context, parts.solver, selection, scenarios)
     context.problems.raise_if_any()
     study = Study(
         name=require(header).name,
@@ -360,6 +359,23 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     return _with_executor(study, parts.executor, tables.executor or ExecutorTable())
 
 
+def _check_solver(
+    context: Context,
+    solver: Solver,
+    tables: Tables,
+    space: ParameterSpace,
+    scenarios: Sequence[Scenario],
+    protocols: Sequence[Protocol | None],
+) -> None:
+    """Refuse what the solver does not provide; the first protocol is that of the study."""
+    check_body(context, solver, tables)
+    check_regions(context, solver, tables, space)
+    keys: list[Key] = [("protocol",), *(("spot", i, "protocol") for i in range(len(protocols) - 1))]
+    check_protocols(context, solver, tables, zip(keys, protocols, strict=True))
+    if tables.selection:
+        check_channels(context, solver, tables.selection, scenarios)
+
+
 def _with_executor(study: Study, executor: Executor | None, table: ExecutorTable) -> Study:
     """Add where the simulations run, and within which limits."""
     return replace(
@@ -381,9 +397,5 @@ def _check_together(context: Context, tables: Tables, parts: Components, space: 
         )
     if tables.sampling and 0 < tables.sampling.max_draws < tables.sampling.n_sets:
         context.problems.add(("sampling", "max_draws"), "less than n_sets; raise it, or leave it out")
-    if tables.selection and tables.selection.stiffness_scaling:
-        check_stiffness_scaling(context, space)
-    if parts.solver:
-        check_solver_needs(context, parts.solver, tables)
     if parts.executor:
         check_limits(context, parts.executor, tables.executor or ExecutorTable())

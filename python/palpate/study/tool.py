@@ -10,10 +10,11 @@ from pydantic import Field, ValidationError
 from palpate.domain import Indentation, Spot
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
-from palpate.study.build import Context, check_motions
+from palpate.study.build import Context
 from palpate.study.model import FileName, Length, Name, ProtocolTable, Table, Tables
 from palpate.study.problems import Problems, require
 from palpate.study.reading import Study, parse_toml
+from palpate.study.solver_checks import check_protocols
 from palpate.study.source_positions import KeyLines
 from palpate.study.spots import StudySpot, build_protocol
 from palpate.units import Quantity
@@ -101,14 +102,8 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
         raise
     protocol = build_protocol(context, table.protocol)
     spots = _spots(path, table, study, problems)
-    if protocol is not None and study.solver.indenters is not None:
-        shape = protocol.indenter.name
-        if shape not in study.solver.indenters:
-            problems.add(
-                ("protocol", "indenter", "shape"),
-                f"solver '{study.solver.name}' of the run does not simulate indenter '{shape}'",
-            )
-    check_motions(context, study.solver, Tables(written=frozenset()), [(("protocol",), protocol)])
+    tables = Tables(written=frozenset(raw), protocol=table.protocol)
+    check_protocols(context, study.solver, tables, [(("protocol",), protocol)])
     problems.raise_if_any()
     return Tool(
         name=path.stem,

@@ -28,6 +28,7 @@ from palpate.domain import (
 from palpate.errors import CurveError
 from palpate.mesh.spot_frame import pose_of
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, Solver
+from palpate.plugins.provides import Provides
 from palpate.specimens import block
 from palpate.testing.executors import LinearMaterial
 
@@ -75,9 +76,7 @@ class HalfSpace(Solver):
 
     name = "half_space"
     summary = "an indenter on a half-space in closed form, for tests of plugins"
-    needs_limb = False
-    indenters = None
-    state_columns = STATE_COLUMNS
+    provides = Provides(body="layers", indenters=None, columns=STATE_COLUMNS)
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job."""
@@ -95,7 +94,7 @@ class HalfSpaceOnMesh(HalfSpace):
 
     name = "half_space_on_mesh"
     summary = "an indenter on a body of the mesh's thickness in closed form, for tests of plugins"
-    needs_limb = True
+    provides = replace(HalfSpace.provides, body="mesh")
 
 
 def _states(mu: float, kappa: float, press: Indentation, thickness_mm: float) -> BalancedStates:

@@ -10,6 +10,7 @@ import pytest
 from palpate.domain import Curve, HomogeneousTests, Job, Limb, Parameter, Response, Simulation, Status
 from palpate.plugins.execution import Batch, Executor, JobResult, Limits
 from palpate.plugins.interfaces import Array, Component, IsotropicMaterial, Solver
+from palpate.plugins.provides import Provides
 from palpate.testing.components import ComponentContract, missing
 
 FAILING = 2
@@ -35,9 +36,7 @@ class LinearSolver(Solver):
 
     name = "linear"
     summary = "closed form, for tests of executors"
-    needs_limb = False
-    homogeneous = True
-    gives_slopes = True
+    provides = Provides(body="specimen", max_regions=1, channels=("uniaxial",), slopes=True)
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job."""

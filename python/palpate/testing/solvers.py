@@ -20,11 +20,12 @@ from palpate.domain import (
     Status,
     moving_span,
 )
-from palpate.errors import MaterialError, PalpateError
+from palpate.errors import PalpateError
 from palpate.indenters import Sphere
-from palpate.plugins.interfaces import Component, IsotropicMaterial, Material, Solver
+from palpate.plugins.interfaces import Component, IsotropicMaterial, Solver
 from palpate.specimens import half_space
 from palpate.testing.components import ComponentContract, missing
+from palpate.testing.moved_jobs import moved, neighbours
 from palpate.testing.references import (
     HALF_SPACE_FRICTION,
     HALF_SPACE_PATH,
@@ -39,9 +40,6 @@ DEPTH, ROTATION = 0, 1
 
 CHANGE = 1e-9
 """Least change of a curve, relative to its largest ordinate, that is more than rounding."""
-
-SLOPE_STEP = 1e-3
-"""Step of the central differences that slopes are compared with, relative to the value."""
 
 
 class SolverContract(ComponentContract):
@@ -143,16 +141,32 @@ class SolverContract(ComponentContract):
         assert simulation.status is Status.OK, simulation.message
         assert simulation.response is not None, "status ok without a response"
         assert list(simulation.response), "status ok without a curve"
-        undeclared = set(simulation.response) - set(solver.channels or simulation.response)
-        assert not undeclared, f"{', '.join(undeclared)} is not among the solver's channels"
         assert simulation.seconds >= 0.0, f"{simulation.seconds} seconds"
         for channel in simulation.response:
             self.assert_follows(simulation.response[channel], job)
 
+    def test_it_provides_what_it_declares(
+        self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
+    ) -> None:
+        provides = solver.provides
+        assert (limb is not None) == provides.mesh, (
+            f"`provides` declares the body '{provides.body}', and the contract has "
+            f"{'a' if limb else 'no'} limb: a mesh needs one, and nothing else takes one"
+        )
+        lacks = ", ".join(provides.lacks(job))
+        assert not lacks, f"`provides` lacks what the job asks for: {lacks}"
+        assert answer.response is not None, answer.message
+        observed = {channel.name for channel in job.channels if provides.computes(channel)}
+        undeclared = ", ".join(sorted(set(answer.response) - observed - set(provides.channels)))
+        assert not undeclared, f"the answer has {undeclared}, which is not among the channels of `provides`"
+        declared = self._moved(job) & set(provides.channels)
+        missed = ", ".join(sorted(declared - set(answer.response)))
+        assert not missed, f"no curve of {missed}, which `provides` declares among its channels"
+
     def test_it_observes_every_channel_of_its_columns(
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
     ) -> None:
-        columns = set(solver.state_columns) & set(WRENCH) if isinstance(job.protocol, Indentation) else ()
+        columns = set(solver.provides.columns) & set(WRENCH) if isinstance(job.protocol, Indentation) else ()
         asked = tuple(_over_depth(column) for column in sorted(columns))
         if not asked:
             return
@@ -161,7 +175,7 @@ class SolverContract(ComponentContract):
         assert answer.response is not None
         missed = [channel.ordinate for channel in asked if channel.name not in response]
         assert not missed, (
-            f"no curve over depth of {', '.join(missed)}, which `state_columns` names; return "
+            f"no curve over depth of {', '.join(missed)}, which `provides` has as columns; return "
             "`states.observed(job.channels)`"
         )
         for name, curve in answer.response.curves.items():
@@ -184,6 +198,8 @@ class SolverContract(ComponentContract):
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
     ) -> None:
         for what, other, body in self.other_inputs(job, limb):
+            if solver.provides.lacks(other):
+                continue
             try:
                 solver.check(other, body)
             except PalpateError:
@@ -199,7 +215,7 @@ class SolverContract(ComponentContract):
             ignored = solver.ignored(material)
             unknown = set(ignored) - {p.name for p in material.parameters}
             assert not unknown, f"`ignored` names {', '.join(unknown)}, which '{material.name}' does not have"
-            for name, theta in _moved(material, job.thetas[region]):
+            for name, theta in moved(material, job.thetas[region]):
                 other = replace(job, thetas={**job.thetas, region: theta})
                 matters = self.differs(answer, solver.simulate(other, limb))
                 assert not (matters and name in ignored), (
@@ -212,7 +228,7 @@ class SolverContract(ComponentContract):
     def test_slopes_are_those_of_central_differences(
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
     ) -> None:
-        if not solver.gives_slopes:
+        if not solver.provides.slopes:
             pytest.skip("the solver declares no slopes")
         simulation = solver.simulate(replace(job, slopes=True), limb)
         self.assert_scaled(simulation, answer, 1.0)
@@ -224,7 +240,7 @@ class SolverContract(ComponentContract):
                 f"channel '{channel}': slopes in {', '.join(sorted(curve.slopes)) or 'nothing'} instead of "
                 f"{', '.join(sorted(names))}"
             )
-        for name, step, ahead, behind in _neighbours(job):
+        for name, step, ahead, behind in neighbours(job):
             after, before = (solver.simulate(other, limb).response for other in (ahead, behind))
             assert after is not None
             assert before is not None
@@ -240,7 +256,7 @@ class SolverContract(ComponentContract):
     def test_a_surface_carries_the_force_of_the_curves(
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
     ) -> None:
-        if not solver.gives_surface or limb is None or "force" not in (answer.response or {}):
+        if not solver.provides.surface or limb is None or "force" not in (answer.response or {}):
             pytest.skip("the solver declares no surface, or has no force")
         simulation = solver.simulate(replace(job, surface=True), limb)
         self.assert_scaled(simulation, answer, 1.0)
@@ -262,6 +278,8 @@ class SolverContract(ComponentContract):
     ) -> None:
         if half_space_solver is None or isinstance(job.protocol, HomogeneousTests):
             return
+        if not half_space_solver.provides.simulates("sphere"):
+            pytest.skip("the solver simulates no sphere: no closed form gives the answer")
         material, theta = _first_isotropic(job)
         regions = job.materials if half_space is None else half_space.mesh.regions
         pressed = replace(
@@ -404,6 +422,13 @@ class SolverContract(ComponentContract):
             f"runs {_route(expected)}; give every point in the order travelled, or another status"
         )
 
+    def _moved(self, job: Job) -> set[str]:
+        """Channels whose abscissa the protocol moves, as far as that is known."""
+        if isinstance(job.protocol, HomogeneousTests):
+            return set(job.protocol.paths)
+        columns = job.protocol.columns
+        return {c.name for c in job.channels if c.abscissa in columns and np.ptp(columns[c.abscissa]) > 0.0}
+
     def _asked(self, channel: str, job: Job) -> FloatArray | None:
         if isinstance(job.protocol, HomogeneousTests):
             return job.protocol.paths.get(channel)
@@ -415,42 +440,6 @@ def _over_depth(column: str) -> Channel:
     return Channel(
         name=f"{column} over depth", abscissa=POSE[0], ordinate=column, abscissa_label="", ordinate_label=""
     )
-
-
-def _moved(material: Material, theta: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-    """Each parameter by name, and the values with it moved by a tenth, inside its physical range."""
-    for k, parameter in enumerate(material.parameters):
-        step = 0.1 * (abs(theta[k]) or parameter.upper - parameter.lower)
-        moved = np.array(theta, dtype=np.float64)
-        moved[k] += step
-        try:
-            parameter.check(float(moved[k]))
-        except MaterialError:
-            moved[k] -= 2.0 * step
-        yield parameter.name, moved
-
-
-def _neighbours(job: Job) -> Iterator[tuple[str, float, Job, Job]]:
-    """Each parameter by name, the step, and the job with it moved up and down; friction too."""
-    for region, material in job.materials.items():
-        for k, parameter in enumerate(material.parameters):
-            theta = np.asarray(job.thetas[region], dtype=np.float64)
-            step = SLOPE_STEP * float(abs(theta[k]) or parameter.upper - parameter.lower)
-            moved = [theta + sign * step * (np.arange(theta.size) == k) for sign in (1.0, -1.0)]
-            try:
-                material.check(moved[0])
-                material.check(moved[1])
-            except MaterialError:
-                continue  # next to a limit of its physical range
-            ahead, behind = (replace(job, thetas={**job.thetas, region: other}) for other in moved)
-            yield f"{region}.{parameter.name}", step, ahead, behind
-    press = job.protocol
-    if isinstance(press, Indentation) and press.friction > 0.0:
-        step = SLOPE_STEP * press.friction
-        ahead, behind = (
-            replace(job, protocol=replace(press, friction=press.friction + sign * step)) for sign in (1, -1)
-        )
-        yield "friction", step, ahead, behind
 
 
 def _first_isotropic(job: Job) -> tuple[IsotropicMaterial, FloatArray]:

@@ -28,6 +28,7 @@ from palpate import (
     Status,
     hookimpl,
 )
+from palpate.plugins.provides import Provides
 
 DEPTHS = np.linspace(0.0, 10.0, 21)
 ANGLES = np.concatenate(
@@ -73,7 +74,7 @@ class AnalyticSettings(Settings):
 class Analytic(Solver[AnalyticSettings]):
     name = "analytic"
     summary = "closed form"
-    needs_limb = False
+    provides = Provides(body="layers")
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         if self.settings.log:

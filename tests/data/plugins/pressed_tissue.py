@@ -21,6 +21,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.indenters import Sphere
 from palpate.plugins.interfaces import ExperimentLoader, SetFilter
+from palpate.plugins.provides import Provides
 from palpate.stages.samplers import LatinHypercube
 from palpate.stages.sampling import accepted_by_all
 from palpate.study.reading import Study, StudySpot
@@ -94,11 +95,11 @@ class PressedSettings(Settings):
 
 
 class Pressed(Solver[PressedSettings]):
-    name, summary, needs_limb, accuracy = "pressed", "strips of tissue", False, 1e-4
+    name, summary = "pressed", "strips of tissue"
 
     @property
-    def gives_slopes(self):
-        return self.settings.exact
+    def provides(self):
+        return Provides(body="layers", slopes=self.settings.exact)
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         ((region, material),) = job.materials.items()

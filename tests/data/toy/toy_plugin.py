@@ -33,6 +33,7 @@ from palpate.plugins.interfaces import (
     Settings,
     Solver,
 )
+from palpate.plugins.provides import Provides
 
 
 class Spring(IsotropicMaterial):
@@ -115,8 +116,7 @@ class Leaves(Clumsy):
 class ClosedForm(Solver):
     name = "closed_form"
     summary = "y = k (x - 1) (1 + a (x - 1))"
-    needs_limb = False
-    homogeneous = True
+    provides = Provides(body="specimen", channels=("pull", "push"))
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         assert isinstance(job.protocol, HomogeneousTests)
@@ -146,11 +146,10 @@ class NeverWorks(ClosedForm):
         return Simulation(job=job, status=Status.DIVERGED, response=None, message="no equilibrium")
 
 
-class NeedsLimb(ClosedForm):
-    name = "needs_limb"
+class OnMesh(ClosedForm):
+    name = "on_mesh"
     summary = "Wants a mesh"
-    needs_limb = True
-    homogeneous = False
+    provides = Provides(channels=("pull", "push"))
 
 
 class Block(LimbSource):
@@ -210,7 +209,7 @@ def palpate_set_filters():
 
 @hookimpl
 def palpate_solvers():
-    return [ClosedForm, NeverWorks, Raises, NeedsLimb]
+    return [ClosedForm, NeverWorks, Raises, OnMesh]
 
 
 @hookimpl

@@ -196,11 +196,11 @@ HARD = """
 import os, signal, subprocess, sys, time
 from pathlib import Path
 from pydantic import Field
-from palpate import Curve, Response, Settings, Simulation, Solver, Status
+from palpate import Curve, Provides, Response, Settings, Simulation, Solver, Status
 class HardSettings(Settings):
     pids: str = Field(description="File for the ids of the processes.")
 class Hard(Solver[HardSettings]):
-    name, summary, needs_limb = "hard", "does as it likes", False
+    name, summary, provides = "hard", "does as it likes", Provides(body="layers")
     def simulate(self, job, limb):
         if job.set_id == 1:
             signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -28,6 +28,7 @@ from palpate.fit.spot_term import SpotTerm
 from palpate.fit.starts import scaled_start
 from palpate.indenters import Sphere
 from palpate.plugins.interfaces import Solver
+from palpate.plugins.provides import Provides
 from palpate.testing import LinearMaterial
 
 DEPTH_MM, TWIST = 10.0, np.array([0.0, -22.5, 22.5, 0.0])
@@ -51,8 +52,7 @@ class Press(Solver):
 
     name = "press"
     summary = "a press in closed form"
-    needs_limb = False
-    accuracy = 1e-7
+    provides = Provides(body="layers", accuracy=1e-7)
 
     def simulate(self, job, limb):
         curves = curves_of(job.thetas, job.protocol.friction, job.protocol.path)
@@ -63,7 +63,7 @@ class Press(Solver):
 
 class ExactPress(Press):
     name = "exact_press"
-    gives_slopes = True
+    provides = replace(Press.provides, slopes=True)
 
 
 def curves_of(thetas, friction, path):

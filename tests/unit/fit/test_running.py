@@ -12,6 +12,7 @@ from palpate.fit import running
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.running import Fit, run_searches
 from palpate.fit.searches import DifferentialEvolution
+from palpate.plugins.provides import Provides
 from palpate.plugins.search import Evaluation, Search, Trial
 
 START = np.array([0.5, 0.5])
@@ -25,7 +26,7 @@ class Bowl:
     fails: object = staticmethod(lambda point: False)
     batches: list = field(default_factory=list)
     asked = ()
-    study = SimpleNamespace(solver=SimpleNamespace(gives_slopes=True, accuracy=1e-4))
+    study = SimpleNamespace(solver=SimpleNamespace(provides=Provides(slopes=True)))
     box = SimpleNamespace(log=(False, False))
     parameters = tuple(
         Parameter(name=n, unit="1", lower=0.0, upper=1.0, kind="shape", description="of a test") for n in "ab"

@@ -25,6 +25,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.indenters import Sphere
 from palpate.plugins.interfaces import Solver
+from palpate.plugins.provides import Provides
 from palpate.stages.cost import FitTime
 from palpate.testing import LinearMaterial
 
@@ -58,7 +59,7 @@ class Layers(Solver):
 
     name = "layers"
     summary = "layers in closed form"
-    needs_limb = False
+    provides = Provides(body="layers")
 
     def simulate(self, job, limb):
         by_region = {region: float(theta[0]) for region, theta in job.thetas.items()}

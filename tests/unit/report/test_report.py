@@ -13,6 +13,7 @@ from matplotlib.image import imread
 
 from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario, ScoringRules
 from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.provides import Provides
 from palpate.report import ReportData, figures, finding, make_tables, write_report
 from palpate.report.figures import fit_trace, generalised, interval_plot, nmse_distribution, responses
 from palpate.report.fit_path import paths
@@ -332,6 +333,7 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
         Scenario(name="all", weights=dict.fromkeys(names, 1.0)),
     )
     study = make_study(protocol=None, scenarios=scenarios, generalise_by="UT", data="measured")
+    study.solver.provides = Provides(body="specimen")
     from palpate.stages.generalisation import generalise
     from palpate.stages.sampling import draw_design
 

@@ -10,6 +10,7 @@ from palpate import AnisotropicMaterial, Parameter
 from palpate.domain import Job, RegionMaterial, Spot
 from palpate.errors import MeshError, StudyError
 from palpate.plugins.interfaces import LimbSource
+from palpate.plugins.provides import Provides
 from palpate.run.keys import limb_key
 from palpate.specimens import block
 from palpate.stages.cell_fields import check_frames, with_fields
@@ -116,15 +117,19 @@ def test_a_solver_that_gives_no_fields_is_refused_a_material_that_takes_them(mak
         thetas={"soft_tissue": np.array([0.02, 0.05])},
         protocol=study.protocol,
     )
+    limbs = {"p1": block("hex8", **SMALL)}
+    with pytest.raises(StudyError, match="does not provide anisotropic materials such as 'fibred'"):
+        check_jobs(study, [job], limbs)
+    study.solver.provides = replace(study.solver.provides, anisotropic=True)
     with pytest.raises(
-        StudyError, match="material 'fibred' takes cell data fibre and solver 'analytic' does not"
+        StudyError, match="does not provide cell data fibre, which material 'fibred' takes; name another"
     ):
-        check_jobs(study, [job], {"p1": block("hex8", **SMALL)})
+        check_jobs(study, [job], limbs)
 
 
 def test_a_study_declares_that_its_meshes_share_a_frame(make_study, tissue, tmp_path):
     class Meshed(tissue.Analytic):
-        needs_limb = True
+        provides = Provides(fields=True, anisotropic=True)
 
     class Blocks(LimbSource):
         name, summary = "blocks", "blocks"

@@ -81,12 +81,12 @@ def test_a_fit_without_a_sweep_has_a_time_too(make_study, plugins, tmp_path):
 
 def test_slopes_by_differences_and_finer_meshes_take_longer(make_study, monkeypatch):
     study = make_study(n_sets=0, search=LeastSquares())
-    assert not study.solver.gives_slopes
+    assert not study.solver.provides.slopes
     limb = block(n_across=4, n_down=2)
     plain = cost(study, {}, None, {"p1": limb})
     finer = cost(study, {}, None, {"p1": limb, "p1/fine": block(n_across=8, n_down=4)})
     assert finer.fit_factor > plain.fit_factor == 1.0
-    monkeypatch.setattr(type(study.solver), "gives_slopes", True)
+    monkeypatch.setattr(study.solver, "provides", replace(study.solver.provides, slopes=True))
     sloped = cost(study, {}, None, {})
     assert plain.n_fit == pytest.approx((1 + 2 * len(study.space.names)) * sloped.n_fit, abs=4)
 

@@ -12,6 +12,7 @@ from palpate.domain import Indentation, Limb, Mesh, Spot
 from palpate.errors import MeshError, PluginError, StudyError
 from palpate.indenters import Sphere
 from palpate.plugins.interfaces import LimbSource, Solver
+from palpate.plugins.provides import Provides
 from palpate.specimens.blocks import block
 from palpate.stages.limb import (
     check_depth,
@@ -323,7 +324,7 @@ def test_a_fine_mesh_is_finer_and_of_the_same_limb_in_its_frame(fine, match):
 
 def test_a_fine_mesh_is_a_limb_of_its_own(make_study, tissue, tmp_path):
     class Meshed(tissue.Analytic):
-        needs_limb = True
+        provides = Provides()
 
     class Blocks(Source):
         def load(self, path, spot):
@@ -349,7 +350,7 @@ def test_a_fine_mesh_is_a_limb_of_its_own(make_study, tissue, tmp_path):
 
 def test_a_mesh_is_refined_where_the_study_asks_for_shorter_edges(make_study, tissue, tmp_path):
     class Meshed(tissue.Analytic):
-        needs_limb = True
+        provides = Provides()
 
     class Blocks(Source):
         def load(self, path, spot):
@@ -379,7 +380,7 @@ def test_a_source_that_returns_no_limb_is_named(make_study, tissue, tmp_path):
             return None
 
     class Meshed(tissue.Analytic):
-        needs_limb = True
+        provides = Provides()
 
     spots = tuple(replace(s, mesh=tmp_path / "x.vtu") for s in make_study().spots)
     with pytest.raises(PluginError, match=r"reading .*x\.vtu: 'cube' .* returned a NoneType and not a Limb"):
@@ -396,7 +397,7 @@ class Source(LimbSource):
 
 def test_the_message_names_the_file(make_study, tissue, tmp_path):
     class Meshed(tissue.Analytic):
-        needs_limb = True
+        provides = Provides()
 
     def study(mesh, protocol=None):
         spots = tuple(replace(s, mesh=mesh and tmp_path / mesh, spot=TOP) for s in make_study().spots[:1])
@@ -417,7 +418,7 @@ def test_the_message_names_the_file(make_study, tissue, tmp_path):
 
 def test_spots_of_different_anatomy_share_a_study(make_study, tissue, tmp_path):
     class Meshed(tissue.Analytic):
-        needs_limb = True
+        provides = Provides()
 
     class Named(Source):
         def load(self, path, spot):
@@ -443,7 +444,7 @@ def test_spots_of_different_anatomy_share_a_study(make_study, tissue, tmp_path):
 
 def test_check_prints_warnings_about_a_limb(make_study, tissue, plugins, tmp_path):
     class Meshed(tissue.Analytic):
-        needs_limb = True
+        provides = Provides()
 
     class Hollow(Source):
         def load(self, path, spot):
@@ -457,7 +458,7 @@ def test_check_prints_warnings_about_a_limb(make_study, tissue, plugins, tmp_pat
 
 def test_an_edge_that_the_mesh_does_not_resolve_is_a_warning(make_study, tissue, tmp_path):
     class Meshed(tissue.Analytic):
-        needs_limb = True
+        provides = Provides()
 
     class Blocks(Source):
         def load(self, path, spot):

@@ -12,6 +12,7 @@ from palpate.errors import MeshError, StudyError
 from palpate.executors import InProcess
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.interfaces import Settings, Solver
+from palpate.plugins.provides import Provides
 from palpate.progress import Silent
 from palpate.run.directory import RunDirectory
 from palpate.run.surface_files import read_surface, write_surface
@@ -53,7 +54,8 @@ class LogSettings(Settings):
 class Skinned(Solver[LogSettings]):
     """The analytic tissue with a skin that never changes."""
 
-    name, summary, needs_limb, gives_surface = "skinned", "with a skin", False, True
+    name, summary = "skinned", "with a skin"
+    provides = Provides(body="layers", surface=True)
     answer, fails = None, False  # of the analytic tissue
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:

@@ -16,6 +16,7 @@ from palpate.domain import Curve, Response, Spot
 from palpate.errors import CurveError, PalpateError, StudyError
 from palpate.pipeline import run_study
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.provides import Provides
 from palpate.stages.synthesis import NOTE, synthesise
 from palpate.study.reading import Study, StudySpot, read_study
 
@@ -292,6 +293,7 @@ def test_homogeneous_tests_run_along_the_abscissae_of_the_files(
     spot = StudySpot(spot=Spot(name="p1"), measured={"force": (tmp_path / "f.csv",)}, mesh=None)
     scenario = next(s for s in make_study().scenarios if s.name == "III")
     study = make_study(protocol=None, spots=(spot,), truth=TRUTH, loader=Pairs(), scenarios=(scenario,))
+    study.solver.provides = Provides(body="specimen")
     made = synthesise(study, plugins.channels, tmp_path / "out").responses["p1"]["force"]
     assert made.abscissa.tolist() == [0.0, 1.0, 2.0]
     assert made.ordinate == pytest.approx([0.0, 20.4, 80.8])

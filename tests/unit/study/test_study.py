@@ -141,7 +141,7 @@ def test_the_study_may_bring_scenarios(read: Edit) -> None:
 def test_a_protocol_is_a_press_and_a_twist(read: Edit) -> None:
     study = read(
         ("[sampling]", LIMB + "[sampling]"),
-        ("closed_form", "needs_limb"),
+        ("closed_form", "on_mesh"),
         ('measured = { pull = "s1.txt" }', 'measured = { pull = "s1.txt" }\nmesh = "s1.txt"'),
         (
             'measured = { pull = "s2.txt" }',
@@ -161,7 +161,7 @@ def test_a_protocol_is_a_press_and_a_twist(read: Edit) -> None:
 def test_a_spot_may_be_pressed_again_with_another_indenter_and_loader(read: Edit, tmp_path: Path) -> None:
     study = read(
         ("[sampling]", LIMB + "[experiment.settings]\nskip = 1\n[sampling]"),
-        ("closed_form", "needs_limb"),
+        ("closed_form", "on_mesh"),
         ('measured = { pull = "s1.txt" }', 'measured = { pull = ["s1.txt", "s2.txt"] }\nmesh = "s1.txt"'),
         (
             'measured = { pull = "s2.txt" }',

@@ -1,6 +1,8 @@
 """One mistake at a time: each is reported with its line, its key and what to do."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +10,8 @@ import pytest
 from palpate.domain import Waypoints
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
-from palpate.study.reading import read_study
+from palpate.study import solver_checks
+from palpate.study.reading import Study, read_study
 
 TOY = Path(__file__).parents[2] / "data" / "toy"
 TEXT = (TOY / "study.toml").read_text()
@@ -19,14 +22,17 @@ def plugins() -> Plugins:
     return Plugins.load([TOY / "toy_plugin.py"], entry_points=False)
 
 
-def messages(folder: Path, plugins: Plugins, text: str) -> list[str]:
+def read_text(folder: Path, plugins: Plugins, text: str) -> Study:
     for name in ("s1.txt", "s2.txt"):
         (folder / name).write_bytes((TOY / name).read_bytes())
-    path = folder / "study.toml"
-    path.write_text(text)
+    (folder / "study.toml").write_text(text)
+    return read_study(folder / "study.toml", plugins)
+
+
+def messages(folder: Path, plugins: Plugins, text: str) -> list[str]:
     with pytest.raises(StudyError) as caught:
-        read_study(path, plugins)
-    return [line.removeprefix(f"{path}:") for line in str(caught.value).splitlines()]
+        read_text(folder, plugins, text)
+    return [line.removeprefix(f"{folder / 'study.toml'}:") for line in str(caught.value).splitlines()]
 
 
 def line_of(text: str, part: str) -> int:
@@ -343,15 +349,15 @@ CASES = {
         "unknown key",
     ),
     "solver": ('"closed_form"', '"closed"', '"closed"', "solver.name", "did you mean 'closed_form'"),
-    "solver needs a limb": ("closed_form", "needs_limb", "needs_limb", "solver.name", "needs a [limb] table"),
+    "solver needs a limb": ("closed_form", "on_mesh", "on_mesh", "solver.name", "needs a [limb] table"),
     "solver needs a protocol": (
         "closed_form",
-        "needs_limb",
-        "needs_limb",
+        "on_mesh",
+        "on_mesh",
         "solver.name",
         "needs a [protocol] table",
     ),
-    "solver needs a mesh": ("closed_form", "needs_limb", "[[spot]]", "spot 's1'", 'add mesh = "…"'),
+    "solver needs a mesh": ("closed_form", "on_mesh", "[[spot]]", "spot 's1'", 'add mesh = "…"'),
     "limb of no use": (
         "[sampling]",
         '[limb]\nsource = "block"\n[sampling]',
@@ -511,7 +517,7 @@ twist = ["-22.5 deg", "0 deg"]
 friction = 1.0
 
 [sampling]""",
-).replace('"closed_form"', '"needs_limb"')
+).replace('"closed_form"', '"on_mesh"')
 LIMB_STUDY = LIMB_STUDY.replace('.txt" }', '.txt" }\nmesh = "s1.txt"')
 
 
@@ -560,10 +566,16 @@ def test_a_scenario_needs_channels_that_are_measured(tmp_path: Path, plugins: Pl
     assert [line.startswith(f"{where}which no spot measures") for line in found] == [True]
 
 
+def provide(plugins: Plugins, monkeypatch: pytest.MonkeyPatch, name: str, **changes: Any) -> None:
+    """Let a solver provide something else."""
+    solver = plugins.solvers[name]
+    monkeypatch.setattr(solver, "provides", replace(solver.provides, **changes))
+
+
 def test_a_scenario_needs_channels_that_the_solver_computes(
     tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(plugins.solvers["closed_form"], "channels", ("push",))
+    provide(plugins, monkeypatch, "closed_form", channels=("push",))
     (message,) = messages(tmp_path, plugins, TEXT)
     assert "selection.scenarios[0]: scenario 'pull only' weights channel 'pull', which solver" in message
     assert message.endswith("does not compute (it has push); choose another of either")
@@ -572,14 +584,46 @@ def test_a_scenario_needs_channels_that_the_solver_computes(
 def test_a_solver_refuses_an_indenter_that_it_does_not_simulate(
     tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(plugins.solvers["needs_limb"], "indenters", ("punch", "cuff"))
+    provide(plugins, monkeypatch, "on_mesh", indenters=("punch", "cuff"))
     text = LIMB_STUDY + '\n[spot.protocol]\nindenter = { shape = "sphere", radius = "1 mm" }\n'
     whole, own = messages(tmp_path, plugins, text)
-    assert whole.startswith(
-        f"{line_of(text, 'shape')}: protocol.indenter.shape: solver 'needs_limb' does not"
-    )
-    assert "'needs_limb' does not simulate indenter 'sphere' (it has punch, cuff); choose" in whole
+    assert whole.startswith(f"{line_of(text, 'shape')}: protocol.indenter.shape: solver 'on_mesh' does not")
+    assert "'on_mesh' does not simulate indenter 'sphere' (it has punch, cuff); choose" in whole
     assert own.split(": ")[1] == "spot 's2', protocol.indenter.shape"
+
+
+def test_a_solver_without_a_mesh_needs_a_protocol_where_it_makes_no_homogeneous_tests(
+    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    provide(plugins, monkeypatch, "closed_form", body="layers")
+    (message,) = messages(tmp_path, plugins, TEXT)
+    assert "solver.name: solver 'closed_form' needs a [protocol] table; add one" in message
+
+
+def test_a_solver_refuses_regions_and_materials_that_it_does_not_simulate(
+    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = TEXT + '\n[region.skin]\nmaterial = "spring"\nparameters = { k = "1 MPa", a = 0.5 }\n'
+    assert read_text(tmp_path, plugins, text)
+    provide(plugins, monkeypatch, "closed_form", max_regions=1)
+    (message,) = messages(tmp_path, plugins, text)
+    assert message.startswith(
+        f"{line_of(text, '[region.skin]')}: region.skin: solver 'closed_form' simulates"
+    )
+    assert message.endswith(
+        "1 region, and the study has 2 (rubber, skin); remove a table, or choose another solver"
+    )
+    monkeypatch.setattr(plugins.materials["spring"], "fields", ("fibre",))
+    (message,) = messages(tmp_path, plugins, TEXT)
+    assert "region.rubber.material: material 'spring' takes cell data fibre, which solver" in message
+    monkeypatch.setattr(solver_checks, "AnisotropicMaterial", plugins.materials["spring"])
+    (message,) = messages(tmp_path, plugins, TEXT)
+    assert "region.rubber.material: solver 'closed_form' simulates no anisotropic material such as" in message
+    provide(plugins, monkeypatch, "closed_form", anisotropic=True)
+    (message,) = messages(tmp_path, plugins, TEXT)
+    assert message.endswith("which solver 'closed_form' has not; choose another of either")
+    provide(plugins, monkeypatch, "closed_form", fields=True)
+    assert read_text(tmp_path, plugins, TEXT)
 
 
 def test_a_spot_has_a_motion_of_its_own(
@@ -588,10 +632,10 @@ def test_a_spot_has_a_motion_of_its_own(
     text = LIMB_STUDY + '\n[spot.protocol]\ndepht = "5 mm"\n'
     (message,) = messages(tmp_path, plugins, text)
     assert "spot 's2', protocol.depht: unknown key; did you mean 'depth'" in message
-    monkeypatch.setattr(plugins.solvers["needs_limb"], "motions", ("depth",))
+    provide(plugins, monkeypatch, "on_mesh", motions=("depth",))
     text = LIMB_STUDY.replace('twist = ["-22.5 deg", "0 deg"]\n', "")
     (message,) = messages(tmp_path, plugins, text + '\n[spot.protocol]\ntwist = ["5 deg"]\n')
-    assert "spot 's2', protocol.motion: solver 'needs_limb' simulates no motion with rotation" in message
+    assert "spot 's2', protocol.motion: solver 'on_mesh' simulates no motion with rotation" in message
 
 
 def test_a_motion_until_a_load_does_not_scale(
@@ -601,7 +645,7 @@ def test_a_motion_until_a_load_does_not_scale(
     loads[1, 0] = 3.0
     made = Waypoints(pose=pose, loads=loads)
     monkeypatch.setattr(plugins.motions["press_and_twist"], "waypoints", lambda _: made)
-    monkeypatch.setattr(plugins.solvers["needs_limb"], "motions", ("depth", "load"))
+    provide(plugins, monkeypatch, "on_mesh", motions=("depth", "load"))
     text = LIMB_STUDY.replace("[selection]", "[selection]\nstiffness_scaling = true")
     found = messages(tmp_path, plugins, text)
     assert any("selection.stiffness_scaling: a motion until a load" in message for message in found), found

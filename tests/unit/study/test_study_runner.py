@@ -4,6 +4,7 @@ import pytest
 
 from palpate import Simulation, Solver, Status, hookimpl
 from palpate.errors import StudyError
+from palpate.plugins.provides import Provides
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
 
@@ -23,7 +24,7 @@ def test_a_study_of_only_the_bench_finds_a_set_near_the_truth(runner):
 
 
 class Failing(Solver):
-    name, summary, needs_limb = "failing", "has no answer for a set", False
+    name, summary, provides = "failing", "has no answer for a set", Provides(body="layers")
 
     def simulate(self, job, limb):
         if job.set_id == 2:
@@ -31,7 +32,7 @@ class Failing(Solver):
         return bench.HalfSpace().simulate(job, limb)
 
 
-class Provides:
+class Components:
     @staticmethod
     @hookimpl
     def palpate_solvers():
@@ -40,7 +41,7 @@ class Provides:
 
 def test_a_failed_simulation_and_a_mistake_are_failures(runner):
     with pytest.raises(AssertionError, match="a simulation failed: no balance"):
-        runner(Provides(), solver={"name": "failing"})
+        runner(Components(), solver={"name": "failing"})
     with pytest.raises(StudyError, match="takes no mesh; remove the table"):
         runner(limb={"source": "small_block"}, solver={"name": "half_space"})
     with pytest.raises(AssertionError, match="is taken by under test"):

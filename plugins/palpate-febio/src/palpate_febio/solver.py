@@ -21,6 +21,7 @@ from palpate.api import (
     Limb,
     Material,
     PalpateError,
+    Provides,
     Simulation,
     Solver,
     SolverError,
@@ -90,9 +91,7 @@ class FebioSolver(Solver[FebioSettings]):
 
     name = "febio"
     summary = "finite elements by FEBio 4 (a program of its own): decks, conventions probed, torque gated"
-    channels = ("force", "torque")
-    state_columns = STATE_COLUMNS
-    indenters = ("sphere",)
+    provides = Provides(anisotropic=True, columns=STATE_COLUMNS)
 
     def __init__(self, settings: FebioSettings | None = None) -> None:
         super().__init__(settings)
@@ -199,16 +198,12 @@ class FebioSolver(Solver[FebioSettings]):
             Default: the first of the fallbacks.
         """
         protocol, limb = indentation_of(job, limb, self.name)
-        if not isinstance(protocol.indenter, Sphere):
+        if lacks := self.provides.lacks(job):
             raise StudyError(
-                f"spot '{job.spot}': FEBio's deck has a faceted sphere, and no '{protocol.indenter.name}'; "
-                "use solver 'jax', or a sphere"
+                f"spot '{job.spot}': FEBio's deck presses and twists a sphere, no {', '.join(lacks)}; "
+                "use solver 'jax', or another protocol"
             )
-        if unknown := [part for part in protocol.moves if part not in self.motions]:
-            raise StudyError(
-                f"spot '{job.spot}': FEBio's deck presses and twists, and has no {', '.join(unknown)}; "
-                "use solver 'jax', or the motion 'press_and_twist'"
-            )
+        assert isinstance(protocol.indenter, Sphere)
         method = method or self.settings.fallbacks[0]
         steps = steps_of(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
         known = conventions or {r: expected_convention(m) for r, m in job.materials.items()}

@@ -45,6 +45,7 @@ from palpate.api import (
     Limb,
     Material,
     PalpateError,
+    Provides,
     Response,
     Settings,
     Simulation,
@@ -239,11 +240,9 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
 
     name = "homogeneous"
     summary = "homogeneous tests (uniaxial, equibiaxial, pure and simple shear, confined) without a mesh"
-    needs_limb = False
-    homogeneous = True
-    gives_slopes = True
-    accuracy = 1e-10
-    channels = MODES
+    provides = Provides(
+        body="specimen", max_regions=1, anisotropic=True, channels=MODES, slopes=True, accuracy=1e-10
+    )
 
     def __init__(self, settings: HomogeneousSettings | None = None) -> None:
         super().__init__(settings)

@@ -23,6 +23,7 @@ from palpate.api import (
     Material,
     MaterialError,
     MeshError,
+    Provides,
     Settings,
     Simulation,
     Solver,
@@ -118,13 +119,15 @@ class JaxSolver(Solver[JaxSettings]):
 
     name = "jax"
     summary = "finite elements (hex8, tet10, tet4) under a rigid indenter, friction with history; embedded"
-    takes_fields = True
-    gives_slopes = True
-    gives_surface = True
-    channels = ("force", "torque")
-    state_columns = STATE_COLUMNS
-    indenters = None
-    motions = ("depth", "rotation", "shift", "tilt", "load")
+    provides = Provides(
+        anisotropic=True,
+        fields=True,
+        columns=STATE_COLUMNS,
+        indenters=None,
+        motions=("depth", "rotation", "shift", "tilt", "load"),
+        slopes=True,
+        surface=True,
+    )
 
     def __init__(self, settings: JaxSettings | None = None) -> None:
         super().__init__(settings)

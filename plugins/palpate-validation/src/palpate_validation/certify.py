@@ -12,7 +12,7 @@ import typer
 from palpate.api import FIRST_PARTY, AsJson, PalpateError, PluginError, Session, StudyError, answering_for
 
 if TYPE_CHECKING:
-    from palpate.api import Limb, Plugins, Solver
+    from palpate.api import Limb, Plugins, Provides, Solver
     from palpate_febio.solver import FebioSolver
     from palpate_validation.comparison import SolverComparison
 
@@ -64,13 +64,17 @@ def _compare(
     session: Session, material: str | None, mesh: Path | None, solvers: Sequence[str]
 ) -> SolverComparison:
     from palpate_validation.comparison import SolverComparison
+    from palpate_validation.comparison_shared import not_shared
 
     judged, febio, contenders, missing = _contenders(session.plugins, solvers)
     rows = []
     for row in _rows(session, material, mesh, contenders, febio):
         session.note(f"{row.problem}, {row.material}, {row.quantity}, {row.solver}: {row.verdict}")
         rows.append(row)
-    versions = {name: _version(make(True)) for name, make in contenders.items()}
+    made = {name: make(True) for name, make in contenders.items()}
+    versions = {name: _version(solver) for name, solver in made.items()}
+    provided = {name: solver.provides for name, solver in made.items()}
+    missing += not_shared(provided, list(session.plugins.channels.values()))
     return SolverComparison(
         rows=tuple(rows), solvers=versions, missing=tuple(missing), judged=frozenset(judged)
     )
@@ -102,9 +106,9 @@ def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any,
         febio = None
         missing.append(f"FEBio itself: {error}. Its recorded curves are used instead")
     for name in asked:
-        if not plugins.solvers[name].needs_limb:
+        if not _provided(plugins.solvers[name]).mesh:
             raise PluginError(f"solver '{name}' takes no mesh, but every problem here has one")
-    able = {name: each for name, each in plugins.solvers.items() if each.needs_limb}
+    able = {name: each for name, each in plugins.solvers.items() if _provided(each).mesh}
     others = [name for name, each in able.items() if not _is_own(each)]
     own = [name for name in able if name not in others]
     judged = list(asked) or own
@@ -118,6 +122,14 @@ def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any,
         if febio is not None or not issubclass(plugins.solvers[name], FebioSolver)
     }
     return [name for name in judged if name in makers], febio, makers, missing
+
+
+def _provided(solver: type[Solver]) -> Provides:
+    """What a solver provides; with its usual settings where it depends on them."""
+    from palpate.api import Provides
+
+    declared: object = solver.provides
+    return declared if isinstance(declared, Provides) else solver().provides
 
 
 def _is_own(solver: type[Solver]) -> bool:
@@ -147,6 +159,7 @@ def _rows(
     from palpate_febio.probe import probe_theta
     from palpate_validation.comparison_block import NAMES, block_rows
     from palpate_validation.comparison_element import RECORDED_VALUES, one_element
+    from palpate_validation.comparison_shared import motion_rows
     from palpate_validation.comparison_twist import twist_rows
 
     materials = session.plugins.materials
@@ -160,11 +173,13 @@ def _rows(
         name = wanted or "ogden"
         material = materials[name]()
         own = [name for name in contenders if _is_own(session.plugins.solvers[name])]
-        problems = [("frictional twist", block(n_across=8, n_down=4, grading=1.3))]
+        problems = [("frictional twist", "", block(n_across=8, n_down=4, grading=1.3))]
         if mesh is not None and limb is not None:
-            problems.append((f"twist of {mesh.name}", limb))
-        for problem, body in problems:
-            yield from twist_rows(body, material, probe_theta(material), contenders, problem, own)
+            problems.append((f"twist of {mesh.name}", f" of {mesh.name}", limb))
+        for problem, of, body in problems:
+            theta, channels = probe_theta(material), session.plugins.channels
+            yield from twist_rows(body, material, theta, contenders, problem, own, channels.values())
+            yield from motion_rows(body, material, theta, contenders, channels, own, of)
     elif mesh is not None:
         raise StudyError(f"{mesh}: no solver that takes a mesh is installed; install palpate-jax")
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from palpate.api import (
+    PRESS_AND_TWIST,
+    Channel,
     Curve,
     FloatArray,
     Indentation,
@@ -16,8 +18,10 @@ from palpate.api import (
     PalpateError,
     Simulation,
     Solver,
+    SolverError,
     Sphere,
     Status,
+    Waypoints,
     answering_for,
     simulate_alone,
 )
@@ -115,11 +119,13 @@ class Case:
         Of the problem, and of its material.
     limb : Limb
     materials, thetas : mapping by region
-    path : (n, 2) array
-        Depth [mm] and rotation [degrees], from rest.
+    path : (n, 2) or (n, 6) array
+        Depth [mm] and rotation [degrees], or a whole pose, from rest.
     friction : float
     mean_dilatation : bool or tuple of regions
         As FEBio's element: true for hex8 of uncoupled materials.
+    channels : tuple of Channel
+        What to observe of balanced states.
     """
 
     problem: str
@@ -130,6 +136,26 @@ class Case:
     path: FloatArray
     friction: float
     mean_dilatation: bool | tuple[str, ...]
+    channels: tuple[Channel, ...] = PRESS_AND_TWIST
+
+    @property
+    def protocol(self) -> Indentation:
+        """Path of a sphere."""
+        sphere = Sphere(radius_mm=7.5)
+        if self.path.shape[1] == 2:
+            return Indentation(indenter=sphere, path=self.path, friction=self.friction)
+        return Indentation.along(Waypoints(pose=self.path), indenter=sphere, friction=self.friction)
+
+    def job(self) -> Job:
+        """Simulation of the case."""
+        return Job(
+            spot=self.limb.spot.name,
+            set_id=0,
+            materials=self.materials,
+            thetas=self.thetas,
+            protocol=self.protocol,
+            channels=self.channels,
+        )
 
     def row(self, **figures: Any) -> Row:  # noqa: ANN401 - fields of a row
         """Row of this problem and material."""
@@ -137,16 +163,11 @@ class Case:
 
     def run(self, solver: Solver) -> Simulation:
         """The case by one solver; an unsupported one has crashed with the diagnostic ``refused``."""
-        protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=self.path, friction=self.friction)
-        job = Job(
-            spot=self.limb.spot.name,
-            set_id=0,
-            materials=self.materials,
-            thetas=self.thetas,
-            protocol=protocol,
-        )
+        job = self.job()
         try:
             with answering_for(solver, f"the comparison's {self.problem}"):
+                if lacks := solver.provides.lacks(job):
+                    raise SolverError(f"it does not provide {', '.join(lacks)}")
                 solver.check(job, self.limb)
         except PalpateError as error:
             refused = {"refused": True}
@@ -187,9 +208,13 @@ def compared(
 ) -> Iterator[Row]:
     """Every solver against recorded ordinates by channel: (abscissae, ordinates, peak)."""
     for name, make in contenders.items():
-        simulation = case.run(make(case.mean_dilatation))
+        solver = make(case.mean_dilatation)
+        simulation = case.run(solver)
+        computed = {channel.name for channel in case.channels if solver.provides.computes(channel)}
         for channel, (wanted, expected, peak) in references.items():
             values, why = answer(simulation, channel, wanted)
+            if channel not in computed:
+                why = f"it does not provide channel '{channel}'"
             difference = None if values is None else float(np.abs(values - expected).max() / peak)
             yield case.row(
                 quantity=channel,
@@ -198,5 +223,5 @@ def compared(
                 difference=difference,
                 tolerance=tolerance,
                 note=why or note,
-                refused="refused" in simulation.diagnostics,
+                refused="refused" in simulation.diagnostics or channel not in computed,
             )

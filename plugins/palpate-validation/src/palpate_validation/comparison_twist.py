@@ -5,16 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.api import FloatArray, Limb, Material, Simulation
+from palpate.api import PRESS_AND_TWIST, Channel, FloatArray, Limb, Material, Simulation, Status
 from palpate_validation.comparison import COUPLED, Case, Contender, Row, answer
+from palpate_validation.comparison_shared import moved_channels, pair_rows
 
 DEPTH_MM = 2.0
 TWIST_DEG = -22.5
 STEP_DEG = 4.5
 N_HELD = 5
 TORQUE_TOLERANCE = 0.02
-PAIR_TOLERANCE = {"force": 0.01, "torque": 0.05}
-"""Between two solvers with different contact, one with a faceted sphere."""
 
 
 def _path(step_deg: float, n_held: int) -> FloatArray:
@@ -33,6 +32,7 @@ def twist_rows(
     contenders: Mapping[str, Contender],
     problem: str = "frictional twist",
     references: Collection[str] = (),
+    channels: Collection[Channel] = PRESS_AND_TWIST,
 ) -> Iterator[Row]:
     """Step halving and a hold for every solver, and each against the first that agrees with itself.
 
@@ -44,6 +44,8 @@ def twist_rows(
         Its name in the rows.
     references : collection of str
         Solvers that others may be compared with; any if it is empty.
+    channels : collection of Channel
+        Those of them are compared that the path moves and both solvers compute.
     """
     case = Case(
         problem=problem,
@@ -55,10 +57,11 @@ def twist_rows(
         friction=1.0,
         mean_dilatation=material.name not in COUPLED,
     )
+    case = replace(case, channels=moved_channels(case, channels))
+    solvers = {name: make(case.mean_dilatation) for name, make in contenders.items()}
     answers: dict[str, Simulation] = {}
     sound: list[str] = []
-    for name, make in contenders.items():
-        solver = make(case.mean_dilatation)
+    for name, solver in solvers.items():
         answers[name] = case.run(solver)
         fine = replace(case, path=_path(STEP_DEG / 2, N_HELD)).run(solver)
         rows = list(_with_itself(case, name, answers[name], fine))
@@ -66,8 +69,8 @@ def twist_rows(
         if all(row.verdict == "agrees" for row in rows) and (not references or name in references):
             sound.append(name)
     for name in answers if sound else ():
-        if name != sound[0]:
-            yield from _with_other(case, name, answers, sound[0])
+        if name != sound[0] and answers[name].status is Status.OK:
+            yield from pair_rows(case, solvers, answers, name, sound[0])
 
 
 def _with_itself(case: Case, name: str, coarse: Simulation, fine: Simulation) -> Iterator[Row]:
@@ -91,19 +94,4 @@ def _with_itself(case: Case, name: str, coarse: Simulation, fine: Simulation) ->
             tolerance=TORQUE_TOLERANCE,
             note=why or why_fine,
             refused="refused" in coarse.diagnostics,
-        )
-
-
-def _with_other(case: Case, name: str, answers: Mapping[str, Simulation], other: str) -> Iterator[Row]:
-    for channel, place in (("force", DEPTH_MM), ("torque", TWIST_DEG)):
-        values, _ = answer(answers[name], channel, [place])
-        expected, _ = answer(answers[other], channel, [place])
-        if values is None or expected is None:
-            continue
-        yield case.row(
-            solver=name,
-            quantity=channel,
-            against=other,
-            difference=float(abs(values[0] / expected[0] - 1.0)),
-            tolerance=PAIR_TOLERANCE[channel],
         )

@@ -1,0 +1,106 @@
+"""What a solver provides: a study that asks for more is refused when it is read."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from palpate.curves import Channel
+from palpate.domain import HomogeneousTests, Indentation, Job
+from palpate.errors import PluginError
+from palpate.waypoints import MOVES
+
+BODIES = ("mesh", "layers", "specimen")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provides:
+    """What a solver simulates: by itself force and torque of a sphere on the mesh of a limb.
+
+    Parameters
+    ----------
+    body : str
+        ``mesh``: the limb around a spot, in elements. ``layers``: a body of the study's regions without a
+        mesh, such as a half-space in closed form. ``specimen``: homogeneous tests, without mesh and protocol.
+    max_regions : int, optional
+        Most regions of a study, each with its material; None: any number.
+    anisotropic : bool
+        Whether materials may have directions.
+    fields : bool
+        Whether materials get the cell fields of the mesh.
+    channels : tuple of str
+        Channels that it computes, whatever a job asks for.
+    columns : tuple of str
+        Columns of its balanced states: it also computes each channel of these that a job asks for, as
+        ``states.observed(job.channels)``.
+    indenters : tuple of str, optional
+        Names of indenters; None: all, by their distance.
+    motions : tuple of str
+        Parts of a motion, among :data:`palpate.waypoints.MOVES`.
+    slopes : bool
+        Whether a job with ``slopes`` gets exact derivatives with its curves; else they are differenced.
+    surface : bool
+        Whether a job with ``surface`` gets the states of the skin with its curves.
+    accuracy : float
+        Scatter of its curves, relative to their size: slopes are differenced over steps that fit it.
+
+    Raises
+    ------
+    PluginError
+        There is no such body or part of a motion.
+    """
+
+    body: Literal["mesh", "layers", "specimen"] = "mesh"
+    max_regions: int | None = None
+    anisotropic: bool = False
+    fields: bool = False
+    channels: tuple[str, ...] = ("force", "torque")
+    columns: tuple[str, ...] = ()
+    indenters: tuple[str, ...] | None = ("sphere",)
+    motions: tuple[str, ...] = ("depth", "rotation")
+    slopes: bool = False
+    surface: bool = False
+    accuracy: float = 1e-4
+
+    def __post_init__(self) -> None:
+        if self.body not in BODIES:
+            raise PluginError(f"a solver provides no body '{self.body}' (known: {', '.join(BODIES)})")
+        if unknown := [part for part in self.motions if part not in MOVES]:
+            raise PluginError(f"a motion has no part '{unknown[0]}' (known: {', '.join(MOVES)})")
+
+    @property
+    def mesh(self) -> bool:
+        """Whether it simulates the mesh of a limb, and so needs one."""
+        return self.body == "mesh"
+
+    def computes(self, channel: Channel) -> bool:
+        """Whether it computes a channel, by name or from the columns of its balanced states."""
+        return channel.name in self.channels or channel.columns <= set(self.columns)
+
+    def simulates(self, indenter: str) -> bool:
+        """Whether it simulates an indenter of this name."""
+        return self.indenters is None or indenter in self.indenters
+
+    def lacks(self, job: Job) -> tuple[str, ...]:
+        """What a job needs and the solver does not provide, in words; empty where it provides all."""
+        return tuple(self._lacks(job))
+
+    def _lacks(self, job: Job) -> Iterator[str]:
+        from palpate.plugins.interfaces import AnisotropicMaterial  # here: that imports this module
+
+        press = job.protocol
+        if isinstance(press, HomogeneousTests):
+            if self.body != "specimen":
+                yield "homogeneous tests"
+        elif self.body == "specimen":
+            yield "indentations"
+        elif isinstance(press, Indentation):
+            if not self.simulates(press.indenter.name):
+                yield f"indenter '{press.indenter.name}'"
+            yield from (f"motions with {part}" for part in press.moves if part not in self.motions)
+        if self.max_regions is not None and len(job.materials) > self.max_regions:
+            yield f"{len(job.materials)} regions"
+        for material in job.materials.values():
+            if isinstance(material, AnisotropicMaterial) and not self.anisotropic:
+                yield f"anisotropic materials such as '{material.name}'"
+            elif material.fields and not (self.fields and isinstance(material, AnisotropicMaterial)):
+                yield f"cell data {', '.join(material.fields)}, which material '{material.name}' takes"

@@ -1,0 +1,101 @@
+"""Refuse a study that asks for more than its solver provides, or gives what it would not use."""
+
+from collections.abc import Collection, Iterable, Iterator
+
+from palpate.domain import Indentation, ParameterSpace, Protocol, Scenario, channel_of
+from palpate.plugins.interfaces import AnisotropicMaterial, Solver
+from palpate.study.build import Context
+from palpate.study.model import ProtocolTable, SelectionTable, SpotProtocolTable, Tables
+from palpate.study.source_positions import Key
+
+OTHER = "choose another of either"
+
+
+def check_channels(
+    context: Context, solver: Solver, selection: SelectionTable, scenarios: Collection[Scenario]
+) -> None:
+    """Refuse a scenario of a channel that the solver does not compute."""
+    provides, known = solver.provides, context.plugins.channels
+    computed = [name for name, channel in known.items() if provides.computes(channel)]
+    for scenario in scenarios:
+        missing = [c for c in map(channel_of, scenario.weighed) if c not in computed]
+        if missing:
+            context.problems.add(
+                ("selection", "scenarios", selection.scenarios.index(scenario.name)),
+                f"scenario '{scenario.name}' weights channel '{missing[0]}', which solver '{solver.name}' "
+                f"does not compute (it has {', '.join(computed) or 'none'}); {OTHER}",
+            )
+
+
+def check_body(context: Context, solver: Solver, tables: Tables) -> None:
+    """Refuse a study without the tables and meshes that the solver needs, or with those it does not use."""
+    provides, add, name = solver.provides, context.problems.add, f"solver '{solver.name}'"
+    needed = {"limb": provides.mesh, "protocol": provides.body != "specimen"}
+    for table, is_needed in needed.items():
+        if is_needed and table not in tables.written:
+            add(("solver", "name"), f"{name} needs a [{table}] table; add one")
+    if not provides.mesh and tables.limb is not None:
+        add(("limb",), f"{name} takes no mesh; remove the table")
+    if provides.body == "specimen" and tables.protocol is not None:
+        add(("protocol",), f"{name} makes homogeneous tests and has no protocol; remove the table")
+    if not provides.mesh and tables.fit and tables.fit.fine_edge:
+        add(("fit", "fine_edge"), f"{name} takes no mesh; remove the key")
+    for index, spot in enumerate(tables.spot):
+        if provides.mesh and spot.mesh is None:
+            add(("spot", index), f'{name} needs a mesh; add mesh = "…" to the spot')
+        for key in ("mesh", "fine_mesh"):
+            if not provides.mesh and getattr(spot, key) is not None:
+                add(("spot", index, key), f"{name} takes no mesh; remove the key")
+
+
+def check_regions(context: Context, solver: Solver, tables: Tables, space: ParameterSpace) -> None:
+    """Refuse more regions, or other materials, than the solver simulates."""
+    provides, add, name = solver.provides, context.problems.add, f"solver '{solver.name}'"
+    regions, most = list(tables.region), provides.max_regions
+    if most is not None and len(regions) > most:
+        add(
+            ("region", regions[most]),
+            f"{name} simulates at most {most} region{'s' * (most > 1)}, and the study has {len(regions)} "
+            f"({', '.join(regions)}); remove a table, or choose another solver",
+        )
+    for region in space.regions:
+        key, material = ("region", region.region, "material"), region.material
+        is_anisotropic = isinstance(material, AnisotropicMaterial)
+        if is_anisotropic and not provides.anisotropic:
+            add(key, f"{name} simulates no anisotropic material such as '{material.name}'; {OTHER}")
+        elif material.fields and not (is_anisotropic and provides.fields):
+            fields = ", ".join(material.fields)
+            add(key, f"material '{material.name}' takes cell data {fields}, which {name} has not; {OTHER}")
+
+
+def check_protocols(
+    context: Context, solver: Solver, tables: Tables, protocols: Iterable[tuple[Key, Protocol | None]]
+) -> None:
+    """Refuse an indenter or a motion that the solver does not simulate.
+
+    Each protocol comes with the key of its table.
+    """
+    provides, add, name = solver.provides, context.problems.add, f"solver '{solver.name}'"
+    if provides.body == "specimen":
+        return  # that there is a protocol is reported already
+    for place, shape in _indenters(tables):
+        if shape in context.plugins.indenters and not provides.simulates(shape):  # else reported already
+            known = ", ".join(provides.indenters or ())
+            add(place, f"{name} does not simulate indenter '{shape}' (it has {known}); {OTHER}")
+    for key, protocol in protocols:
+        moves = protocol.moves if isinstance(protocol, Indentation) else ()
+        if missing := [part for part in moves if part not in provides.motions]:
+            known = ", ".join(provides.motions)
+            add(
+                (*key, "motion"),
+                f"{name} simulates no motion with {', '.join(missing)} (it has {known}); {OTHER}",
+            )
+
+
+def _indenters(tables: Tables) -> Iterator[tuple[Key, str]]:
+    """Each indenter that the file names, with its key."""
+    named: list[tuple[Key, ProtocolTable | SpotProtocolTable | None]] = [(("protocol",), tables.protocol)]
+    named += [(("spot", index, "protocol"), spot.protocol) for index, spot in enumerate(tables.spot)]
+    for key, table in named:
+        if table is not None and table.indenter is not None:
+            yield (*key, "indenter", "shape"), table.indenter.shape
