@@ -18,6 +18,9 @@ import numpy as np
 from palpate.domain import FloatArray, Indentation, Job, Limb, Mesh
 from palpate.errors import StudyError
 
+BACK_STEPS = 3
+"""Moves to first contact: a distance is at most the way along the normal, and nearly that at a face."""
+
 
 def spot_axes(normal: FloatArray, along: FloatArray | None = None) -> FloatArray:
     """Axes of the spot's frame as columns (3, 3): right-handed, the third is the normal.
@@ -100,18 +103,36 @@ def indentation_of(job: Job, limb: Limb | None, solver: str) -> tuple[Indentatio
         )
     if limb is None:
         raise StudyError(f"spot '{job.spot}': solver '{solver}' needs a mesh; give the spot one in the study")
-    return job.protocol, _tilted(limb, job.protocol.tilt_deg)
+    return job.protocol, _tilted(limb, job.protocol)
 
 
-def _tilted(limb: Limb, tilt_deg: tuple[float, float]) -> Limb:
-    """The limb with the frame of its spot rotated by a vector along x and y of that frame."""
+def _tilted(limb: Limb, protocol: Indentation) -> Limb:
+    """The limb with the frame of its spot rotated by a vector along x and y of that frame.
+
+    The origin moves back along the new normal by what the tilt lets the indenter overlap the limb, such as
+    at the edge of a punch: depth 0 is the first contact.
+    """
+    tilt_deg = protocol.tilt_deg
     if not any(tilt_deg):
         return limb
     from scipy.spatial.transform import Rotation  # here: slow to import, and few presses are tilted
 
     axes = spot_axes(limb.spot.normal, limb.spot.along)
     axes = axes @ Rotation.from_rotvec(np.radians([*tilt_deg, 0.0])).as_matrix()
-    return replace(limb, spot=replace(limb.spot, normal=axes[:, 2], along=axes[:, 0]))
+    tilted = replace(limb, spot=replace(limb.spot, normal=axes[:, 2], along=axes[:, 0]))
+    allowed, position_mm = _overlap_mm(limb, protocol), limb.spot.position_mm
+    for _ in range(BACK_STEPS):
+        more = _overlap_mm(tilted, protocol) - allowed
+        position_mm = position_mm + max(0.0, more) * axes[:, 2]
+        tilted = replace(tilted, spot=replace(tilted.spot, position_mm=position_mm))
+    return tilted
+
+
+def _overlap_mm(limb: Limb, protocol: Indentation) -> float:
+    """How far the nodes of the contact surface are inside the indenter at depth 0."""
+    mesh = in_spot_frame(limb)
+    gaps = protocol.indenter.distance(mesh.points_mm[mesh.node_sets["contact"]])
+    return -float(np.min(gaps, initial=0.0))
 
 
 def pose_of(depth_mm: FloatArray, rotation_deg: FloatArray) -> FloatArray:

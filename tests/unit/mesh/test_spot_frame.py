@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from palpate.domain import Indentation, Job, Limb, Mesh, Spot
 from palpate.errors import StudyError
 from palpate.indenters import Sphere
-from palpate.mesh.spot_frame import indentation_of, spot_axes
+from palpate.mesh.spot_frame import in_spot_frame, indentation_of, spot_axes
+from palpate.specimens import block
 
 PROTOCOL = Indentation(indenter=Sphere(radius_mm=5.0), path=[(0, 0), (3, 0)], friction=1.0)
 LIMB = Limb(
@@ -21,7 +22,7 @@ LIMB = Limb(
         cells={"tet4": np.arange(4)[None]},
         cell_regions={"tet4": np.zeros(1, dtype=int)},
         regions=("tissue",),
-        node_sets={},
+        node_sets={"contact": np.arange(0)},
     ),
 )
 
@@ -66,6 +67,28 @@ def test_tilts_are_the_same_by_their_values():
 
 def test_without_a_tilt_the_limb_is_as_it_was():
     assert pressed((0.0, 0.0)) is LIMB
+
+
+class Plate(Sphere):
+    """A flat square, 10 mm wide."""
+
+    def distance(self, points):
+        out = np.abs(points[..., :2]) - 5.0
+        return np.maximum(out.max(axis=-1), -points[..., 2])
+
+
+@pytest.mark.parametrize(("degrees", "lift"), [(0.0, 0.0), (3.0, 5.0 * np.sin(np.radians(3.0)))])
+def test_a_tilted_flat_tool_first_touches_at_depth_0(degrees, lift):
+    limb = block("hex8", n_across=20, n_down=2, width_mm=40.0)
+    press = replace(PROTOCOL, indenter=Plate(radius_mm=5.0), tilt_deg=(degrees, 0.0))
+    job = Job(spot="p1", set_id=0, materials={}, thetas={}, protocol=press)
+    moved = indentation_of(job, limb, "a solver")[1]
+    gaps = press.indenter.distance(in_spot_frame(moved).points_mm[limb.mesh.node_sets["contact"]])
+    assert gaps.min() == pytest.approx(0.0, abs=1e-6)
+    back = moved.spot.position_mm - limb.spot.position_mm
+    # Nodes are 2 mm apart, so the one that is touched first is up to 2 mm from the edge.
+    assert 0.8 * lift - 1e-9 <= back @ moved.spot.normal <= lift + 1e-9
+    np.testing.assert_allclose(np.cross(back, moved.spot.normal), 0.0, atol=1e-12)
 
 
 def test_an_indenter_does_not_press_along_the_skin():
