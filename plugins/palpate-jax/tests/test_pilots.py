@@ -79,6 +79,20 @@ def test_a_start_from_pilots_saves_effort_and_changes_no_result(limb):
         )
 
 
+def test_pilots_that_are_simulated_first_count_in_the_seconds(limb, monkeypatch):
+    clock, walk = [0.0], JaxSolver._walk
+
+    def walked(self, *given):
+        clock[0] += 1.0
+        return walk(self, *given)
+
+    monkeypatch.setattr(JaxSolver, "_walk", walked)
+    monkeypatch.setattr(solver_module.time, "perf_counter", lambda: clock[0])
+    used = JaxSolver(SETTINGS)
+    assert used.simulate(job_of(3), limb).seconds == 4.0  # three pilots and itself
+    assert used.simulate(job_of(4), limb).seconds == 1.0
+
+
 def test_pilots_that_diverge_are_left_out(limb):
     path = [(0.0, 0.0), (6.0, 0.0)]
     some = np.array([COLLAPSES, *SETS[1:]])

@@ -175,8 +175,8 @@ class JaxSolver(Solver[JaxSettings]):
         """
         protocol, own = indentation_of(job, limb, self.name)
         prepared = self._prepared(own, job.materials)
-        pilots = self._pilots(prepared, protocol, job, limb) if job.pilots else None
         started = time.perf_counter()
+        pilots = self._pilots(prepared, protocol, job, limb) if job.pilots else None
         try:
             modulus = self._modulus(prepared, job.thetas)
         except MaterialError as error:
