@@ -104,14 +104,16 @@ def table(anatomy: Path, only: list[str], layers_mm: dict[str, float]) -> None:
         list(meshed(limb, *made))
 
 
-def interpolated(anatomy: Path, n: int, seed: int, layers_mm: dict[str, float]) -> None:
-    """Random limbs between the virtual ones, one spot each in turn."""
+def interpolated(anatomy: Path, n: int, seed: int, layers_mm: dict[str, float], first: int = 0) -> None:
+    """Random limbs between the virtual ones, one spot each in turn; those before the first are left out."""
     corners = {name: _triangles(anatomy / "residual_limb" / f"{name}.stl") for name in VIRTUAL}
     middle = sum(corners.values()) / 4.0
     modes = [(corners["102p"] - corners["102m"]) / 2.0, (corners["1p20"] - corners["1m20"]) / 2.0]
     random, counts = np.random.default_rng(seed), {"meshed": 0, "refused": 0, "crashed": 0}
     for i in range(n):
         shares = random.uniform(-1.0, 1.0, 2)
+        if i < first:
+            continue
         points = (middle + shares[0] * modes[0] + shares[1] * modes[1]).reshape(-1, 3)
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "limb.stl"
@@ -131,7 +133,7 @@ def interpolated(anatomy: Path, n: int, seed: int, layers_mm: dict[str, float]) 
             except Exception:
                 sys.stdout.write(f"{i}: CRASHED\n{traceback.format_exc()}")
                 counts["crashed"] += 1
-    sys.stdout.write(f"{n} interpolated limbs: {counts}\n")
+    sys.stdout.write(f"interpolated limbs {first} to {n - 1}: {counts}\n")
 
 
 def _triangles(path: Path) -> np.ndarray:
@@ -145,11 +147,12 @@ if __name__ == "__main__":
     parser.add_argument("anatomy", type=Path)
     parser.add_argument("--limbs", nargs="*", default=["arm", "mean", *VIRTUAL])
     parser.add_argument("--interpolated", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="the first of the interpolated limbs to mesh")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--skin", type=float, default=0.0, help="thickness of a skin layer [mm]")
     given = parser.parse_args()
     layers = {"skin": given.skin} if given.skin else {}
     if given.interpolated:
-        interpolated(given.anatomy, given.interpolated, given.seed, layers)
+        interpolated(given.anatomy, given.interpolated, given.seed, layers, given.first)
     else:
         table(given.anatomy, given.limbs, layers)
