@@ -156,6 +156,16 @@ def test_moduli_are_homogeneous(material, values, shape):
         np.testing.assert_allclose(total, curve.ordinate, atol=1e-6 * np.abs(curve.ordinate).max())
 
 
+def test_they_are_as_exact_as_the_states():
+    """At a tolerance of 1e-4; the derivative that errs most is of the force in the friction, and small."""
+    case = yeoh_on_hexahedra(path=PATH[:3])
+    coarse = sloped(case, JaxSolver(JaxSettings(**TIGHT | {"tolerance": 1e-4})))
+    for channel, curve in sloped(case).items():
+        for name, expected in curve.slopes.items():
+            error = np.abs(coarse[channel].slopes[name] - expected).max() / np.abs(expected).max()
+            assert error < (5e-3 if name == "friction" else 5e-5), (name, channel)
+
+
 def test_without_friction_no_modulus_twists():
     found = sloped(yeoh_on_hexahedra(friction=0.0))
     for name in YEOH:

@@ -262,9 +262,9 @@ class JaxSolver(Solver[JaxSettings]):
         initial_guess: InitialGuess | None,
     ) -> tuple[LoadStepping, list[LoadStep], Stop | None]:
         law = self._law(protocol, modulus_MPa)
-        model, thetas = prepared.model, job.thetas
-        sensitivity = Sensitivity(model, prepared.materials, thetas, law) if job.slopes else None
-        stepping = LoadStepping(model, thetas, law, self.settings.tolerance, initial_guess, sensitivity)
+        model, thetas, tolerance = prepared.model, job.thetas, self.settings.tolerance
+        sensitivity = Sensitivity(model, prepared.materials, thetas, law, tolerance) if job.slopes else None
+        stepping = LoadStepping(model, thetas, law, tolerance, initial_guess, sensitivity)
         reached: list[LoadStep] = []
         for state in stepping.along(self._schedule(protocol)):
             if isinstance(state, Stop):
