@@ -48,6 +48,9 @@ BLOCKS = ((6, 2), (8, 4), (10, 5), (12, 6), (14, 7))
 FOREARMS = ("forearm-demo", "forearm")
 """Studies with a mesh of the spot p2."""
 
+REFINED = "refined:12:3"
+"""The mesh of the study forearm with edges of at most 3 mm within 12 mm of the spot."""
+
 N_COLD = 5
 """Cold runs that stand for all."""
 
@@ -67,17 +70,21 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_
 WANTED_MANY, WANTED_EXTRA, WANTED_EXPONENT = 6.0, 0.25, 1.35
 
 
-def forearm(study: str) -> str:
+def forearm(study: str, package: str = "palpate_forearm", folder: str = "meshes") -> str:
     """A mesh file that palpate carries."""
-    return str(Path(str(files("palpate_forearm"))) / "studies" / study / "meshes" / "p2.vtu")
+    return str(Path(str(files(package))) / "studies" / study / folder / "p2.vtu")
 
 
 def load(mesh: str) -> Any:
-    """The limb of a mesh file, or of ``block:across:down``."""
+    """The limb of a mesh file, of ``block:across:down``, or of ``refined:near:edge``."""
     from palpate.domain import Spot
     from palpate.specimens import block
     from palpate_indentation.mesh_source import MeshioSource
 
+    if mesh.startswith("refined:"):
+        from palpate.mesh.refinement import refined
+
+        return refined(load(forearm("forearm")), *map(float, mesh.split(":")[1:]))
     if not mesh.startswith("block:"):
         return MeshioSource().load(Path(mesh), Spot(name="p2"))
     across, down = map(int, mesh.split(":")[1:])
@@ -449,7 +456,9 @@ def main() -> None:
     forearms = forearms or {f"forearm, {study}": forearm(study) for study in FOREARMS}
     blocks = {} if given.mesh else {f"block, {a} × {d}": f"block:{a}:{d}" for a, d in BLOCKS}
     if given.sizes or everything:
-        sizes(blocks | forearms, given.before)
+        finer = forearm("robot-log", "palpate_robot_log", "meshes/fine")
+        larger = {} if given.mesh else {"forearm, robot-log, fine": finer, "forearm, refined": REFINED}
+        sizes(blocks | forearms | larger, given.before)
     if given.slopes or everything:
         slopes_cost(forearms, given.before)
     if given.many or everything:
