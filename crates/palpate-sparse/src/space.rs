@@ -15,7 +15,8 @@ use crate::triangular_solve::Number;
 const DEPENDENT: f64 = 1e-5;
 
 /// Residuals that give a direction at once: the factor comes out of memory once for all. With four,
-/// directions are twice as many, since none of them is a residual after the others.
+/// directions are twice as many: a residual that comes after others finds what slows all of them, of which
+/// the space has little before it is large.
 const AT_ONCE: usize = 2;
 
 /// Directions Z, orthonormal images C, and the triangle R by columns.
@@ -30,6 +31,8 @@ pub(crate) struct Space<'a, T, P> {
     size: f64,
     directions: Vec<Vec<T>>,
     images: Vec<Vec<T>>,
+    /// Images that have given a direction.
+    continued: usize,
     triangle: Vec<Vec<f64>>,
 }
 
@@ -46,7 +49,8 @@ struct Side {
 impl<'a, T: Number, P: FnMut(&[T], &mut [T])> Space<'a, T, P> {
     pub(crate) fn new(rows: &'a Rows, values: &'a [T], precondition: P, least: f64) -> Self {
         let (directions, images, triangle) = (Vec::new(), Vec::new(), Vec::new());
-        Self { rows, values, precondition, least, size: 1.0, directions, images, triangle }
+        let (size, continued) = (1.0, 0);
+        Self { rows, values, precondition, least, size, directions, images, continued, triangle }
     }
 
     /// The same for `size` times the values.
@@ -109,6 +113,13 @@ impl<'a, T: Number, P: FnMut(&[T], &mut [T])> Space<'a, T, P> {
             }
             let before = self.images.len();
             self.extend(&open.into_iter().flatten().copied().collect::<Vec<T>>());
+            // A residual that its own direction did not lessen gives that once more: on as GMRES does, from
+            // the images.
+            while self.images.len() == before && self.continued < before {
+                let image = self.images[self.continued].clone();
+                self.continued += 1;
+                self.extend(&image);
+            }
             if self.images.len() == before {
                 break;
             }

@@ -231,6 +231,25 @@ fn right_hand_sides_share_directions() {
     }
 }
 
+#[test]
+fn a_residual_that_its_own_direction_does_not_lessen_is_no_end() {
+    // A shift behind a factor of ones: A b is orthogonal to b until the last of n directions.
+    let (n, faint) = (7, 1e-12);
+    let (mut ones, mut shift) = (vec![vec![0.0; n]; n], vec![vec![0.0; n]; n]);
+    for i in 0..n {
+        let (before, after) = ((i + n - 1) % n, (i + 1) % n);
+        (ones[i][before], ones[i][i], ones[i][after]) = (faint, 1.0, faint);
+        (shift[i][before], shift[i][after]) = (faint, 1.0);
+    }
+    let (data, mut rhs) = (Dense(shift).compressed().2, vec![0.0; 2 * n]);
+    (rhs[0], rhs[n + 2]) = (1.0, 1.0);
+    for precision in [Precision::Double, Precision::Single] {
+        let factor = factorised(&Dense(ones.clone()), precision).unwrap();
+        let found = factor.krylov_together(&data, &rhs, 1e-10, 30).unwrap();
+        assert!(found.residual <= 1e-10, "{}", found.residual);
+    }
+}
+
 fn says<T>(result: Result<T, Error>, parts: &[&str]) {
     let message = result.map(|_| ()).unwrap_err().to_string();
     for part in parts {

@@ -196,14 +196,9 @@ class LinearSolver:
         solutions, _, left = self._factor.krylov_together(
             matrix, rhs, tolerance, len(rhs) * MOST_KRYLOV_STEPS
         )
-        if left <= TOLERATED:
-            return solutions
-        # A residual that its own direction does not lessen ends that space, but not one of GMRES.
-        alone = [self._iterate(matrix, row, tolerance, MOST_KRYLOV_STEPS)[0] for row in rhs]
-        found = [solution for solution in alone if solution is not None]
-        if len(found) < len(alone):
+        if left > max(tolerance, TOLERATED):
             raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
-        return np.stack(found)
+        return solutions
 
     def _factorise(self, values: FloatArray) -> None:
         self.n_factorisations += 1
