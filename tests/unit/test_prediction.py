@@ -17,16 +17,25 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.indenters import Sphere
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
-from palpate.prediction import run_prediction, write_prediction
+from palpate.prediction import predict, run_prediction, write_prediction
 from palpate.prediction.bands import draws_of, ends, linear
 from palpate.prediction.exceedance import exceedances
 from palpate.prediction.files import notes
 from palpate.prediction.measures import area_above, contact_of, weighted_quantile
-from palpate.prediction.summary import QUANTITIES, PressStates, is_by_force, spread, summary_rows
+from palpate.prediction.predict import AS_IS
+from palpate.prediction.summary import (
+    QUANTITIES,
+    PressStates,
+    is_by_force,
+    mesh_errors,
+    spread,
+    summary_rows,
+)
 from palpate.prediction.vtu import vtu
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
+from palpate.specimens import block
 from palpate.stages.fitted import Fitted
 from palpate.stored import StoredRun
 from palpate.study.tool import read_tool
@@ -99,7 +108,8 @@ class Pressed(Solver):
         if job.surface:
             depth = float(job.protocol.path[:, 0].max())
             depths = np.array([0.5, 1.0]) * depth
-            surface = skin(0.1 * theta[0] * np.ones((2, 4)) * np.array([[0.35], [1.0]]), depths)
+            size = 0.1 * theta[0] * (1.1 if job.spot.endswith(AS_IS) else 1.0)
+            surface = skin(size * np.ones((2, 4)) * np.array([[0.35], [1.0]]), depths)
             strain = {name: [1.0, 1.0] for name in ("stretch_min", "J_min", "J_max")}
             strain |= {
                 "stretch_max": [1.0 + 0.05 * d for d in depths],
@@ -146,6 +156,21 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     assert (printed["source"], printed["n_draws"]) == ("fit", found.n_draws)
     assert printed["notes"][0] == "SIMULATED curves."
     assert "Solved bands at p2 are those of 5 draws, each simulated." in printed["notes"]
+    assert any("at p1: normal force 1 %, peak pressure 1 %" in note for note in printed["notes"])
+
+
+def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tmp_path, monkeypatch):
+    study, run = fitted
+    coarse, fine = ({spot: block("hex8", n_across=n, n_down=2) for spot in study.spot_names} for n in (6, 12))
+    monkeypatch.setattr(predict, "load_limbs", lambda study: coarse)
+    monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: dict(fine))
+    tool = read_tool(tool_file(tmp_path, 'fine_edge = "3 mm"\n' + TOOL), study, plugins)
+    found = run_prediction(study, run, tool, plugins.channels, SILENT)
+    for spot in found.spots.values():
+        assert spot.mesh["peak_MPa"] == pytest.approx(0.1 / 3.0, rel=1e-5)
+    row = found.summary.filter(spot="p1", quantity="peak pressure").row(0, named=True)
+    assert row["linear_upper"] > row["value"] * (1.0 + 0.9 * 1.645 * 0.1 / 3.0)
+    assert "peak pressure 3.3 %" in " ".join(notes(found, ""))
 
 
 def test_draws_that_fail_are_counted_and_reported(fitted, plugins, tmp_path, monkeypatch):
@@ -297,6 +322,9 @@ def test_a_linear_band_follows_the_slopes(space):
     np.testing.assert_allclose(lower, [0, 1.1, 2.2], atol=1e-12)
     np.testing.assert_allclose(upper, [0, 2.9, 5.8], atol=1e-12)
     assert linear(replace(curve, slopes={}), best, drawn, space).shape == (0, 3)
+    slippery = replace(curve, slopes={**curve.slopes, "friction": [0, 0, 10]})
+    lower, upper = ends(linear(slippery, best, 201 * [best], space, friction_sd=0.05))
+    np.testing.assert_allclose(upper - lower, [0, 0, 2 * 1.645 * 0.5], rtol=0.02)
 
 
 def hertzian(stiffness=1.0):
@@ -323,6 +351,20 @@ def test_draws_of_a_press_to_a_force_spread_its_depth_and_not_its_force():
     by_depth = {row["quantity"]: row for row in summary_rows("p1", softer, factors, [], by_force=False)}
     assert "depth" not in by_depth
     assert by_depth["normal force"]["linear_upper"] == pytest.approx(10.0 * 1.09)
+
+
+def test_errors_by_the_mesh_are_those_that_a_coarser_one_shows():
+    fine, coarse = hertzian(), hertzian(1.1)
+    errors = mesh_errors(fine, coarse, 2.0, 0.01)
+    assert errors["peak_MPa"] == pytest.approx((1.1 ** (2 / 3) - 1.0) / 3.0, rel=1e-5)
+    assert errors["force_N"] == 0.01, "no less than the study states"
+    assert set(mesh_errors(fine, None, 2.0, 0.02).values()) == {0.02}
+    assert mesh_errors(fine, coarse, 1.0, 0.02)["peak_MPa"] == 0.02, "a mesh of the same size shows nothing"
+    (peak,) = (q for q in QUANTITIES if q.attribute == "peak_MPa")
+    drawn = spread(fine, peak, np.ones(201), by_force=False, mesh={"peak_MPa": 0.1})
+    np.testing.assert_allclose(ends(drawn / fine.value("peak_MPa")), [1 - 0.1645, 1 + 0.1645], rtol=5e-3)
+    given = spread(fine, QUANTITIES[1], np.ones(201), by_force=True, mesh={"force_N": 0.1})
+    assert np.ptp(given) == pytest.approx(0.0, abs=1e-9), "a force that is given has no error"
 
 
 def test_a_press_that_shows_no_growth_with_the_force_has_no_band_at_a_force():

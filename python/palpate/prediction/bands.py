@@ -4,9 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import polars as pl
+from scipy.special import ndtri
 
 from palpate.domain import Curve, FloatArray, ParameterSpace
 from palpate.errors import StudyError
+from palpate.fit.parametrisation import FRICTION
 from palpate.run.result import FitResult, PosteriorResult
 from palpate.stages.fitted import Fitted
 
@@ -33,14 +35,31 @@ def draws_of(found: Fitted, fit: FitResult, posterior: PosteriorResult) -> list[
     return []
 
 
-def linear(curve: Curve, best: Thetas, drawn: Sequence[Thetas], space: ParameterSpace) -> FloatArray:
-    """Ordinates (n_draws, n) by the slopes of a curve; empty where it has none."""
+def linear(
+    curve: Curve,
+    best: Thetas,
+    drawn: Sequence[Thetas],
+    space: ParameterSpace,
+    friction_sd: float = 0.0,
+) -> FloatArray:
+    """Ordinates (n_draws, n) by the slopes of a curve; empty where it has none.
+
+    Each draw has a friction of its own, of a standard deviation around that of the tool.
+    """
     if not curve.slopes or not drawn:
         return np.empty((0, curve.ordinate.size))
     names = [f"{r.region}.{p.name}" for r in space.regions for p in r.material.parameters]
     slopes = np.array([curve.slopes[name] for name in names])
     flat = np.array([_flat(thetas, space) - _flat(best, space) for thetas in drawn])
-    return np.asarray(curve.ordinate + flat @ slopes)
+    by_friction = curve.slopes.get(FRICTION, np.zeros(curve.ordinate.size))
+    others = friction_sd * scores(len(drawn), 0)[:, None] * by_friction
+    return np.asarray(curve.ordinate + flat @ slopes + others)
+
+
+def scores(n: int, cause: int) -> FloatArray:
+    """Standard normal scores (n,) in an order of their own for each cause."""
+    order = np.random.default_rng(cause).permutation(n)
+    return np.asarray(ndtri((order + 0.5) / n))
 
 
 def _flat(thetas: Thetas, space: ParameterSpace) -> FloatArray:

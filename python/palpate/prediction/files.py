@@ -8,7 +8,7 @@ import polars as pl
 
 from palpate.domain import Channel
 from palpate.prediction.predict import Prediction, SpotPrediction
-from palpate.prediction.summary import is_by_force
+from palpate.prediction.summary import QUANTITIES, is_by_force
 from palpate.prediction.vtu import vtu
 from palpate.run.directory import file_name
 from palpate.run.result_files import write_atomically, write_frame
@@ -63,8 +63,12 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
     if prediction.n_draws and any(each.bands for each in prediction.spots.values()):
         lines.append(
             f"Linear bands hold 90 % of {prediction.n_draws} draws of the fitted values, by the slopes of "
-            "one simulation; pressures and shear are taken to change like the force, the contact not at all."
+            "one simulation, with the friction of the tool; pressures and shear are taken to change like the "
+            "force, the contact not at all."
         )
+        lines += [
+            f"Errors of the mesh at {spot}: {_errors(each)}." for spot, each in prediction.spots.items()
+        ]
         if is_by_force(tool.protocol):
             lines.append(
                 "By force, a stiffer tissue is taken to have what this one has under less force; areas, mean "
@@ -76,6 +80,12 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
     failed = [f"{s} ({p.simulation.message})" for s, p in prediction.spots.items() if p.simulation.message]
     lines += [f"Not pressed to the end: {text}." for text in failed]
     return [*lines, beyond(prediction.strains)]
+
+
+def _errors(each: SpotPrediction) -> str:
+    """Standard deviations by the mesh of what has a band."""
+    named = ((q.name, each.mesh[q.attribute]) for q in QUANTITIES if q.at_depth)
+    return ", ".join(f"{name} {100.0 * sd:.2g} %" for name, sd in named)
 
 
 def _solved(spot: str, each: SpotPrediction) -> str:

@@ -7,12 +7,31 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.domain import Channel, Curve, FloatArray, Job, Limb, Simulation, Status, SurfaceStates
+from palpate.certainty.causes import RELATIVE
+from palpate.domain import (
+    Channel,
+    Curve,
+    FloatArray,
+    Indentation,
+    Job,
+    Limb,
+    Simulation,
+    Status,
+    SurfaceStates,
+)
 from palpate.errors import SolverError, StudyError
+from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import refined
-from palpate.prediction.bands import Thetas, check_shared, draws_of, ends, frame_rows, linear
+from palpate.prediction.bands import Thetas, check_shared, draws_of, ends, frame_rows, linear, scores
 from palpate.prediction.exceedance import exceedances
-from palpate.prediction.summary import QUANTITIES, PressStates, is_by_force, press_states, summary_rows
+from palpate.prediction.summary import (
+    QUANTITIES,
+    PressStates,
+    is_by_force,
+    mesh_errors,
+    press_states,
+    summary_rows,
+)
 from palpate.progress import Progress
 from palpate.run.directory import RunDirectory
 from palpate.stages.fitted import Fitted, inputs_at
@@ -22,6 +41,9 @@ from palpate.stages.sweep import Simulations
 from palpate.stored import StoredRun
 from palpate.study.reading import Study
 from palpate.study.tool import Tool
+
+AS_IS = "/as is"
+"""Added to the name of a spot: its mesh without the refinement under the tool."""
 
 REFINED = 1.1
 """Distance from the spot up to which a mesh is refined, over the reach of the tool."""
@@ -41,6 +63,8 @@ class SpotPrediction:
         Ends of the linear band of a curve; none without draws.
     summary : list of dict
         Rows of the table.
+    mesh : mapping of quantity to float
+        Relative standard deviation of its error by the mesh.
     n_asked, n_ended : int
         Draws that were to be simulated, and those whose simulation did not fail: the solved bands hold these.
     """
@@ -49,6 +73,7 @@ class SpotPrediction:
     pressed: PressStates
     bands: Mapping[str, FloatArray]
     summary: list[dict[str, Any]]
+    mesh: Mapping[str, float]
     n_asked: int
     n_ended: int
 
@@ -129,6 +154,8 @@ def predict(
         )
     pressed = tool.study(study)
     limbs = refined_limbs(pressed, tool)
+    if tool.fine_edge_mm:
+        limbs |= {f"{name}{AS_IS}": limb for name, limb in load_limbs(pressed).items()}
     observed = tuple(c for c in channels.values() if c.columns <= set(study.solver.provides.columns))
     with Simulations(pressed, run.folder, limbs, progress, check_lock) as simulations:
         spots = {}
@@ -179,10 +206,30 @@ class _Plan:
         row = np.array([values[name] for name in study.space.names])
         return study.space.thetas(row)
 
-    def job(self, thetas: Thetas, *, slopes: bool) -> Job:
+    @property
+    def friction_sd(self) -> float:
+        """Standard deviation of the tool's friction: relative to it, that of the experiment's."""
+        sd, protocol, friction = (
+            self.stored.study.budget.friction,
+            self.stored.study.protocol,
+            self.tool.protocol.friction,
+        )
+        if sd is None or not isinstance(protocol, Indentation) or not protocol.friction:
+            return RELATIVE * friction
+        return sd / protocol.friction * friction
+
+    def refinement(self, limbs: Mapping[str, Limb]) -> float:
+        """Size of the elements under the tool over that on the refined mesh."""
+        indenter, path = self.tool.protocol.indenter, self.tool.protocol.path
+        near = indenter.reach_mm(float(path[:, 0].max()))
+        near = min(near, self.tool.fine_reach_mm) if self.tool.fine_reach_mm else near
+        sizes = [contact_edge_mm(limbs[name], near) for name in (f"{self.spot}{AS_IS}", self.spot)]
+        return sizes[0] / sizes[1]
+
+    def job(self, thetas: Thetas, *, slopes: bool, as_is: bool = False) -> Job:
         study = self.stored.study
         return Job(
-            spot=self.spot,
+            spot=f"{self.spot}{AS_IS}" if as_is else self.spot,
             set_id=-1,
             materials={region.region: region.material for region in study.space.regions},
             thetas=thetas,
@@ -203,8 +250,11 @@ def _at_spot(
     drawn = [plan.thetas(values) for values in draws]
     jobs = [plan.job(best, slopes=True), *(plan.job(each, slopes=False) for each in _spread(drawn, n_solved))]
     check_jobs(simulations.study, jobs[:1], simulations.limbs)
+    refined_too = f"{plan.spot}{AS_IS}" in simulations.limbs
+    jobs += [plan.job(best, slopes=False, as_is=True)] if refined_too else []
     simulations.progress.begin(f"predict {plan.spot}", len(jobs))
     simulation, *solved = simulations.of(jobs)
+    as_is = solved.pop() if refined_too else None
     if simulation.response is None or simulation.surface is None or not len(simulation.surface.depth_mm):
         raise SolverError(
             f"spot '{plan.spot}': {plan.tool.name} cannot be pressed: "
@@ -212,20 +262,38 @@ def _at_spot(
         )
     threshold = plan.tool.threshold_MPa
     space = plan.stored.study.space
-    lines = {c.channel: linear(c, best, drawn, space) for c in simulation.response.curves.values()}
+    curves = simulation.response.curves
+    lines = {n: linear(c, best, drawn, space, plan.friction_sd) for n, c in curves.items()}
     ended = [s for s in solved if s.status is Status.OK and s.surface is not None]
     pressed = press_states(simulation, threshold)
-    stiffer = _stiffer(simulation.response.curves.get("force"), lines.get("force"))
+    stiffer = _stiffer(curves.get("force"), lines.get("force"))
+    mesh = _mesh_errors(plan, simulations.limbs, simulation, as_is)
     found = [press_states(each, threshold) for each in ended]
     by_force = is_by_force(plan.tool.protocol)
     return SpotPrediction(
         simulation=simulation,
         pressed=pressed,
-        bands={name: np.array(ends(values)) for name, values in lines.items() if len(values)},
-        summary=list(summary_rows(plan.spot, pressed, stiffer, found, by_force=by_force)),
+        bands={
+            name: np.array(ends(values * (1.0 + mesh["force_N"] * scores(len(values), 1)[:, None])))
+            for name, values in lines.items()
+            if len(values)
+        },
+        summary=list(summary_rows(plan.spot, pressed, stiffer, found, by_force=by_force, mesh=mesh)),
+        mesh=mesh,
         n_asked=len(solved),
         n_ended=len(ended),
     )
+
+
+def _mesh_errors(
+    plan: _Plan, limbs: Mapping[str, Limb], simulation: Simulation, as_is: Simulation | None
+) -> dict[str, float]:
+    """Relative standard deviation of each quantity by its mesh; the study's own where none is known."""
+    least, threshold = plan.stored.study.budget.mesh, plan.tool.threshold_MPa
+    pressed = press_states(simulation, threshold)
+    if as_is is None or {simulation.status, as_is.status} != {Status.OK}:
+        return mesh_errors(pressed, None, 1.0, least)
+    return mesh_errors(pressed, press_states(as_is, threshold), plan.refinement(limbs), least)
 
 
 def _spread(drawn: Sequence[Thetas], n: int) -> list[Thetas]:

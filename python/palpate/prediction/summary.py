@@ -5,14 +5,16 @@ needs s times the force and has s times the pressures. A tool that is pressed by
 what this tissue has at F/s, which the states along its path show.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from palpate.domain import FloatArray, Indentation, Simulation
-from palpate.prediction.bands import ends
+from palpate.fit.tables import ORDER
+from palpate.prediction.bands import ends, scores
 from palpate.prediction.measures import Contact, contact_of
 from palpate.waypoints import DEPTH
 
@@ -42,6 +44,8 @@ QUANTITIES = (
     Quantity("area above the threshold", "mm²", "above_mm2", False, False),
 )
 """Rows of the summary."""
+
+NO_ERRORS: Mapping[str, float] = MappingProxyType({})
 
 FROM_FORCE = 0.5
 """Share of the largest force from which on states show how a quantity grows with the force."""
@@ -99,15 +103,45 @@ def is_by_force(protocol: Indentation) -> bool:
     return protocol.loads is not None and bool(np.isfinite(protocol.loads[:, DEPTH]).any())
 
 
+def mesh_errors(
+    pressed: PressStates, coarser: PressStates | None, refinement: float, least: float
+) -> dict[str, float]:
+    """Relative standard deviation of each quantity by its mesh.
+
+    As of a fit: what finer meshes would change is as uncertain as the change from a coarser one, whose
+    elements are larger by ``refinement``, over refinement² − 1. ``least`` where that is less, or unknown.
+    """
+    found = {}
+    for name in (quantity.attribute for quantity in QUANTITIES):
+        value, other = pressed.value(name), None if coarser is None else coarser.value(name)
+        change = 0.0
+        if value and other is not None and refinement > 1.0:
+            change = abs(1.0 - other / value) / (refinement**ORDER - 1.0)
+        found[name] = max(change, least)
+    return found
+
+
 def spread(
-    pressed: PressStates, quantity: Quantity, stiffer: FloatArray, *, by_force: bool
+    pressed: PressStates,
+    quantity: Quantity,
+    stiffer: FloatArray,
+    *,
+    by_force: bool,
+    mesh: Mapping[str, float] = NO_ERRORS,
 ) -> FloatArray | None:
-    """Values (n,) of a quantity for draws that are stiffer by factors (n,); None where none are known."""
+    """Values (n,) of a quantity for draws that are stiffer by factors (n,); None where none are known.
+
+    ``mesh`` has the relative standard deviation of its error by the mesh.
+    """
     value = pressed.value(quantity.attribute)
     if value is None or not len(stiffer) or not (quantity.at_force if by_force else quantity.at_depth):
         return None
     growth = pressed.growth(quantity.attribute) if by_force else 0.0
-    return None if growth is None else value * stiffer ** (float(quantity.at_depth) - growth)
+    if growth is None:
+        return None
+    is_given = by_force and quantity.attribute == "force_N"
+    by_mesh = 0.0 if is_given else mesh.get(quantity.attribute, 0.0) * scores(len(stiffer), 1)
+    return np.asarray(value * stiffer ** (float(quantity.at_depth) - growth) * (1.0 + by_mesh))
 
 
 def summary_rows(
@@ -117,6 +151,7 @@ def summary_rows(
     solved: Sequence[PressStates],
     *,
     by_force: bool,
+    mesh: Mapping[str, float] = NO_ERRORS,
 ) -> Iterator[dict[str, Any]]:
     """Value, ends of the linear band, and those of simulated draws, of each quantity at a spot."""
     for quantity in QUANTITIES:
@@ -129,7 +164,7 @@ def summary_rows(
             "unit": quantity.unit,
             "value": value,
         }
-        drawn = spread(pressed, quantity, stiffer, by_force=by_force)
+        drawn = spread(pressed, quantity, stiffer, by_force=by_force, mesh=mesh)
         band = (None, None) if drawn is None else ends(drawn)
         row |= {
             f"linear_{end}": None if at is None else float(at)
