@@ -157,6 +157,7 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     assert printed["notes"][0] == "SIMULATED curves."
     assert "Solved bands at p2 are those of 5 draws, each simulated." in printed["notes"]
     assert any("at p1: normal force 1 %, peak pressure 1 %" in note for note in printed["notes"])
+    assert any("add fine_edge to the tool file" in note for note in printed["notes"])
 
 
 def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tmp_path, monkeypatch):
@@ -171,6 +172,7 @@ def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tm
     row = found.summary.filter(spot="p1", quantity="peak pressure").row(0, named=True)
     assert row["linear_upper"] > row["value"] * (1.0 + 0.9 * 1.645 * 0.1 / 3.0)
     assert "peak pressure 3.3 %" in " ".join(notes(found, ""))
+    assert "add fine_edge" not in " ".join(notes(found, ""))
 
 
 def test_draws_that_fail_are_counted_and_reported(fitted, plugins, tmp_path, monkeypatch):

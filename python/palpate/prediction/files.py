@@ -69,6 +69,11 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
         lines += [
             f"Errors of the mesh at {spot}: {_errors(each)}." for spot, each in prediction.spots.items()
         ]
+        if not tool.fine_edge_mm:
+            lines.append(
+                "warning: these errors are what [budget] states, and under other tools than the experiment's "
+                "they may be far larger; add fine_edge to the tool file, which measures them."
+            )
         if is_by_force(tool.protocol):
             lines.append(
                 "By force, a stiffer tissue is taken to have what this one has under less force; areas, mean "
