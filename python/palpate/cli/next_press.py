@@ -75,10 +75,12 @@ def next_(  # named apart from the builtin
     options = _options(session, study, allowed, tool, goal=goal, n_presses=n_presses, n_points=n_points)
     with StageProgress(session, folder) as progress:
         found = propose(study, folder, session.plugins, progress, options)
+    picture = _draw(study, found, folder)
     if as_json:
         _print_json(session, folder, progress)
         return
     _show(session, found)
+    session.labelled("Picture", picture.resolve().as_uri())
     name = found.steps[0].chosen.press.press.name
     session.next(
         f"extend {folder} --press {name} --with {name}.csv",
@@ -106,10 +108,12 @@ def plan(
     options = _options(session, checked, allowed, tool, goal=goal, n_presses=n_presses, n_points=n_points)
     with StageProgress(session) as progress:
         found = plan_presses(checked, folder, session.plugins, progress, options)
+    picture = _draw(checked, found, folder)
     if as_json:
         _print_json(session, folder, progress)
         return
     _show(session, found)
+    session.labelled("Picture", picture.resolve().as_uri())
     session.note(f"poses and paths are in {folder / 'next.json'}")
 
 
@@ -134,6 +138,13 @@ def _options(
         n_presses=n_presses,
         n_points=n_points,
     )
+
+
+def _draw(study: "Study", found: "Proposal", folder: Path) -> Path:
+    from palpate.planning.figure import draw
+    from palpate.stages.limb import load_limbs
+
+    return draw(found, load_limbs(study, to_show=True), folder)[0]
 
 
 def _print_json(session: Session, folder: Path, progress: StageProgress) -> None:
