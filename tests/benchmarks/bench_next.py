@@ -17,7 +17,7 @@ import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from itertools import combinations_with_replacement, pairwise
+from itertools import combinations_with_replacement, pairwise, repeat
 
 import bench_coverage as strips
 import numpy as np
@@ -226,8 +226,8 @@ def chosen(world: World, first: tuple, estimator: str, tool: Tool | None) -> dic
     return {"widths": widths[-1], "first": widths[0], "holds": holds, "expected": expected, "presses": names}
 
 
-def session(seed: int) -> dict:
-    """Every way in one world, the same first press in each."""
+def session(seed: int, ways: list[str]) -> dict:
+    """Some ways in one world, the same first press in each."""
     world = World(seed)
     first = protocol_of(10.0, TWISTS_DEG[1])
     alike = {spot: (first, world.press(spot, first)) for spot in THICKNESS}
@@ -235,7 +235,8 @@ def session(seed: int) -> dict:
     for estimator in ("fopt", "gls"):
         widths, holds = widths_of(world, world.fitted(alike, estimator))
         found[f"four alike, {estimator}"] = {"widths": widths, "holds": holds}
-    for way, (estimator, tool) in WAYS.items():
+    for way in ways:
+        estimator, tool = WAYS[way]
         found[way] = chosen(world, alike["p1"], estimator, tool)
     return found
 
@@ -302,6 +303,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--n", type=int, default=50, help="sessions")
     parser.add_argument("--workers", type=int, help="processes; default: all cores")
+    parser.add_argument("--ways", nargs="*", choices=WAYS, default=list(WAYS), help="how presses are chosen")
     parser.add_argument("--bound", action="store_true", help="what any presses could reach, instead")
     asked = parser.parse_args()
     found = []
@@ -313,13 +315,13 @@ def main() -> None:
             say(f"{way}: mean {ratios.mean(axis=0).round(2)}, least {ratios.min(axis=0).round(2)}")
         return
     with ProcessPoolExecutor(asked.workers) as pool:
-        for each in pool.map(session, range(asked.n)):
+        for each in pool.map(session, range(asked.n), repeat(asked.ways)):
             found.append(each)
             say(f"{len(found)}: " + "; ".join(f"{way} {np.round(e['widths'], 4)}" for way, e in each.items()))
             if len(found) % 4 == 0:
                 table(found)
     table(found)
-    for way in WAYS:
+    for way in asked.ways:
         expectations(way, found)
 
 

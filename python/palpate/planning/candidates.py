@@ -6,7 +6,7 @@ import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
@@ -25,6 +25,17 @@ MOST_PRESSES = 500
 """Most candidates: each is simulated at several points."""
 
 
+PRESSURE = "pressure"
+"""Largest contact pressure, which is limited like a channel."""
+
+
+class Limit(NamedTuple):
+    """Most of something."""
+
+    most: float
+    unit: str
+
+
 class Allowed(BaseModel):
     """What a file of candidates holds."""
 
@@ -37,7 +48,7 @@ class Allowed(BaseModel):
         "combination is a candidate.",
     )
     limits: dict[str, str] = Field(
-        default={}, description='Most of each channel with its unit, such as force = "30 N".'
+        default={}, description='Most of each channel, and pressure, with its unit, such as force = "30 N".'
     )
 
     _file: Path | None = PrivateAttr(None)
@@ -90,22 +101,29 @@ def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:
     return found
 
 
-def limits_of(allowed: Allowed | None, channels: Mapping[str, Channel]) -> dict[str, float]:
-    """Most of each channel, in its unit.
+def limits_of(allowed: Allowed | None, study: Study, channels: Mapping[str, Channel]) -> dict[str, Limit]:
+    """Most of each channel, and of the pressure.
 
     Raises
     ------
     StudyError
-        An unknown channel, or a quantity that is none of its kind.
+        An unknown channel, a quantity that is none of its kind, or a solver that does not give the pressure.
     """
-    found: dict[str, float] = {}
+    found: dict[str, Limit] = {}
     if allowed is None:
         return found
+    units = {name: channel.units[1].replace("Nmm", "N*mm") for name, channel in channels.items()}
+    units[PRESSURE] = "MPa"
     for name, given in allowed.limits.items():
-        if name not in channels:
-            raise StudyError(f"{allowed.place}limits.{name}: no such channel (known: {', '.join(channels)})")
+        if name not in units:
+            raise StudyError(f"{allowed.place}limits.{name}: no such channel (known: {', '.join(units)})")
+        if name == PRESSURE and not study.solver.provides.surface:
+            raise StudyError(
+                f"{allowed.place}limits.{name}: solver '{study.solver.name}' does not give the states of the "
+                "skin; use 'jax', or limit the force"
+            )
         try:
-            found[name] = convert(given, channels[name].units[1].replace("Nmm", "N*mm"))
+            found[name] = Limit(convert(given, units[name]), units[name])
         except ValueError as error:
             raise StudyError(f"{allowed.place}limits.{name}: {error}") from None
     return found

@@ -90,7 +90,7 @@ class PressAtPoint:
     ----------
     evidence : Evidence
     peaks : mapping of channel to float
-        Largest ordinates.
+        Largest ordinates, and the largest ``pressure`` [MPa] where it was asked for.
     """
 
     evidence: Evidence
@@ -199,7 +199,7 @@ def _stated(
     design: DesignProblem, presses: Sequence[Press], points: FloatArray
 ) -> dict[Press, list[Problem] | str]:
     """State a problem for each press and point, its simulated curves as measured; or why there is none."""
-    bare = {press: design.problem.restated([_term(design, press, Response(curves={}))]) for press in presses}
+    bare = {press: bare_problem(design, press) for press in presses}
     jobs = [job_of(design, problem, point) for problem in bare.values() for point in points]
     ended = iter(design.problem.simulate(jobs))
     found: dict[Press, list[Problem] | str] = {}
@@ -215,6 +215,11 @@ def _stated(
             if not stated[0].terms[0].weights:
                 found[press] = f"it shows no channel of scenario '{design.scenario.name}'"
     return found
+
+
+def bare_problem(design: DesignProblem, press: Press) -> Problem:
+    """State the problem of a press without any measured curve."""
+    return design.problem.restated([_term(design, press, Response(curves={}))])
 
 
 def job_of(design: DesignProblem, problem: Problem, point: FloatArray) -> Job:

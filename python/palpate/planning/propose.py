@@ -35,7 +35,7 @@ def propose(
         There is no joint fit with intervals, or nothing that is allowed is possible.
     """
     allowed = options.allowed
-    limits, presses = limits_of(allowed, plugins.channels), candidates(study, plugins, allowed)
+    limits, presses = limits_of(allowed, study, plugins.channels), candidates(study, plugins, allowed)
     tool = tool_limbs(study, options.tool)
     with opened_fit(study, run_folder, plugins, progress, tool) as (stored, simulations, cases):
         certain = certainty_stage(simulations, stored.inputs, cases)
@@ -70,7 +70,7 @@ def plan(
         Nothing that is allowed is possible.
     """
     allowed = options.allowed
-    limits, presses = limits_of(allowed, plugins.channels), candidates(study, plugins, allowed)
+    limits, presses = limits_of(allowed, study, plugins.channels), candidates(study, plugins, allowed)
     tool = tool_limbs(study, options.tool)
     limbs, run = load_limbs(study), RunDirectory(run_folder)
     if (run_folder / "fit.parquet").exists():

@@ -12,10 +12,12 @@ from palpate.domain import FloatArray, Parameter, Response, Scenario
 from palpate.errors import StudyError
 from palpate.fit.problem import Problem, Simulate
 from palpate.fit.spot_term import term_of
+from palpate.planning.candidates import PRESSURE, Limit
 from palpate.planning.evidence import ErrorSizes, Evidence, FoptEvidence, GlsEvidence
 from palpate.planning.narrowing import Goal, Narrowing, Plan, bands, check_goal, interval
 from palpate.planning.options import PlanOptions
 from palpate.planning.presses import DesignProblem, Press, SimulatedPress, presses_so_far, simulated_presses
+from palpate.planning.pressure import with_pressures
 from palpate.planning.tool_force import tool_forces
 from palpate.progress import SILENT, Progress
 from palpate.study.reading import Study
@@ -104,7 +106,7 @@ class PlanningStage:
         self,
         presses: Sequence[Press],
         options: PlanOptions,
-        limits: Mapping[str, float],
+        limits: Mapping[str, Limit],
     ) -> Proposal:
         """Simulate the presses at likely parameters, and choose one after the other.
 
@@ -174,7 +176,7 @@ def choose_presses(
     presses: Sequence[Press],
     points: FloatArray,
     options: PlanOptions,
-    limits: Mapping[str, float],
+    limits: Mapping[str, Limit],
 ) -> Proposal:
     """Simulate presses at points (n_points, n_parameters) of the box, and choose one after the other.
 
@@ -185,6 +187,8 @@ def choose_presses(
     """
     goal = _goal(design, options, points[0])
     simulated = simulated_presses(design, presses, points)
+    if PRESSURE in limits:
+        simulated = with_pressures(design, simulated, points[0])
     refused = {each.press.name: why for each in simulated if (why := _refusal(each, limits))}
     possible = [each for each in simulated if each.press.name not in refused]
     if not possible:
@@ -269,9 +273,11 @@ def of_priors(design: DesignProblem) -> Evidence:
     )
 
 
-def _refusal(press: SimulatedPress, limits: Mapping[str, float]) -> str:
+def _refusal(press: SimulatedPress, limits: Mapping[str, Limit]) -> str:
     """Why a press cannot be made; empty where it can."""
-    over = {name: peak for name, peak in press.peaks.items() if peak > limits.get(name, np.inf)}
-    name = next(iter(over), "")
-    beyond = f"the {name} reaches {over[name]:.3g}, over the limit of {limits[name]:.3g}" if over else ""
-    return press.failure or beyond
+    if press.failure:
+        return press.failure
+    for name, (most, unit) in limits.items():
+        if (peak := press.peaks.get(name, 0.0)) > most:
+            return f"the {name} reaches {peak:.3g} {unit}, over the limit of {most:.3g} {unit}"
+    return ""

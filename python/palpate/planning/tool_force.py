@@ -16,6 +16,7 @@ from palpate.errors import StudyError
 from palpate.planning.presses import DesignProblem, job_of, point_in, slopes_of
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
 from palpate.prediction.predict import refined_limbs
+from palpate.prediction.summary import is_by_force
 from palpate.study.reading import Study
 from palpate.study.tool import Tool
 
@@ -76,8 +77,12 @@ def tool_forces(design: DesignProblem, tool: Tool, point: FloatArray) -> tuple[T
     Raises
     ------
     StudyError
-        The tool cannot be pressed, or a material is not the same at all spots.
+        The tool cannot be pressed, or is pressed by force, or a material is not the same at all spots.
     """
+    if is_by_force(tool.protocol):
+        raise StudyError(
+            f"tool '{tool.name}' is pressed by force, so its force is known; give it a depth instead"
+        )
     problem = design.problem
     materials = {name.partition("@")[0] for name in problem.names if "@" in name}
     if own := sorted(materials & set(design.study.space.names)):

@@ -1,5 +1,6 @@
 """Further presses of a small study in closed form: ranked, refused, and made."""
 
+import functools
 import json
 from dataclasses import replace
 
@@ -11,15 +12,21 @@ from pydantic import TypeAdapter
 import palpate_materials
 from palpate import pipeline
 from palpate.cli.output import ProposalOutput
-from palpate.domain import Job
+from palpate.domain import Indentation, Job, SurfaceStates, Waypoints
 from palpate.errors import StudyError
-from palpate.planning.candidates import Allowed, read_allowed, usual
+from palpate.opened_fit import abscissae_of
+from palpate.planning.candidates import Allowed, Limit, candidates, described, read_allowed, usual
 from palpate.planning.extension import extended_study
+from palpate.planning.figure import draw
 from palpate.planning.options import PlanOptions
+from palpate.planning.presses import simulated_presses
+from palpate.planning.pressure import with_pressures
 from palpate.planning.propose import plan, propose
+from palpate.planning.stage import before_any_press, choose_presses
 from palpate.planning.study_text import AddedPress, with_presses
 from palpate.planning.tables import for_robot, proposal_tables
 from palpate.run.result import ALL_SPOTS
+from palpate.specimens.blocks import block
 from palpate.study.reading import read_study
 from palpate.study.tool import read_tool
 from palpate.testing.studies import StudyRunner
@@ -135,6 +142,29 @@ def test_prediction_of_a_tool_is_narrowed(run, tool):
     assert found.steps[0].chosen.goal <= of_same[by_all[0].press.press.name]
 
 
+def test_tool_that_is_pressed_by_force_has_no_force_to_predict(run, tool):
+    path, loads = np.zeros((2, 6)), np.full((2, 6), np.nan)
+    loads[1, 0], path[1, 0] = 3.0, 5.0
+    by_force = Indentation.along(
+        Waypoints(pose=path, loads=loads), indenter=tool.protocol.indenter, friction=0.5
+    )
+    with pytest.raises(StudyError, match="'tool' is pressed by force"):
+        _proposed(run, tool=replace(tool, protocol=by_force))
+
+
+@pytest.mark.usefixtures("one_figure")
+def test_picture_has_every_spot_with_its_best_candidates(run, tmp_path):
+    found = _proposed(run)
+    limb = block("hex8", n_across=3, n_down=2)
+    svg, *_ = draw(found, {"p1": limb}, tmp_path)
+    text = svg.read_text()
+    best = found.steps[0].chosen
+    assert f"p1: {best.goal:.2f}" in text
+    assert text.count("depth ") == 6  # of so many candidates, the best first
+    assert described(best.press.press) in text
+    assert text.count("<path") > draw(found, {}, tmp_path / "bare")[0].read_text().count("<path")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [({"goal": "prediction"}, "needs a tool"), ({"goal": "all", "tool": "given"}, "needs no tool")],
@@ -154,6 +184,59 @@ def test_limits_refuse_what_presses_too_hard(run):
     assert set(held.refused) == peaks.keys() - kept
     with pytest.raises(StudyError, match="none of 6 candidates is possible"):
         _proposed(run, ALLOWED.model_copy(update={"limits": {"force": "1e-6 N"}}))
+
+
+def _with_skin(study, jobs):
+    """Simulations whose largest pressure is a thousandth of their largest force."""
+    for job in jobs:
+        found = study.solver.simulate(replace(job, surface=False), None)
+        peak = 1e-3 * found.response.curves["force"].ordinate.max()
+        yield replace(found, job=job, surface=_skin(peak) if job.surface else None)
+
+
+def _skin(peak):
+    """One triangle under a pressure, in two states."""
+    zeros = np.zeros((2, 3, 3))
+    return SurfaceStates(
+        points_mm=[(0, 0, 0), (1, 0, 0), (0, 1, 0)],
+        triangles=[(0, 1, 2)],
+        depth_mm=[0.0, 1.0],
+        rotation_deg=[0.0, 0.0],
+        positions_mm=np.zeros((2, 3)),
+        rotations=np.tile(np.eye(3), (2, 1, 1)),
+        displacements_mm=zeros,
+        areas_mm2=np.ones((2, 3)),
+        touching=np.ones((2, 3)),
+        pressures_MPa=[[0.0, 0.0, 0.0], [peak, 0.5 * peak, 0.0]],
+        shears_MPa=zeros,
+        tractions_MPa=zeros,
+    )
+
+
+def test_limit_of_pressure_refuses_what_presses_too_hard_at_any_point(run):
+    study, _, plugins = run
+    (scenario,) = (s for s in study.scenarios if s.name == study.generalise_by)
+    simulate = functools.partial(_with_skin, study)
+    design, points = before_any_press(
+        study, scenario, lambda jobs: list(simulate(jobs)), abscissae_of(plugins), 3
+    )
+    made = candidates(study, plugins, ALLOWED)
+    known = with_pressures(design, simulated_presses(design, made, points), points[0])
+    for press in known:
+        for at in press.at:  # solved at the first, and by the force at the others
+            assert at.peaks["pressure"] == pytest.approx(1e-3 * at.peaks["force"])
+    limit = float(np.median([press.peaks["pressure"] for press in known]))
+    found = choose_presses(design, [], made, points, PlanOptions(), {"pressure": Limit(limit, "MPa")})
+    over = {press.press.name for press in known if press.peaks["pressure"] > limit}
+    assert found.refused.keys() == over != set()
+    assert all("the pressure reaches" in why and "MPa" in why for why in found.refused.values())
+
+
+def test_pressure_needs_a_solver_that_gives_it(run):
+    with pytest.raises(
+        StudyError, match=r"limits\.pressure: solver '.*' does not give the states of the skin"
+    ):
+        _proposed(run, ALLOWED.model_copy(update={"limits": {"pressure": "50 kPa"}}))
 
 
 @pytest.mark.parametrize(
