@@ -2,7 +2,7 @@
 
 ``tests/benchmarks/study_mesh_size.py`` presses and twists the phantom's spot p2 on meshes of
 several sizes and extrapolates y(h) = y₀ + c hᵖ to h = 0. Its results are here, and in the
-note of every mesh.
+note of every mesh. ``study_real_mesh.py`` does so on real limbs, where the torque is off by more.
 """
 
 from typing import Any
@@ -17,7 +17,8 @@ TORQUE = (0.0144, 0.0255, 0.0641)
 """Half the width of the torque's loop over its limit, less one."""
 MEASURED_ON = (
     "forearm phantom, spot p2, Yeoh's material, sphere of 7.5 mm pressed 10 mm deep and twisted by 22.5 "
-    "degrees both ways, friction 1; three meshes"
+    "degrees both ways, friction 1; three meshes. On a real forearm and a residual limb (one spot each) the "
+    "torque of a mesh with edges of 0.3 radii is off by 4 to 7 %, the force by up to 1 %"
 )
 
 
