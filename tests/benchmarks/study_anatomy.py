@@ -157,7 +157,7 @@ def write_mesh(file: Path, segment: Segment, skin_mm: float, ratio: float) -> No
 
 
 def errors(case: Path) -> dict[str, list[float]]:
-    """Errors [%] of both moduli by scenario: two Gauss-Newton steps from the truth, nearly linear curves."""
+    """Errors [%] of both moduli by scenario: two Gauss-Newton steps from the truth, each by up to twice."""
     study, truth, found = palpate.read_study(case), np.array(list(TRUTH.values())), {}
     for scenario in ("I", "II", "III"):
         with palpate.open_problem(study, scenario=scenario, folder=case / "run") as problem:
@@ -165,10 +165,14 @@ def errors(case: Path) -> dict[str, list[float]]:
             shares = [np.ones(2)]
             for _ in range(2):
                 values = shares[-1] * truth
+                near = (
+                    np.maximum(problem.bounds[0] / values, 0.5),
+                    np.minimum(problem.bounds[1] / values, 2.0),
+                )
                 step = lsq_linear(
                     problem.jacobian(values) * truth,
                     -problem.residuals(values),
-                    [bound / truth - shares[-1] for bound in problem.bounds],
+                    [shares[-1] * (bound - 1.0) for bound in near],
                 )
                 shares.append(shares[-1] + step.x)
         last = float(np.abs(shares[2] / shares[1] - 1.0).max())
