@@ -10,7 +10,7 @@ values and slopes, the other meshes by their ratio to these. Printed are the lar
 out; then, for each tool, how often the bands hold the truth, and the errors of the predicted values. What is
 in FOLDER is not simulated again.
 
-    python tests/benchmarks/study_prediction.py FOLDER --n 20
+    python tests/benchmarks/study_prediction.py FOLDER --n 40
 """
 
 import argparse
@@ -329,7 +329,7 @@ def table(cases: Sequence[dict], refinement: dict[str, float]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="keeps what is simulated, and cases.jsonl")
-    parser.add_argument("--n", type=int, default=20, help="experiments")
+    parser.add_argument("--n", type=int, default=40, help="experiments")
     chosen = parser.parse_args()
     phantom = Phantom(chosen.folder)
     say(f"nodes: { ({name: limb.mesh.n_nodes for name, limb in phantom.limbs.items()}) }")
