@@ -1,11 +1,11 @@
-"""An order of elimination is searched once for a pattern, and a damaged file costs no more than a search."""
+"""Orders of elimination are searched once for a pattern, damaged files cost a search; renewed factors."""
 
 import numpy as np
 import pytest
 
 from palpate.api import SparseFactor
 from palpate_jax import kept_orders
-from palpate_jax.sparse import LinearSolver, Pattern
+from palpate_jax.sparse import PATIENCE, LinearSolver, Pattern
 
 ELEMENTS = np.arange(24).reshape(2, 12)
 PATTERN = Pattern([ELEMENTS, np.concatenate([ELEMENTS[:, :6], ELEMENTS[::-1, 6:]], axis=1)], 24)
@@ -67,3 +67,13 @@ def test_a_simulation_begins_in_single_precision_whatever_was_before_it():
     assert after._factor.precision == "double"  # which alone can hold it
     after.restart()
     assert np.array_equal(after.solve(easy, lambda: easy, rhs, 1e-12), alone)
+
+
+def test_a_factor_whose_first_system_was_hard_is_renewed(monkeypatch):
+    steps = iter([35, 5, *[PATIENCE // 4 + 5] * 4, 4])
+    monkeypatch.setattr(LinearSolver, "_iterate", lambda self, matrix, rhs, *rest: (rhs, next(steps)))
+    rows = np.repeat(np.arange(24), np.diff(PATTERN.indptr))
+    solver, values = LinearSolver(PATTERN), (rows == PATTERN.indices).astype(float)
+    for _ in range(7):
+        solver.solve(values, lambda: values, np.ones(24), 1e-3)
+    assert solver.n_factorisations == 2

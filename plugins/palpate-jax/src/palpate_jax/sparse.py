@@ -160,6 +160,8 @@ class LinearSolver:
         if self._ready and self._extra_steps < PATIENCE:
             solution, n_steps = self._iterate(matrix, rhs, tolerance, FEW_KRYLOV_STEPS)
             if solution is not None:
+                # The least with this factor: its first system may have been a hard one.
+                self._fresh_steps = min(self._fresh_steps, n_steps)
                 self._extra_steps += max(n_steps - self._fresh_steps, 0)
                 return solution
         self._factorise(preconditioner())
