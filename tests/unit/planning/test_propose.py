@@ -313,6 +313,9 @@ def test_measured_press_narrows_as_expected(run, tmp_path):
     )
     expected = proposal_tables(found).intervals.filter(parameter="tissue.nu", step=1)["width"][0]
     assert after / before == pytest.approx(expected, rel=0.25)
+    pipeline.run_study(extended, tmp_path / "alone", plugins)  # the study is a study as any other
+    alone = pl.read_parquet(tmp_path / "alone" / "intervals.parquet").filter(parameter="tissue.nu")
+    assert alone["upper"].to_list() == pytest.approx(ends[tmp_path / "extended"]["upper"].to_list(), rel=1e-3)
 
 
 def test_mistake_in_a_file_names_the_file_once(run, tmp_path):
