@@ -6,7 +6,7 @@ from palpate.errors import StudyError
 from palpate.opened_fit import NO_INTERVALS, abscissae_of, certainty_stage, opened_fit
 from palpate.planning.candidates import candidates, limits_of
 from palpate.planning.options import PlanOptions
-from palpate.planning.stage import PlanningStage, Proposal, before_any_press, choose_presses
+from palpate.planning.stage import PlanningStage, Proposal, before_any_press, check_options, choose_presses
 from palpate.planning.tables import for_robot
 from palpate.planning.tool_force import tool_limbs
 from palpate.plugins.catalogue import Plugins
@@ -84,6 +84,7 @@ def plan(
             design, points = before_any_press(
                 study, scenario, simulations.of, abscissae_of(plugins), options.n_points
             )
+            check_options(design, options)
             progress.begin("plan", 0)
             found = choose_presses(design, [], presses, points, options, limits)
         run.write_proposal(for_robot(found, limbs))

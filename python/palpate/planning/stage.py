@@ -18,7 +18,7 @@ from palpate.planning.narrowing import Goal, Narrowing, Plan, bands, check_goal,
 from palpate.planning.options import PlanOptions
 from palpate.planning.presses import DesignProblem, Press, SimulatedPress, presses_so_far, simulated_presses
 from palpate.planning.pressure import with_pressures
-from palpate.planning.tool_force import tool_forces
+from palpate.planning.tool_force import check_tool, tool_forces
 from palpate.progress import SILENT, Progress
 from palpate.study.reading import Study
 
@@ -118,7 +118,7 @@ class PlanningStage:
         design = self.design()
         best = self.assessed.end.best
         assert best is not None
-        check_goal(options.narrowed, shared_parameters(design))
+        check_options(design, options)
         self.progress.begin("next", 0)
         so_far, points = presses_so_far(design, self._points(options.n_points))
         found = choose_presses(design, so_far, presses, points, options, limits)
@@ -168,6 +168,19 @@ class PlanningStage:
             sizes[term.spot] = float(np.sum(best.residuals[at : at + term.n_points] ** 2))
             at += term.n_points
         return max(sizes, key=lambda spot: sizes[spot])
+
+
+def check_options(design: DesignProblem, options: PlanOptions) -> None:
+    """Refuse a goal or a tool, before anything is simulated.
+
+    Raises
+    ------
+    StudyError
+        There is no such goal, or the tool's force is known, or not by what presses share.
+    """
+    check_goal(options.narrowed, shared_parameters(design))
+    if options.tool is not None:
+        check_tool(design, options.tool)
 
 
 def choose_presses(

@@ -71,25 +71,34 @@ def tool_limbs(study: Study, tool: Tool | None) -> dict[str, Limb]:
     return {_at(tool, spot): limb for spot, limb in refined_limbs(tool.study(study), tool).items()}
 
 
+def check_tool(design: DesignProblem, tool: Tool) -> None:
+    """Refuse a tool whose force is known, or that no press tells of.
+
+    Raises
+    ------
+    StudyError
+        It is pressed by force, or a material is not the same at all spots.
+    """
+    if is_by_force(tool.protocol):
+        raise StudyError(
+            f"tool '{tool.name}' is pressed by force, so its force is known; give it a depth instead"
+        )
+    materials = {name.partition("@")[0] for name in design.problem.names if "@" in name}
+    if own := sorted(materials & set(design.study.space.names)):
+        raise StudyError(
+            f"{', '.join(own)} is fitted for each spot by itself, so presses do not share what a tool at "
+            "another place feels; fit one value for all spots, or name another goal"
+        )
+
+
 def tool_forces(design: DesignProblem, tool: Tool, point: FloatArray) -> tuple[ToolForce, ...]:
     """Force of a tool at each of its spots, at a point (n_parameters,) of the box; one simulation each.
 
     Raises
     ------
     StudyError
-        The tool cannot be pressed, or is pressed by force, or a material is not the same at all spots.
+        The tool cannot be pressed.
     """
-    if is_by_force(tool.protocol):
-        raise StudyError(
-            f"tool '{tool.name}' is pressed by force, so its force is known; give it a depth instead"
-        )
-    problem = design.problem
-    materials = {name.partition("@")[0] for name in problem.names if "@" in name}
-    if own := sorted(materials & set(design.study.space.names)):
-        raise StudyError(
-            f"{', '.join(own)} is fitted for each spot by itself, so presses do not share what a tool at "
-            "another place feels; fit one value for all spots, or name another goal"
-        )
     return tuple(_force(design, tool, spot.spot.name, point) for spot in tool.spots)
 
 

@@ -15,6 +15,7 @@ from palpate.cli.output import ProposalOutput
 from palpate.domain import Indentation, Job, SurfaceStates, Waypoints
 from palpate.errors import StudyError
 from palpate.opened_fit import abscissae_of
+from palpate.planning import stage
 from palpate.planning.candidates import Allowed, Limit, candidates, described, read_allowed, usual
 from palpate.planning.extension import extended_study
 from palpate.planning.figure import draw
@@ -142,7 +143,8 @@ def test_prediction_of_a_tool_is_narrowed(run, tool):
     assert found.steps[0].chosen.goal <= of_same[by_all[0].press.press.name]
 
 
-def test_tool_that_is_pressed_by_force_has_no_force_to_predict(run, tool):
+def test_tool_that_is_pressed_by_force_is_refused_before_anything_is_simulated(run, tool, monkeypatch):
+    monkeypatch.setattr(stage, "presses_so_far", None)
     path, loads = np.zeros((2, 6)), np.full((2, 6), np.nan)
     loads[1, 0], path[1, 0] = 3.0, 5.0
     by_force = Indentation.along(
