@@ -145,7 +145,8 @@ class Plan:
         return [known + more for known, more in zip(self._evidence, added, strict=True)]
 
     def _narrowing(self, press: SimulatedPress, before: Sequence[FloatArray]) -> Narrowing:
-        after = [evidence.covariance() for evidence in self._with(press)]
+        evidence = self._with(press)
+        after = [each.covariance() for each in evidence]
         pairs = list(zip(before, after, strict=True))
         widths = [np.sqrt(np.diag(new) / np.diag(old)) for old, new in pairs]
         goals = [self.goal.width(new) / self.goal.width(old) for old, new in pairs]
@@ -153,7 +154,7 @@ class Plan:
             press=press,
             goal=float(np.mean(goals)),
             widths=np.mean(widths, axis=0),
-            covariance=self._with(press)[0].covariance(RANGE_SD),
+            covariance=evidence[0].covariance(RANGE_SD),
         )
 
 

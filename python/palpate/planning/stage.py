@@ -279,7 +279,7 @@ def of_priors(design: DesignProblem) -> Evidence:
         if prior is not None:
             rates[i] = (problem.box.upper - problem.box.lower)[number] / prior.sd
     if design.study.budget.weighs_points:
-        return GlsEvidence(n_parameters=len(shared), columns={}, gram=np.diag(rates**2))
+        return GlsEvidence.of(np.diag(rates), {"prior": np.zeros((len(shared), 0))})
     size = problem.noise * np.sqrt(len(problem.terms))  # of a residual; slopes are as large
     return FoptEvidence(
         information=np.diag((size * rates) ** 2), noise=np.diag((size**2 * rates) ** 2), causes={}

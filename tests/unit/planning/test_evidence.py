@@ -48,6 +48,35 @@ def _evidence(press, site, weighs_points):
     )
 
 
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000), same=st.booleans())
+def test_rows_that_are_added_are_those_of_direct_inverse(seed, same):
+    rng = np.random.default_rng(seed)
+    sites = ["p1", "p1" if same else "p2", "p1"]
+    spans = [1.0, 1.0, 2.0]
+    each = [_evidence(_press(rng, span=span), site, True) for span, site in zip(spans, sites, strict=True)]
+    each[2] = each[2].again("p1", 1)
+    found = (each[0] + each[1] + each[2]).covariance(range_sd=1.0)
+    # Every cause as one more parameter, with a prior of variance 1: one inverse of all of them.
+    widths = {}
+    for press in each:
+        for name, part in press.causes[0].items():
+            widths[name] = max(widths.get(name, 0), part.shape[1])
+    rows = []
+    for press in each:
+        (causes,) = press.causes
+        n = len(press.root)
+        padded = [
+            np.pad(part, ((0, 0), (0, m - part.shape[1])))
+            for name, m in widths.items()
+            for part in [causes.get(name, np.zeros((n, 0)))]
+        ]
+        rows.append(np.concatenate([press.root @ press.scores, *padded], axis=1))
+    every = np.concatenate(rows)
+    expected = np.linalg.inv(every.T @ every + np.eye(every.shape[1]))[:3, :3]
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
 def _of_joint_fit(presses, sites, weighs_points):
     """Covariance by the residuals of all presses together."""
     slopes = np.concatenate([press[0] for press in presses])
