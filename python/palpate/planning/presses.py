@@ -8,7 +8,17 @@ import numpy as np
 from palpate.certainty.causes import Columns, causes_of, columns_of
 from palpate.certainty.known_errors import known_errors
 from palpate.certainty.rows import grouped, groups_of, path_of, rows_of
-from palpate.domain import Curve, FloatArray, Job, Protocol, Response, Scenario, Simulation, channel_of
+from palpate.domain import (
+    Curve,
+    FloatArray,
+    Job,
+    Protocol,
+    Response,
+    Scenario,
+    Simulation,
+    Status,
+    channel_of,
+)
 from palpate.errors import PalpateError
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit
@@ -206,7 +216,8 @@ def _stated(
     for press, problem in bare.items():
         stated = []
         for simulation in [next(ended) for _ in points]:
-            if simulation.response is None or simulation.status not in design.study.scoring.ranked_statuses:
+            # A partial curve ends before its peak, so that it would pass any limit.
+            if simulation.response is None or simulation.status is not Status.OK:
                 found[press] = f"{simulation.status}: {simulation.message or simulation.status.remedy}"
                 break
             stated.append(problem.restated([_term(design, press, _as_measured(design, press, simulation))]))

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from palpate.domain import FloatArray, Job, Simulation
+from palpate.channels import FORCE
+from palpate.domain import FloatArray, Job, Simulation, Status
 from palpate.planning.candidates import PRESSURE
 from palpate.planning.presses import DesignProblem, SimulatedPress, bare_problem, job_of
 from palpate.prediction.measures import contact_of
@@ -28,15 +29,17 @@ def _jobs(design: DesignProblem, presses: Sequence[SimulatedPress], point: Float
 
 
 def _added(press: SimulatedPress, simulation: Simulation) -> SimulatedPress:
-    if simulation.surface is None:
+    if simulation.surface is None or simulation.status is not Status.OK:
         why = simulation.message or simulation.status.remedy
         return replace(press, at=(), failure=f"its pressure is not known: {why}")
     largest = float(contact_of(simulation.surface, None).peak_MPa.max(initial=0.0))
-    first = press.at[0].peaks.get("force", 1.0)
+    forces = [each.peaks.get(FORCE.name, 0.0) for each in press.at]
+    if not all(forces):
+        return replace(press, at=(), failure="its force is not known, which the pressure changes like")
     return replace(
         press,
         at=tuple(
-            replace(each, peaks={**each.peaks, PRESSURE: largest * each.peaks.get("force", 1.0) / first})
-            for each in press.at
+            replace(each, peaks={**each.peaks, PRESSURE: largest * force / forces[0]})
+            for each, force in zip(press.at, forces, strict=True)
         ),
     )

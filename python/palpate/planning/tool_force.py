@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.certainty.rows import pieces
 from palpate.channels import PRESS_AND_TWIST
-from palpate.domain import FloatArray, Limb, Parameter, ParameterSpace, Protocol, Response
+from palpate.domain import FloatArray, Limb, Parameter, ParameterSpace, Protocol, Response, Status
 from palpate.errors import StudyError
 from palpate.planning.presses import DesignProblem, job_of, point_in, slopes_of
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
@@ -116,7 +116,7 @@ def _force(design: DesignProblem, tool: Tool, spot: str, point: FloatArray) -> T
     problem = design.problem.restated([bare], UnderTool(design.problem.parametrisation, like.spot))
     (simulation,) = problem.simulate([job_of(design, problem, point)])
     curves = {} if simulation.response is None else simulation.response.curves
-    if FORCE not in curves or simulation.status not in design.study.scoring.ranked_statuses:
+    if FORCE not in curves or simulation.status is not Status.OK:
         why = simulation.message or simulation.status.remedy
         raise StudyError(f"{name} cannot be predicted: {simulation.status}: {why}")
     # Its own curve as the measured one: the slope of a residual is that of the force, times its scale.

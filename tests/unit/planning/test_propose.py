@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 import palpate_materials
 from palpate import pipeline
 from palpate.cli.output import ProposalOutput
-from palpate.domain import Indentation, Job, SurfaceStates, Waypoints
+from palpate.domain import Indentation, Job, Status, SurfaceStates, Waypoints
 from palpate.errors import StudyError
 from palpate.opened_fit import abscissae_of
 from palpate.planning import stage
@@ -189,11 +189,15 @@ def test_limits_refuse_what_presses_too_hard(run):
 
 
 def _with_skin(study, jobs):
-    """Simulations whose largest pressure is a thousandth of their largest force."""
+    """Simulations whose pressure grows like Hertz's, by the cube root of the force."""
     for job in jobs:
         found = study.solver.simulate(replace(job, surface=False), None)
-        peak = 1e-3 * found.response.curves["force"].ordinate.max()
+        peak = _largest_pressure(found.response.curves["force"].ordinate.max())
         yield replace(found, job=job, surface=_skin(peak) if job.surface else None)
+
+
+def _largest_pressure(force):
+    return 1e-3 * np.cbrt(force)
 
 
 def _skin(peak):
@@ -217,21 +221,56 @@ def _skin(peak):
 
 def test_limit_of_pressure_refuses_what_presses_too_hard_at_any_point(run):
     study, _, plugins = run
-    (scenario,) = (s for s in study.scenarios if s.name == study.generalise_by)
-    simulate = functools.partial(_with_skin, study)
-    design, points = before_any_press(
-        study, scenario, lambda jobs: list(simulate(jobs)), abscissae_of(plugins), 3
-    )
+    design, points = _first_design(run, functools.partial(_with_skin, study))
     made = candidates(study, plugins, ALLOWED)
     known = with_pressures(design, simulated_presses(design, made, points), points[0])
     for press in known:
-        for at in press.at:  # solved at the first, and by the force at the others
-            assert at.peaks["pressure"] == pytest.approx(1e-3 * at.peaks["force"])
+        first = press.at[0].peaks
+        assert first["pressure"] == pytest.approx(_largest_pressure(first["force"]))
+        for at in press.at[1:]:  # solved at the first, and by the force at the others
+            share = at.peaks["force"] / first["force"]
+            assert at.peaks["pressure"] == pytest.approx(share * first["pressure"])
+            assert at.peaks["pressure"] != pytest.approx(_largest_pressure(at.peaks["force"]))
     limit = float(np.median([press.peaks["pressure"] for press in known]))
     found = choose_presses(design, [], made, points, PlanOptions(), {"pressure": Limit(limit, "MPa")})
     over = {press.press.name for press in known if press.peaks["pressure"] > limit}
     assert found.refused.keys() == over != set()
     assert all("the pressure reaches" in why and "MPa" in why for why in found.refused.values())
+
+
+def _first_design(run, simulate):
+    """A study before its first press, with a function from jobs to simulations; and points."""
+    study, _, plugins = run
+    (scenario,) = (s for s in study.scenarios if s.name == study.generalise_by)
+    return before_any_press(study, scenario, lambda jobs: list(simulate(jobs)), abscissae_of(plugins), 3)
+
+
+def _diverged(study, jobs):
+    """Partial simulations of the jobs that press deeper than 3 mm."""
+    for job in jobs:
+        found = study.solver.simulate(job, None)
+        is_deep = job.protocol.path[:, 0].max() > 3.0
+        yield replace(found, status=Status.DIVERGED, message="stopped") if is_deep else found
+
+
+def test_partial_simulation_is_no_candidate_even_where_it_is_ranked(run):
+    study, folder, plugins = run
+    study = replace(study, scoring=replace(study.scoring, rank_partial=True))
+    design, points = _first_design((study, folder, plugins), functools.partial(_diverged, study))
+    made = candidates(study, plugins, ALLOWED)
+    found = choose_presses(design, [], made, points, PlanOptions(), {})
+    assert found.refused.keys() == {each.name for each in made if each.keys["depth"] == "4 mm"}
+    assert all(why == "diverged: stopped" for why in found.refused.values())
+
+
+def test_pressure_is_not_known_without_a_force(run):
+    study, _, plugins = run
+    design, points = _first_design(run, functools.partial(_with_skin, study))
+    (known, *_) = simulated_presses(design, candidates(study, plugins, ALLOWED)[:1], points)
+    without = replace(known, at=tuple(replace(at, peaks={**at.peaks, "force": 0.0}) for at in known.at))
+    (found,) = with_pressures(design, [without], points[0])
+    assert not found.at
+    assert "its force is not known" in found.failure
 
 
 def test_pressure_needs_a_solver_that_gives_it(run):
