@@ -229,15 +229,14 @@ def shared_parameters(design: DesignProblem) -> tuple[Parameter, ...]:
 
 
 def _goal(design: DesignProblem, options: PlanOptions, point: FloatArray) -> Goal:
-    """Make the goal at a point (n_parameters,) of the box."""
-    tool = options.tool
+    """Make the goal where the fit has ended, or at a point (n_parameters,) of the box where none is known."""
+    box, tool = design.problem.box, options.tool
+    values = box.values(point) if design.estimate is None else design.estimate
     return Goal(
         name=options.narrowed,
         parameters=shared_parameters(design),
-        values=(design.problem.box.values(point) if design.estimate is None else design.estimate)[
-            design.shared
-        ],
-        predicted=() if tool is None else tool_forces(design, tool, point),
+        values=values[design.shared],
+        predicted=() if tool is None else tool_forces(design, tool, box.point(values)),
     )
 
 
