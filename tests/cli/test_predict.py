@@ -121,14 +121,36 @@ def test_a_threshold_without_its_unit_is_refused(predict):
     assert 'write "50 MPa"' in messages
 
 
-def test_a_force_that_is_not_reached_is_reported_with_the_largest(predict):
-    code, found, _ = predict(FORCED.replace("FORCE", "1 N"))
-    assert code == 0
-    assert not any(text.startswith("Not pressed to the end") for text in found["notes"])
+def test_a_force_that_is_not_reached_is_reported_and_has_a_band(predict):
     code, found, _ = predict(FORCED.replace("FORCE", "1 kN"))
     assert code == 0
     (text,) = [text for text in found["notes"] if text.startswith("Not pressed to the end")]
-    largest = {row["quantity"]: row["value"] for row in found["summary"]}["normal force"]
+    rows = {row["quantity"]: row for row in found["summary"]}
+    force = rows["normal force"]
+    largest = force["value"]
     assert text == (
         f"Not pressed to the end: p1 (force of 1000 N is not reached: the largest is {largest:.4g} N)."
     )
+    assert "depth" not in rows, "that of the limit"
+    assert force["linear_upper"] - force["linear_lower"] > 0.02 * largest
+    assert not any(text.startswith("By force") for text in found["notes"])
+    code, found, _ = predict(FORCED.replace("FORCE", f"{0.999 * largest} N"))
+    assert code == 0
+    assert not any(text.startswith("Not pressed to the end") for text in found["notes"])
+    rows = {row["quantity"]: row for row in found["summary"]}
+    assert rows["normal force"]["linear_upper"] == pytest.approx(rows["normal force"]["linear_lower"])
+    assert rows["depth"]["linear_lower"] < rows["depth"]["linear_upper"]
+    (errors,) = [text for text in found["notes"] if text.startswith("Errors of the mesh")]
+    assert "depth 1 %" in errors
+    assert "normal force" not in errors
+
+
+def test_a_force_on_the_way_to_a_depth_leaves_the_largest_force_unknown(predict):
+    moves = '[{ force = "1 N" }, { depth = "3 mm" }]'
+    code, found, _ = predict(FORCED.replace('[{ force = "FORCE" }]', moves))
+    assert code == 0
+    rows = {row["quantity"]: row for row in found["summary"]}
+    force = rows["normal force"]
+    assert force["value"] > 2.0
+    assert "depth" not in rows
+    assert force["linear_upper"] - force["linear_lower"] > 0.02 * force["value"]

@@ -26,9 +26,12 @@ from palpate.prediction.predict import AS_IS
 from palpate.prediction.summary import (
     QUANTITIES,
     PressStates,
+    curve_errors,
+    ends_by_force,
     is_by_force,
     mesh_errors,
     spread,
+    stiffer_by,
     summary_rows,
 )
 from palpate.prediction.vtu import vtu
@@ -173,6 +176,13 @@ def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tm
     assert row["linear_upper"] > row["value"] * (1.0 + 0.9 * 1.645 * 0.1 / 3.0)
     assert "peak pressure 3.3 %" in " ".join(notes(found, ""))
     assert "add fine_edge" not in " ".join(notes(found, ""))
+    assert not any("[budget]" in text for text in notes(found, ""))
+    monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: dict(coarse))
+    found = run_prediction(study, run, tool, plugins.channels, SILENT)
+    assert (
+        "warning: at p2 these errors are what [budget] states: fine_edge 3 mm refines nothing under the tool."
+        in notes(found, "")
+    )
 
 
 def test_draws_that_fail_are_counted_and_reported(fitted, plugins, tmp_path, monkeypatch):
@@ -375,6 +385,40 @@ def test_a_press_that_shows_no_growth_with_the_force_has_no_band_at_a_force():
     assert spread(still, QUANTITIES[0], np.array([1.2]), by_force=True) is None
 
 
+def test_a_force_that_is_held_does_not_count_as_growth():
+    forces = np.array([0.0, 3.0, 10.0, 10.0 * (1.0 + 1e-7)])
+    pressed = replace(hertzian(), force_N=forces, depth_mm=np.array([0.0, 1.0, 2.0, 2.1]))
+    assert pressed.growth("depth_mm") is None
+    ramp = np.linspace(1.0, 10.0, 10)
+    pressed = replace(
+        pressed,
+        force_N=np.concatenate([ramp, 10.0 * (1.0 + 1e-7 * np.arange(3))]),
+        depth_mm=np.concatenate([ramp ** (2 / 3), [5.0, 5.5, 6.0]]),
+    )
+    assert pressed.growth("depth_mm") == pytest.approx(2 / 3)
+
+
+def test_a_draw_is_stiffer_by_the_ratio_at_the_largest_force():
+    there_and_back = Curve(channel="force", abscissa=[0, 2, 4, 2, 0], ordinate=[0, 3, 10, 2, 0])
+    lines = np.array([[0.0, 3.3, 12.0, 4.0, 0.0], [0.0, 2.7, 8.0, 1.0, 0.0]])
+    np.testing.assert_allclose(stiffer_by(there_and_back, lines), [1.2, 0.8])
+    assert stiffer_by(replace(there_and_back, ordinate=np.zeros(5)), lines).size == 0
+    assert stiffer_by(there_and_back, np.empty((0, 5))).size == 0
+
+
+def test_each_curve_has_the_error_that_its_own_largest_ordinate_shows():
+    def curves(force, torque):
+        x = np.linspace(0.0, 1.0, 4)
+        return {
+            name: Curve(channel=name, abscissa=x, ordinate=most * np.array([0.0, 0.4, 1.0, 0.2]))
+            for name, most in (("force", force), ("torque", torque))
+        }
+
+    errors = curve_errors(curves(10.0, -5.0), curves(10.0, -5.9), 2.0, 0.01)
+    assert errors == pytest.approx({"force": 0.01, "torque": 0.06})
+    assert set(curve_errors(curves(10.0, -5.0), None, 2.0, 0.02).values()) == {0.02}
+
+
 def test_a_force_to_be_reached_makes_a_press_by_force():
     pose, loads = np.zeros((3, 6)), np.full((3, 6), np.nan)
     pose[1:, 0] = 9.0
@@ -383,6 +427,11 @@ def test_a_force_to_be_reached_makes_a_press_by_force():
     loads[1, 0], loads[2, 0] = 3.0, np.inf  # then the depth stays where the force has left it
     by_force = Indentation.along(Waypoints(pose=pose, loads=loads), indenter=ball, friction=0.5)
     assert (is_by_force(by_depth), is_by_force(by_force)) == (False, True)
+    reached = replace(hertzian(), force_N=0.3 * hertzian().force_N)
+    assert ends_by_force(by_force, Status.OK, reached)
+    assert not ends_by_force(by_depth, Status.OK, reached)
+    assert not ends_by_force(by_force, Status.DIVERGED, reached)
+    assert not ends_by_force(by_force, Status.OK, hertzian()), "it goes on to a larger one"
 
 
 def test_the_skin_is_a_file_that_others_read():
@@ -398,6 +447,9 @@ def test_a_tool_file_may_refine_the_mesh_and_move_a_spot(make_study, plugins, tm
     place = '\n[[spot]]\nname = "wrist"\nmesh = "other.vtu"\nposition = ["1 cm", "0 mm", "0 mm"]\n'
     tool = read_tool(tool_file(tmp_path, more + TOOL + place), make_study(), plugins)
     assert (tool.fine_edge_mm, tool.fine_reach_mm, tool.threshold_MPa) == (3.0, 20.0, pytest.approx(0.05))
+    assert (tool.refined_mm, tool.contact_mm(5.0)) == (20.0, 10.0)
+    assert replace(tool, fine_reach_mm=0.0).refined_mm == pytest.approx(11.0), "1.1 √(R d)"
+    assert replace(tool, fine_reach_mm=4.0).contact_mm(5.0) == 4.0
     (spot,) = tool.spots
     assert (spot.spot.name, spot.mesh) == ("wrist", tmp_path / "other.vtu")
     assert spot.spot.position_mm.tolist() == [10.0, 0.0, 0.0]

@@ -8,7 +8,7 @@ import polars as pl
 
 from palpate.domain import Channel
 from palpate.prediction.predict import Prediction, SpotPrediction
-from palpate.prediction.summary import QUANTITIES, is_by_force
+from palpate.prediction.summary import QUANTITIES
 from palpate.prediction.vtu import vtu
 from palpate.run.directory import file_name
 from palpate.run.result_files import write_atomically, write_frame
@@ -74,7 +74,13 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
                 "warning: these errors are what [budget] states, and under other tools than the experiment's "
                 "they may be far larger; add fine_edge to the tool file, which measures them."
             )
-        if is_by_force(tool.protocol):
+        else:
+            lines += [
+                f"warning: at {spot} these errors are what [budget] states: {each.mesh_unknown}."
+                for spot, each in prediction.spots.items()
+                if each.mesh_unknown
+            ]
+        if any(each.by_force for each in prediction.spots.values()):
             lines.append(
                 "By force, a stiffer tissue is taken to have what this one has under less force; areas, mean "
                 "pressure and shear have no linear band then."
@@ -89,8 +95,10 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
 
 def _errors(each: SpotPrediction) -> str:
     """Standard deviations by the mesh of what has a band."""
-    named = ((q.name, each.mesh[q.attribute]) for q in QUANTITIES if q.at_depth)
-    return ", ".join(f"{name} {100.0 * sd:.2g} %" for name, sd in named)
+    shown = (
+        q for q in QUANTITIES if (q.at_force and q.attribute != "force_N" if each.by_force else q.at_depth)
+    )
+    return ", ".join(f"{q.name} {100.0 * each.mesh[q.attribute]:.2g} %" for q in shown)
 
 
 def _solved(spot: str, each: SpotPrediction) -> str:

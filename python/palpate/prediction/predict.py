@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -10,7 +10,6 @@ import polars as pl
 from palpate.certainty.causes import RELATIVE
 from palpate.domain import (
     Channel,
-    Curve,
     FloatArray,
     Indentation,
     Job,
@@ -22,15 +21,18 @@ from palpate.domain import (
 from palpate.errors import SolverError, StudyError
 from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import refined
-from palpate.prediction.bands import Thetas, check_shared, draws_of, ends, frame_rows, linear, scores
+from palpate.prediction.bands import Thetas, check_shared, draws_of, ends, frame_rows, linear
 from palpate.prediction.exceedance import exceedances
 from palpate.prediction.summary import (
     QUANTITIES,
     PressStates,
-    is_by_force,
+    curve_errors,
+    ends_by_force,
     mesh_errors,
     press_states,
+    stiffer_by,
     summary_rows,
+    with_mesh,
 )
 from palpate.progress import Progress
 from palpate.run.directory import RunDirectory
@@ -44,9 +46,6 @@ from palpate.study.tool import Tool
 
 AS_IS = "/as is"
 """Added to the name of a spot: its mesh without the refinement under the tool."""
-
-REFINED = 1.1
-"""Distance from the spot up to which a mesh is refined, over the reach of the tool."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,8 +62,12 @@ class SpotPrediction:
         Ends of the linear band of a curve; none without draws.
     summary : list of dict
         Rows of the table.
+    by_force : bool
+        Whether the largest force was to be reached, so that the depth is predicted.
     mesh : mapping of quantity to float
         Relative standard deviation of its error by the mesh.
+    mesh_unknown : str
+        Why this is what the study states, and not measured; empty where it is.
     n_asked, n_ended : int
         Draws that were to be simulated, and those whose simulation did not fail: the solved bands hold these.
     """
@@ -73,7 +76,9 @@ class SpotPrediction:
     pressed: PressStates
     bands: Mapping[str, FloatArray]
     summary: list[dict[str, Any]]
+    by_force: bool
     mesh: Mapping[str, float]
+    mesh_unknown: str
     n_asked: int
     n_ended: int
 
@@ -139,19 +144,9 @@ def predict(
         The tool could not be pressed at any depth.
     """
     study, found, run = stored.study, stored.fitted(), stored.run
-    if not study.solver.provides.surface:
-        raise StudyError(
-            f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
-        )
-    experiment = _experiment(stored, progress, check_lock)
     draws = draws_of(found, run.fit(), run.posterior())
-    if n_solved and not draws:
-        raise StudyError(f"{run.folder}: has no draws of the fitted values; run `palpate fit` with a search")
-    if draws and not n_solved and not study.solver.provides.slopes:
-        raise StudyError(
-            f"{study.file}: solver '{study.solver.name}' gives no slopes, so that a band needs simulations; "
-            "add --draws 20"
-        )
+    _check(stored, len(draws), n_solved)
+    experiment = _experiment(stored, progress, check_lock)
     pressed = tool.study(study)
     limbs = refined_limbs(pressed, tool)
     if tool.fine_edge_mm:
@@ -164,6 +159,23 @@ def predict(
             spots[spot] = _at_spot(plan, simulations, draws, n_solved)
     strains = exceedances(experiment, {spot: each.simulation for spot, each in spots.items()})
     return Prediction(tool=tool, fitted=found, spots=spots, strains=strains, n_draws=len(draws))
+
+
+def _check(stored: StoredRun, n_draws: int, n_solved: int) -> None:
+    study, provides = stored.study, stored.study.solver.provides
+    if not provides.surface:
+        raise StudyError(
+            f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
+        )
+    if n_solved and not n_draws:
+        raise StudyError(
+            f"{stored.run.folder}: has no draws of the fitted values; run `palpate fit` with a search"
+        )
+    if n_draws and not n_solved and not provides.slopes:
+        raise StudyError(
+            f"{study.file}: solver '{study.solver.name}' gives no slopes, so that a band needs simulations; "
+            "add --draws 20"
+        )
 
 
 def _experiment(stored: StoredRun, progress: Progress, check_lock: Callable[[], None]) -> dict[str, Any]:
@@ -181,10 +193,7 @@ def refined_limbs(study: Study, tool: Tool) -> dict[str, Limb]:
     limbs = load_limbs(study)
     if not tool.fine_edge_mm:
         return limbs
-    reach = REFINED * tool.protocol.indenter.reach_mm(float(tool.protocol.path[:, 0].max()))
-    return {
-        name: refined(limb, tool.fine_reach_mm or reach, tool.fine_edge_mm) for name, limb in limbs.items()
-    }
+    return {name: refined(limb, tool.refined_mm, tool.fine_edge_mm) for name, limb in limbs.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,11 +227,9 @@ class _Plan:
             return RELATIVE * friction
         return sd / protocol.friction * friction
 
-    def refinement(self, limbs: Mapping[str, Limb]) -> float:
-        """Size of the elements under the tool over that on the refined mesh."""
-        indenter, path = self.tool.protocol.indenter, self.tool.protocol.path
-        near = indenter.reach_mm(float(path[:, 0].max()))
-        near = min(near, self.tool.fine_reach_mm) if self.tool.fine_reach_mm else near
+    def refinement(self, limbs: Mapping[str, Limb], depth_mm: float) -> float:
+        """Size of the elements under the tool at a depth over that on the refined mesh."""
+        near = self.tool.contact_mm(depth_mm)
         sizes = [contact_edge_mm(limbs[name], near) for name in (f"{self.spot}{AS_IS}", self.spot)]
         return sizes[0] / sizes[1]
 
@@ -260,52 +267,75 @@ def _at_spot(
             f"spot '{plan.spot}': {plan.tool.name} cannot be pressed: "
             f"{simulation.message or 'no balanced state'}"
         )
-    threshold = plan.tool.threshold_MPa
-    space = plan.stored.study.space
+    threshold, space = plan.tool.threshold_MPa, plan.stored.study.space
     curves = simulation.response.curves
     lines = {n: linear(c, best, drawn, space, plan.friction_sd) for n, c in curves.items()}
     ended = [s for s in solved if s.status is Status.OK and s.surface is not None]
     pressed = press_states(simulation, threshold)
-    stiffer = _stiffer(curves.get("force"), lines.get("force"))
-    mesh = _mesh_errors(plan, simulations.limbs, simulation, as_is)
+    by_force = ends_by_force(plan.tool.protocol, simulation.status, pressed)
+    errors = _mesh_errors(plan, simulations.limbs, simulation, as_is, by_force=by_force)
+    stiffer = stiffer_by(curves.get("force"), lines.get("force"))
     found = [press_states(each, threshold) for each in ended]
-    by_force = is_by_force(plan.tool.protocol)
     return SpotPrediction(
         simulation=simulation,
         pressed=pressed,
         bands={
-            name: np.array(ends(values * (1.0 + mesh["force_N"] * scores(len(values), 1)[:, None])))
-            for name, values in lines.items()
-            if len(values)
+            name: np.array(ends(with_mesh(lines[name], sd)))
+            for name, sd in errors.curves.items()
+            if len(lines[name])
         },
-        summary=list(summary_rows(plan.spot, pressed, stiffer, found, by_force=by_force, mesh=mesh)),
-        mesh=mesh,
+        summary=list(
+            summary_rows(plan.spot, pressed, stiffer, found, by_force=by_force, mesh=errors.quantities)
+        ),
+        by_force=by_force,
+        mesh=errors.quantities,
+        mesh_unknown=errors.unknown,
         n_asked=len(solved),
         n_ended=len(ended),
     )
 
 
+class _MeshErrors(NamedTuple):
+    """Relative standard deviations by the mesh, of quantities and curves; why they are not measured."""
+
+    quantities: Mapping[str, float]
+    curves: Mapping[str, float]
+    unknown: str
+
+
 def _mesh_errors(
-    plan: _Plan, limbs: Mapping[str, Limb], simulation: Simulation, as_is: Simulation | None
-) -> dict[str, float]:
-    """Relative standard deviation of each quantity by its mesh; the study's own where none is known."""
+    plan: _Plan,
+    limbs: Mapping[str, Limb],
+    simulation: Simulation,
+    as_is: Simulation | None,
+    *,
+    by_force: bool,
+) -> _MeshErrors:
+    """Compare a simulation with that on the mesh as it is; what the study states where that shows nothing."""
     least, threshold = plan.stored.study.budget.mesh, plan.tool.threshold_MPa
-    pressed = press_states(simulation, threshold)
-    if as_is is None or {simulation.status, as_is.status} != {Status.OK}:
-        return mesh_errors(pressed, None, 1.0, least)
-    return mesh_errors(pressed, press_states(as_is, threshold), plan.refinement(limbs), least)
+    pressed, refinement, unknown, coarser, others = press_states(simulation, threshold), 1.0, "", None, None
+    if as_is is None:
+        unknown = "the tool file has no fine_edge"
+    elif {simulation.status, as_is.status} != {Status.OK}:
+        unknown = "on the mesh as it is, or on the refined one, the press has not come to its end"
+    elif (refinement := plan.refinement(limbs, pressed.depth_mm[pressed.at])) <= 1.0:
+        unknown = f"fine_edge {plan.tool.fine_edge_mm:g} mm refines nothing under the tool"
+    else:
+        assert as_is.response is not None
+        coarser, others = press_states(as_is, threshold), as_is.response.curves
+    assert simulation.response is not None
+    quantities = mesh_errors(pressed, coarser, refinement, least)
+    curves = curve_errors(simulation.response.curves, others, refinement, least)
+    if by_force and "force" in curves:
+        # Both meshes carry the same force, so its curve is off by the depth at which they do.
+        growth = pressed.growth("depth_mm")
+        curves |= {"force": quantities["depth_mm"] / growth} if growth else {"force": np.nan}
+    return _MeshErrors(quantities, {name: sd for name, sd in curves.items() if np.isfinite(sd)}, unknown)
 
 
 def _spread(drawn: Sequence[Thetas], n: int) -> list[Thetas]:
     """Some of the draws, spread over all of them."""
     return [drawn[i] for i in np.linspace(0, len(drawn) - 1, min(n, len(drawn))).astype(int)] if n else []
-
-
-def _stiffer(curve: Curve | None, lines: FloatArray | None) -> FloatArray:
-    """Force of each draw over that of the fit, at the depth where the press ends."""
-    if curve is None or lines is None or not len(lines) or not curve.ordinate[-1] > 0.0:
-        return np.empty(0)
-    return np.asarray(lines[:, -1] / curve.ordinate[-1])
 
 
 def _curve_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.domain import FloatArray, Indentation, Simulation
+from palpate.domain import Curve, FloatArray, Indentation, Simulation, Status
 from palpate.fit.tables import ORDER
 from palpate.prediction.bands import ends, scores
 from palpate.prediction.measures import Contact, contact_of
@@ -50,6 +50,12 @@ NO_ERRORS: Mapping[str, float] = MappingProxyType({})
 FROM_FORCE = 0.5
 """Share of the largest force from which on states show how a quantity grows with the force."""
 
+LEAST_RANGE = 1.05
+"""Largest over least force of these states, below which they show no growth."""
+
+SAME_FORCE = 0.01
+"""Relative difference of two forces that count as one."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressStates:
@@ -81,9 +87,13 @@ class PressStates:
         values = self.along(attribute)
         if values is None:
             return None
-        seen = (self.force_N >= FROM_FORCE * self.force_N[self.at]) & (values > 0.0)
-        forces, sizes = np.log(self.force_N[seen]), np.log(values[seen])
-        return float(np.polyfit(forces, sizes, 1)[0]) if np.unique(forces).size > 1 else None
+        most = self.force_N[self.at]
+        until = int(np.argmax(self.force_N >= (1.0 - SAME_FORCE) * most))  # from there on it may be held
+        seen = (self.force_N >= FROM_FORCE * most) & (values > 0.0) & (np.arange(len(values)) <= until)
+        forces, sizes = self.force_N[seen], values[seen]
+        if not forces.size or not forces.max() > LEAST_RANGE * forces.min():
+            return None
+        return float(np.polyfit(np.log(forces), np.log(sizes), 1)[0])
 
 
 def press_states(simulation: Simulation, threshold_MPa: float | None) -> PressStates:
@@ -99,26 +109,63 @@ def press_states(simulation: Simulation, threshold_MPa: float | None) -> PressSt
 
 
 def is_by_force(protocol: Indentation) -> bool:
-    """Whether a force is to be reached, so that the depth is predicted."""
+    """Whether a force is to be reached somewhere along the path."""
     return protocol.loads is not None and bool(np.isfinite(protocol.loads[:, DEPTH]).any())
+
+
+def ends_by_force(protocol: Indentation, status: Status, pressed: PressStates) -> bool:
+    """Whether the largest force is one that was to be reached, so that its depth is predicted."""
+    if protocol.loads is None or status is not Status.OK:
+        return False
+    wanted = protocol.loads[:, DEPTH]
+    wanted = wanted[np.isfinite(wanted)]
+    return bool(np.isclose(wanted, pressed.force_N[pressed.at], rtol=SAME_FORCE, atol=0.0).any())
+
+
+def mesh_error(value: float | None, coarser: float | None, refinement: float, least: float) -> float:
+    """Relative standard deviation of a value by its mesh.
+
+    As of a fit: what finer meshes would change is as uncertain as the change from a coarser one, whose
+    elements are larger by ``refinement``, over refinement² − 1. ``least`` where that is less, or unknown.
+    """
+    if not value or coarser is None or not refinement > 1.0:
+        return least
+    return max(abs(1.0 - coarser / value) / float(refinement**ORDER - 1.0), least)
 
 
 def mesh_errors(
     pressed: PressStates, coarser: PressStates | None, refinement: float, least: float
 ) -> dict[str, float]:
-    """Relative standard deviation of each quantity by its mesh.
+    """Relative standard deviation of each quantity by its mesh."""
+    names = [quantity.attribute for quantity in QUANTITIES]
+    others = {name: None if coarser is None else coarser.value(name) for name in names}
+    return {name: mesh_error(pressed.value(name), others[name], refinement, least) for name in names}
 
-    As of a fit: what finer meshes would change is as uncertain as the change from a coarser one, whose
-    elements are larger by ``refinement``, over refinement² − 1. ``least`` where that is less, or unknown.
-    """
-    found = {}
-    for name in (quantity.attribute for quantity in QUANTITIES):
-        value, other = pressed.value(name), None if coarser is None else coarser.value(name)
-        change = 0.0
-        if value and other is not None and refinement > 1.0:
-            change = abs(1.0 - other / value) / (refinement**ORDER - 1.0)
-        found[name] = max(change, least)
-    return found
+
+def curve_errors(
+    curves: Mapping[str, Curve], coarser: Mapping[str, Curve] | None, refinement: float, least: float
+) -> dict[str, float]:
+    """Relative standard deviation of each channel by its mesh: that of its largest ordinate."""
+    others = {} if coarser is None else {name: _largest(curve) for name, curve in coarser.items()}
+    return {n: mesh_error(_largest(c), others.get(n), refinement, least) for n, c in curves.items()}
+
+
+def _largest(curve: Curve) -> float:
+    return float(curve.ordinate[np.argmax(np.abs(curve.ordinate))])
+
+
+def with_mesh(values: FloatArray, sd: float) -> FloatArray:
+    """Draws (n, ...) with an error by the mesh each, of a relative standard deviation."""
+    errors = scores(len(values), 1).reshape(-1, *(1 for _ in values.shape[1:]))
+    return np.asarray(values * (1.0 + sd * errors))
+
+
+def stiffer_by(curve: Curve | None, lines: FloatArray | None) -> FloatArray:
+    """Force of each draw (n,) over that of the fit, where this is largest; empty where none is known."""
+    if curve is None or lines is None or not len(lines) or not curve.ordinate.max() > 0.0:
+        return np.empty(0)
+    at = int(np.argmax(curve.ordinate))
+    return np.asarray(lines[:, at] / curve.ordinate[at])
 
 
 def spread(
@@ -140,8 +187,8 @@ def spread(
     if growth is None:
         return None
     is_given = by_force and quantity.attribute == "force_N"
-    by_mesh = 0.0 if is_given else mesh.get(quantity.attribute, 0.0) * scores(len(stiffer), 1)
-    return np.asarray(value * stiffer ** (float(quantity.at_depth) - growth) * (1.0 + by_mesh))
+    sd = 0.0 if is_given else mesh.get(quantity.attribute, 0.0)
+    return with_mesh(value * stiffer ** (float(quantity.at_depth) - growth), sd)
 
 
 def summary_rows(

@@ -21,6 +21,9 @@ from palpate.units import Quantity
 
 Pressure = Annotated[float, Quantity("MPa")]
 
+REFINED = 1.1
+"""Distance from the spot up to which a mesh is refined, over the reach of the tool."""
+
 
 class ToolSpotTable(Table):
     """Where the tool presses besides the spots of the run."""
@@ -75,6 +78,16 @@ class Tool:
     threshold_MPa: float | None
     fine_edge_mm: float = 0.0
     fine_reach_mm: float = 0.0
+
+    @property
+    def refined_mm(self) -> float:
+        """Distance from the spot up to which meshes are refined, as of the deepest it may go."""
+        deepest = float(self.protocol.path[:, 0].max())
+        return self.fine_reach_mm or REFINED * self.protocol.indenter.reach_mm(deepest)
+
+    def contact_mm(self, depth_mm: float) -> float:
+        """Distance from the spot up to which it touches at a depth, where meshes are refined."""
+        return min(self.protocol.indenter.reach_mm(depth_mm), self.refined_mm)
 
     def study(self, study: Study) -> Study:
         """The study with the tool's protocol and spots."""
