@@ -392,7 +392,8 @@ class BudgetTable(Table):
         default=0.01,
         ge=0.0,
         lt=1.0,
-        description="Of the error of each channel by the mesh, relative, where no finer mesh shows it.",
+        description="Of the error of each channel by the mesh, relative, where no finer mesh shows it; "
+        "also the least of a prediction's.",
     )
     parameters: dict[str, Annotated[Ratio, Field(ge=0.0, lt=1.0)]] = Field(
         default={},
