@@ -138,14 +138,6 @@ impl Numbers {
 /// How far a cycle in single precision lessens a residual without wasting steps.
 const LEAST: f64 = 1e-5;
 
-/// Sweeps ahead of the factor in a system of Newton's method. One leaves 7.6 steps of GMRES for each system
-/// of a path, two 6.1, four 5.5, but the steps of Newton that follow are cut more often: more of what is left
-/// of them is smooth.
-const SWEEPS: usize = 1;
-
-/// Sweeps for several right-hand sides, which nothing follows. With four some systems diverge.
-const SWEEPS_TOGETHER: usize = 2;
-
 /// A matrix to solve with: its `data` and those of the `factored` matrix nearby, by the same rows.
 #[derive(Clone, Copy)]
 pub(crate) struct Nearby<'a> {
@@ -166,7 +158,7 @@ impl Numbers {
         let Nearby { rows, data, .. } = system;
         match self {
             Self::Double(factor) => {
-                let precondition = swept(SWEEPS, system, data, in_double(factor, rows.n()));
+                let precondition = swept(system, data, in_double(factor, rows.n()));
                 let mut cycle = Cycle { rows, values: data, precondition };
                 iterate(rows, data, rhs, tolerance, most_steps, 0.0, |r, target, steps| {
                     cycle.run(r, target, steps)
@@ -175,7 +167,7 @@ impl Numbers {
             Self::Single { factor, scales } => {
                 let (values, size) = shrunk(data);
                 let solve = in_single(factor, scales, size);
-                let precondition = swept(SWEEPS, system, &values, solve);
+                let precondition = swept(system, &values, solve);
                 let mut cycle = Cycle { rows, values: &values, precondition };
                 iterate(rows, data, rhs, tolerance, most_steps, LEAST, |r, target, steps| {
                     let (mut x, n_steps) = cycle.run(r, target, steps);
@@ -199,14 +191,13 @@ impl Numbers {
         let Nearby { rows, data, .. } = system;
         match self {
             Self::Double(factor) => {
-                let precondition =
-                    swept(SWEEPS_TOGETHER, system, data, in_double(factor, rows.n()));
+                let precondition = swept(system, data, in_double(factor, rows.n()));
                 Space::new(rows, data, precondition, 0.0).solve(data, rhs, tolerance, most_steps)
             }
             Self::Single { factor, scales } => {
                 let (values, size) = shrunk(data);
                 let solve = in_single(factor, scales, size);
-                let precondition = swept(SWEEPS_TOGETHER, system, &values, solve);
+                let precondition = swept(system, &values, solve);
                 let mut space = Space::new(rows, &values, precondition, LEAST).of_part(size);
                 space.solve(data, rhs, tolerance, most_steps)
             }
@@ -243,13 +234,12 @@ fn in_single(factor: &Factor<f32>, scales: &[f64], size: f64) -> impl FnMut(&[f3
 
 /// Solutions (m, n) with an older factor after a sweep over the rows that changed since.
 fn swept<'a, T: Number>(
-    n_sweeps: usize,
     system: Nearby<'a>,
     values: &'a [T],
     mut solve: impl FnMut(&[T], &mut [T]) + 'a,
 ) -> impl FnMut(&[T], &mut [T]) + 'a {
     let rows = system.rows;
-    let mut smoother = Smoother::new(n_sweeps, rows, system.data, system.factored, values);
+    let mut smoother = Smoother::new(rows, system.data, system.factored, values);
     let mut work = Work::new();
     move |v, z| {
         if smoother.sweep(rows, values, v, &mut work) {

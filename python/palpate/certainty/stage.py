@@ -59,7 +59,13 @@ class CertaintyStage:
         by = next((c for c in ended if c.scenario.name == self.study.generalise_by), None)
         if by is None:
             return []
-        columns = self.columns(by)
+        try:
+            columns = self.columns(by)
+        except StoppedError:
+            raise
+        except PalpateError as error:
+            self.progress.note(f"warning: no intervals: {error}")
+            return []
         wanted = [by] if joint_only else ended
         return [each for case in wanted if (each := self._assessed(case, columns))]
 

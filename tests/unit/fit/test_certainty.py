@@ -181,6 +181,19 @@ class Notes:
         return getattr(SILENT, name)
 
 
+def test_where_slopes_fail_at_the_fit_there_are_no_intervals_and_no_error(ended):
+    study, measured, case, stage = ended()
+    simulate = stage.simulations.of
+    case.end.problem.simulate = lambda jobs: [
+        Simulation(job=each.job, status=Status.DIVERGED, response=None, message="too deep")
+        for each in simulate(jobs)
+    ]
+    notes = Notes()
+    found = CertaintyStage(study=study, measured=measured, progress=notes).run([case])
+    assert found.intervals.is_empty()
+    assert "no intervals: the error budget cannot be simulated" in notes.texts[-1]
+
+
 def test_where_the_onset_cannot_be_simulated_intervals_say_that_they_are_without(ended):
     study, measured, case, stage = ended()
     simulate = stage.simulations.of

@@ -198,9 +198,14 @@ class LinearSolver:
         solutions, _, left = self._factor.krylov_together(
             matrix, rhs, tolerance, len(rhs) * MOST_KRYLOV_STEPS
         )
-        if left > max(tolerance, TOLERATED):
+        if left <= max(tolerance, TOLERATED):
+            return solutions
+        # Where a shared space fails, spaces of their own may not.
+        alone = [self._iterate(matrix, row, tolerance, MOST_KRYLOV_STEPS)[0] for row in rhs]
+        found = [solution for solution in alone if solution is not None]
+        if len(found) < len(alone):
             raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
-        return solutions
+        return np.stack(found)
 
     def _factorise(self, values: FloatArray) -> None:
         self.n_factorisations += 1
