@@ -28,6 +28,7 @@ from palpate.prediction.summary import (
     PressStates,
     curve_errors,
     ends_by_force,
+    force_error,
     is_by_force,
     mesh_errors,
     spread,
@@ -417,6 +418,15 @@ def test_each_curve_has_the_error_that_its_own_largest_ordinate_shows():
     errors = curve_errors(curves(10.0, -5.0), curves(10.0, -5.9), 2.0, 0.01)
     assert errors == pytest.approx({"force": 0.01, "torque": 0.06})
     assert set(curve_errors(curves(10.0, -5.0), None, 2.0, 0.02).values()) == {0.02}
+
+
+def test_a_force_that_was_given_is_as_wrong_by_the_mesh_as_its_depth():
+    fine, softer = hertzian(), hertzian(0.97)
+    errors = mesh_errors(fine, softer, np.sqrt(2.0), 0.0)
+    assert errors["force_N"] == 0.0
+    assert force_error(fine, errors) == pytest.approx(0.03, rel=0.05), "that of the force at one depth"
+    still = replace(fine, force_N=np.where(fine.force_N > 4.0, 10.0, 0.0))
+    assert force_error(still, errors) is None
 
 
 def test_a_force_to_be_reached_makes_a_press_by_force():

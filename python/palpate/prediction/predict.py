@@ -28,6 +28,7 @@ from palpate.prediction.summary import (
     PressStates,
     curve_errors,
     ends_by_force,
+    force_error,
     mesh_errors,
     press_states,
     stiffer_by,
@@ -327,10 +328,11 @@ def _mesh_errors(
     quantities = mesh_errors(pressed, coarser, refinement, least)
     curves = curve_errors(simulation.response.curves, others, refinement, least)
     if by_force and "force" in curves:
-        # Both meshes carry the same force, so its curve is off by the depth at which they do.
-        growth = pressed.growth("depth_mm")
-        curves |= {"force": quantities["depth_mm"] / growth} if growth else {"force": np.nan}
-    return _MeshErrors(quantities, {name: sd for name, sd in curves.items() if np.isfinite(sd)}, unknown)
+        sd = force_error(pressed, quantities)
+        curves = {n: each for n, each in curves.items() if n != "force"} | (
+            {} if sd is None else {"force": sd}
+        )
+    return _MeshErrors(quantities, curves, unknown)
 
 
 def _spread(drawn: Sequence[Thetas], n: int) -> list[Thetas]:

@@ -150,6 +150,15 @@ def curve_errors(
     return {n: mesh_error(_largest(c), others.get(n), refinement, least) for n, c in curves.items()}
 
 
+def force_error(pressed: PressStates, mesh: Mapping[str, float]) -> float | None:
+    """Relative standard deviation, by the mesh, of the force at a depth where the force was given.
+
+    All meshes carry that force, each at a depth of its own. None where the growth with the force is unknown.
+    """
+    growth = pressed.growth("depth_mm")
+    return mesh["depth_mm"] / growth if growth else None
+
+
 def _largest(curve: Curve) -> float:
     return float(curve.ordinate[np.argmax(np.abs(curve.ordinate))])
 
