@@ -5,11 +5,13 @@ import re
 import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
+from palpate.balanced_states import POSE, TIME
 from palpate.domain import Channel
 from palpate.errors import StudyError
 from palpate.planning.presses import Press
@@ -107,7 +109,7 @@ def limits_of(allowed: Allowed | None, study: Study, channels: Mapping[str, Chan
     Raises
     ------
     StudyError
-        An unknown channel, a quantity that is none of its kind, or a solver that does not give the pressure.
+        An unknown channel, a quantity that is none of its kind, or a solver that does not compute it.
     """
     found: dict[str, Limit] = {}
     if allowed is None:
@@ -122,10 +124,30 @@ def limits_of(allowed: Allowed | None, study: Study, channels: Mapping[str, Chan
                 f"{allowed.place}limits.{name}: solver '{study.solver.name}' does not give the states of the "
                 "skin; use 'jax', or limit the force"
             )
+        if name != PRESSURE and not study.solver.provides.computes(channels[name]):
+            raise StudyError(
+                f"{allowed.place}limits.{name}: solver '{study.solver.name}' does not compute this channel; "
+                "leave it out, or limit another one"
+            )
         try:
             found[name] = Limit(convert(given, units[name]), units[name])
         except ValueError as error:
             raise StudyError(f"{allowed.place}limits.{name}: {error}") from None
+    return found
+
+
+def limited_curves(study: Study, limits: Mapping[str, Limit]) -> dict[str, tuple[Channel, ...]]:
+    """Channels that a job observes for each limit: the ordinate along every part of a motion.
+
+    The curve of a channel has the states where its own abscissa moves: that of the force ends where a twist
+    begins. An ordinate of several columns may have no value elsewhere, and is limited there alone.
+    """
+    found = {}
+    for name in (each for each in limits if each != PRESSURE):
+        channel = study.channels[name]
+        along = (channel.abscissa,) if channel.observe else (*POSE, TIME)
+        every = [replace(channel, name=f"{name} by {each}", abscissa=each) for each in along]
+        found[name] = tuple(each for each in every if study.solver.provides.computes(each))
     return found
 
 

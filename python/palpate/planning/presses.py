@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from palpate.certainty.causes import Columns, causes_of, columns_of
 from palpate.certainty.known_errors import known_errors
 from palpate.certainty.rows import grouped, groups_of, path_of, rows_of
 from palpate.domain import (
+    Channel,
     Curve,
     FloatArray,
     Job,
@@ -71,6 +73,8 @@ class DesignProblem:
         As for :func:`~palpate.certainty.known_errors.known_errors`.
     estimate : (n_parameters,) array, optional
         Values of the fit; by default those at the first point.
+    limited : mapping of channel to tuple of Channel
+        Further curves of candidates, for the largest ordinate of a channel along the whole motion.
     """
 
     study: Study
@@ -81,6 +85,7 @@ class DesignProblem:
     columns: Columns = field(default_factory=dict)
     refinement: Mapping[str, float] = field(default_factory=dict)
     estimate: FloatArray | None = None
+    limited: Mapping[str, tuple[Channel, ...]] = field(default_factory=dict)
 
     @property
     def shared(self) -> list[int]:
@@ -100,11 +105,11 @@ class PressAtPoint:
     ----------
     evidence : Evidence
     peaks : mapping of channel to float
-        Largest ordinates, and the largest ``pressure`` [MPa] where it was asked for.
+        Largest ordinates, and the largest ``pressure`` [MPa] where it was asked for; of a candidate.
     """
 
     evidence: Evidence
-    peaks: Mapping[str, float]
+    peaks: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,6 +125,13 @@ class SimulatedPress:
         """Largest ordinate of each channel at any of the points."""
         names = dict.fromkeys(name for each in self.at for name in each.peaks)
         return {name: max(each.peaks.get(name, 0.0) for each in self.at) for name in names}
+
+
+class _Stated(NamedTuple):
+    """A problem with simulated curves as measured, and the largest ordinate of each channel."""
+
+    problem: Problem
+    peaks: Mapping[str, float]
 
 
 def presses_so_far(design: DesignProblem, points: FloatArray) -> tuple[list[SimulatedPress], FloatArray]:
@@ -147,8 +159,9 @@ def presses_so_far(design: DesignProblem, points: FloatArray) -> tuple[list[Simu
     simulated = []
     for term, problem, row in zip(terms, problems, found, strict=True):
         press = Press(name=term.spot, spot=term.spot, protocol=term.protocol)
-        at = [_at_point(design, press, problem, row[k], design.columns) for k in used]
-        simulated.append(SimulatedPress(press=press, at=tuple(at)))
+        found_at = [_evidence(design, press, problem, row[k], design.columns) for k in used]
+        at = tuple(PressAtPoint(evidence=evidence) for evidence in found_at)
+        simulated.append(SimulatedPress(press=press, at=at))
     return simulated, points[used]
 
 
@@ -158,18 +171,18 @@ def simulated_presses(
     """Simulate presses at points (n_points, n_parameters) of the box; causes are taken at the first."""
     problems = _stated(design, presses, points)
     whole = {press: found for press, found in problems.items() if not isinstance(found, str)}
-    each = iter(
+    evaluated = iter(
         slopes_of(
             [
-                (problem, point_in(design, problem, p))
+                (each.problem, point_in(design, each.problem, p))
                 for found in whole.values()
-                for problem, p in zip(found, points, strict=True)
+                for each, p in zip(found, points, strict=True)
             ]
         )
     )
     results = {}
     for press, found in whole.items():
-        ended = [next(each) for _ in points]
+        ended = [next(evaluated) for _ in points]
         results[press] = _simulated(design, press, found, ended)
     return [
         results[press] if press in results else SimulatedPress(press=press, failure=str(problems[press]))
@@ -178,23 +191,24 @@ def simulated_presses(
 
 
 def _simulated(
-    design: DesignProblem, press: Press, problems: Sequence[Problem], ended: Sequence[Evaluation]
+    design: DesignProblem, press: Press, stated: Sequence[_Stated], ended: Sequence[Evaluation]
 ) -> SimulatedPress:
     if failure := next((each.failure for each in ended if each.jacobian is None), ""):
         return SimulatedPress(press=press, failure=failure)
     try:
-        columns = _columns(design, problems[0], ended[0])
+        columns = _columns(design, stated[0].problem, ended[0])
     except PalpateError as error:
         return SimulatedPress(press=press, failure=str(error))
     at = []
-    for problem, each in zip(problems, ended, strict=True):
+    for (problem, peaks), each in zip(stated, ended, strict=True):
         scaled = {
             (spot, name): {
-                cause: _as_large(column, problem, problems[0], name) for cause, column in of.items()
+                cause: _as_large(column, problem, stated[0].problem, name) for cause, column in of.items()
             }
             for (spot, name), of in columns.items()
         }
-        at.append(_at_point(design, press, problem, each, scaled))
+        evidence = _evidence(design, press, problem, each, scaled)
+        at.append(PressAtPoint(evidence=evidence, peaks=peaks))
     return SimulatedPress(press=press, at=tuple(at))
 
 
@@ -207,12 +221,12 @@ def _as_large(column: FloatArray, problem: Problem, first: Problem, channel: str
 
 def _stated(
     design: DesignProblem, presses: Sequence[Press], points: FloatArray
-) -> dict[Press, list[Problem] | str]:
+) -> dict[Press, list[_Stated] | str]:
     """State a problem for each press and point, its simulated curves as measured; or why there is none."""
     bare = {press: bare_problem(design, press) for press in presses}
     jobs = [job_of(design, problem, point) for problem in bare.values() for point in points]
     ended = iter(design.problem.simulate(jobs))
-    found: dict[Press, list[Problem] | str] = {}
+    found: dict[Press, list[_Stated] | str] = {}
     for press, problem in bare.items():
         stated = []
         for simulation in [next(ended) for _ in points]:
@@ -220,11 +234,23 @@ def _stated(
             if simulation.response is None or simulation.status is not Status.OK:
                 found[press] = f"{simulation.status}: {simulation.message or simulation.status.remedy}"
                 break
-            stated.append(problem.restated([_term(design, press, _as_measured(design, press, simulation))]))
+            as_measured = _as_measured(design, press, simulation)
+            restated = problem.restated([_term(design, press, as_measured)])
+            stated.append(_Stated(restated, _peaks(design, simulation.response)))
         else:
             found[press] = stated
-            if not stated[0].terms[0].weights:
+            if not stated[0].problem.terms[0].weights:
                 found[press] = f"it shows no channel of scenario '{design.scenario.name}'"
+    return found
+
+
+def _peaks(design: DesignProblem, response: Response) -> dict[str, float]:
+    """Largest ordinate of each channel, and of a limited one along the whole motion."""
+    channel_of_curve = {each.name: name for name, of in design.limited.items() for each in of}
+    found: dict[str, float] = {}
+    for name, curve in response.curves.items():
+        channel = channel_of_curve.get(name, name)
+        found[channel] = max(found.get(channel, 0.0), float(np.abs(curve.ordinate).max()))
     return found
 
 
@@ -257,6 +283,7 @@ def _term(design: DesignProblem, press: Press, measured: Response) -> SpotTerm:
         measured=measured,
         weights=weights,
         corrections={name: each for name, each in corrections.items() if each.any()},
+        channels=(*like.channels, *(each for of in design.limited.values() for each in of)),
     )
 
 
@@ -273,8 +300,10 @@ def _as_measured(design: DesignProblem, press: Press, simulation: Simulation) ->
     """Simulated curves as they would be measured: with as many points as those of the spot have."""
     assert simulation.response is not None
     known = design.measured.get(press.spot) or next(iter(design.measured.values()), Response(curves={}))
-    curves = {}
+    curves, further = {}, {each.name for of in design.limited.values() for each in of}
     for name, curve in simulation.response.curves.items():
+        if name in further:
+            continue
         n = known[name].abscissa.size if name in known.curves else USUAL_POINTS
         path = path_of(curve.abscissa)
         along = np.linspace(0.0, path[-1], max(n, path.size))
@@ -303,9 +332,9 @@ def _columns(design: DesignProblem, problem: Problem, evaluation: Evaluation) ->
     return columns_of(fit, here, [name for name in channels if design.scenario.fits(name)])
 
 
-def _at_point(
+def _evidence(
     design: DesignProblem, press: Press, problem: Problem, evaluation: Evaluation, columns: Columns
-) -> PressAtPoint:
+) -> Evidence:
     (term,) = problem.terms
     assert evaluation.residuals is not None
     assert evaluation.jacobian is not None
@@ -324,18 +353,15 @@ def _at_point(
     }
     own = [i for i, name in enumerate(problem.names) if "@" in name]
     kept = [i for i, name in enumerate(problem.names) if "@" not in name]
-    return PressAtPoint(
-        evidence=evidence_of(
-            groups @ slopes[:, kept],
-            groups @ slopes[:, own],
-            grouped(rows, groups),
-            known,
-            design.errors,
-            channels=channels,
-            site=term.site,
-            weighs_points=design.study.budget.weighs_points,
-        ),
-        peaks={name: float(np.abs(curve.ordinate).max()) for name, curve in term.measured.curves.items()},
+    return evidence_of(
+        groups @ slopes[:, kept],
+        groups @ slopes[:, own],
+        grouped(rows, groups),
+        known,
+        design.errors,
+        channels=channels,
+        site=term.site,
+        weighs_points=design.study.budget.weighs_points,
     )
 
 

@@ -12,7 +12,7 @@ from palpate.domain import FloatArray, Parameter, Response, Scenario
 from palpate.errors import StudyError
 from palpate.fit.problem import Problem, Simulate
 from palpate.fit.spot_term import term_of
-from palpate.planning.candidates import PRESSURE, Limit
+from palpate.planning.candidates import PRESSURE, Limit, limited_curves
 from palpate.planning.evidence import ErrorSizes, Evidence, FoptEvidence, GlsEvidence
 from palpate.planning.narrowing import Goal, Narrowing, Plan, bands, check_goal, interval
 from palpate.planning.options import PlanOptions
@@ -199,6 +199,7 @@ def choose_presses(
         There is no such goal, or no press can be made.
     """
     goal = _goal(design, options, points[0])
+    design = replace(design, limited=limited_curves(design.study, limits))
     simulated = simulated_presses(design, presses, points)
     if PRESSURE in limits:
         simulated = with_pressures(design, simulated, points[0])

@@ -12,11 +12,18 @@ from pydantic import TypeAdapter
 import palpate_materials
 from palpate import pipeline
 from palpate.cli.output import ProposalOutput
-from palpate.domain import Indentation, Job, Status, SurfaceStates, Waypoints
+from palpate.domain import Indentation, Job, Response, Status, SurfaceStates, Waypoints
 from palpate.errors import StudyError
 from palpate.opened_fit import abscissae_of
 from palpate.planning import stage
-from palpate.planning.candidates import Allowed, Limit, candidates, described, read_allowed, usual
+from palpate.planning.candidates import (
+    Allowed,
+    Limit,
+    candidates,
+    described,
+    read_allowed,
+    usual,
+)
 from palpate.planning.extension import extended_study
 from palpate.planning.figure import draw
 from palpate.planning.options import PlanOptions
@@ -271,6 +278,28 @@ def test_pressure_is_not_known_without_a_force(run):
     (found,) = with_pressures(design, [without], points[0])
     assert not found.at
     assert "its force is not known" in found.failure
+
+
+def _stiffer_in_a_twist(study, jobs):
+    """Simulations whose force doubles in the twist."""
+    for job in jobs:
+        found = study.solver.simulate(job, None)
+        curves = dict(found.response.curves)
+        if twisted := curves.get("force by rotation_deg"):
+            curves[twisted.channel] = replace(twisted, ordinate=2.0 * twisted.ordinate)
+        yield replace(found, response=Response(curves=curves))
+
+
+def test_force_is_limited_in_a_twist_too(run):
+    study, _, plugins = run
+    design, points = _first_design(run, functools.partial(_stiffer_in_a_twist, study))
+    made = candidates(study, plugins, ALLOWED)
+    free = {each.press.name: each.peaks["force"] for each in simulated_presses(design, made, points)}
+    found = choose_presses(design, [], made, points, PlanOptions(), {"force": Limit(1e3, "N")})
+    for each in found.steps[0].ranked:
+        press = each.press.press
+        times = 2.0 if press.keys["twist"] else 1.0
+        assert each.press.peaks["force"] == pytest.approx(times * free[press.name])
 
 
 def test_pressure_needs_a_solver_that_gives_it(run):
