@@ -159,9 +159,9 @@ def drawn(rng, covariance):
 @given(st.floats(0.0, 6.0), st.floats(0.1, 0.9))
 def test_a_centre_outside_of_a_range_is_as_unlikely_as_it_is_far(far, other):
     covariance = np.diag([0.1**2, 0.05**2])
-    found = Laplace(centre=np.array([1.0 + 0.1 * far, other]), covariance=covariance, shares={})
+    found = Laplace(centre=np.array([1.0 + 0.1 * far, other]), covariance=covariance, parts={})
     assert found.in_ranges == pytest.approx(chi2.sf(far**2, 2), rel=1e-3, abs=1e-9)
-    inside = Laplace(centre=np.array([0.5, other]), covariance=covariance, shares={})
+    inside = Laplace(centre=np.array([0.5, other]), covariance=covariance, parts={})
     assert inside.in_ranges == pytest.approx(1.0)
 
 

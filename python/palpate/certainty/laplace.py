@@ -10,7 +10,7 @@ as the ranges.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -39,13 +39,25 @@ class Laplace:
     centre : (n_parameters,) array
         May be outside the box, where a fit has ended at a bound.
     covariance : (n_parameters, n_parameters) array
-    shares : mapping of cause to (n_parameters,) array
-        Parts of each variance; they sum to 1.
+    parts : mapping of cause to (n_parameters, n_parameters) array
+        They sum to the covariance.
     """
 
     centre: FloatArray
     covariance: FloatArray
-    shares: Mapping[str, FloatArray]
+    parts: Mapping[str, FloatArray]
+
+    @property
+    def shares(self) -> dict[str, FloatArray]:
+        """Share (n_parameters,) of each cause in the variances; they sum to 1."""
+        variance = np.diag(self.covariance)
+        # Rounding may make a part less than nothing.
+        return {name: np.maximum(np.diag(part) / variance, 0.0) for name, part in self.parts.items()}
+
+    def by(self, *causes: str) -> "Laplace":
+        """What some of the causes alone make of the density."""
+        parts = {name: self.parts[name] for name in causes}
+        return replace(self, covariance=np.sum(list(parts.values()), axis=0), parts=parts)
 
     @property
     def sd(self) -> FloatArray:
@@ -116,7 +128,7 @@ def laplace(
     range_sd: float = RANGE_SD,
     weighs_points: bool = False,
 ) -> Laplace:
-    """Normal density around a fit, and the share of each cause in its variance.
+    """Normal density around a fit, and the part of each cause in its covariance.
 
     Parameters
     ----------
@@ -141,16 +153,10 @@ def laplace(
     prior = np.eye(jacobian.shape[1]) / range_sd**2
     covariance: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
     through = covariance @ gain.T
-    variance = np.diag(covariance)
-    shares = {name: _share(through, part, variance) for name, part in parts.items()}
-    shares[RANGE] = _share(covariance, prior, variance)
+    made = {name: through @ part @ through.T for name, part in parts.items()}
+    made[RANGE] = covariance @ prior @ covariance
     centre = point - through @ (left.T @ residuals)
-    return Laplace(centre=centre, covariance=(covariance + covariance.T) / 2.0, shares=shares)
-
-
-def _share(through: FloatArray, part: FloatArray, variance: FloatArray) -> FloatArray:
-    share: FloatArray = np.maximum(np.einsum("ik,kl,il->i", through, part, through) / variance, 0.0)
-    return share  # which rounding may have made less than nothing
+    return Laplace(centre=centre, covariance=(covariance + covariance.T) / 2.0, parts=made)
 
 
 def _gram(factor: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from palpate.certainty.adequacy import checks
 from palpate.certainty.causes import Columns, causes_of, columns_of
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.known_errors import known_errors
-from palpate.certainty.laplace import laplace
+from palpate.certainty.laplace import RANGE, laplace
 from palpate.certainty.likelihood import whitening
 from palpate.certainty.planes import planes_of_fits
 from palpate.certainty.rows import Rows, grouped, groups_of, rows_of
@@ -111,6 +111,7 @@ class CertaintyStage:
         """Estimate noise and discrepancy of a case, and its covariance."""
         end = case.end
         assert end is not None
+        assert end.best is not None
         residuals, jacobian, point = _at_end(end)
         rows, channels = rows_of(end.problem.terms, residuals.size)
         known = self._known(end, rows, columns)
@@ -127,12 +128,21 @@ class CertaintyStage:
         covariance = every @ every.T + errors.noise_covariance + errors.discrepancy_covariance
         weighs_points = self.study.budget.weighs_points
         of_all = laplace(point, residuals, jacobian, {**known, **parts}, weighs_points=weighs_points)
+        box = end.problem.box
+        if weighs_points:
+            point, noise_only = np.clip(of_all.centre, 0.0, 1.0), of_all.by(NOISE, PRIORS, RANGE)
+            values = box.lower + point * (box.upper - box.lower)
+        else:
+            values = box.values(end.best.point)
+            of_noise = {NOISE: parts[NOISE], PRIORS: known[PRIORS]}
+            noise_only = laplace(point, residuals, jacobian, of_noise)
         return Assessed(
             case=case,
             end=end,
-            point=np.clip(of_all.centre, 0.0, 1.0) if weighs_points else point,
+            point=point,
+            values=values,
             laplace=of_all,
-            noise_only=laplace(point, residuals, jacobian, {NOISE: parts[NOISE], PRIORS: known[PRIORS]}),
+            noise_only=noise_only,
             white=whitening(jacobian, covariance, groups),
             errors=errors,
             checks=tuple(checks(residuals, jacobian, covariance, rows, errors.exceeds, of_all.in_ranges)),

@@ -35,6 +35,8 @@ class Assessed:
     end : Fit
     point : (n_parameters,) array
         Where it has ended, as shares of the ranges; with the ``gls`` estimator the most likely values.
+    values : (n_parameters,) array
+        The same, in the units of the parameters.
     laplace, noise_only : Laplace
         By all causes, and by the noise alone.
     white : (m, n) array
@@ -48,6 +50,7 @@ class Assessed:
     case: Case
     end: Fit
     point: FloatArray
+    values: FloatArray
     laplace: Laplace
     noise_only: Laplace
     white: FloatArray
@@ -101,9 +104,8 @@ def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
         for density in densities
         for end in density.interval(each.point)
     ]
-    values = box.lower + (box.upper - box.lower) * each.point
     for i, parameter in enumerate(box.parameters):
-        value, (lower, upper, *of_noise) = float(values[i]), (float(end[i]) for end in ends)
+        value, (lower, upper, *of_noise) = float(each.values[i]), (float(end[i]) for end in ends)
         over_value = (upper - lower) / abs(value) if value else np.inf
         over_range = (upper - lower) / (parameter.upper - parameter.lower)
         width = max(over_value if parameter.lower * parameter.upper > 0.0 else 0.0, over_range)
@@ -134,7 +136,7 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
 def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
     assert each.end.best is not None
     box, width = each.end.problem.box, each.end.problem.box.upper - each.end.problem.box.lower
-    for found in directions(box.names, box.lower + width * each.point, width, each.laplace.covariance):
+    for found in directions(box.names, each.values, width, each.laplace.covariance):
         yield _about(each) | {
             "combination": found.text,
             "relative_width": found.relative_width,

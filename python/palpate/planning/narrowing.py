@@ -183,4 +183,4 @@ def _ranges(goal: Goal) -> tuple[FloatArray, FloatArray]:
 def _within(goal: Goal, covariance: FloatArray) -> Density:
     """Density around the goal's values, in shares of the ranges."""
     lower, width = _ranges(goal)
-    return Laplace(centre=(goal.values - lower) / width, covariance=covariance, shares={}).within()
+    return Laplace(centre=(goal.values - lower) / width, covariance=covariance, parts={}).within()

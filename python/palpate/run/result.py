@@ -189,11 +189,32 @@ class FitResult:
     certainty: CertaintyResult = field(default_factory=CertaintyResult)
 
     @property
+    def estimates(self) -> pl.DataFrame:
+        """The table with the values that the intervals are of, where there are intervals.
+
+        They differ from those of the least Fopt by the ``gls`` estimator alone; Fopt, NMSE and R² stay those
+        of the least Fopt.
+        """
+        table, known = self.table, self.certainty.intervals
+        if known.is_empty() or "spot" not in table.columns:
+            return table
+        for parameter in known["parameter"].unique(maintain_order=True):
+            name, _, spot = parameter.partition("@")
+            values = known.filter(parameter=parameter).select("fit", "scenario", estimate="value")
+            here = pl.col("estimate").is_not_null() & (pl.lit(not spot) | (pl.col("spot") == spot))
+            table = (
+                table.join(values, on=["fit", "scenario"], how="left", maintain_order="left")
+                .with_columns(pl.when(here).then("estimate").otherwise(name).alias(name))
+                .drop("estimate")
+            )
+        return table
+
+    @property
     def of_each_spot(self) -> pl.DataFrame:
         """Rows of the fits of one spot each that have a result."""
         if "spot" not in self.table.columns:
             return pl.DataFrame()
-        return self.table.filter(pl.col("fit") == pl.col("spot")).drop_nulls("fopt")
+        return self.estimates.filter(pl.col("fit") == pl.col("spot")).drop_nulls("fopt")
 
     def of_spots(self) -> dict[tuple[str, str], dict[str, Any]]:
         """Rows of :attr:`of_each_spot` by spot and scenario."""
@@ -207,7 +228,7 @@ class FitResult:
         """
         if "spot" not in self.table.columns:
             return pl.DataFrame()
-        rows = self.table.drop_nulls("fopt").with_columns(spot=pl.col("fit"))
+        rows = self.estimates.drop_nulls("fopt").with_columns(spot=pl.col("fit"))
         shared = pl.all().exclude("fit", "scenario", "fopt", "^nmse_.*$", "^r2_.*$")
         return rows.group_by("fit", "scenario", maintain_order=True).agg(
             pl.col("fopt", "^nmse_.*$").mean(),
@@ -219,7 +240,7 @@ class FitResult:
         """Rows of the joint fit in a scenario, one per spot; empty where there is none."""
         if "spot" not in self.table.columns:
             return pl.DataFrame()
-        rows = self.table.filter(pl.col("scenario") == scenario, pl.col("fit") != pl.col("spot"))
+        rows = self.estimates.filter(pl.col("scenario") == scenario, pl.col("fit") != pl.col("spot"))
         return rows.drop_nulls("fopt")
 
     @property

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 
 from palpate import pipeline
@@ -14,6 +15,7 @@ from palpate.fit.parametrisation import StandardParametrisation, StandardSetting
 from palpate.fit.spot_term import is_along_slopes, is_same_job
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
+from palpate.run.result import FitResult
 from palpate.study.model import BudgetTable
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden
@@ -159,6 +161,22 @@ def test_tables_have_a_row_of_each_parameter_with_its_causes(assessed):
 def test_intervals_hold_the_truth(assessed):
     for row, truth in zip(assessed.intervals.iter_rows(named=True), TRUTH, strict=True):
         assert row["lower"] < truth < row["upper"]
+
+
+def test_most_likely_values_have_the_intervals_and_draws_of_their_own(ended):
+    budget = BudgetTable.model_validate({"estimator": "gls", "friction": 0.3})
+    study, measured, case, _ = ended(spots=("p1", "p2"), budget=budget)
+    found = CertaintyStage(study=study, measured=measured).run([case])
+    row = {"fit": "all spots", "scenario": "I", "fopt": 0.1} | case.values()
+    table = pl.DataFrame([row | {"spot": spot} for spot in study.spot_names])
+    fit = FitResult(table=table, certainty=found)
+    least, likely = fit.table.row(0, named=True), fit.joint("I").row(0, named=True)
+    for row, truth in zip(found.intervals.iter_rows(named=True), TRUTH, strict=True):
+        name, width = row["parameter"], row["upper"] - row["lower"]
+        assert likely[name] == row["value"] != least[name]
+        assert row["lower"] < truth < row["upper"]
+        assert 0.0 < row["noise_upper"] - row["noise_lower"] < width
+        assert found.draws[name].mean() == pytest.approx(row["value"], abs=0.1 * width)
 
 
 def test_another_material_does_not_describe_the_data(ended):
