@@ -124,9 +124,7 @@ def test_the_command_predicts_a_table_without_results(
 
 def test_the_command_fits_other_presses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Presses that are 1.2 times as stiff predict such a press."""
-    with (files("palpate_multis") / "data" / "presses.csv").open("rb") as stream:
-        table = pl.read_csv(stream)
-    table.with_columns(pl.col("stiffness_MPa_per_mm") * 1.2).write_csv(tmp_path / "stiffer.csv")
+    _measured().with_columns(pl.col("stiffness_MPa_per_mm") * 1.2).write_csv(tmp_path / "stiffer.csv")
     new, fits = tmp_path / "new.csv", []
     new.write_text("max_force_N,area_mm2,skin_mm,fat_mm,muscle_mm\n7,675,1.4,6,30\n")
     for more in ([], ["--fitted-to", str(tmp_path / "stiffer.csv")]):
@@ -135,6 +133,30 @@ def test_the_command_fits_other_presses(tmp_path: Path, capsys: pytest.CaptureFi
     assert fits[0]["fit"]["muscle_MPa"] == pytest.approx(population().muscle_MPa)
     first, stiffer = (fit["presses"][0]["compliance_mm_per_MPa"] for fit in fits)
     assert stiffer == pytest.approx(first / 1.2, rel=0.05)
+
+
+def _measured() -> pl.DataFrame:
+    with (files("palpate_multis") / "data" / "presses.csv").open("rb") as stream:
+        return pl.read_csv(stream)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (_measured().head(1), "1 presses of 1 people; a fit and its spreads need 10"),
+        (_measured().filter(pl.col("person") == pl.col("person").first()), "of 1 people"),
+        (_measured().unique("person", maintain_order=True), "somebody who was pressed twice"),
+        (_measured().with_columns(pl.col("stiffness_MPa_per_mm") * 1e4), "at the end of what was simulated"),
+    ],
+)
+def test_presses_that_cannot_be_fitted_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], table: pl.DataFrame, words: str
+) -> None:
+    new, own = tmp_path / "new.csv", tmp_path / "own.csv"
+    new.write_text("max_force_N,area_mm2,skin_mm,fat_mm,muscle_mm\n7,675,1.4,6,30\n")
+    table.write_csv(own)
+    assert main(["predict-press", str(new), "--fitted-to", str(own)]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(

@@ -28,12 +28,13 @@ def predict_press(
     as_json: AsJson = False,
 ) -> None:
     """Predict presses of an ultrasound probe, by layered finite elements fitted to living limbs."""
-    from palpate_multis.population import fit
+    from palpate_multis.population import fit, fit_own
     from palpate_multis.presses import read_presses
 
     session = Session.of(context)
     presses = read_presses(table, measured=False)
-    population = fit(read_presses(fitted_to))
+    known = read_presses(fitted_to)
+    population = fit_own(known, str(fitted_to)) if fitted_to else fit(known)
     compliance, share = population.predict(presses.layers_mm, presses.width_mm, presses.force_N)
     lower, upper = population.interval(compliance)
     columns = (compliance.tolist(), lower.tolist(), upper.tolist(), share.tolist())

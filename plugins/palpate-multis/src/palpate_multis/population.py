@@ -17,7 +17,7 @@ from palpate_multis.layered_block import LENGTH_MM
 from palpate_multis.presses import Presses
 
 SKIN_MPA = 0.6
-"""Modulus of skin, assumed: published ones span orders of magnitude, and the presses do not tell it."""
+"""Modulus of skin, assumed: published ones span orders of magnitude, and the presses do not identify it."""
 
 REFERENCE_LOAD = 0.3
 """Load over the root of the probe's area [N/mm] at which the moduli are given: that of the median press."""
@@ -27,6 +27,12 @@ SIMPLEX = ((0.15, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.1))
 
 SMOOTHING = 1e-2
 """Relative error below which the loss is rounded."""
+
+LEAST_PRESSES = 10
+"""Fewest presses that three numbers are fitted to."""
+
+AT_END = 1.001
+"""Ratio to an end of the simulated moduli up to which a modulus is at it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,6 +118,32 @@ def fit(presses: Presses, start: Sequence[float] = START) -> Population:
     )
     found = numbers(best.x)
     return _with_spread(found, presses)
+
+
+def fit_own(presses: Presses, where: str) -> Population:
+    """Fit presses that are not those of MULTIS, where there are enough for the numbers and their spreads.
+
+    Raises
+    ------
+    PalpateError
+        There are too few people or presses, nobody was pressed twice, or a modulus is at the end of what was
+        simulated; ``where`` names the file.
+    """
+    n_people, n_presses = len(np.unique(presses.person)), len(presses.compliance)
+    if n_people < 2 or n_presses < LEAST_PRESSES or n_presses == n_people:
+        raise PalpateError(
+            f"{where}: {n_presses} presses of {n_people} people; a fit and its spreads need {LEAST_PRESSES} "
+            "of two people or more, and somebody who was pressed twice. Leave out --fitted-to, or add presses"
+        )
+    found = fit(presses)
+    stiffness, ratio = SKIN_MPA / found.muscle_MPa, found.fat_MPa / found.muscle_MPa
+    for name, value, column in (("skin over muscle", stiffness, 3), ("fat over muscle", ratio, 4)):
+        if not LOWER[column] * AT_END < value < UPPER[column] / AT_END:
+            raise PalpateError(
+                f"{where}: the ratio of moduli {name} is {value:.3g}, at the end of what was simulated "
+                f"({LOWER[column]:g} to {UPPER[column]:g}); check the units of the table"
+            )
+    return found
 
 
 def bootstrap(presses: Presses, n_draws: int, seed: int = 0) -> list[Population]:
