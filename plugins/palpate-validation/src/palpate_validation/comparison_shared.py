@@ -94,8 +94,10 @@ def pair_rows(
             note = f"{name}: {found}" if isinstance(found, str) else f"{other}: {expected}"
         elif found == expected:
             difference = 0.0
+        elif peak := _peak(answers[other], channel.name):
+            difference = abs(found - expected) / peak
         else:
-            difference = abs(found - expected) / max(abs(expected), np.finfo(float).tiny)
+            note = f"{other}: its {channel.name} is zero all along"
         yield case.row(
             solver=name,
             quantity=channel.name,
@@ -114,6 +116,11 @@ def _ordinate(simulation: Simulation, channel: str, place: float) -> float | str
         return f"no channel '{channel}' in its result"
     value = float(at(simulation.response[channel], [place])[0])
     return value if np.isfinite(value) else f"its {channel} does not reach {place:g}"
+
+
+def _peak(simulation: Simulation, channel: str) -> float:
+    assert simulation.response is not None
+    return float(np.nanmax(np.abs(simulation.response[channel].ordinate)))
 
 
 def not_shared(solvers: Mapping[str, Provides], channels: Sequence[Channel]) -> list[str]:
