@@ -24,6 +24,9 @@ MOST_SHOWN, MOST_SPOTS = 6, 3
 """Candidates of a spot, the best first, and spots in a row."""
 
 MOST_TRIANGLES, ROW_MM = 3000, 75.0
+SCALE, LEAST_SPAN = 0.6, 0.1
+"""Width of the colour scale, in those of a spot, and the least range of widths that it has."""
+
 SKIN, LIGHT = np.array([0.87, 0.71, 0.60]), 0.45
 """Colour of the skin, and its share where it is seen edge-on."""
 
@@ -38,9 +41,9 @@ def draw(proposal: Proposal, limbs: Mapping[str, Limb], folder: Path) -> list[Pa
     rows = -(-len(spots) // MOST_SPOTS)
     columns = min(len(spots), MOST_SPOTS)
     widths = [each.goal for each in ranked]
-    colours = ScalarMappable(Normalize(min(widths), max(max(widths), min(widths) + 1e-6)), "viridis")
+    colours = ScalarMappable(Normalize(min(widths), max(max(widths), min(widths) + LEAST_SPAN)), "viridis")
     with matplotlib.rc_context(cast("Any", dict(STYLE))):
-        figure = sized(DOUBLE_MM, ROW_MM * rows)
+        figure = sized(DOUBLE_MM * (columns + SCALE) / (MOST_SPOTS + SCALE), ROW_MM * rows)
         axes = figure.subplots(2 * rows, columns, squeeze=False)
         for axis in axes.ravel():
             axis.set_axis_off()
