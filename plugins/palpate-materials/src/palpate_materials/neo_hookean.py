@@ -3,7 +3,7 @@
 import math
 
 from palpate.api import Array, EnergyForm, FloatArray, IsotropicMaterial, Parameter
-from palpate_materials.uncoupled import first_invariant, modulus
+from palpate_materials.uncoupled import first_invariant, log_volume_ratio, modulus
 
 
 class NeoHookean(IsotropicMaterial):
@@ -37,11 +37,10 @@ class NeoHookean(IsotropicMaterial):
 
     def energy(self, stretches: Array, theta: Array) -> Array:
         """Strain energy per reference volume [MPa], (..., 3) → (...,)."""
-        xp = stretches.__array_namespace__()
         young, poisson = theta[0], theta[1]
         mu = young / (2.0 * (1.0 + poisson))
         lame = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-        log_J = xp.log(xp.prod(stretches, axis=-1))
+        log_J = log_volume_ratio(stretches)
         return 0.5 * mu * (first_invariant(stretches) - 3.0) - mu * log_J + 0.5 * lame * log_J**2
 
     def energy_form(self, theta: FloatArray) -> EnergyForm:

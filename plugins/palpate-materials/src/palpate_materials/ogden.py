@@ -4,7 +4,7 @@ import numpy as np
 from pydantic import Field
 
 from palpate.api import Array, EnergyForm, FloatArray, MaterialError, Settings
-from palpate_materials.uncoupled import POSITIVE, Uncoupled, bulk_modulus, modulus, shape
+from palpate_materials.uncoupled import POSITIVE, Uncoupled, bulk_modulus, modulus, shape, total
 
 
 class OgdenSettings(Settings):
@@ -50,8 +50,10 @@ class Ogden(Uncoupled[OgdenSettings]):
     def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
         """Σ_k c_k/m_k² (Σ_a λ̃_a^m_k − 3) [MPa]."""
         xp = stretches.__array_namespace__()
+        # A power's derivatives are powers again; those of the exponential reuse it.
+        logs = xp.log(stretches)
         terms = ((theta[k], theta[k + 1]) for k in range(0, 2 * self.settings.terms, 2))
-        return sum(c / m**2 * (xp.sum(stretches**m, axis=-1) - 3.0) for c, m in terms)
+        return sum(c / m**2 * (total(xp.exp(m * logs)) - 3.0) for c, m in terms)
 
     def energy_form(self, theta: FloatArray) -> EnergyForm:
         """Declare the energy for other programs: powers of the stretches."""
