@@ -1,6 +1,13 @@
 //! A factor in double precision, or in single precision of a scaled matrix.
 
+#![expect(
+    clippy::inline_always,
+    reason = "only what is inlined into a dispatch is compiled for the processor at hand"
+)]
+
 use std::str::FromStr;
+
+use pulp::{Arch, NullaryFnOnce};
 
 use crate::error::{Error, InputError};
 use crate::factor::Factor;
@@ -207,9 +214,31 @@ impl Numbers {
 
 /// The data over a power of two near the largest, in single precision, where others could overflow.
 fn shrunk(data: &[f64]) -> (Vec<f32>, f64) {
-    let size = power_of_two(data.iter().fold(0.0, |most: f64, v| most.max(v.abs())));
-    let shrink = 1.0 / size;
-    (data.iter().map(|v| f32::rounded(v * shrink)).collect(), size)
+    Arch::new().dispatch(Shrink { data })
+}
+
+/// Work of [`shrunk`], compiled for this processor; a closure would not be.
+struct Shrink<'a> {
+    data: &'a [f64],
+}
+
+impl NullaryFnOnce for Shrink<'_> {
+    type Output = (Vec<f32>, f64);
+
+    #[inline(always)]
+    fn call(self) -> (Vec<f32>, f64) {
+        let (chunks, rest) = self.data.as_chunks::<8>();
+        let mut most = [0.0_f64; 8];
+        for chunk in chunks {
+            for (most, value) in most.iter_mut().zip(chunk) {
+                *most = most.max(value.abs());
+            }
+        }
+        let size =
+            power_of_two(most.iter().chain(rest).fold(0.0, |most: f64, v| most.max(v.abs())));
+        let shrink = 1.0 / size;
+        (self.data.iter().map(|v| f32::rounded(v * shrink)).collect(), size)
+    }
 }
 
 /// Solutions (m, n) with a factor.

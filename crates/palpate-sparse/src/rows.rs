@@ -22,6 +22,8 @@ pub(crate) struct Rows {
     panels: Vec<(usize, usize)>,
     /// First of three columns in sequence, if all are such in panels of three rows.
     triples: Option<Vec<u32>>,
+    /// Place of the entry on the diagonal of each row.
+    diagonals: Vec<Option<usize>>,
 }
 
 impl Rows {
@@ -40,7 +42,9 @@ impl Rows {
         }
         let whole = panels.iter().all(|&(_, height)| height == PANEL);
         let triples = if whole { triples(&starts, &columns) } else { None };
-        Ok(Self { starts, columns, panels, triples })
+        let mut rows = Self { starts, columns, panels, triples, diagonals: Vec::new() };
+        rows.diagonals = (0..n).map(|row| rows.place(row, row)).collect();
+        Ok(rows)
     }
 
     pub(crate) fn n(&self) -> usize {
@@ -67,17 +71,26 @@ impl Rows {
         found.ok().map(|k| self.starts[row] + k)
     }
 
+    /// Place of the entry on the diagonal of a row, if there is one.
+    pub(crate) fn diagonal(&self, row: usize) -> Option<usize> {
+        self.diagonals[row]
+    }
+
     /// First row and height of all panels.
     pub(crate) fn panels(&self) -> &[(usize, usize)] {
         &self.panels
     }
 
-    /// Panels with an entry in one of some columns.
-    pub(crate) fn panels_at(&self, wanted: impl Fn(usize) -> bool) -> Vec<(usize, usize)> {
-        let reaches = |&&(row, _): &&(usize, usize)| {
-            self.columns[self.range(row)].iter().any(|&column| wanted(column as usize))
-        };
-        self.panels.iter().filter(reaches).copied().collect()
+    /// Panels with an entry in a column of some panels' rows, of a symmetric pattern.
+    pub(crate) fn panels_around(&self, panels: &[(usize, usize)]) -> Vec<(usize, usize)> {
+        let mut reached = vec![false; self.n()];
+        for &(row, height) in panels {
+            let places = self.starts[row]..self.starts[row + height];
+            self.columns[places].iter().for_each(|&column| reached[column as usize] = true);
+        }
+        let is_reached =
+            |&&(row, height): &&(usize, usize)| reached[row..row + height].contains(&true);
+        self.panels.iter().filter(is_reached).copied().collect()
     }
 
     /// A x for vectors (m, n).

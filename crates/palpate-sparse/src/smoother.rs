@@ -52,7 +52,7 @@ impl<T: Number> Smoother<T> {
     /// The rows in which `data` differs from the `factored` matrix; `values` are `data` as the cycle
     /// has them.
     pub(crate) fn new(rows: &Rows, data: &[f64], factored: &[f64], values: &[T]) -> Self {
-        let changed = changed(rows, data, factored);
+        let changed = Arch::new().dispatch(Changed { rows, data, factored });
         let mut places = vec![u32::MAX; rows.n()];
         let mut unknowns = Vec::new();
         for &(row, height) in &changed {
@@ -72,7 +72,7 @@ impl<T: Number> Smoother<T> {
         if changed.is_empty() {
             return smoother;
         }
-        smoother.reach = rows.panels_at(|column| places[column] != u32::MAX);
+        smoother.reach = rows.panels_around(&changed);
         let mut first = 0;
         for (row, height) in changed {
             smoother.take(rows, &places, values, row, first, height);
@@ -184,16 +184,35 @@ impl<T: Number> Work<T> {
     }
 }
 
-/// Panels with a row whose entries differ.
-fn changed(rows: &Rows, data: &[f64], factored: &[f64]) -> Vec<(usize, usize)> {
-    let differs = |row: usize| {
-        let range = rows.range(row);
-        let pairs = data[range.clone()].iter().zip(&factored[range]);
-        let most = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        most > CHANGED * rows.place(row, row).map_or(0.0, |place| data[place].abs())
-    };
-    let panels = rows.panels().iter();
-    panels.filter(|&&(row, height)| (row..row + height).any(differs)).copied().collect()
+/// Finds panels with a row whose entries differ, compiled for this processor; a closure would not be.
+struct Changed<'a> {
+    rows: &'a Rows,
+    data: &'a [f64],
+    factored: &'a [f64],
+}
+
+impl NullaryFnOnce for Changed<'_> {
+    type Output = Vec<(usize, usize)>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<(usize, usize)> {
+        let Self { rows, data, factored } = self;
+        let mut changed = Vec::new();
+        for &(row, height) in rows.panels() {
+            let mut differs = false;
+            for row in row..row + height {
+                let range = rows.range(row);
+                let least = CHANGED * rows.diagonal(row).map_or(0.0, |place| data[place].abs());
+                let pairs = data[range.clone()].iter().zip(&factored[range]);
+                // Without a way out the loop takes several entries at a time.
+                differs |= pairs.fold(false, |differs, (a, b)| differs | ((a - b).abs() > least));
+            }
+            if differs {
+                changed.push((row, height));
+            }
+        }
+        changed
+    }
 }
 
 /// Sweeps forth and back that take y towards the solution for v, compiled for this processor; a closure
