@@ -167,13 +167,14 @@ class ElementBlock:
         F̄ = F.
     places
         Where each entry of an element's stiffness goes in the values of a sparse matrix
-        (e, 3n, 3n).
+        (e, 3n, 3n). The nine of two nodes lie in three rows of three in sequence, at one distance,
+        or all in one place.
 
     Raises
     ------
     ValueError
-        The arrays do not fit one another, an index is negative, a gradient is not finite, or an
-        element has no volume.
+        The arrays do not fit one another, an index is negative, places of two nodes are not in such
+        rows, a gradient is not finite, or an element has no volume.
 
     Examples
     --------

@@ -104,7 +104,7 @@ def moved_bytes(q: int, n: int) -> dict[str, float]:
     return {
         "deformation": geometry + point + 28 * n,
         "forces": geometry + point + 24 * q + 52 * n,
-        "stiffness": geometry + point + 96 * q + 9 * n * n * (4 + 16),
+        "stiffness": geometry + point + 96 * q + n * n * (8 + 9 * 16),
     }
 
 

@@ -42,6 +42,47 @@ impl Shape {
     }
 }
 
+/// Where the three by three entries of a pair of nodes go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Place {
+    first: u32,
+    /// From one row to the next; 0 if all nine entries go to `first`.
+    stride: u32,
+}
+
+impl Place {
+    /// Of rows of places, if each has three in sequence at one distance from the next, or all are the same.
+    fn of(rows: [[u32; 3]; 3]) -> Option<Self> {
+        let first = rows[0][0];
+        let stride = rows[1][0].checked_sub(first)?;
+        let step = u32::from(stride > 0);
+        let after =
+            |start: u32, by: u32| [Some(start), start.checked_add(by), start.checked_add(2 * by)];
+        let starts = after(first, stride);
+        let follows = rows
+            .iter()
+            .zip(starts)
+            .all(|(row, start)| start.is_some_and(|start| row.map(Some) == after(start, step)));
+        follows.then_some(Self { first, stride })
+    }
+
+    /// Adds the entries of the pair to sparse values.
+    #[inline(always)]
+    pub(crate) fn add(self, entries: &[[f64; 3]; 3], values: &mut [f64]) {
+        let (first, stride) = (self.first as usize, self.stride as usize);
+        if stride == 0 {
+            entries.iter().flatten().for_each(|entry| values[first] += entry);
+            return;
+        }
+        for (i, row) in entries.iter().enumerate() {
+            let start = first + i * stride;
+            for (value, entry) in values[start..start + 3].iter_mut().zip(row) {
+                *value += entry;
+            }
+        }
+    }
+}
+
 /// Elements of one kind with their reference geometry.
 ///
 /// # Examples
@@ -70,8 +111,8 @@ pub struct ElementBlock {
     pub(crate) gradients: Vec<Triple>,
     /// By group and point.
     pub(crate) volumes: Vec<Lanes>,
-    /// Places of the entries of each element's stiffness, by rows; empty if there are none.
-    pub(crate) places: Vec<u32>,
+    /// Places of the pairs of nodes of each element, by rows; empty if there are none.
+    pub(crate) places: Vec<Place>,
     last_node: usize,
     last_place: usize,
 }
@@ -82,7 +123,8 @@ impl ElementBlock {
     /// `nodes` (e, n); `gradients` (e, q, n, 3) of the shape functions in the reference
     /// configuration \[1/mm\]; `volumes` (e, q), quadrature weight times reference Jacobian
     /// \[mm³\], 0 for a point that only pads; `places` (e, 3n, 3n), where each entry of the
-    /// stiffness goes in the values of a sparse matrix.
+    /// stiffness goes in the values of a sparse matrix: those of two nodes in three rows of three in
+    /// sequence, at one distance, or all in one place.
     ///
     /// # Errors
     /// [`Error`] if the arrays do not fit one another or a value makes no sense.
@@ -108,11 +150,13 @@ impl ElementBlock {
         }
         let nodes = indices("nodes", nodes, n)?;
         let places = indices("places", places.unwrap_or_default(), entries)?;
+        let last_place = largest(&places);
+        let places = pairs(&places, n)?;
         Ok(Self {
             shape,
             mean_dilatation,
             last_node: largest(&nodes),
-            last_place: largest(&places),
+            last_place,
             gradients: packed(shape, points * n, gradients),
             volumes: packed::<1>(shape, points, volumes).into_iter().map(|[v]| v).collect(),
             nodes,
@@ -148,10 +192,10 @@ impl ElementBlock {
         reaches(array, values.len(), self.last_place)
     }
 
-    /// The rows of an element's stiffness in the sparse values.
-    pub(crate) fn places_of(&self, element: usize) -> &[u32] {
-        let entries = self.shape.freedoms() * self.shape.freedoms();
-        &self.places[element * entries..(element + 1) * entries]
+    /// The pairs of nodes (n, n) of an element in the sparse values.
+    pub(crate) fn places_of(&self, element: usize) -> &[Place] {
+        let pairs = self.shape.nodes * self.shape.nodes;
+        &self.places[element * pairs..(element + 1) * pairs]
     }
 
     pub(crate) fn nodes_of(&self, element: usize) -> &[u32] {
@@ -201,6 +245,20 @@ fn indices(array: &'static str, values: &[i64], of_element: usize) -> Result<Vec
         u32::try_from(value).map_err(|_| Error::Index { array, element: k / of_element, value })
     };
     values.iter().enumerate().map(narrow).collect()
+}
+
+/// Places of each pair of nodes from those of each entry (elements, 3n, 3n).
+fn pairs(places: &[u32], n: usize) -> Result<Vec<Place>, Error> {
+    let freedoms = 3 * n;
+    let mut pairs = Vec::with_capacity(places.len() / 9);
+    for (element, own) in places.chunks_exact(freedoms * freedoms).enumerate() {
+        for (a, b) in (0..n * n).map(|pair| (pair / n, pair % n)) {
+            let at = |i: usize, k: usize| own[(3 * a + i) * freedoms + 3 * b + k];
+            let place = Place::of(from_fn(|i| from_fn(|k| at(i, k))));
+            pairs.push(place.ok_or(Error::Places { element, row: 3 * a, column: 3 * b })?);
+        }
+    }
+    Ok(pairs)
 }
 
 fn largest(indices: &[u32]) -> usize {

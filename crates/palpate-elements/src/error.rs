@@ -16,6 +16,12 @@ pub enum Error {
     /// An index is negative or beyond 32 bits.
     #[error("{array}: element {element} has {value}: it must lie between 0 and 2^32 - 1")]
     Index { array: &'static str, element: usize, value: i64 },
+    /// Places of two nodes are not three rows of three.
+    #[error(
+        "places: element {element} has entries at row {row}, column {column} that are neither three rows \
+         of three in sequence, at one distance, nor all in one place"
+    )]
+    Places { element: usize, row: usize, column: usize },
     /// A gradient is NaN or infinite.
     #[error("gradients: element {element} has {value}: every gradient must be finite")]
     Gradient { element: usize, value: f64 },

@@ -3,9 +3,11 @@
 //! With gradients d_a in the directions N_J and A_JL (i, k) = A_iJkL, a block of two nodes is
 //! K_ab = Σ_q w Σ_JL d_aJ A_JL d_bL. It is computed for a ≤ b, and mirrored.
 
+use std::array::from_fn;
+
 use pulp::NullaryFnOnce;
 
-use crate::block::ElementBlock;
+use crate::block::{ElementBlock, Place};
 use crate::deformation::{Deformation, Point};
 use crate::dilatation::{Coupled, Dilatation};
 use crate::lanes::{
@@ -166,19 +168,15 @@ impl Stiffness {
 
     /// Adds one element's stiffness, both triangles, to the sparse values.
     #[inline(always)]
-    fn mirror(&self, lane: usize, n: usize, places: &[u32], values: &mut [f64]) {
-        let row = 3 * n;
+    fn mirror(&self, lane: usize, n: usize, places: &[Place], values: &mut [f64]) {
         let mut start = 0;
         for b in 0..n {
             for (a, block) in self.blocks[start..=start + b].iter().enumerate() {
-                for (i, entries) in block.iter().enumerate() {
-                    for (k, entry) in entries.iter().enumerate() {
-                        let entry = entry.0[lane];
-                        values[places[(3 * a + i) * row + 3 * b + k] as usize] += entry;
-                        if a != b {
-                            values[places[(3 * b + k) * row + 3 * a + i] as usize] += entry;
-                        }
-                    }
+                let entries = block.map(|row| row.map(|entry| entry.0[lane]));
+                places[a * n + b].add(&entries, values);
+                if a != b {
+                    let mirrored = from_fn(|k| from_fn(|i| entries[i][k]));
+                    places[b * n + a].add(&mirrored, values);
                 }
             }
             start += b + 1;

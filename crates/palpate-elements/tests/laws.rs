@@ -341,6 +341,12 @@ fn bad_arrays_are_refused_with_the_element() {
     assert!(message(few).contains("places has 2 values where 144"));
     let negative = ElementBlock::new(TET, &nodes, &GRADIENTS, &volume, true, Some(&[-1; 144]));
     assert!(message(negative).contains("places: element 0 has -1"));
+    let mut places: Vec<i64> = (0..144).collect();
+    places.swap(5 * 12 + 7, 5 * 12 + 8);
+    let mixed = ElementBlock::new(TET, &nodes, &GRADIENTS, &volume, true, Some(&places));
+    assert!(message(mixed).contains("element 0 has entries at row 3, column 6"));
+    let one = ElementBlock::new(TET, &nodes, &GRADIENTS, &volume, true, Some(&[3; 144]));
+    assert!(one.is_ok());
 }
 
 #[test]
