@@ -65,6 +65,7 @@ def cases_of(
         abscissae=abscissae_of(plugins),
         progress=simulations.progress,
         follow=follow,
+        first_start=stored.run.fit_start,
     )
     return stage.run()
 

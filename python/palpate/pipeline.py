@@ -85,6 +85,7 @@ def run_study(
     trust: Collection[str] = (),
     confirm: Callable[[Changed], None] = lambda changed: None,
     adopt: bool = False,
+    fit_start: Mapping[str, float] | None = None,
 ) -> RunResult:
     """From measured curves to identified parameters.
 
@@ -104,6 +105,8 @@ def run_study(
         raises to stop.
     adopt : bool
         Whether the run of another study file may be continued with this one.
+    fit_start : mapping of parameter name to value, optional
+        Where the joint fit starts first; the run directory keeps it.
 
     Raises
     ------
@@ -126,7 +129,7 @@ def run_study(
         if forked_from is not None:
             with Ledger(forked_from) as ledger:
                 ledger.copy_to(run_folder)
-        run.initialise(study, plugins.channels, simulating=True)
+        run.initialise(study, plugins.channels, simulating=True, fit_start=fit_start)
         run.write_measured(inputs.measured, made_from)
         run.records.check("measured", measured_from(study))
         run.write_design(inputs.design, design_from(study))

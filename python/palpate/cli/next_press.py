@@ -189,8 +189,12 @@ def extend(
     tables: Tables = False,
     as_json: AsJson = False,
 ) -> None:
-    """Add a measured press to a run: a study with one more press, fitted in a copy of the run."""
+    """Add a measured press to a run: a study with one more press, fitted in a copy of the run.
+
+    The fit starts at the answer of the run.
+    """
     from palpate.planning.extension import extended_study
+    from palpate.run.directory import RunDirectory
 
     if measured is None:
         raise StudyError("name the measured curves of the press: --with FILE")
@@ -198,9 +202,10 @@ def extend(
     name, written = extended_study(folder, file, press, measured)
     target = out or folder.with_name(f"{folder.name}-{name}")
     session.note(f"study with the press '{name}': {written}")
+    study = session.study(written)
     go(
         session,
-        session.study(written),
+        study,
         folder,
         go_on=True,
         fork=target,
@@ -208,6 +213,7 @@ def extend(
         tables=tables,
         as_json=as_json,
         adopt=True,
+        fit_start=RunDirectory(folder).fit().joint_values(study.generalise_by),
     )
 
 

@@ -1,6 +1,6 @@
 """``palpate run``: from measured curves to identified parameters."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,10 +49,12 @@ def go(
     tables: bool,
     as_json: bool,
     adopt: bool = False,
+    fit_start: Mapping[str, float] | None = None,
 ) -> None:
     """Run a study in a folder, or in a copy of it, and show what it found.
 
-    With ``adopt`` the folder may hold the run of another study file.
+    With ``adopt`` the folder may hold the run of another study file. The fit starts at ``fit_start``, if
+    given, before its other starts.
     """
     from palpate import pipeline
 
@@ -66,6 +68,7 @@ def go(
             forked_from=None if fork is None else folder,
             trust=trust,
             adopt=adopt,
+            fit_start=fit_start,
             confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
         )
     show_run(session, study, result, progress, tables=tables, as_json=as_json)

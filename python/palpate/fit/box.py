@@ -6,6 +6,9 @@ import numpy as np
 
 from palpate.domain import FloatArray, Parameter
 
+_NUDGES = np.array(sorted(range(-8, 9), key=abs), dtype=np.float64)
+"""By how many steps of rounding a coordinate may be off on the way to a value and back; none comes first."""
+
 
 class Box:
     """Goes between values and the unit box, in logarithms where a modulus has a range above zero.
@@ -42,6 +45,19 @@ class Box:
         with np.errstate(divide="ignore", invalid="ignore"):
             point = np.where(self.log, np.log(at / lower) / np.log(upper / lower), share)
         return np.clip(point, 0.0, 1.0)
+
+    def exact_point(self, values: FloatArray) -> FloatArray:
+        """Point (n_parameters,) of values within their ranges, which it has to the last bit if any near does.
+
+        So what was simulated with these values is found, and not simulated again.
+        """
+        point = self.point(values)
+        # What one step of rounding, of the coordinate or of its value, is worth.
+        unit = np.maximum(np.spacing(point), 0.5 * np.spacing(np.abs(values)) / self.rates(point))
+        near = np.clip(point + np.outer(_NUDGES, unit), 0.0, 1.0)
+        hits = self.values(near) == values
+        found: FloatArray = np.take_along_axis(near, hits.argmax(axis=0)[None], axis=0)[0]
+        return found
 
     def rates(self, point: FloatArray) -> FloatArray:
         """Derivative (n_parameters,) of each value in its coordinate."""

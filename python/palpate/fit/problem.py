@@ -201,7 +201,7 @@ class Problem:
                 if parameter.name in given or head in given:
                     values = self.box.lower.copy()
                     values[i] = given.get(parameter.name, given.get(head, np.nan))
-                    point[i] = self.box.point(values)[i]
+                    point[i] = self.box.exact_point(values)[i]
                     break
         return point
 

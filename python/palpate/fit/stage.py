@@ -1,9 +1,9 @@
 """The fit of a study: jointly over its spots and at each of them, in every scenario.
 
-The joint fit of the scenario that generalises comes first, from each basin of the sweep. Where spots have
-a finer mesh, its answers correct the curves of the coarse one until that changes nothing any more. The
-other scenarios start where the first has ended, with its corrections, and each spot where the joint fit of
-its scenario has.
+The joint fit of the scenario that generalises comes first, from the answer of an earlier run if there is
+one, and from the basins of the sweep. Where spots have a finer mesh, its answers correct the curves of the
+coarse one until that changes nothing any more. The other scenarios start where the first has ended, with its
+corrections, and each spot where the joint fit of its scenario has.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study
 
 MOST_STARTS = 3
-"""Most basins of the sweep from which a search starts."""
+"""Most starts of the searches of a case."""
 
 
 @dataclass(slots=True, eq=False)
@@ -85,6 +85,8 @@ class FitStage:
     progress : Progress
     follow : callable
         Called with how far the fit is, after each step.
+    first_start : mapping of parameter name to value
+        Where the joint fit starts before the basins of the sweep; empty: only there.
     """
 
     study: Study
@@ -95,6 +97,7 @@ class FitStage:
     abscissae: Mapping[str, str]
     progress: Progress = SILENT
     follow: Callable[[FitState], None] = lambda state: None
+    first_start: Mapping[str, float] = field(default_factory=dict)
     _cases: list[Case] = field(default_factory=list)
     _n_known: int = 0
     _fine: dict[str, list[FineRun]] = field(default_factory=dict)
@@ -182,13 +185,18 @@ class FitStage:
             )
         )
 
-    def _starts(self, case: Case) -> list[dict[str, float]]:
+    def _starts(self, case: Case) -> list[Mapping[str, float]]:
+        most = MOST_STARTS if self.study.search.local else 1
+        first = [self.first_start] if self.first_start else []
+        return [*first, *self._basins(case, most)][:most]
+
+    def _basins(self, case: Case, most: int) -> list[dict[str, float]]:
         if self.scores.is_empty():
             return []
         rows = objectives(self.scores, [case.scenario]).filter(pl.col("spot").is_in(case.spots))
         means = rows.group_by("set_id").agg(pl.len().alias("n"), pl.col("fopt").mean())
         whole = means.filter(pl.col("n") == len(case.spots))
-        return basins(self.design, whole, MOST_STARTS if self.study.search.local else 1)
+        return basins(self.design, whole, most)
 
     # ----------------------------------------------------------------- finer meshes
 

@@ -68,10 +68,18 @@ class RunDirectory:
 
     # ------------------------------------------------------------------ beginning
 
-    def initialise(self, study: Study, channels: Mapping[str, Channel], *, simulating: bool = False) -> None:
+    def initialise(
+        self,
+        study: Study,
+        channels: Mapping[str, Channel],
+        *,
+        simulating: bool = False,
+        fit_start: Mapping[str, float] | None = None,
+    ) -> None:
         """Write ``manifest.json`` and the study as run.
 
-        Unless ``simulating``, simulations of earlier code stay on record as such.
+        Unless ``simulating``, simulations of earlier code stay on record as such. Where the fit starts stays
+        as it was unless ``fit_start`` is given.
         """
         before = self.manifest() if self.exists else {}
         now, earlier = fingerprints(study), before.get("fingerprints", {})
@@ -85,12 +93,18 @@ class RunDirectory:
             "plugin_files": [_from(self.folder, file) for file in study.plugin_files],
             "fingerprints": now,
             "trusted": recorded(study, before),
+            "fit_start": dict(fit_start or before.get("fit_start", {})),
         }
         text = _json(content)
         as_run = self.folder / "study.toml"
         if study.file.is_file() and study.file.resolve() != as_run.resolve():
             write_atomically(as_run, study.file.read_bytes())
         write_atomically(self.folder / "manifest.json", text)
+
+    @property
+    def fit_start(self) -> Mapping[str, float]:
+        """Values by name where the fit starts besides its other starts; empty unless a run was extended."""
+        return dict(self.manifest().get("fit_start", {}))
 
     def trusting(self, study: Study, names: Collection[str] = ()) -> Study:
         """The study with the results of earlier code that this run accepts, and those of ``names``."""

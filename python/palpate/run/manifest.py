@@ -7,7 +7,7 @@ import json
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, fields
-from typing import Any
+from typing import Any, NotRequired
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -174,6 +174,7 @@ class _ReadAgain(TypedDict):
     trusted: dict[str, dict[str, list[Any]]]
     n_total: int
     scoring: ScoringRules
+    fit_start: NotRequired[dict[str, float]]
 
 
 def checked_manifest(text: str) -> dict[str, Any]:

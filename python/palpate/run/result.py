@@ -70,6 +70,9 @@ class SelectionResult:
 ALL_SPOTS = "all spots"
 """Label of a joint fit."""
 
+_OF_TRACE = ("fit", "scenario", "search", "correction", "step", "n_runs", "fopt", "objective", "message")
+"""Columns of a trace that are no values."""
+
 UNSETTLED = "the correction by finer meshes has not settled"
 """Message of a fit whose corrections were not near enough to its end."""
 
@@ -242,6 +245,21 @@ class FitResult:
             return pl.DataFrame()
         rows = self.estimates.filter(pl.col("scenario") == scenario, pl.col("fit") != pl.col("spot"))
         return rows.drop_nulls("fopt")
+
+    def joint_values(self, scenario: str) -> dict[str, float]:
+        """Values where the joint fit in a scenario has ended, by name as searched; empty where it has not.
+
+        Of a study of one spot its fit is the joint one.
+        """
+        if self.trace.is_empty():
+            return {}
+        rows = self.trace.filter(pl.col("fopt").is_not_null(), scenario=scenario)
+        joint = rows.filter(fit=ALL_SPOTS)
+        rows = rows if joint.is_empty() else joint
+        # Ends under different corrections cannot be compared: the last is the best known.
+        ends = rows.filter(pl.col("correction") == pl.col("correction").max()).sort("objective")
+        values = ends.head(1).select(pl.all().exclude(_OF_TRACE)).to_dicts()
+        return {name: value for row in values for name, value in row.items() if value is not None}
 
     @property
     def found(self) -> set[tuple[str, str]]:

@@ -9,8 +9,8 @@ from typing import Any
 from palpate.run.ledger import Ledger
 from palpate.run.trust import IN_KEYS
 
-_ABOUT_NOTHING = ("measured", "study_file", "plugin_files", "trusted")
-"""Parts of a manifest that follow from others, or say where files are."""
+_ABOUT_NOTHING = ("measured", "study_file", "plugin_files", "trusted", "fit_start")
+"""Parts of a manifest that are no part of a study: they follow from others, or are the folder's own."""
 
 _CODE = "fingerprints."
 """How the keys of components begin."""

@@ -36,6 +36,7 @@ def test_there_and_back(point):
     values = BOX.values(point)
     assert ((values >= BOX.lower) & (values <= BOX.upper)).all()
     np.testing.assert_allclose(BOX.point(values), point, atol=1e-12)
+    np.testing.assert_array_equal(BOX.values(BOX.exact_point(values)), values)
 
 
 def test_bounds_are_exact_and_what_is_outside_is_at_its_bound():

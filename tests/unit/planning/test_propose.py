@@ -5,12 +5,9 @@ import json
 from dataclasses import replace
 
 import numpy as np
-import polars as pl
 import pytest
 from pydantic import TypeAdapter
 
-import palpate_materials
-from palpate import pipeline
 from palpate.cli.output import ProposalOutput
 from palpate.domain import Indentation, Job, Response, Status, SurfaceStates, Waypoints
 from palpate.errors import StudyError
@@ -24,7 +21,6 @@ from palpate.planning.candidates import (
     read_allowed,
     usual,
 )
-from palpate.planning.extension import extended_study
 from palpate.planning.figure import draw
 from palpate.planning.options import PlanOptions
 from palpate.planning.presses import simulated_presses
@@ -33,44 +29,11 @@ from palpate.planning.propose import plan, propose
 from palpate.planning.stage import before_any_press, choose_presses
 from palpate.planning.study_text import AddedPress, with_presses
 from palpate.planning.tables import for_robot, proposal_tables
-from palpate.run.result import ALL_SPOTS
 from palpate.specimens.blocks import block
 from palpate.study.reading import read_study
 from palpate.study.tool import read_tool
-from palpate.testing.studies import StudyRunner
 
-REGION = {
-    "tissue": {
-        "material": "neo_hookean",
-        "parameters": {
-            "E": {"lower": "20 kPa", "upper": "120 kPa"},
-            "nu": {"lower": 0.2, "upper": 0.49},
-        },
-    }
-}
 ALLOWED = Allowed(protocol={"depth": ["1 mm", "2 mm", "4 mm"], "twist": [[], ["20 deg", "0 deg"]]})
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    """A study of one press, run to the end of its fit."""
-    runner = StudyRunner(tmp_path)
-    monkeypatch.setattr(pipeline, "write_report", lambda content, folder: ())
-    study, plugins = runner.study(
-        palpate_materials,
-        region=REGION,
-        sampling={"n_sets": 0},
-        fit={"search": "least_squares"},
-        protocol={
-            "indenter": {"shape": "sphere", "radius": "7.5 mm"},
-            "depth": "2 mm",
-            "twist": ["4 deg"],
-            "friction": 1.0,
-        },
-    )
-    study = replace(study, truth={"tissue.E": 0.07, "tissue.nu": 0.345})
-    pipeline.run_study(study, tmp_path / "run", plugins)
-    return study, tmp_path / "run", plugins
 
 
 def _proposed(run, allowed=ALLOWED, **options):
@@ -356,36 +319,6 @@ def test_robot_gets_the_whole_path(run):
     assert written["goal"] == "all"
     assert for_robot(found, {})["ranking"] == written["ranking"]
     TypeAdapter(ProposalOutput).validate_python({**written, "warnings": []}, strict=True)
-
-
-def test_measured_press_narrows_as_expected(run, tmp_path):
-    study, folder, plugins = run
-    found = _proposed(run)
-    press = found.steps[0].chosen.press.press
-    file = tmp_path / "press.txt"
-    thetas = study.space.thetas(np.array([0.07, 0.345]))
-    materials = {region.region: region.material for region in study.space.regions}
-    job = Job(spot="p1", set_id=0, materials=materials, thetas=thetas, protocol=press.protocol)
-    response = study.solver.simulate(job, None).response
-    study.loader.save(file, response)
-    name, written = extended_study(folder, study.file, None, file)
-    assert name == press.name
-    extended = read_study(written, plugins)
-    assert np.array_equal(extended.protocol_at(name).path, press.protocol.path)
-    pipeline.run_study(extended, tmp_path / "extended", plugins, forked_from=folder, adopt=True)
-    ends = {
-        run: pl.read_parquet(run / "intervals.parquet").filter(parameter="tissue.nu")
-        for run in (folder, tmp_path / "extended")
-    }
-    before, after = (
-        float((rows["upper"] - rows["lower"])[rows["fit"].is_in(["p1", ALL_SPOTS]).arg_max()])
-        for rows in ends.values()
-    )
-    expected = proposal_tables(found).intervals.filter(parameter="tissue.nu", step=1)["width"][0]
-    assert after / before == pytest.approx(expected, rel=0.25)
-    pipeline.run_study(extended, tmp_path / "alone", plugins)  # the study is a study as any other
-    alone = pl.read_parquet(tmp_path / "alone" / "intervals.parquet").filter(parameter="tissue.nu")
-    assert alone["upper"].to_list() == pytest.approx(ends[tmp_path / "extended"]["upper"].to_list(), rel=1e-3)
 
 
 def test_mistake_in_a_file_names_the_file_once(run, tmp_path):

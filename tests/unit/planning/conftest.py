@@ -1,0 +1,53 @@
+"""A study of one press, fitted, whose solver is in closed form."""
+
+import shutil
+from dataclasses import replace
+
+import pytest
+
+import palpate_materials
+from palpate import pipeline
+from palpate.study.reading import read_study
+from palpate.testing.studies import StudyRunner
+
+REGION = {
+    "tissue": {
+        "material": "neo_hookean",
+        "parameters": {
+            "E": {"lower": "20 kPa", "upper": "120 kPa"},
+            "nu": {"lower": 0.2, "upper": 0.49},
+        },
+    }
+}
+
+
+@pytest.fixture(scope="session")
+def fitted(tmp_path_factory):
+    """Folder of a study of one press and its run, to the end of its fit; and the plugins."""
+    folder = tmp_path_factory.mktemp("one_press")
+    study, plugins = StudyRunner(folder).study(
+        palpate_materials,
+        region=REGION,
+        sampling={"n_sets": 0},
+        fit={"search": "least_squares"},
+        protocol={
+            "indenter": {"shape": "sphere", "radius": "7.5 mm"},
+            "depth": "2 mm",
+            "twist": ["4 deg"],
+            "friction": 1.0,
+        },
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pipeline, "write_report", lambda content, folder: ())
+        pipeline.run_study(study, folder / "run", plugins)
+    return folder, plugins
+
+
+@pytest.fixture
+def run(fitted, tmp_path, monkeypatch):
+    """Study, run directory and plugins, in a folder of the test."""
+    folder, plugins = fitted
+    monkeypatch.setattr(pipeline, "write_report", lambda content, folder: ())
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    study = read_study(tmp_path / "study.toml", plugins)
+    return replace(study, truth={"tissue.E": 0.07, "tissue.nu": 0.345}), tmp_path / "run", plugins
