@@ -1,0 +1,97 @@
+"""``palpate plan``, ``next`` and ``extend`` to their ends, where every point is weighed by its errors."""
+
+import numpy as np
+import pytest
+
+import palpate_materials
+from palpate.domain import Job
+from palpate.planning.candidates import candidates, read_allowed
+from palpate.run.directory import RunDirectory
+from palpate.testing import bench
+from palpate.testing.studies import StudyRunner
+
+from .test_json_output import valid
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+ALLOWED = """
+[protocol]
+depth = ["1 mm", "4 mm"]
+twist = [[], ["20 deg", "0 deg"]]
+"""
+CHOICE = ("--allowed", "allowed.toml", "--presses", 2, "--points", 3)
+
+
+@pytest.fixture
+def weighed(tmp_path):
+    """Study of one press whose intervals are those of generalised least squares, and its plugins."""
+    (tmp_path / "allowed.toml").write_text(ALLOWED)
+    return StudyRunner(tmp_path).study(
+        palpate_materials,
+        region={
+            "tissue": {
+                "material": "neo_hookean",
+                "parameters": {
+                    "E": {"lower": "20 kPa", "upper": "120 kPa"},
+                    "nu": {"lower": 0.2, "upper": 0.49},
+                },
+            }
+        },
+        sampling={"n_sets": 0},
+        fit={"search": "least_squares"},
+        budget={"estimator": "gls"},
+    )
+
+
+def test_presses_are_planned_over_the_ranges(call, weighed):
+    study, _ = weighed
+    made = call("plan", study.file, *CHOICE, "--json", plugin=bench.__file__)
+    assert made.code == 0, made.err
+    found = valid("plan", made.json)
+    assert [press["press"] for press in found["presses"]] == ["p1-4", "p1-4"]
+    _never_widens(found)
+    (ratio,) = (row for row in found["intervals"] if (row["step"], row["parameter"]) == (0, "tissue.nu"))
+    # 95 % of a value that may be anywhere between 0.2 and 0.49.
+    assert ratio["upper"] - ratio["lower"] == pytest.approx(0.95 * 0.29, rel=0.01)
+
+
+def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
+    study, plugins = weighed
+    assert call("run", study.file, "--out", "run", plugin=bench.__file__).code == 0
+    made = call("next", "run", *CHOICE, "--json", plugin=bench.__file__)
+    assert made.code == 0, made.err
+    found = valid("next", made.json)
+    _never_widens(found)
+    name = found["presses"][0]["press"]
+    _measure(study, plugins, tmp_path, name)
+    extended = call(
+        "extend", "run", "--press", name, "--with", f"{name}.txt", "--json", plugin=bench.__file__
+    )
+    assert extended.code == 0, extended.err
+    valid("extend", extended.json)
+    before, after = (RunDirectory(tmp_path / folder).fit() for folder in ("run", f"run-{name}"))
+    for row in found["intervals"]:
+        if row["step"] < 2:
+            fitted = (before, after)[row["step"]].certainty.intervals
+            at = fitted.filter(parameter=row["parameter"]).row(0, named=True)  # of the joint fit
+            assert at["upper"] - at["lower"] == pytest.approx(row["upper"] - row["lower"], rel=1e-3)
+    start = after.trace.row(0, named=True)
+    answer = before.joint_values("both")
+    assert {parameter: start[parameter] for parameter in answer} == answer
+
+
+def _never_widens(found):
+    """With these weights no press widens any interval, which by least Fopt one may."""
+    widths = [value for row in found["ranking"] for key, value in row.items() if key.startswith("width_")]
+    assert len(widths) == 16
+    assert max(widths) <= 1.0 + 1e-9
+
+
+def _measure(study, plugins, folder, name):
+    """Write what a proposed press measures where the parameters are known."""
+    presses = candidates(study, plugins, read_allowed(folder / "allowed.toml"))
+    (protocol,) = (press.protocol for press in presses if press.name == name)
+    materials = {region.region: region.material for region in study.space.regions}
+    thetas = study.space.thetas(np.array([study.truth[p.name] for p in study.space.parameters]))
+    job = Job(spot="p1", set_id=0, materials=materials, thetas=thetas, protocol=protocol)
+    study.loader.save(folder / f"{name}.txt", study.solver.simulate(job, None).response)
