@@ -12,6 +12,8 @@ DEPTH_MM = 2.0
 SLIDE_MM = 1.0
 TILT_DEG = 5.0
 N_STEPS = 5
+AT_DEPTH = 2
+"""Waypoint of a slide and of a tilt at which the press has ended."""
 
 TOLERANCES = {"force": 0.01}
 TOLERANCE = 0.05
@@ -22,9 +24,9 @@ def motions() -> dict[str, FloatArray]:
     """Poses (n, 6) by problem, for what the twist does not move."""
     found = {}
     for name, column, most in (("slide", 1, SLIDE_MM), ("tilt", 3, TILT_DEG)):
-        pose = np.zeros((3 + N_STEPS, 6))
-        pose[1, 0], pose[2:, 0] = DEPTH_MM / 2, DEPTH_MM
-        pose[2:, column] = np.linspace(0.0, most, N_STEPS + 1)
+        pose = np.zeros((AT_DEPTH + 1 + N_STEPS, 6))
+        pose[1, 0], pose[AT_DEPTH:, 0] = DEPTH_MM / 2, DEPTH_MM
+        pose[AT_DEPTH:, column] = np.linspace(0.0, most, N_STEPS + 1)
         found[name] = pose
     return found
 
@@ -65,17 +67,18 @@ def motion_rows(
         first = next((name for name in able if not references or name in references), None)
         if first is None or len(able) < 2:
             continue
-        case = replace(case, channels=moved_channels(case, channels.values()))
+        # Curves over the depth end before the slide or the tilt: those of the twist are the same.
+        case = replace(case, channels=moved_channels(case, channels.values(), since=AT_DEPTH))
         answers = {name: case.run(solver) for name, solver in able.items()}
         for name in able:
             if name != first:
                 yield from pair_rows(case, able, answers, name, first)
 
 
-def moved_channels(case: Case, channels: Collection[Channel]) -> tuple[Channel, ...]:
-    """Channels whose abscissa a case moves."""
+def moved_channels(case: Case, channels: Collection[Channel], since: int = 0) -> tuple[Channel, ...]:
+    """Channels whose abscissa a case moves after a waypoint."""
     columns = case.protocol.columns
-    return tuple(c for c in channels if c.abscissa in columns and np.ptp(columns[c.abscissa]) > 0.0)
+    return tuple(c for c in channels if c.abscissa in columns and np.ptp(columns[c.abscissa][since:]) > 0.0)
 
 
 def pair_rows(
