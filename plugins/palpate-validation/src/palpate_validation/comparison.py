@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -137,6 +137,22 @@ class Case:
     friction: float
     mean_dilatation: bool | tuple[str, ...]
     channels: tuple[Channel, ...] = PRESS_AND_TWIST
+
+    @classmethod
+    def of_one_material(
+        cls, problem: str, limb: Limb, material: Material, theta: FloatArray, path: FloatArray
+    ) -> Self:
+        """A limb whose regions all have one material, with friction 1."""
+        return cls(
+            problem=problem,
+            name=material.name,
+            limb=limb,
+            materials=dict.fromkeys(limb.mesh.regions, material),
+            thetas=dict.fromkeys(limb.mesh.regions, theta),
+            path=path,
+            friction=1.0,
+            mean_dilatation=material.name not in COUPLED,
+        )
 
     @property
     def protocol(self) -> Indentation:

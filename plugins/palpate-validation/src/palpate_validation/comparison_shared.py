@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.api import Channel, FloatArray, Limb, Material, Provides, Simulation, Solver, Status
-from palpate_validation.comparison import COUPLED, Case, Contender, Row, at
+from palpate_validation.comparison import Case, Contender, Row, at
 
 DEPTH_MM = 2.0
 SLIDE_MM = 1.0
@@ -52,16 +52,7 @@ def motion_rows(
         What is added to the name of the problem in the rows.
     """
     for problem, pose in motions().items():
-        case = Case(
-            problem=problem + of,
-            name=material.name,
-            limb=limb,
-            materials=dict.fromkeys(limb.mesh.regions, material),
-            thetas=dict.fromkeys(limb.mesh.regions, theta),
-            path=pose,
-            friction=1.0,
-            mean_dilatation=material.name not in COUPLED,
-        )
+        case = Case.of_one_material(problem + of, limb, material, theta, pose)
         solvers = {name: make(case.mean_dilatation) for name, make in contenders.items()}
         able = {name: each for name, each in solvers.items() if not each.provides.lacks(case.job())}
         first = next((name for name in able if not references or name in references), None)

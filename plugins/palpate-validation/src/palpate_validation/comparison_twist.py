@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.api import PRESS_AND_TWIST, Channel, FloatArray, Limb, Material, Simulation, Status
-from palpate_validation.comparison import COUPLED, Case, Contender, Row, answer
+from palpate_validation.comparison import Case, Contender, Row, answer
 from palpate_validation.comparison_shared import moved_channels, pair_rows
 
 DEPTH_MM = 2.0
@@ -47,16 +47,7 @@ def twist_rows(
     channels : collection of Channel
         Those of them are compared that the path moves and both solvers compute.
     """
-    case = Case(
-        problem=problem,
-        name=material.name,
-        limb=limb,
-        materials=dict.fromkeys(limb.mesh.regions, material),
-        thetas=dict.fromkeys(limb.mesh.regions, theta),
-        path=_path(STEP_DEG, 0),
-        friction=1.0,
-        mean_dilatation=material.name not in COUPLED,
-    )
+    case = Case.of_one_material(problem, limb, material, theta, _path(STEP_DEG, 0))
     case = replace(case, channels=moved_channels(case, channels))
     solvers = {name: make(case.mean_dilatation) for name, make in contenders.items()}
     answers: dict[str, Simulation] = {}
