@@ -312,14 +312,9 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     measured = {spot.spot.name: spot.measured.keys() for spot in spots}
     scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
     truth = build_truth(context, tables, space)
-    _check_together(context, tables, parts, space)
-    own = [spot.protocol for spot in spots]
-    if tables.budget:
-        check_budget(context, tables.budget, space, [protocol, *own])
-    if tables.selection and tables.selection.stiffness_scaling:
-        check_stiffness_scaling(context, space, [protocol, *own])
-    if parts.solver:
-        _check_solver(context, parts.solver, tables, space, scenarios, [protocol, *own])
+    _check_sizes(context, tables, parts.executor)
+    protocols = [protocol, *(spot.protocol for spot in spots)]
+    _check_together(context, tables, parts, space, protocols, scenarios)
     if parts.parametrisation:
         check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
     context.problems.raise_if_any()
@@ -335,19 +330,13 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         space=space,
         sampler=require(parts.sampler),
         n_sets=require(sampling).n_sets,
-        max_draws=require(sampling).max_draws,
         seed=require(sampling).seed,
         filters=parts.filters,
         solver=require(parts.solver),
-        scoring=ScoringRules(**dict(require(tables.scoring))),
         scenarios=scenarios,
         generalise_by=require(selection).generalise_by or scenarios[0].name,
         search=require(parts.search),
         parametrisation=require(parts.parametrisation),
-        noise=require(tables.fit).noise,
-        fine_runs=require(tables.fit).fine_runs,
-        budget=require(tables.budget),
-        stiffness_scaling=require(selection).stiffness_scaling,
         truth=truth,
         units=written_units(tables.region, space),
         n_workers=require(tables.solver).n_workers,
@@ -356,7 +345,42 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         channels=dict(context.plugins.channels),
         one_frame=tables.limb is not None and tables.limb.one_frame,
     )
-    return _with_executor(study, parts.executor, tables.executor or ExecutorTable())
+    return _with_settings(study, tables, parts.executor)
+
+
+def _with_settings(study: Study, tables: Tables, executor: Executor | None) -> Study:
+    """Add how curves are compared and fitted, and where the simulations run within which limits."""
+    fit, limits = require(tables.fit), tables.executor or ExecutorTable()
+    return replace(
+        study,
+        max_draws=require(tables.sampling).max_draws,
+        scoring=ScoringRules(**dict(require(tables.scoring))),
+        stiffness_scaling=require(tables.selection).stiffness_scaling,
+        noise=fit.noise,
+        fine_runs=fit.fine_runs,
+        budget=require(tables.budget),
+        executor=executor,
+        memory_limit_MB=limits.memory_limit or 0.0,
+        n_attempts=limits.attempts,
+        cache=study.folder / limits.cache if limits.cache else None,
+    )
+
+
+def _check_together(
+    context: Context,
+    tables: Tables,
+    parts: Components,
+    space: ParameterSpace,
+    protocols: Sequence[Protocol | None],
+    scenarios: Sequence[Scenario],
+) -> None:
+    """Refuse what a table asks of the others; the first protocol is that of the study."""
+    if tables.budget:
+        check_budget(context, tables.budget, space, protocols)
+    if tables.selection and tables.selection.stiffness_scaling:
+        check_stiffness_scaling(context, space, protocols)
+    if parts.solver:
+        _check_solver(context, parts.solver, tables, space, scenarios, protocols)
 
 
 def _check_solver(
@@ -376,19 +400,8 @@ def _check_solver(
         check_channels(context, solver, tables.selection, scenarios)
 
 
-def _with_executor(study: Study, executor: Executor | None, table: ExecutorTable) -> Study:
-    """Add where the simulations run, and within which limits."""
-    return replace(
-        study,
-        executor=executor,
-        memory_limit_MB=table.memory_limit or 0.0,
-        n_attempts=table.attempts,
-        cache=study.folder / table.cache if table.cache else None,
-    )
-
-
-def _check_together(context: Context, tables: Tables, parts: Components, space: ParameterSpace) -> None:
-    """Note what each table allows by itself and another forbids."""
+def _check_sizes(context: Context, tables: Tables, executor: Executor | None) -> None:
+    """Refuse too many simulations or draws, and limits that the executor does not keep."""
     n_simulations = len(tables.spot) * (tables.sampling.n_sets if tables.sampling else 0)
     if n_simulations > MOST_SIMULATIONS:
         context.problems.add(
@@ -397,5 +410,5 @@ def _check_together(context: Context, tables: Tables, parts: Components, space: 
         )
     if tables.sampling and 0 < tables.sampling.max_draws < tables.sampling.n_sets:
         context.problems.add(("sampling", "max_draws"), "less than n_sets; raise it, or leave it out")
-    if parts.executor:
-        check_limits(context, parts.executor, tables.executor or ExecutorTable())
+    if executor:
+        check_limits(context, executor, tables.executor or ExecutorTable())
