@@ -85,7 +85,7 @@ if TYPE_CHECKING:
         SettingsT as SettingsT,
         Solver as Solver,
     )
-    from palpate.plugins.provides import Provides as Provides
+    from palpate.plugins.provides import Provides as Provides, provided_by_default as provided_by_default
     from palpate.plugins.motion import Motion as Motion
     from palpate.plugins.parametrisation import (
         Parametrisation as Parametrisation,

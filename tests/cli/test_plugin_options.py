@@ -86,6 +86,42 @@ def test_plugins_by_kind_and_by_name(call: Call) -> None:
     assert call("plugins", "channels", "pull", "--json").json["channels"][0]["abscissa"] == "stretch"
 
 
+SWITCHED = """
+from pydantic import Field
+
+from palpate import Settings, Solver, hookimpl
+from palpate.api import Provides
+
+class Switch(Settings):
+    on_mesh: bool = Field({default}, description="Whether it takes a mesh.")
+
+class Switched(Solver[Switch]):
+    name, summary = "switched", "its settings decide what it provides"
+
+    @property
+    def provides(self):
+        return Provides(body="mesh" if self.settings.on_mesh else "layers", max_regions=3)
+
+    def simulate(self, job, limb):
+        raise NotImplementedError
+
+@hookimpl
+def palpate_solvers():
+    return [Switched]
+"""
+
+
+@pytest.mark.parametrize(("default", "body"), [("False", "layers"), ("True", "mesh"), ("...", None)])
+def test_what_a_solver_provides_by_its_settings_is_that_of_their_defaults(
+    call: Call, tmp_path: Path, default: str, body: str | None
+) -> None:
+    file = tmp_path / "switched.py"
+    file.write_text(SWITCHED.format(default=default))
+    (solver,) = call("plugins", "solvers", "switched", "--json", "--plugin", file).json["solvers"]
+    assert solver["provides"].get("body") == body
+    assert solver["provides"].get("max_regions") == (3 if body else None)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [(["material"], "did you mean 'materials'"), (["materials", "sprig"], "did you mean 'spring'")],

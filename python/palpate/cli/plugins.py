@@ -1,6 +1,6 @@
 """``palpate plugins``: who provides what."""
 
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -108,9 +108,11 @@ def _material(material: Any) -> dict[str, Any]:  # noqa: ANN401 -- a material cl
 
 
 def _provides(solver: type["Solver"]) -> dict[str, Any]:
-    """Describe what a solver provides; empty where that depends on its settings."""
-    provides = solver.provides
-    return asdict(provides) if is_dataclass(provides) else {}
+    """Describe what a solver provides with its default settings; empty where some have no default."""
+    from palpate.plugins.provides import provided_by_default
+
+    provides = provided_by_default(solver)
+    return {} if provides is None else asdict(provides)
 
 
 def _show_all(session: Session, found: dict[str, list[dict[str, Any]]]) -> None:

@@ -2,12 +2,16 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from palpate.curves import Channel
-from palpate.domain import HomogeneousTests, Indentation, Job
+from palpate.domain import HomogeneousTests, Indentation, Job, Protocol
 from palpate.errors import PluginError
+from palpate.plugins.guard import answering_for
 from palpate.waypoints import MOVES
+
+if TYPE_CHECKING:
+    from palpate.plugins.interfaces import Material, Solver
 
 BODIES = ("mesh", "layers", "specimen")
 
@@ -80,13 +84,28 @@ class Provides:
         """Whether it simulates an indenter of this name."""
         return self.indenters is None or indenter in self.indenters
 
+    def other_moves(self, protocol: Protocol | None) -> tuple[str, ...]:
+        """Parts of the motion of a press that it does not simulate."""
+        moves = protocol.moves if isinstance(protocol, Indentation) else ()
+        return tuple(part for part in moves if part not in self.motions)
+
+    def takes_regions(self, n_regions: int) -> bool:
+        """Whether it simulates so many regions."""
+        return self.max_regions is None or n_regions <= self.max_regions
+
+    def takes_directions(self, material: "Material") -> bool:
+        """Whether it simulates the directions of a material, if it has any."""
+        return self.anisotropic or not _is_anisotropic(material)
+
+    def missing_fields(self, material: "Material") -> tuple[str, ...]:
+        """Cell fields that a material takes and that it does not get."""
+        return () if self.fields and _is_anisotropic(material) else material.fields
+
     def lacks(self, job: Job) -> tuple[str, ...]:
         """What a job needs and the solver does not provide, in words; empty where it provides all."""
         return tuple(self._lacks(job))
 
     def _lacks(self, job: Job) -> Iterator[str]:
-        from palpate.plugins.interfaces import AnisotropicMaterial  # here: that imports this module
-
         press = job.protocol
         if isinstance(press, HomogeneousTests):
             if self.body != "specimen":
@@ -96,11 +115,28 @@ class Provides:
         elif isinstance(press, Indentation):
             if not self.simulates(press.indenter.name):
                 yield f"indenter '{press.indenter.name}'"
-            yield from (f"motions with {part}" for part in press.moves if part not in self.motions)
-        if self.max_regions is not None and len(job.materials) > self.max_regions:
+            yield from (f"motions with {part}" for part in self.other_moves(press))
+        if not self.takes_regions(len(job.materials)):
             yield f"{len(job.materials)} regions"
         for material in job.materials.values():
-            if isinstance(material, AnisotropicMaterial) and not self.anisotropic:
+            if not self.takes_directions(material):
                 yield f"anisotropic materials such as '{material.name}'"
-            elif material.fields and not (self.fields and isinstance(material, AnisotropicMaterial)):
-                yield f"cell data {', '.join(material.fields)}, which material '{material.name}' takes"
+            elif missing := self.missing_fields(material):
+                yield f"cell data {', '.join(missing)}, which material '{material.name}' takes"
+
+
+def _is_anisotropic(material: "Material") -> bool:
+    from palpate.plugins.interfaces import AnisotropicMaterial  # here: that imports this module
+
+    return isinstance(material, AnisotropicMaterial)
+
+
+def provided_by_default(solver: "type[Solver[Any]]") -> Provides | None:
+    """What a solver provides with its default settings; None where some have no default."""
+    declared: object = solver.provides
+    if isinstance(declared, Provides):
+        return declared
+    if any(field.is_required() for field in solver.Settings.model_fields.values()):
+        return None
+    with answering_for(solver, "asking what it provides"):
+        return solver().provides

@@ -2,8 +2,8 @@
 
 from collections.abc import Collection, Iterable, Iterator
 
-from palpate.domain import Indentation, ParameterSpace, Protocol, Scenario, channel_of
-from palpate.plugins.interfaces import AnisotropicMaterial, Solver
+from palpate.domain import ParameterSpace, Protocol, Scenario, channel_of
+from palpate.plugins.interfaces import Solver
 from palpate.study.build import Context
 from palpate.study.model import ProtocolTable, SelectionTable, SpotProtocolTable, Tables
 from palpate.study.source_positions import Key
@@ -52,7 +52,7 @@ def check_regions(context: Context, solver: Solver, tables: Tables, space: Param
     """Refuse more regions, or other materials, than the solver simulates."""
     provides, add, name = solver.provides, context.problems.add, f"solver '{solver.name}'"
     regions, most = list(tables.region), provides.max_regions
-    if most is not None and len(regions) > most:
+    if most is not None and not provides.takes_regions(len(regions)):
         add(
             ("region", regions[most]),
             f"{name} simulates at most {most} region{'s' * (most > 1)}, and the study has {len(regions)} "
@@ -60,11 +60,10 @@ def check_regions(context: Context, solver: Solver, tables: Tables, space: Param
         )
     for region in space.regions:
         key, material = ("region", region.region, "material"), region.material
-        is_anisotropic = isinstance(material, AnisotropicMaterial)
-        if is_anisotropic and not provides.anisotropic:
+        if not provides.takes_directions(material):
             add(key, f"{name} simulates no anisotropic material such as '{material.name}'; {OTHER}")
-        elif material.fields and not (is_anisotropic and provides.fields):
-            fields = ", ".join(material.fields)
+        elif missing := provides.missing_fields(material):
+            fields = ", ".join(missing)
             add(key, f"material '{material.name}' takes cell data {fields}, which {name} has not; {OTHER}")
 
 
@@ -83,8 +82,7 @@ def check_protocols(
             known = ", ".join(provides.indenters or ())
             add(place, f"{name} does not simulate indenter '{shape}' (it has {known}); {OTHER}")
     for key, protocol in protocols:
-        moves = protocol.moves if isinstance(protocol, Indentation) else ()
-        if missing := [part for part in moves if part not in provides.motions]:
+        if missing := provides.other_moves(protocol):
             known = ", ".join(provides.motions)
             add(
                 (*key, "motion"),

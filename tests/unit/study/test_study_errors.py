@@ -9,8 +9,8 @@ import pytest
 
 from palpate.domain import Waypoints
 from palpate.errors import StudyError
+from palpate.plugins import interfaces
 from palpate.plugins.catalogue import Plugins
-from palpate.study import solver_checks
 from palpate.study.reading import Study, read_study
 
 TOY = Path(__file__).parents[2] / "data" / "toy"
@@ -616,7 +616,7 @@ def test_a_solver_refuses_regions_and_materials_that_it_does_not_simulate(
     monkeypatch.setattr(plugins.materials["spring"], "fields", ("fibre",))
     (message,) = messages(tmp_path, plugins, TEXT)
     assert "region.rubber.material: material 'spring' takes cell data fibre, which solver" in message
-    monkeypatch.setattr(solver_checks, "AnisotropicMaterial", plugins.materials["spring"])
+    monkeypatch.setattr(interfaces, "AnisotropicMaterial", plugins.materials["spring"])
     (message,) = messages(tmp_path, plugins, TEXT)
     assert "region.rubber.material: solver 'closed_form' simulates no anisotropic material such as" in message
     provide(plugins, monkeypatch, "closed_form", anisotropic=True)

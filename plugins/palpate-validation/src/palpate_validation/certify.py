@@ -12,7 +12,7 @@ import typer
 from palpate.api import FIRST_PARTY, AsJson, PalpateError, PluginError, Session, StudyError, answering_for
 
 if TYPE_CHECKING:
-    from palpate.api import Limb, Plugins, Provides, Solver
+    from palpate.api import Limb, Plugins, Solver
     from palpate_febio.solver import FebioSolver
     from palpate_validation.comparison import SolverComparison
 
@@ -106,9 +106,11 @@ def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any,
         febio = None
         missing.append(f"FEBio itself: {error}. Its recorded curves are used instead")
     for name in asked:
-        if not _provided(plugins.solvers[name]).mesh:
-            raise PluginError(f"solver '{name}' takes no mesh, but every problem here has one")
-    able = {name: each for name, each in plugins.solvers.items() if _provided(each).mesh}
+        if not _takes_mesh(plugins.solvers[name]):
+            raise PluginError(
+                f"solver '{name}' takes no mesh with its default settings, but every problem here has one"
+            )
+    able = {name: each for name, each in plugins.solvers.items() if _takes_mesh(each)}
     others = [name for name, each in able.items() if not _is_own(each)]
     own = [name for name in able if name not in others]
     judged = list(asked) or own
@@ -124,12 +126,12 @@ def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any,
     return [name for name in judged if name in makers], febio, makers, missing
 
 
-def _provided(solver: type[Solver]) -> Provides:
-    """What a solver provides; with its usual settings where it depends on them."""
-    from palpate.api import Provides
+def _takes_mesh(solver: type[Solver]) -> bool:
+    """Whether a solver simulates a mesh with its default settings, as every problem here has one."""
+    from palpate.api import provided_by_default
 
-    declared: object = solver.provides
-    return declared if isinstance(declared, Provides) else solver().provides
+    provides = provided_by_default(solver)
+    return provides is not None and provides.mesh
 
 
 def _is_own(solver: type[Solver]) -> bool:
