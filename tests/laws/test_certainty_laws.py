@@ -42,7 +42,7 @@ def test_generalised_least_squares_are_aitkens_and_never_wider(seed):
     errors = np.concatenate(list(causes.values()), axis=1)
     weights = np.linalg.inv(errors @ errors.T)
     residuals = rng.normal(size=len(jacobian))
-    found = laplace(np.zeros(3), residuals, jacobian, causes, range_sd=np.inf, weighs_points=True)
+    found = laplace(np.zeros(3), residuals, jacobian, causes, range_sd=np.inf, is_gls=True)
     expected = np.linalg.inv(jacobian.T @ weights @ jacobian)
     np.testing.assert_allclose(found.covariance, expected, rtol=1e-6)
     np.testing.assert_allclose(found.centre, -expected @ jacobian.T @ weights @ residuals, rtol=1e-5)

@@ -126,7 +126,7 @@ def laplace(
     causes: Mapping[str, FloatArray],
     *,
     range_sd: float = RANGE_SD,
-    weighs_points: bool = False,
+    is_gls: bool = False,
 ) -> Laplace:
     """Normal density around a fit, and the part of each cause in its covariance.
 
@@ -141,11 +141,11 @@ def laplace(
         What each makes of the residuals: F with the covariance F Fᵀ. At least one is noise of every residual.
     range_sd : float
         Standard deviation of each parameter before any curve; infinite for none.
-    weighs_points : bool
+    is_gls : bool
         Whether every residual counts by its own errors: generalised least squares. Else as in Fopt.
     """
     left: FloatArray = np.eye(len(jacobian))
-    if not weighs_points:
+    if not is_gls:
         left = np.linalg.svd(jacobian, full_matrices=False)[0].astype(np.float64)
     parts = {name: _gram(left.T @ factor) for name, factor in causes.items()}
     slopes = left.T @ jacobian

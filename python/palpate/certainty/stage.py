@@ -126,10 +126,10 @@ class CertaintyStage:
         errors = estimate(residuals, jacobian, every, rows, expected=expected, allowed=ALLOWED * expected)
         parts = {NOISE: _root(errors.noise_covariance), DISCREPANCY: _root(errors.discrepancy_covariance)}
         covariance = every @ every.T + errors.noise_covariance + errors.discrepancy_covariance
-        weighs_points = self.study.budget.weighs_points
-        of_all = laplace(point, residuals, jacobian, {**known, **parts}, weighs_points=weighs_points)
+        is_gls = self.study.budget.is_gls
+        of_all = laplace(point, residuals, jacobian, {**known, **parts}, is_gls=is_gls)
         box = end.problem.box
-        if weighs_points:
+        if is_gls:
             point, noise_only = np.clip(of_all.centre, 0.0, 1.0), of_all.by(NOISE, PRIORS, RANGE)
             values = box.lower + point * (box.upper - box.lower)
         else:

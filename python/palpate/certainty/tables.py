@@ -95,7 +95,6 @@ def _about(each: Assessed) -> dict[str, Any]:
 
 
 def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
-    assert each.end.best is not None
     box = each.end.problem.box
     failed = any(check.is_failed for check in each.checks)
     densities = (each.density, each.noise_only.within())
@@ -123,7 +122,6 @@ def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
 
 
 def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
-    assert each.end.best is not None
     box = each.end.problem.box
     for i, name in enumerate(box.names):
         sd = float(each.laplace.sd[i] * (box.upper - box.lower)[i])
@@ -134,7 +132,6 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
 
 
 def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
-    assert each.end.best is not None
     box, width = each.end.problem.box, each.end.problem.box.upper - each.end.problem.box.lower
     for found in directions(box.names, each.values, width, each.laplace.covariance):
         yield _about(each) | {

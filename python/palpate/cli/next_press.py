@@ -44,7 +44,7 @@ ToolFile: TypeAlias = Annotated[
     typer.Option(
         "--tool",
         metavar="FILE",
-        help="Narrow what `palpate predict` says of the force of this tool.",
+        help="Narrow the force of this tool, as `palpate predict` reports it.",
         show_default=False,
     ),
 ]

@@ -224,7 +224,7 @@ def evidence_of(
     *,
     channels: tuple[str, ...],
     site: str,
-    weighs_points: bool = False,
+    is_gls: bool = False,
 ) -> Evidence:
     """Make the information of one press.
 
@@ -243,14 +243,14 @@ def evidence_of(
         By their numbers in ``rows``.
     site : str
         Presses at one site share what the model leaves out there.
-    weighs_points : bool
+    is_gls : bool
         Whether the fit is by generalised least squares.
     """
     noise = _noise(rows, errors, channels)
     causes = {name: column[:, None] for name, column in known.items()} | _left_out(
         rows, errors, channels, site
     )
-    if not weighs_points:
+    if not is_gls:
         slopes = _without(free, slopes)
         return FoptEvidence(
             information=slopes.T @ slopes,

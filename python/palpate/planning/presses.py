@@ -46,7 +46,7 @@ class Press:
     spot : str
     protocol : Protocol
     keys : mapping
-        What a study says of it: keys of ``[spot.protocol]``.
+        Keys of ``[spot.protocol]`` that state it in a study.
     """
 
     name: str
@@ -361,7 +361,7 @@ def _evidence(
         design.errors,
         channels=channels,
         site=term.site,
-        weighs_points=design.study.budget.weighs_points,
+        is_gls=design.study.budget.is_gls,
     )
 
 

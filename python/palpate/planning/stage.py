@@ -278,7 +278,7 @@ def of_priors(design: DesignProblem) -> Evidence:
         prior = problem.parameters[number].prior
         if prior is not None:
             rates[i] = (problem.box.upper - problem.box.lower)[number] / prior.sd
-    if design.study.budget.weighs_points:
+    if design.study.budget.is_gls:
         return GlsEvidence.of(np.diag(rates), {"prior": np.zeros((len(shared), 0))})
     size = problem.noise * np.sqrt(len(problem.terms))  # of a residual; slopes are as large
     return FoptEvidence(

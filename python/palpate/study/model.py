@@ -413,7 +413,7 @@ class BudgetTable(Table):
     )
 
     @property
-    def weighs_points(self) -> bool:
+    def is_gls(self) -> bool:
         """Whether intervals are those of generalised least squares."""
         return self.estimator == "gls"
 

@@ -13,7 +13,7 @@ SLOPE_STEP = 1e-3
 """Step of the central differences that slopes are compared with, relative to the value."""
 
 
-def moved(material: Material, theta: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+def moved_values(material: Material, theta: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     """Each parameter by name, and the values with it moved by a tenth, inside its physical range."""
     for k, parameter in enumerate(material.parameters):
         step = 0.1 * (abs(theta[k]) or parameter.upper - parameter.lower)

@@ -25,7 +25,7 @@ from palpate.indenters import Sphere
 from palpate.plugins.interfaces import Component, IsotropicMaterial, Solver
 from palpate.specimens import half_space
 from palpate.testing.components import ComponentContract, missing
-from palpate.testing.moved_jobs import moved, neighbours
+from palpate.testing.moved_jobs import moved_values, neighbours
 from palpate.testing.references import (
     HALF_SPACE_FRICTION,
     HALF_SPACE_PATH,
@@ -159,7 +159,7 @@ class SolverContract(ComponentContract):
         observed = {channel.name for channel in job.channels if provides.computes(channel)}
         undeclared = ", ".join(sorted(set(answer.response) - observed - set(provides.channels)))
         assert not undeclared, f"the answer has {undeclared}, which is not among the channels of `provides`"
-        declared = self._moved(job) & set(provides.channels)
+        declared = self._moved_channels(job) & set(provides.channels)
         missed = ", ".join(sorted(declared - set(answer.response)))
         assert not missed, f"no curve of {missed}, which `provides` declares among its channels"
 
@@ -215,7 +215,7 @@ class SolverContract(ComponentContract):
             ignored = solver.ignored(material)
             unknown = set(ignored) - {p.name for p in material.parameters}
             assert not unknown, f"`ignored` names {', '.join(unknown)}, which '{material.name}' does not have"
-            for name, theta in moved(material, job.thetas[region]):
+            for name, theta in moved_values(material, job.thetas[region]):
                 other = replace(job, thetas={**job.thetas, region: theta})
                 matters = self.differs(answer, solver.simulate(other, limb))
                 assert not (matters and name in ignored), (
@@ -422,7 +422,7 @@ class SolverContract(ComponentContract):
             f"runs {_route(expected)}; give every point in the order travelled, or another status"
         )
 
-    def _moved(self, job: Job) -> set[str]:
+    def _moved_channels(self, job: Job) -> set[str]:
         """Channels whose abscissa the protocol moves, as far as that is known."""
         if isinstance(job.protocol, HomogeneousTests):
             return set(job.protocol.paths)

@@ -34,7 +34,7 @@ def _press(rng, n=24, span=1.0):
     return slopes, rows, known
 
 
-def _evidence(press, site, weighs_points):
+def _evidence(press, site, is_gls):
     slopes, rows, known = press
     return evidence_of(
         slopes,
@@ -44,7 +44,7 @@ def _evidence(press, site, weighs_points):
         ERRORS,
         channels=("force", "torque"),
         site=site,
-        weighs_points=weighs_points,
+        is_gls=is_gls,
     )
 
 
@@ -77,7 +77,7 @@ def test_rows_that_are_added_are_those_of_direct_inverse(seed, same):
     assert found == pytest.approx(expected, rel=1e-6)
 
 
-def _of_joint_fit(presses, sites, weighs_points):
+def _of_joint_fit(presses, sites, is_gls):
     """Covariance by the residuals of all presses together."""
     slopes = np.concatenate([press[0] for press in presses])
     rows = [press[1] for press in presses]
@@ -95,9 +95,7 @@ def _of_joint_fit(presses, sites, weighs_points):
     causes = {"errors": vectors * np.sqrt(np.maximum(values, 0.0))}
     for name in presses[0][2]:
         causes[name] = np.concatenate([press[2][name] for press in presses])[:, None]
-    return laplace(
-        np.full(3, 0.5), np.zeros(len(slopes)), slopes, causes, weighs_points=weighs_points
-    ).covariance
+    return laplace(np.full(3, 0.5), np.zeros(len(slopes)), slopes, causes, is_gls=is_gls).covariance
 
 
 @settings(max_examples=20, deadline=None)
@@ -105,15 +103,15 @@ def _of_joint_fit(presses, sites, weighs_points):
     seed=st.integers(0, 10_000),
     same=st.booleans(),
     span=st.sampled_from([1.0, 2.0]),
-    weighs_points=st.booleans(),
+    is_gls=st.booleans(),
 )
-def test_sum_is_covariance_of_joint_fit(seed, same, span, weighs_points):
+def test_sum_is_covariance_of_joint_fit(seed, same, span, is_gls):
     rng = np.random.default_rng(seed)
     presses = [_press(rng), _press(rng, span=span)]
     sites = ["p1", "p1" if same else "p2"]
-    one, two = (_evidence(press, site, weighs_points) for press, site in zip(presses, sites, strict=True))
+    one, two = (_evidence(press, site, is_gls) for press, site in zip(presses, sites, strict=True))
     found = (one + two).covariance(range_sd=1.0)
-    expected = _of_joint_fit(presses, sites, weighs_points)
+    expected = _of_joint_fit(presses, sites, is_gls)
     sizes = np.sqrt(np.diag(expected))
     assert np.abs(found - expected).max() <= 0.02 * np.outer(sizes, sizes).max()
     assert np.sqrt(np.diag(found)) == pytest.approx(sizes, rel=0.02)

@@ -94,7 +94,7 @@ class ContactState:
     law: ContactLaw
     limits: FloatArray | None = None
 
-    def same(self, other: "ContactState") -> bool:
+    def is_same(self, other: "ContactState") -> bool:
         """Whether the tractions of any displacements are the same in both."""
         own, theirs = (self.memory, self.law, self.limits), (other.memory, other.law, other.limits)
         return all(a is b for a, b in zip(own, theirs, strict=True)) and (
@@ -324,7 +324,7 @@ class Contact:
         """The points of all faces that the indenter touches, kept for the next call with the same state."""
         if self._last is not None:
             known, before, found = self._last
-            if before.same(load) and np.array_equal(known, displacements):
+            if before.is_same(load) and np.array_equal(known, displacements):
                 return found
         found = self._touched(displacements, load)
         self._last = displacements.copy(), load, found
