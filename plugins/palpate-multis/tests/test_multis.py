@@ -146,7 +146,8 @@ def _measured() -> pl.DataFrame:
         (_measured().head(1), "1 presses of 1 people; a fit and its spreads need 10"),
         (_measured().filter(pl.col("person") == pl.col("person").first()), "of 1 people"),
         (_measured().unique("person", maintain_order=True), "somebody who was pressed twice"),
-        (_measured().with_columns(pl.col("stiffness_MPa_per_mm") * 1e4), "at the end of what was simulated"),
+        (_measured().with_columns(pl.col("stiffness_MPa_per_mm") * 1e4), "over muscle is 1, at the end"),
+        (_measured().with_columns(pl.col("stiffness_MPa_per_mm") * 1e-4), "over muscle is 60, at the end"),
     ],
 )
 def test_presses_that_cannot_be_fitted_are_refused(

@@ -9,7 +9,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from palpate.cli.output import ProposalOutput
-from palpate.domain import Indentation, Job, Response, Status, SurfaceStates, Waypoints
+from palpate.domain import Channel, Indentation, Job, Response, Status, SurfaceStates, Waypoints
 from palpate.errors import StudyError
 from palpate.opened_fit import abscissae_of
 from palpate.planning import stage
@@ -18,6 +18,7 @@ from palpate.planning.candidates import (
     Limit,
     candidates,
     described,
+    limits_of,
     read_allowed,
     usual,
 )
@@ -29,6 +30,7 @@ from palpate.planning.propose import plan, propose
 from palpate.planning.stage import before_any_press, choose_presses
 from palpate.planning.study_text import AddedPress, with_presses
 from palpate.planning.tables import for_robot, proposal_tables
+from palpate.planning.tool_force import tool_forces
 from palpate.specimens.blocks import block
 from palpate.study.reading import read_study
 from palpate.study.tool import read_tool
@@ -233,6 +235,32 @@ def test_partial_simulation_is_no_candidate_even_where_it_is_ranked(run):
     assert all(why == "diverged: stopped" for why in found.refused.values())
 
 
+def test_tool_that_is_not_pressed_to_its_end_is_refused(run, tool):
+    study, _, _ = run
+    deep = replace(tool, protocol=replace(tool.protocol, path=[(0.0, 0.0), (4.0, 0.0)]))
+    design, points = _first_design(run, functools.partial(_diverged, study))
+    assert tool_forces(design, tool, points[0])
+    with pytest.raises(StudyError, match=r"tool at p1 cannot be predicted: diverged: stopped"):
+        tool_forces(design, deep, points[0])
+
+
+def _lost_skin(study, jobs):
+    """Simulations that end before the peak where the skin is asked for."""
+    for found in _with_skin(study, jobs):
+        ended = replace(found, status=Status.DIVERGED, message="stopped")
+        yield ended if found.job.surface else found
+
+
+def test_pressure_of_a_press_that_ends_before_its_peak_is_not_known(run):
+    study, _, plugins = run
+    design, points = _first_design(run, functools.partial(_lost_skin, study))
+    (known, *_) = simulated_presses(design, candidates(study, plugins, ALLOWED)[:1], points)
+    (found,) = with_pressures(design, [known], points[0])
+    assert known.at
+    assert not found.at
+    assert found.failure == "its pressure is not known: stopped"
+
+
 def test_pressure_is_not_known_without_a_force(run):
     study, _, plugins = run
     design, points = _first_design(run, functools.partial(_with_skin, study))
@@ -270,6 +298,16 @@ def test_pressure_needs_a_solver_that_gives_it(run):
         StudyError, match=r"limits\.pressure: solver '.*' does not give the states of the skin"
     ):
         _proposed(run, ALLOWED.model_copy(update={"limits": {"pressure": "50 kPa"}}))
+
+
+def test_limit_of_a_channel_that_the_solver_does_not_compute_is_refused(run):
+    study, _, plugins = run
+    heat = Channel(
+        name="heat", abscissa="depth_mm", ordinate="heat_N", abscissa_label="mm", ordinate_label="N"
+    )
+    limited = Allowed(limits={"heat": "1 N"})
+    with pytest.raises(StudyError, match=r"limits\.heat: solver 'half_space' does not compute this channel"):
+        limits_of(limited, study, {**plugins.channels, "heat": heat})
 
 
 @pytest.mark.parametrize(
