@@ -158,6 +158,17 @@ class RegionMaterial:
         ratios = (tie.factor for tie in self.tied.values() if isinstance(tie.factor, Parameter))
         return (*self.searched, *ratios)
 
+    @property
+    def room(self) -> dict[str, float]:
+        """Relative distance of each fixed parameter that is not 0 to the nearer end of its physical range."""
+        numbers = np.array([self.fixed.get(p.name, np.nan) for p in self.material.parameters])
+        values = self.material.to_textbook(numbers, self.convention).tolist()
+        return {
+            p.name: min(value - p.physical_lower, p.physical_upper - value) / abs(value)
+            for p, value in zip(self.material.parameters, values, strict=True)
+            if p.name in self.fixed and value
+        }
+
     def theta(self, values: Mapping[str, float]) -> FloatArray:
         """Textbook parameters in the order of ``material.parameters``, shape (n_parameters,)."""
         numbers = [

@@ -23,7 +23,9 @@ ONSET_MM = 0.05
 """Standard deviation of the onset of contact where neither the study nor the loader gives one."""
 
 RELATIVE = 0.1
-"""That of friction and of fixed and tied parameters, over their values, where the study gives none."""
+"""That of friction and of fixed and tied parameters, over their values, where the study gives none.
+
+That of a fixed one goes no farther than its physical range."""
 
 STEPS = 10.0
 """Range of a cause, in standard deviations to either side: differences step a twentieth of it."""
@@ -105,9 +107,11 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[Cause]:
         yield Cause(kind="indenter", of="", sd=budget.radius)
     searched = {p.name for p in study.space.parameters}
     for region in study.space.regions:
-        for name in (f"{region.region}.{p.name}" for p in region.material.parameters):
-            if name not in searched:
-                yield Cause(kind="fixed", of=name, sd=budget.parameters.get(name, usual))
+        room = region.room
+        for parameter in region.material.parameters:
+            if (name := f"{region.region}.{parameter.name}") not in searched:
+                possible = min(usual, room.get(parameter.name, np.inf))
+                yield Cause(kind="fixed", of=name, sd=budget.parameters.get(name, possible))
 
 
 def _onset_mm(response: Response) -> float:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 from pydantic import ValidationError
 
 from palpate.domain import Indentation, ParameterSpace, Protocol, Scenario, channel_of, weighed_channels
@@ -229,7 +230,7 @@ def check_parametrisation(
 def check_budget(
     context: Context, budget: BudgetTable, space: ParameterSpace, protocols: Iterable[Protocol | None]
 ) -> None:
-    """Refuse the spread of a parameter that is not fixed or tied, and of a radius that no indenter has."""
+    """Refuse the spread of a parameter that is not fixed or tied, or leads out of its physical range."""
     indenters = [protocol.indenter for protocol in protocols if isinstance(protocol, Indentation)]
     try:
         for indenter in indenters if budget.radius else ():
@@ -240,12 +241,16 @@ def check_budget(
     searched = {p.name for p in space.parameters}
     every = (f"{r.region}.{p.name}" for r in space.regions for p in r.material.parameters)
     known = {name: None for name in every if name not in searched}
-    for name in budget.parameters if space.regions else ():
+    room = {f"{r.region}.{name}": share for r in space.regions for name, share in r.room.items()}
+    for name, sd in budget.parameters.items() if space.regions else ():
         if name in searched:
             reason = "is searched, so that its spread is the result; remove the key"
             context.problems.add(("budget", "parameters", name), reason)
         elif name not in known:
             context.problems.add(("budget", "parameters", name), choice(name, known, "parameter"))
+        elif sd > room.get(name, np.inf):
+            reason = f"{sd:g} of its value leads out of its physical range; give {room[name]:.2g} or less"
+            context.problems.add(("budget", "parameters", name), reason)
 
 
 def check_stiffness_scaling(

@@ -397,7 +397,8 @@ class BudgetTable(Table):
     )
     parameters: dict[str, Annotated[Ratio, Field(ge=0.0, lt=1.0)]] = Field(
         default={},
-        description="Of fixed and tied parameters, relative, by region.parameter; a tenth if left out.",
+        description="Of fixed and tied parameters, relative, by region.parameter; if left out, a tenth, "
+        "and of a fixed one no more than its physical range has.",
     )
     discrepancy: Ratio = Field(
         default=0.005,

@@ -49,7 +49,15 @@ class Spring(IsotropicMaterial):
             description="stiffness",
             physical_lower=0.0,
         ),
-        Parameter(name="a", unit="1", lower=0.0, upper=1.0, kind="shape", description="stiffening"),
+        Parameter(
+            name="a",
+            unit="1",
+            lower=0.0,
+            upper=1.0,
+            kind="shape",
+            description="stiffening",
+            physical_upper=1.0,
+        ),
     )
     conventions = MappingProxyType({"doubled": (0.5, 1.0)})
 

@@ -9,7 +9,7 @@ import pytest
 from palpate import pipeline
 from palpate.certainty.causes import Cause, WithCauses, causes_of, columns_of, drift_of
 from palpate.certainty.stage import CertaintyStage
-from palpate.domain import Response, Simulation, Status
+from palpate.domain import ParameterSpace, RegionMaterial, Response, Simulation, Status
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.spot_term import is_along_slopes, is_same_job
@@ -94,6 +94,18 @@ def test_what_is_fitted_or_of_no_size_is_no_cause(ended, pressed):
     )
     names = [p.name for p in case.end.problem.parameters]
     assert [c.name for c in causes_of(study, measured, names)] == ["onset p1", "fixed tissue.kappa"]
+
+
+@pytest.mark.parametrize(("ratio", "sd"), [(0.3, 0.1), (0.48, 0.02 / 0.48), (-0.98, 0.02 / 0.98)])
+def test_a_fixed_parameter_stays_physical_within_its_usual_error(ended, ratio, sd):
+    study, measured, *_ = ended()
+    material = NeoHookean()
+    region = RegionMaterial(
+        region="tissue", material=material, searched=material.parameters[:1], fixed={"nu": ratio}
+    )
+    study = replace(study, space=ParameterSpace(regions=(region,)))
+    sds = {cause.of: cause.sd for cause in causes_of(study, measured, ["tissue.E"])}
+    assert sds["tissue.nu"] == pytest.approx(sd)
 
 
 def test_the_onset_is_as_uncertain_as_the_loader_found_it(ended):

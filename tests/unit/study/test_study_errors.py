@@ -58,6 +58,13 @@ CASES = {
         "budget.parameters.rubber.b",
         "no parameter 'rubber.b'",
     ),
+    "spread out of what is physical": (
+        "a = 0.5",
+        'a = 0.8\n[budget.parameters]\n"rubber.a" = "30 %"',
+        '"rubber.a" = "30 %"',
+        "budget.parameters.rubber.a",
+        "leads out of its physical range; give 0.25 or less",
+    ),
     "spread in another unit": (
         "[truth]",
         '[budget]\nonset = "5 N"\n[truth]',
