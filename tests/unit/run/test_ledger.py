@@ -1,7 +1,6 @@
 """The ledger: what it took is on the disk, what is damaged is named."""
 
 import errno
-import hashlib
 import io
 import os
 import shutil
@@ -14,53 +13,13 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from palpate.domain import Curve, Job, Response, Simulation, Status
+from palpate.domain import Curve, Response, Status
 from palpate.errors import LedgerError
-from palpate.run.ledger import Entry, Finished, Ledger, Writer
-from palpate.run.ledger.cache import ResultCache
+from palpate.run.ledger import Entry, Ledger, Writer
 from palpate.run.ledger.curve_files import pack, unpack
 from palpate.run.result_files import write_atomically
 
-
-def job(set_id=0, spot="p1"):
-    return Job(spot=spot, set_id=set_id, materials={}, thetas={}, protocol=None)
-
-
-def response(scale=1.0, n=50, std=None):
-    x = np.linspace(0.0, 10.0, n)
-    return Response(
-        curves={
-            "torque": Curve(channel="torque", abscissa=x, ordinate=scale * np.sin(x), std=std),
-            "force": Curve(channel="force", abscissa=x, ordinate=scale * x**1.5),
-        }
-    )
-
-
-def finished(set_id, status=Status.OK, **more):
-    answer = response(1.0 + set_id) if status in (Status.OK, Status.DIVERGED) else None
-    simulation = Simulation(
-        job=job(set_id), status=status, response=answer, message=f"set {set_id}", seconds=0.5 + set_id
-    )
-    return Finished(key=f"key{set_id}", simulation=simulation, **more)
-
-
-def write(folder, *every):
-    with Writer(folder) as writer:
-        for each in every:
-            writer.store(each)
-
-
-def read(folder, *set_ids):
-    with Ledger(folder) as ledger:
-        return ledger.simulations({f"key{i}": job(i) for i in set_ids})
-
-
-def same(one, other):
-    assert list(one) == list(other)
-    for name in one:
-        assert np.array_equal(one[name].abscissa, other[name].abscissa)
-        assert np.array_equal(one[name].ordinate, other[name].ordinate)
-        assert (one[name].std is None) == (other[name].std is None)
+from .stored import finished, job, read, response, same, write
 
 
 def test_stored_results_are_read_back_to_the_last_bit(tmp_path):
@@ -439,71 +398,6 @@ def test_the_caller_hears_of_a_failure_at_the_next_store(tmp_path):
         writer.store(finished(0))
         writer.flush()
     assert not read(tmp_path, 0)
-
-
-# ------------------------------------------------------------------------- cache
-
-
-def test_studies_share_what_would_end_the_same_way_again(tmp_path):
-    cache = ResultCache(tmp_path)
-    for i, status in enumerate(Status):
-        cache.store(f"key{i}", finished(i, status).simulation)
-    found = {status: cache.load(f"key{i}", job(9)) for i, status in enumerate(Status)}
-    assert {s for s, simulation in found.items() if simulation} == {
-        Status.OK, Status.DIVERGED, Status.UNREADABLE,
-    }  # fmt: skip
-    same(found[Status.DIVERGED].response, response(2.0))
-    assert found[Status.OK].job.set_id == 9
-
-
-def test_a_corrupt_file_of_the_cache_is_as_none(tmp_path):
-    cache = ResultCache(tmp_path)
-    cache.store("key0", finished(0).simulation)
-    (path,) = tmp_path.rglob("*.simulation")
-    whole = path.read_bytes()
-    other_head = [whole.replace(b'"status"', b'"stbtus"'), whole.replace(b'"ok"', b'"nk"'), b"[]\n"]
-    for corrupt in (b"", whole[:20], whole[:-1], whole[:-9] + b"x" + whole[-8:], *other_head):
-        path.write_bytes(corrupt)
-        assert cache.load("key0", job()) is None
-        cache.store("key0", finished(0).simulation)
-        assert path.read_bytes() == whole
-
-
-def test_two_files_of_the_cache_that_were_exchanged_are_as_none(tmp_path):
-    cache = ResultCache(tmp_path)
-    for key in ("key0", "key1"):
-        cache.store(key, finished(int(key[-1])).simulation)
-    one, two = sorted(tmp_path.rglob("*.simulation"))
-    first, second = one.read_bytes(), two.read_bytes()
-    one.write_bytes(second)
-    two.write_bytes(first)
-    assert cache.load("key0", job()) is cache.load("key1", job()) is None
-    cache.store("key0", finished(0).simulation)
-    assert one.read_bytes() == first
-
-
-HEAD = b'{"status": "ok", "message": "", "seconds": 1.0, "diagnostics": {}}'
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        HEAD + b"\nno Parquet",
-        HEAD + b"\n",
-        HEAD.replace(b"1.0", b'"x"') + b"\n",
-        HEAD.replace(b"{}", b"3") + b"\n",
-        HEAD.replace(b"{}", b"[" * 100_000) + b"\n",
-        HEAD,
-    ],
-)
-def test_a_file_of_the_cache_with_a_right_checksum_and_no_simulation_is_as_none(tmp_path, content):
-    path = tmp_path / "ke" / "key0.simulation"
-    path.parent.mkdir()
-    path.write_bytes(hashlib.sha256(b"key0\n" + content).hexdigest().encode() + b"\n" + content)
-    cache = ResultCache(tmp_path)
-    assert cache.load("key0", job()) is None
-    cache.store("key0", finished(0).simulation)
-    same(cache.load("key0", job()).response, response(1.0))
 
 
 def test_a_copy_during_writes_is_consistent(tmp_path):

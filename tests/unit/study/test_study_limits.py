@@ -18,11 +18,6 @@ SECONDS = 5.0
 """Most processor time for one refusal; most take milliseconds."""
 
 
-@pytest.fixture(scope="module")
-def plugins() -> Plugins:
-    return Plugins.load([TOY / "toy_plugin.py"], entry_points=False)
-
-
 def refused(folder: Path, plugins: Plugins, text: str) -> str:
     for name in ("s1.txt", "s2.txt"):
         (folder / name).write_bytes((TOY / name).read_bytes())

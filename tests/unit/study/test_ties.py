@@ -19,11 +19,6 @@ RANGE = 'k = { lower = "1000 kPa", upper = "3 MPa" }\na = 0.5\n'
 SKIN = '\n[region.skin]\nmaterial = "spring"\n[region.skin.parameters]\n'
 
 
-@pytest.fixture(scope="module")
-def plugins():
-    return Plugins.load([TOY / "toy_plugin.py"], entry_points=False)
-
-
 @pytest.fixture
 def read(tmp_path, plugins):
     """Read the toy study with these parameters of its region, and these of a second region."""
