@@ -275,18 +275,19 @@ class SparseFactor:
         """Apply the last factor once to ``rhs`` (n,), neither checked nor refined."""
 
     def krylov(
-        self, data: _Floats, rhs: _Floats, tolerance: float, most_steps: int
+        self, data: _Floats, rhs: _Floats, tolerance: float, most_steps: int, *, sweep: bool = True
     ) -> tuple[_Floats, int, bool]:
         """Solve with another matrix of the same pattern by GMRES, the last factor preconditioning.
 
         The matrix, of values ``data`` (n_data,), may be unsymmetric. Preconditioning is from the right, so
         that the residual watched is the true one. It ends at ``tolerance`` (‖b - A x‖ over ‖b‖) or after
         ``most_steps`` applications of the factor. Returns the best solution found, zero at worst, the
-        number of applications, and whether the residual is within the tolerance.
+        number of applications, and whether the residual is within the tolerance. A ``sweep`` over the rows that changed
+        since the factor was made, ahead of it, saves steps; where these are far from symmetric it may do harm.
         """
 
     def krylov_together(
-        self, data: _Floats, rhs: _Floats, tolerance: float, most_steps: int
+        self, data: _Floats, rhs: _Floats, tolerance: float, most_steps: int, *, sweep: bool = True
     ) -> tuple[_Floats, int, float]:
         """Solve for right-hand sides (m, n) with another matrix of the same pattern, in one space.
 

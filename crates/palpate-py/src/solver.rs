@@ -44,6 +44,7 @@ impl SparseFactor {
         Ok(PyArray1::from_vec(py, py.detach(|| self.0.precondition(&rhs))?))
     }
 
+    #[pyo3(signature = (data, rhs, tolerance, most_steps, *, sweep = true))]
     fn krylov<'py>(
         &self,
         py: Python<'py>,
@@ -51,13 +52,15 @@ impl SparseFactor {
         rhs: PyReadonlyArray1<'py, f64>,
         tolerance: f64,
         most_steps: usize,
+        sweep: bool,
     ) -> Result<(Bound<'py, PyArray1<f64>>, usize, bool), Raised> {
         let (data, rhs) = (values(&data), values(&rhs));
-        let found = py.detach(|| self.0.krylov(&data, &rhs, tolerance, most_steps))?;
+        let found = py.detach(|| self.0.krylov(&data, &rhs, tolerance, most_steps, sweep))?;
         let converged = found.residual <= tolerance;
         Ok((PyArray1::from_vec(py, found.solution), found.n_steps, converged))
     }
 
+    #[pyo3(signature = (data, rhs, tolerance, most_steps, *, sweep = true))]
     fn krylov_together<'py>(
         &self,
         py: Python<'py>,
@@ -65,10 +68,11 @@ impl SparseFactor {
         rhs: PyReadonlyArray2<'py, f64>,
         tolerance: f64,
         most_steps: usize,
+        sweep: bool,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, usize, f64)> {
         let shape = [rhs.shape()[0], rhs.shape()[1]];
         let (data, rhs) = (values(&data), values(&rhs));
-        let solve = || self.0.krylov_together(&data, &rhs, tolerance, most_steps);
+        let solve = || self.0.krylov_together(&data, &rhs, tolerance, most_steps, sweep);
         let found = py.detach(solve).map_err(Raised::from)?;
         let solution = PyArray1::from_vec(py, found.solution).reshape(shape)?;
         Ok((solution, found.n_steps, found.residual))

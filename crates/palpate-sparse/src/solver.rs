@@ -114,8 +114,9 @@ impl SparseFactor {
     }
 
     /// Solves A x = b for another matrix A of the same pattern by GMRES, preconditioned with the
-    /// last factor and a sweep over the rows that changed since, until ‖b − A x‖ is at most `tolerance` ‖b‖ or the factor was applied
-    /// `most_steps` times. A may be unsymmetric.
+    /// last factor, and ahead of it, if asked for, with a sweep over the rows that changed since, until
+    /// ‖b − A x‖ is at most `tolerance` ‖b‖ or the factor was applied `most_steps` times. A may be
+    /// unsymmetric; if it is so by much in the changed rows, a sweep may do harm.
     ///
     /// # Errors
     /// [`InputError`] if there is no factor, or `data` or `rhs` is not finite or of another length.
@@ -125,7 +126,7 @@ impl SparseFactor {
     /// use palpate_sparse::{Precision, SparseFactor};
     /// let mut factor = SparseFactor::new(&[0, 2, 4], &[0, 1, 0, 1], Precision::Single)?;
     /// factor.factorise(&[4.0, 1.0, 1.0, 3.0])?;
-    /// let found = factor.krylov(&[4.0, 1.0, 0.9, 3.0], &[5.0, 3.9], 1e-12, 20)?;
+    /// let found = factor.krylov(&[4.0, 1.0, 0.9, 3.0], &[5.0, 3.9], 1e-12, 20, true)?;
     /// assert!(found.residual <= 1e-12);
     /// assert!(found.solution.iter().all(|x| (x - 1.0).abs() < 1e-11));
     /// # Ok::<(), palpate_sparse::Error>(())
@@ -136,11 +137,12 @@ impl SparseFactor {
         rhs: &[f64],
         tolerance: f64,
         most_steps: usize,
+        sweep: bool,
     ) -> Result<Iterated, Error> {
         self.check_ready()?;
         pattern::finite("data", data, self.pattern.n_data())?;
         pattern::finite("rhs", rhs, self.pattern.n())?;
-        Ok(self.numbers.iterate(self.nearby(data), rhs, tolerance, most_steps))
+        Ok(self.numbers.iterate(self.nearby(data, sweep), rhs, tolerance, most_steps))
     }
 
     /// Solves A x = b for several right-hand sides (m, n) as [`Self::krylov`] does for one, all in one
@@ -155,16 +157,19 @@ impl SparseFactor {
         rhs: &[f64],
         tolerance: f64,
         most_steps: usize,
+        sweep: bool,
     ) -> Result<Iterated, Error> {
         self.check_ready()?;
         pattern::finite("data", data, self.pattern.n_data())?;
         let n = self.pattern.n();
         pattern::finite("rhs", rhs, rhs.len().next_multiple_of(n).max(n))?;
-        Ok(self.numbers.iterate_together(self.nearby(data), rhs, tolerance, most_steps))
+        Ok(self.numbers.iterate_together(self.nearby(data, sweep), rhs, tolerance, most_steps))
     }
 
-    fn nearby<'a>(&'a self, data: &'a [f64]) -> Nearby<'a> {
-        Nearby { rows: self.pattern.rows(), factored: &self.factored, data }
+    fn nearby<'a>(&'a self, data: &'a [f64], sweep: bool) -> Nearby<'a> {
+        // Where no row differs there is nothing to sweep over.
+        let factored = if sweep { &self.factored } else { data };
+        Nearby { rows: self.pattern.rows(), factored, data }
     }
 
     fn check_ready(&self) -> Result<(), InputError> {

@@ -165,10 +165,11 @@ class LinearSolver:
                 self._extra_steps += max(n_steps - self._fresh_steps, 0)
                 return solution
         self._factorise(preconditioner())
-        solution, self._fresh_steps = self._iterate(matrix, rhs, tolerance, MOST_KRYLOV_STEPS)
-        if solution is None:
-            raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
-        return solution
+        for sweep in (True, False):  # where friction makes a sweep diverge, the factor alone does not
+            solution, self._fresh_steps = self._iterate(matrix, rhs, tolerance, MOST_KRYLOV_STEPS, sweep)
+            if solution is not None:
+                return solution
+        raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
 
     def solve_all(
         self,
@@ -195,17 +196,13 @@ class LinearSolver:
             if left <= tolerance:
                 return solutions
         self._factorise(preconditioner())
-        solutions, _, left = self._factor.krylov_together(
-            matrix, rhs, tolerance, len(rhs) * MOST_KRYLOV_STEPS
-        )
-        if left <= max(tolerance, TOLERATED):
-            return solutions
-        # Where a shared space fails, spaces of their own may not.
-        alone = [self._iterate(matrix, row, tolerance, MOST_KRYLOV_STEPS)[0] for row in rhs]
-        found = [solution for solution in alone if solution is not None]
-        if len(found) < len(alone):
-            raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
-        return np.stack(found)
+        for sweep in (True, False):
+            solutions, _, left = self._factor.krylov_together(
+                matrix, rhs, tolerance, len(rhs) * MOST_KRYLOV_STEPS, sweep=sweep
+            )
+            if left <= max(tolerance, TOLERATED):
+                return solutions
+        raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
 
     def _factorise(self, values: FloatArray) -> None:
         self.n_factorisations += 1
@@ -221,10 +218,10 @@ class LinearSolver:
         self._ready = True
 
     def _iterate(
-        self, matrix: FloatArray, rhs: FloatArray, tolerance: float, most_steps: int
+        self, matrix: FloatArray, rhs: FloatArray, tolerance: float, most_steps: int, sweep: bool = True
     ) -> tuple[FloatArray | None, int]:
         """Solution, or None, and the steps that it took."""
-        solution, n_steps, converged = self._factor.krylov(matrix, rhs, tolerance, most_steps)
+        solution, n_steps, converged = self._factor.krylov(matrix, rhs, tolerance, most_steps, sweep=sweep)
         return solution if converged else None, n_steps
 
 
