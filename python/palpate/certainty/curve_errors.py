@@ -190,7 +190,7 @@ class _Likelihood:
             values.append(-self._loss(0.5 * np.log(tried), slopes=False)[0])
         weights = np.exp(np.array(values) - max(values)) * np.gradient(logs)
         weights /= weights.sum()
-        return float(weights @ sizes**2), float(weights[sizes > allowed].sum())
+        return float(weights @ sizes**2), min(float(weights[sizes > allowed].sum()), 1.0)
 
     def _loss(self, logs: FloatArray, slopes: bool = True) -> tuple[float, FloatArray]:
         squares = np.exp(2.0 * logs)
