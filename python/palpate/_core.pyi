@@ -282,8 +282,9 @@ class SparseFactor:
         The matrix, of values ``data`` (n_data,), may be unsymmetric. Preconditioning is from the right, so
         that the residual watched is the true one. It ends at ``tolerance`` (‖b - A x‖ over ‖b‖) or after
         ``most_steps`` applications of the factor. Returns the best solution found, zero at worst, the
-        number of applications, and whether the residual is within the tolerance. A ``sweep`` over the rows that changed
-        since the factor was made, ahead of it, saves steps; where these are far from symmetric it may do harm.
+        number of applications, and whether the residual is within the tolerance. A ``sweep`` over the rows
+        that changed since the factor was made, ahead of it, saves steps; where these are far from symmetric
+        it may do harm.
         """
 
     def krylov_together(

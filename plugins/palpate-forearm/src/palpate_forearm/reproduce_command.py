@@ -36,7 +36,10 @@ def reproduce(
     ] = None,
     material: Annotated[
         list[str] | None,
-        typer.Option("--material", help="Run and compare only this material; repeat for more: ogden, yeoh, neo_hookean."),
+        typer.Option(
+            "--material",
+            help="Run and compare only this material; repeat for more: ogden, yeoh, neo_hookean.",
+        ),
     ] = None,
     fine: Annotated[
         bool, typer.Option("--fine", help="Meshes of 3,600 nodes a spot instead of 1,500.")
