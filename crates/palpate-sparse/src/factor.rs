@@ -75,7 +75,7 @@ impl<T: Number> Factor<T> {
             params,
         );
         let pivots = (&moved[..], &places[..]);
-        triangles.take_pivots(order(symbolic), supernodal(symbolic), factor, &beside, pivots);
+        triangles.take(order(symbolic), supernodal(symbolic), factor, &beside, pivots);
         Ok(())
     }
 
@@ -88,7 +88,7 @@ impl<T: Number> Factor<T> {
         read: impl Fn(usize, usize) -> T,
         write: impl FnMut(usize, usize, T),
     ) {
-        self.triangles.apply(&self.values, n_rhs, work, read, write);
+        self.triangles.apply(n_rhs, work, read, write);
     }
 }
 

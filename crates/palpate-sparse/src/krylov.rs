@@ -9,8 +9,9 @@
 
 use pulp::{Arch, NullaryFnOnce};
 
+use crate::panels::{LANES, total};
 use crate::rows::Rows;
-use crate::triangular_solve::{Number, products};
+use crate::triangular_solve::Number;
 
 /// Steps of a cycle, which sets how many vectors are kept.
 const CYCLE: usize = 30;
@@ -209,7 +210,19 @@ impl<T: Number> NullaryFnOnce for Dot<'_, T> {
 
     #[inline(always)]
     fn call(self) -> T {
-        products([self.a], self.b, 0)[0]
+        let (whole, rest) = self.a.as_chunks::<LANES>();
+        let (whole_b, rest_b) = self.b.as_chunks::<LANES>();
+        let mut partial = [T::default(); LANES];
+        for (a, b) in whole.iter().zip(whole_b) {
+            for ((sum, a), b) in partial.iter_mut().zip(a).zip(b) {
+                *sum += *a * *b;
+            }
+        }
+        let mut sum = total(partial);
+        for (a, b) in rest.iter().zip(rest_b) {
+            sum += *a * *b;
+        }
+        sum
     }
 }
 

@@ -11,7 +11,7 @@
 //! | `graph`, `separator`, `ordering` | nested dissection of the graph of nodes |
 //! | `factor` | faer's L B Lᵀ, in any precision |
 //! | `precision` | a factor in double precision, or in single precision of a scaled matrix |
-//! | `triangular_solve` | the triangular solutions |
+//! | `panels`, `triangular_solve` | the factor packed; the triangular solutions |
 //! | `rows`, `krylov` | products with the whole matrix; GMRES with an older factor |
 //! | `space` | one space of directions for several right-hand sides |
 //! | `smoother` | a sweep over the rows that changed since that factor |
@@ -23,6 +23,7 @@ mod factor;
 mod graph;
 mod krylov;
 mod ordering;
+mod panels;
 mod pattern;
 mod precision;
 mod rows;

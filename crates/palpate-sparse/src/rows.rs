@@ -6,9 +6,10 @@
 
 use std::ops::Range;
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 
 use crate::error::InputError;
+use crate::panels::{LANES, summed};
 use crate::triangular_solve::Number;
 
 /// Rows that share their columns are multiplied together.
@@ -110,10 +111,7 @@ impl Rows {
     }
 }
 
-/// Partial sums of a row.
-const LANES: usize = 8;
-
-/// Products of panels with vectors (m, n), compiled for this processor; a closure would not be.
+/// Products of panels with vectors (m, n), compiled for this processor.
 struct Products<'a, T> {
     rows: &'a Rows,
     panels: &'a [(usize, usize)],
@@ -122,23 +120,23 @@ struct Products<'a, T> {
     out: &'a mut [T],
 }
 
-impl<T: Number> NullaryFnOnce for Products<'_, T> {
+impl<T: Number> WithSimd for Products<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Self { rows, panels, values, x, out } = self;
         let n = rows.n();
         let mut taken = Vec::new();
         for &(row, height) in panels {
             let range = rows.range(row);
-            let values = &values[range.start..];
-            taken.resize(range.len(), T::default());
+            let (values, length) = (&values[range.start..], range.len());
+            taken.resize(length.next_multiple_of(LANES), T::default());
             for (x, out) in x.chunks_exact(n).zip(out.chunks_exact_mut(n)) {
                 // One after the other first, so that the products below are of whole vectors.
                 if let Some(triples) = &rows.triples {
                     let triples = &triples[range.start / (PANEL * PANEL)..];
-                    for (taken, &first) in taken.chunks_exact_mut(PANEL).zip(triples) {
+                    for (taken, &first) in taken[..length].chunks_exact_mut(PANEL).zip(triples) {
                         taken.copy_from_slice(&x[first as usize..first as usize + PANEL]);
                     }
                 } else {
@@ -146,45 +144,44 @@ impl<T: Number> NullaryFnOnce for Products<'_, T> {
                         *taken = x[column as usize];
                     }
                 }
+                taken[length..].fill(T::default());
                 if height == PANEL {
-                    out[row..row + PANEL].copy_from_slice(&dots::<T, PANEL>(values, &taken));
+                    let products = dots::<T, S, PANEL>(simd, values, length, &taken);
+                    out[row..row + PANEL].copy_from_slice(&products);
                 } else {
-                    out[row] = dots::<T, 1>(values, &taken)[0];
+                    out[row] = dots::<T, S, 1>(simd, values, length, &taken)[0];
                 }
             }
         }
     }
 }
 
-/// Products of `N` rows of values, one after the other, with a vector.
+/// Products of `N` rows of values, each of a `length` and right after the one before it, with a vector
+/// that zeros extend to whole tiles.
 #[inline(always)]
-fn dots<T: Number, const N: usize>(values: &[T], x: &[T]) -> [T; N] {
-    let mut rows = [values; N];
-    for (i, row) in rows.iter_mut().enumerate() {
-        *row = &values[i * x.len()..(i + 1) * x.len()];
-    }
-    let mut partial = [[T::default(); LANES]; N];
-    let whole = x.len() / LANES * LANES;
-    let mut k = 0;
-    while k < whole {
-        let taken = &x[k..k + LANES];
-        for (partial, row) in partial.iter_mut().zip(&rows) {
-            for ((sum, value), x) in partial.iter_mut().zip(&row[k..k + LANES]).zip(taken) {
-                *sum += *value * *x;
+fn dots<T: Number, S: Simd, const N: usize>(
+    simd: S,
+    values: &[T],
+    length: usize,
+    x: &[T],
+) -> [T; N] {
+    let mut sums = [[T::splat(simd, T::default()); LANES]; N];
+    let mut padded = [T::default(); LANES];
+    for (k, x) in x.chunks_exact(LANES).enumerate() {
+        let x = T::vectors::<S>(x);
+        for (i, sums) in sums.iter_mut().enumerate() {
+            let row = &values[i * length + k * LANES..];
+            // Beyond its end are the numbers of the next row, times zero, or nothing.
+            let tile = row.get(..LANES).unwrap_or_else(|| {
+                padded[..row.len()].copy_from_slice(row);
+                &padded
+            });
+            for ((sum, value), x) in sums.iter_mut().zip(T::vectors::<S>(tile)).zip(x) {
+                *sum = T::plus_product(simd, *sum, *value, *x);
             }
         }
-        k += LANES;
     }
-    let mut sums = [T::default(); N];
-    for ((sum, partial), row) in sums.iter_mut().zip(&partial).zip(&rows) {
-        for lane in partial {
-            *sum += *lane;
-        }
-        for (value, x) in row[whole..].iter().zip(&x[whole..]) {
-            *sum += *value * *x;
-        }
-    }
-    sums
+    sums.map(|sums| summed::<T, S>(&sums))
 }
 
 /// The pointers, checked to delimit `n_indices` indices.

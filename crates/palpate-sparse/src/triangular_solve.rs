@@ -1,9 +1,9 @@
 //! The two triangular solutions of a symmetric factor, as one pass down and one pass up.
 //!
 //! A preconditioner is applied hundreds of times per factorisation, and its time is the time in
-//! which the factor comes out of memory. So nothing here is allocated, copied or permuted on its
-//! own: a right-hand side is permuted as it is read, columns are taken four at a time, and the
-//! block diagonal is applied on the way.
+//! which the factor comes out of memory. So the factor is packed once in the order in which it is
+//! read, and nothing here is allocated, copied or permuted on its own: a right-hand side is permuted
+//! as it is read, and the block diagonal is applied on the way.
 #![expect(
     clippy::inline_always,
     reason = "only what is inlined into a dispatch is compiled for the processor at hand"
@@ -14,6 +14,8 @@ use std::ops::Range;
 use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use faer::traits::RealField;
 use pulp::{Arch, Simd, WithSimd};
+
+use crate::panels::Shape;
 
 /// Numbers that a factor is kept in.
 pub(crate) trait Number:
@@ -36,6 +38,66 @@ pub(crate) trait Number:
 
     /// The same number in double precision.
     fn widened(self) -> f64;
+
+    /// Numbers that a processor takes at a time.
+    type Vector<S: Simd>: Copy;
+
+    /// The whole vectors of some numbers.
+    fn vectors<S: Simd>(numbers: &[Self]) -> &[Self::Vector<S>];
+
+    /// As [`Self::vectors`], to change.
+    fn vectors_mut<S: Simd>(numbers: &mut [Self]) -> &mut [Self::Vector<S>];
+
+    /// The same number in every lane.
+    fn splat<S: Simd>(simd: S, number: Self) -> Self::Vector<S>;
+
+    /// sum + a b, rounded after the product too: the same bits on every processor.
+    fn plus_product<S: Simd>(
+        simd: S,
+        sum: Self::Vector<S>,
+        a: Self::Vector<S>,
+        b: Self::Vector<S>,
+    ) -> Self::Vector<S>;
+
+    /// a − b.
+    fn minus<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+}
+
+/// Vectors of one precision, by the methods of [`Simd`] for it.
+macro_rules! vectors {
+    ($vector:ident, $slice:ident, $slice_mut:ident, $splat:ident, $add:ident, $subtract:ident, $multiply:ident) => {
+        type Vector<S: Simd> = S::$vector;
+
+        #[inline(always)]
+        fn vectors<S: Simd>(numbers: &[Self]) -> &[S::$vector] {
+            S::$slice(numbers).0
+        }
+
+        #[inline(always)]
+        fn vectors_mut<S: Simd>(numbers: &mut [Self]) -> &mut [S::$vector] {
+            S::$slice_mut(numbers).0
+        }
+
+        #[inline(always)]
+        fn splat<S: Simd>(simd: S, number: Self) -> S::$vector {
+            simd.$splat(number)
+        }
+
+        #[inline(always)]
+        fn plus_product<S: Simd>(
+            simd: S,
+            sum: S::$vector,
+            a: S::$vector,
+            b: S::$vector,
+        ) -> S::$vector {
+            simd.$add(sum, simd.$multiply(a, b))
+        }
+
+        #[inline(always)]
+        fn minus<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
+            simd.$subtract(a, b)
+        }
+    };
 }
 
 impl Number for f32 {
@@ -51,6 +113,8 @@ impl Number for f32 {
     fn widened(self) -> f64 {
         f64::from(self)
     }
+
+    vectors!(f32s, as_simd_f32s, as_mut_simd_f32s, splat_f32s, add_f32s, sub_f32s, mul_f32s);
 }
 
 impl Number for f64 {
@@ -65,21 +129,19 @@ impl Number for f64 {
     fn widened(self) -> f64 {
         self
     }
+
+    vectors!(f64s, as_simd_f64s, as_mut_simd_f64s, splat_f64s, add_f64s, sub_f64s, mul_f64s);
 }
-
-/// Columns taken at a time.
-const WIDTH: usize = 4;
-
-/// Partial sums of a scalar product.
-const LANES: usize = 16;
 
 /// The way through a supernodal factor P A Pᵀ = L B Lᵀ.
 ///
-/// L, with a diagonal of ones, is kept by faer: of every supernode a dense block of columns, its own
-/// rows first.
+/// faer gives L, with a diagonal of ones: of every supernode a dense block of columns, its own rows
+/// first.
 #[derive(Debug)]
 pub(crate) struct TriangularSolve<T> {
     supernodes: Vec<Supernode>,
+    /// Panels of all supernodes.
+    packed: Vec<T>,
     /// Rows below the diagonal blocks.
     rows: Vec<u32>,
     /// Unknown at every place.
@@ -94,13 +156,22 @@ pub(crate) struct TriangularSolve<T> {
 struct Supernode {
     columns: Range<usize>,
     rows: Range<usize>,
+    /// Where faer keeps its columns.
     values: Range<usize>,
+    packed: Range<usize>,
+}
+
+impl Supernode {
+    #[inline(always)]
+    fn shape(&self) -> Shape {
+        Shape { width: self.columns.len(), below: self.rows.len() }
+    }
 }
 
 impl<T: Number> TriangularSolve<T> {
     /// Reads the structure; the numbers and the order are still to come.
     pub(crate) fn new(symbolic: &SymbolicSupernodalCholesky<u32>) -> Self {
-        let n = symbolic.nrows();
+        let (n, mut n_packed) = (symbolic.nrows(), 0);
         let mut rows = Vec::new();
         let mut supernodes = Vec::with_capacity(symbolic.n_supernodes());
         let ends = symbolic.supernode_end();
@@ -109,23 +180,24 @@ impl<T: Number> TriangularSolve<T> {
             let node = symbolic.supernode(s);
             let first = rows.len();
             rows.extend_from_slice(node.pattern());
-            supernodes.push(Supernode {
-                columns: node.start()..end as usize,
-                rows: first..rows.len(),
-                values: values[s] as usize..values[s + 1] as usize,
-            });
+            let (columns, rows) = (node.start()..end as usize, first..rows.len());
+            let shape = Shape { width: columns.len(), below: rows.len() };
+            let packed = n_packed..n_packed + shape.packed();
+            n_packed = packed.end;
+            let values = values[s] as usize..values[s + 1] as usize;
+            supernodes.push(Supernode { columns, rows, values, packed });
         }
-        let height = |s: &Supernode| s.columns.len() + s.rows.len();
-        let tallest = supernodes.iter().map(height).max().unwrap_or(0);
+        let tallest = supernodes.iter().map(|s| s.shape().length()).max().unwrap_or(0);
         let (diagonal, beside) = (vec![T::ONE; n], vec![T::default(); n]);
-        Self { supernodes, rows, order: Vec::new(), diagonal, beside, tallest }
+        let packed = vec![T::default(); n_packed];
+        Self { supernodes, packed, rows, order: Vec::new(), diagonal, beside, tallest }
     }
 
-    /// Takes pivots inside supernodes, which move rows, and the block diagonal B.
+    /// Takes the numbers of L, pivots inside supernodes, which move rows, and the block diagonal B.
     ///
     /// `pattern` has the rows of L as of the analysis; `moved` and `places` give which row
     /// is now at a place, and where a row now is.
-    pub(crate) fn take_pivots(
+    pub(crate) fn take(
         &mut self,
         order: &[u32],
         symbolic: &SymbolicSupernodalCholesky<u32>,
@@ -140,6 +212,7 @@ impl<T: Number> TriangularSolve<T> {
             rows.iter_mut().zip(pattern).for_each(|(row, &was)| *row = places[was as usize]);
             let height = node.columns.len() + node.rows.len();
             let block = &values[node.values.clone()];
+            node.shape().pack(block, &mut self.packed[node.packed.clone()]);
             let first = node.columns.start;
             let mut j = 0;
             while j < node.columns.len() {
@@ -163,10 +236,9 @@ impl<T: Number> TriangularSolve<T> {
     }
 
     /// Solves for `n_rhs` right-hand sides: `read(k, unknown)` gives the k-th, `write(k, unknown, value)`
-    /// takes its solution. `values` are L; `work` is kept from call to call.
+    /// takes its solution. `work` is kept from call to call.
     pub(crate) fn apply(
         &self,
-        values: &[T],
         n_rhs: usize,
         work: &mut Vec<T>,
         read: impl Fn(usize, usize) -> T,
@@ -180,7 +252,7 @@ impl<T: Number> TriangularSolve<T> {
                 *x = read(k, unknown as usize);
             }
         }
-        Arch::new().dispatch(Passes { triangles: self, values, n_rhs, x, work });
+        Arch::new().dispatch(Passes { triangles: self, n_rhs, x, work });
         for (k, x) in x.chunks_exact(n).enumerate() {
             for (x, &unknown) in x.iter().zip(&self.order) {
                 write(k, unknown as usize, *x);
@@ -194,7 +266,6 @@ impl<T: Number> TriangularSolve<T> {
 /// Right-hand sides take turns at every few columns, so that the factor comes out of memory once.
 struct Passes<'a, T> {
     triangles: &'a TriangularSolve<T>,
-    values: &'a [T],
     n_rhs: usize,
     x: &'a mut [T],
     work: &'a mut [T],
@@ -204,43 +275,45 @@ impl<T: Number> WithSimd for Passes<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { triangles, values, n_rhs, x, work } = self;
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { triangles, n_rhs, x, work } = self;
         let n = triangles.diagonal.len();
         for node in &triangles.supernodes {
+            let (shape, own) = (node.shape(), node.columns.clone());
             let rows = &triangles.rows[node.rows.clone()];
-            let (own, width) = (node.columns.clone(), node.columns.len());
-            let height = width + rows.len();
-            let work = &mut work[..n_rhs * height];
-            for (x, work) in x.chunks_exact(n).zip(work.chunks_exact_mut(height)) {
-                work[..width].copy_from_slice(&x[own.clone()]);
-                work[width..].fill(T::default());
+            let work = &mut work[..n_rhs * shape.length()];
+            for (x, work) in x.chunks_exact(n).zip(work.chunks_exact_mut(shape.length())) {
+                work[..own.len()].copy_from_slice(&x[own.clone()]);
+                work[own.len()..].fill(T::default());
             }
-            Block { values: &values[node.values.clone()], height }.down(width, work);
+            shape.down(simd, &triangles.packed[node.packed.clone()], work);
             let (diagonal, beside) =
                 (&triangles.diagonal[own.clone()], &triangles.beside[own.clone()]);
-            for (x, work) in x.chunks_exact_mut(n).zip(work.chunks_exact_mut(height)) {
-                for (&row, change) in rows.iter().zip(&work[width..]) {
+            for (x, work) in x.chunks_exact_mut(n).zip(work.chunks_exact_mut(shape.length())) {
+                for (&row, change) in rows.iter().zip(&work[shape.first_below()..]) {
                     x[row as usize] += *change;
                 }
-                block_diagonal(diagonal, beside, &mut work[..width]);
-                x[own.clone()].copy_from_slice(&work[..width]);
+                block_diagonal(diagonal, beside, &mut work[..own.len()]);
+                x[own.clone()].copy_from_slice(&work[..own.len()]);
             }
         }
         for node in triangles.supernodes.iter().rev() {
+            let (shape, own) = (node.shape(), node.columns.clone());
             let rows = &triangles.rows[node.rows.clone()];
-            let (own, width) = (node.columns.clone(), node.columns.len());
-            let height = width + rows.len();
-            let work = &mut work[..n_rhs * height];
-            for (x, work) in x.chunks_exact(n).zip(work.chunks_exact_mut(height)) {
-                work[..width].copy_from_slice(&x[own.clone()]);
-                for (below, &row) in work[width..].iter_mut().zip(rows) {
+            let work = &mut work[..n_rhs * shape.length()];
+            for (x, work) in x.chunks_exact(n).zip(work.chunks_exact_mut(shape.length())) {
+                let (first, below) = work.split_at_mut(shape.first_below());
+                let (below, padding) = below.split_at_mut(rows.len());
+                first[..own.len()].copy_from_slice(&x[own.clone()]);
+                first[own.len()..].fill(T::default());
+                for (below, &row) in below.iter_mut().zip(rows) {
                     *below = x[row as usize];
                 }
+                padding.fill(T::default());
             }
-            Block { values: &values[node.values.clone()], height }.up(width, work);
-            for (x, work) in x.chunks_exact_mut(n).zip(work.chunks_exact(height)) {
-                x[own.clone()].copy_from_slice(&work[..width]);
+            shape.up(simd, &triangles.packed[node.packed.clone()], work);
+            for (x, work) in x.chunks_exact_mut(n).zip(work.chunks_exact(shape.length())) {
+                x[own.clone()].copy_from_slice(&work[..own.len()]);
             }
         }
     }
@@ -261,165 +334,4 @@ fn block_diagonal<T: Number>(diagonal: &[T], beside: &[T], x: &mut [T]) {
             j += 2;
         }
     }
-}
-
-/// Columns of a supernode: its rows first, zero above a diagonal of ones, then those below.
-#[derive(Clone, Copy)]
-struct Block<'a, T> {
-    values: &'a [T],
-    height: usize,
-}
-
-impl<'a, T: Number> Block<'a, T> {
-    /// Solves L₁₁ y = x, where x are the supernode's rows of each `work` (m, height), and takes L₂₁ y
-    /// from the others.
-    #[inline(always)]
-    fn down(self, n: usize, work: &mut [T]) {
-        let mut j = 0;
-        while j < n {
-            let whole = j + WIDTH <= n;
-            for work in work.chunks_exact_mut(self.height) {
-                if whole {
-                    self.eliminate::<WIDTH>(j, work);
-                } else {
-                    self.eliminate::<1>(j, work);
-                }
-            }
-            j += if whole { WIDTH } else { 1 };
-        }
-    }
-
-    /// Solves L₁₁ᵀ y = x − L₂₁ᵀ z, where x are the supernode's rows of each `work` (m, height) and z the
-    /// others.
-    #[inline(always)]
-    fn up(self, n: usize, work: &mut [T]) {
-        let mut j = n;
-        while j > 0 {
-            let whole = j.is_multiple_of(WIDTH);
-            j -= if whole { WIDTH } else { 1 };
-            for work in work.chunks_exact_mut(self.height) {
-                if whole {
-                    self.substitute::<WIDTH>(j, work);
-                } else {
-                    self.substitute::<1>(j, work);
-                }
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn columns<const N: usize>(self, j: usize) -> [&'a [T]; N] {
-        let mut columns = [self.values; N];
-        for (c, column) in columns.iter_mut().enumerate() {
-            *column = &self.values[(j + c) * self.height..(j + c + 1) * self.height];
-        }
-        columns
-    }
-
-    /// Start of whole vectors up to the end that contain `first`.
-    ///
-    /// Rows before `first` are zero in every column from `first` on.
-    #[inline(always)]
-    fn aligned(self, first: usize) -> usize {
-        let reach = (self.height - first).next_multiple_of(LANES);
-        if reach <= self.height { self.height - reach } else { first }
-    }
-
-    #[inline(always)]
-    fn eliminate<const N: usize>(self, j: usize, work: &mut [T]) {
-        let columns = self.columns::<N>(j);
-        let mut own = [T::default(); N];
-        for c in 0..N {
-            let mut value = work[j + c];
-            for b in 0..c {
-                value -= columns[b][j + c] * own[b];
-            }
-            own[c] = value;
-        }
-        let first = self.aligned(j + N);
-        subtract(columns, own, &mut work[first..], first);
-        work[j..j + N].copy_from_slice(&own);
-    }
-
-    #[inline(always)]
-    fn substitute<const N: usize>(self, j: usize, work: &mut [T]) {
-        let columns = self.columns::<N>(j);
-        let mut own = [T::default(); N];
-        own.copy_from_slice(&work[j..j + N]);
-        // The rows of the diagonal block take part in the sums only as far as they are known.
-        work[j..j + N].fill(T::default());
-        let first = self.aligned(j + N);
-        let sums = products(columns, &work[first..], first);
-        for c in (0..N).rev() {
-            let mut value = own[c] - sums[c];
-            for b in c + 1..N {
-                value -= columns[c][j + b] * own[b];
-            }
-            own[c] = value;
-        }
-        work[j..j + N].copy_from_slice(&own);
-    }
-}
-
-/// Takes the rows from `first` on of every column, times its factor, from a vector.
-#[inline(always)]
-fn subtract<T: Number, const N: usize>(
-    columns: [&[T]; N],
-    factors: [T; N],
-    vector: &mut [T],
-    first: usize,
-) {
-    let n = vector.len();
-    let mut below = columns;
-    for column in &mut below {
-        *column = &column[first..first + n];
-    }
-    for (i, entry) in vector.iter_mut().enumerate() {
-        let mut change = below[0][i] * factors[0];
-        for c in 1..N {
-            change += below[c][i] * factors[c];
-        }
-        *entry -= change;
-    }
-}
-
-/// Scalar products of the rows from `first` on of every column with a vector.
-#[inline(always)]
-pub(crate) fn products<T: Number, const N: usize>(
-    columns: [&[T]; N],
-    vector: &[T],
-    first: usize,
-) -> [T; N] {
-    let n = vector.len();
-    let mut below = columns;
-    for column in &mut below {
-        *column = &column[first..first + n];
-    }
-    let whole = n / LANES * LANES;
-    let mut partial = [[T::default(); LANES]; N];
-    let mut i = 0;
-    while i < whole {
-        let values = &vector[i..i + LANES];
-        for (partial, column) in partial.iter_mut().zip(&below) {
-            let column = &column[i..i + LANES];
-            for ((sum, l), v) in partial.iter_mut().zip(column).zip(values) {
-                *sum += *l * *v;
-            }
-        }
-        i += LANES;
-    }
-    let mut sums = [T::default(); N];
-    for c in 0..N {
-        for width in [8, 4, 2, 1] {
-            for lane in 0..width {
-                let other = partial[c][lane + width];
-                partial[c][lane] += other;
-            }
-        }
-        sums[c] = partial[c][0];
-        for (l, v) in below[c][whole..].iter().zip(&vector[whole..]) {
-            sums[c] += *l * *v;
-        }
-    }
-    sums
 }
