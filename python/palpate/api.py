@@ -220,9 +220,7 @@ if TYPE_CHECKING:
     from palpate.report.report_data import ReportData as ReportData
     from palpate.report.report_warnings import ReportWarning as ReportWarning
     from palpate.report.result import Report as Report, RunResult as RunResult
-    from palpate.run.result_files import (
-        write_atomically as write_atomically,
-    )
+    from palpate.run.atomic_files import write_atomically as write_atomically
     from palpate.progress import (
         SILENT as SILENT,
         Progress as Progress,

@@ -37,7 +37,7 @@ from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.report import figures, page  # noqa: F401 - forks inherit what is imported
-from palpate.run import result_files as results
+from palpate.run import atomic_files
 from palpate.run.fit_state import FitState
 from palpate.run.ledger import Ledger, writer
 from palpate.stages.samplers import LatinHypercube
@@ -215,7 +215,7 @@ def count_writes(number: int, *, after: bool) -> None:
         return write
 
     os.fsync, os.replace = numbered(os.fsync), numbered(os.replace)
-    results.os, writer._insert = os, numbered(writer._insert)
+    atomic_files.os, writer._insert = os, numbered(writer._insert)
 
 
 def no_orphans(trials: Trials, name: str, moment: random.Random) -> None:

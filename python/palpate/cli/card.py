@@ -29,8 +29,8 @@ def card(
     """Write the fitted material for another program: values, formula of the stress, moduli, valid range."""
     from palpate.cards import PROGRAMS, cards_of, joined
     from palpate.progress import SILENT
+    from palpate.run.atomic_files import write_atomically
     from palpate.run.directory import RunDirectory
-    from palpate.run.result_files import write_atomically
     from palpate.stored import StoredRun
 
     if program not in PROGRAMS:

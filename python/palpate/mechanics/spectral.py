@@ -323,6 +323,11 @@ def moduli_at_rest(material: Material, theta: Array) -> tuple[Array, Array]:
         swapped = jnp.einsum("ikki->", A)
         return (0.5 * (double + swapped) - trace / 3.0) / 10.0, trace / 9.0
     _, h = principal_derivatives(material, jnp.ones(3), theta)
+    return _moduli(h)
+
+
+def _moduli(h: Array) -> tuple[Array, Array]:
+    """Shear and bulk modulus of an isotropic material by its second derivatives in stretches at rest."""
     return (h[0, 0] - h[0, 1]) / 2.0, (h[0, 0] + 2.0 * h[0, 1]) / 3.0
 
 
@@ -330,11 +335,14 @@ def moduli_at_rest(material: Material, theta: Array) -> tuple[Array, Array]:
 def _rest(material: Material, theta: Array) -> tuple[Array, Array, Array, Array]:
     """Energy, largest stress, shear and bulk modulus at rest."""
     if isinstance(material, IsotropicMaterial):
-        energy, slope = material.energy(jnp.ones(3), theta), _psi_i(material, jnp.ones(3), theta)
+        # All by one trace of the energy, which takes most of the time of the first call.
+        both = jax.value_and_grad(lambda s: material.energy(s, theta))
+        (energy, slope), along = jax.linearize(both, jnp.ones(3))
+        moduli = _moduli(jnp.stack([along(unit)[1] for unit in np.eye(3)]))
     else:
         energy, slope = jax.value_and_grad(material.energy_from_F)(jnp.eye(3), theta)
-    largest = jnp.max(jnp.abs(slope))
-    return energy, largest, *moduli_at_rest(material, theta)
+        moduli = moduli_at_rest(material, theta)
+    return energy, jnp.max(jnp.abs(slope)), *moduli
 
 
 def initial_moduli(material: Material, theta: FloatArray) -> tuple[float, float]:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from palpate.errors import StudyError
 from palpate.planning.study_text import AddedPress, with_presses
+from palpate.run.atomic_files import write_atomically
 from palpate.run.directory import RunDirectory
-from palpate.run.result_files import write_atomically
 
 
 def extended_study(run: Path, study: Path, press: str | None, measured: Path) -> tuple[str, Path]:

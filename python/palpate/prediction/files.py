@@ -10,8 +10,9 @@ from palpate.domain import Channel
 from palpate.prediction.predict import Prediction, SpotPrediction
 from palpate.prediction.summary import QUANTITIES
 from palpate.prediction.vtu import vtu
+from palpate.run.atomic_files import write_atomically
 from palpate.run.directory import file_name
-from palpate.run.result_files import write_atomically, write_frame
+from palpate.run.result_files import write_frame
 
 TITLES = {
     "summary": "Under the tool, at its largest force",

@@ -15,8 +15,8 @@ from palpate.report.report_data import ReportData
 from palpate.report.table_files import write_tables
 from palpate.report.tables import EXACT, weighted_channels
 from palpate.report.written_units import in_written_units
+from palpate.run.atomic_files import write_atomically
 from palpate.run.ownership import keep_only
-from palpate.run.result_files import write_atomically
 
 MEANINGS = ((2.0, "as good as the best"), (7.0, "less support"), (np.inf, "hardly any support"))
 """What a difference of AICc up to each limit means (Burnham & Anderson, Model Selection, 2002, ch. 2.6)."""

@@ -27,7 +27,7 @@ from palpate.report.rounding import rounded
 from palpate.report.table_files import shown
 from palpate.report.tables import COMPARISON_TITLES
 from palpate.report.verdict import Verdict
-from palpate.run.result_files import write_atomically
+from palpate.run.atomic_files import write_atomically
 
 _FOLDER = Path(__file__).parent
 

@@ -9,7 +9,7 @@ import polars as pl
 
 from palpate.report.latex import escaped, number, plain
 from palpate.report.tables import COMPARISON_TITLES, TITLES, printed
-from palpate.run.result_files import write_atomically
+from palpate.run.atomic_files import write_atomically
 
 _TITLES = {**TITLES, **COMPARISON_TITLES}
 _FORMULA = r"^[=+@\-\t\r]"

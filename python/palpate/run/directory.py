@@ -38,12 +38,13 @@ import polars as pl
 from palpate.domain import Channel, Design, Parameter, Response
 from palpate.errors import StudyError
 from palpate.executors.answers import plain
+from palpate.run.atomic_files import write_atomically
 from palpate.run.fit_state import remove_fit_state
 from palpate.run.lock import locked
 from palpate.run.manifest import checked_manifest, finite, infinite, manifest
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
 from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
-from palpate.run.result_files import frame_of, response_of, write_atomically, write_frame
+from palpate.run.result_files import frame_of, response_of, write_frame
 from palpate.run.stage_records import COMMANDS, StageRecords
 from palpate.run.trust import IN_KEYS, fingerprints, recorded, trusting
 from palpate.study.reading import Study

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from palpate.errors import LedgerError
+from palpate.run.atomic_files import write_whole
 from palpate.run.ownership import KEPT, reason
-from palpate.run.result_files import write_whole
 
 _FILE = "fit.json"
 

@@ -24,7 +24,7 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter
 
 from palpate.errors import LedgerError
-from palpate.run.result_files import write_whole
+from palpate.run.atomic_files import write_whole
 
 try:
     import fcntl as _fcntl

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
 from palpate.errors import LedgerError, StudyError
-from palpate.run.result_files import is_temporary, remove_temporary, write_atomically
+from palpate.run.atomic_files import is_temporary, remove_temporary, write_atomically
 
 MARKER, LISTING = ".palpate-run", "files.json"
 

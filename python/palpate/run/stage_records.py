@@ -23,8 +23,8 @@ from palpate.domain import RegionMaterial, weighed_phases
 from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.plugins.interfaces import Component
+from palpate.run.atomic_files import write_atomically
 from palpate.run.keys import identity
-from palpate.run.result_files import write_atomically
 from palpate.study.reading import Study
 
 COMMANDS = MappingProxyType(

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import MeshError
-from palpate.run.result_files import write_atomically
+from palpate.run.atomic_files import write_atomically
 from palpate.surface import SurfaceStates
 
 FOLDER = "surface"

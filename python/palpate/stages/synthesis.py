@@ -32,9 +32,9 @@ from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.plugins.optional import CurveWriter
 from palpate.progress import SILENT, Progress
+from palpate.run.atomic_files import write_atomically
 from palpate.run.keys import job_key
 from palpate.run.manifest import manifest
-from palpate.run.result_files import write_atomically
 from palpate.stages.experiment import load_measured
 from palpate.stages.limb import load_limbs
 from palpate.stages.simulation import check_jobs, homogeneous_tests

@@ -15,9 +15,9 @@ from hypothesis.extra.numpy import arrays
 
 from palpate.domain import Curve, Response, Status
 from palpate.errors import LedgerError
+from palpate.run.atomic_files import write_atomically
 from palpate.run.ledger import Entry, Ledger, Writer
 from palpate.run.ledger.curve_files import pack, unpack
-from palpate.run.result_files import write_atomically
 
 from .stored import finished, job, read, response, same, write
 
@@ -313,7 +313,7 @@ def test_a_ledger_that_names_any_other_file_is_refused(tmp_path, name):
 def test_a_link_in_place_of_a_written_file_is_not_followed(tmp_path, monkeypatch):
     victim = tmp_path / "victim"
     victim.write_text("mine")
-    monkeypatch.setattr("palpate.run.result_files.temporary_name", lambda name: f".{name}.palpate")
+    monkeypatch.setattr("palpate.run.atomic_files.temporary_name", lambda name: f".{name}.palpate")
     (tmp_path / ".a.json.palpate").symlink_to(victim)
     with pytest.raises(FileExistsError):
         write_atomically(tmp_path / "a.json", b"theirs")

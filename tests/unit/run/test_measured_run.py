@@ -12,10 +12,10 @@ from palpate.errors import CurveError, PluginError, StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.indenters import Sphere
 from palpate.report import draw_presses
+from palpate.run.atomic_files import write_atomically
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import job_key
 from palpate.run.ownership import claim, keep_only
-from palpate.run.result_files import write_atomically
 from palpate.stages.experiment import Presses
 from palpate.stages.simulation import jobs
 

@@ -6,7 +6,6 @@ are the columns of ``WRENCH``, of the indenter on the tissue, with moments about
 """
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from palpate.api import FloatArray
 from palpate_jax.contact import Answer, Motion, Pose
@@ -25,7 +24,7 @@ def pose(position: FloatArray) -> Pose:
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     if position[3:5].any():
-        turn = _tilt(position).as_matrix() @ turn
+        turn = _tilt(position) @ turn
     return Pose(tip_at(position), turn)
 
 
@@ -34,23 +33,28 @@ def motion(position: FloatArray, way: FloatArray) -> Motion:
     spin = np.array([0.0, 0.0, np.deg2rad(way[5])])
     if position[3:5].any() or way[3:5].any():
         vector = np.deg2rad([*position[3:5], 0.0])
-        spin = _tilt(position).apply(spin) + _spin_per_vector(vector) @ np.deg2rad([*way[3:5], 0.0])
+        spin = _tilt(position) @ spin + _spin_per_vector(vector) @ np.deg2rad([*way[3:5], 0.0])
     return Motion(tip_at(way), spin)
 
 
-def _tilt(position: FloatArray) -> Rotation:
-    return Rotation.from_rotvec(np.deg2rad([*position[3:5], 0.0]))
+def _tilt(position: FloatArray) -> FloatArray:
+    """Rotation (3, 3) that tilts the axis: the exponential of a cross product."""
+    vector = np.deg2rad([*position[3:5], 0.0])
+    return np.asarray(np.eye(3) + _cross(vector) @ _spin_per_vector(vector))
 
 
 def _spin_per_vector(vector: FloatArray) -> FloatArray:
     """Spin (3, 3) per rate of a rotation vector: the left Jacobian of rotations."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle, cross = float(np.linalg.norm(vector)), _cross(vector)
     # 1 - cos and angle - sin by series where they would cancel.
     first = 0.5 - angle**2 / 24.0 if angle < 1e-3 else (1.0 - np.cos(angle)) / angle**2
     second = 1.0 / 6.0 - angle**2 / 120.0 if angle < 1e-3 else (angle - np.sin(angle)) / angle**3
     return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
+
+
+def _cross(vector: FloatArray) -> FloatArray:
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def wrench(answer: Answer, tip: FloatArray) -> FloatArray:

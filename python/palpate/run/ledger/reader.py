@@ -15,6 +15,7 @@ import polars as pl
 from palpate.domain import Job, RecordedSimulation, Response, Simulation, SimulationId, Status
 from palpate.errors import CurveError, LedgerError
 from palpate.executors.answers import believable
+from palpate.run.atomic_files import temporary_name, write_whole
 from palpate.run.ledger.curve_files import unpack
 from palpate.run.ledger.format import (
     CURVES,
@@ -29,7 +30,6 @@ from palpate.run.ledger.format import (
     is_blank,
     last_curve_file,
 )
-from palpate.run.result_files import temporary_name, write_whole
 
 
 class Entry(NamedTuple):

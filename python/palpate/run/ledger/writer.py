@@ -17,10 +17,10 @@ from pathlib import Path
 
 from palpate.domain import Job, Simulation
 from palpate.executors.answers import plain
+from palpate.run.atomic_files import remove_temporary, write_whole
 from palpate.run.ledger.curve_files import pack
 from palpate.run.ledger.format import CURVES, LEDGER, TABLES, digest, disk_errors, is_blank
 from palpate.run.ledger.reader import Ledger
-from palpate.run.result_files import remove_temporary, write_whole
 
 _TORN = "the last group of simulations was not written completely; it is simulated again"
 
