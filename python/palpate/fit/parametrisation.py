@@ -108,7 +108,7 @@ class StandardParametrisation(Parametrisation[StandardSettings]):
         at = at_spot(values, spot)
         row = np.array([at[name] for name in space.names])
         offset = at.get(OFFSET, 0.0)
-        if isinstance(protocol, Indentation):
+        if isinstance(protocol, Indentation) and (offset or FRICTION in at):
             path = protocol.path.copy()
             path[path[:, 0] > 0.0, 0] += offset
             protocol = replace(protocol, path=path, friction=at.get(FRICTION, protocol.friction))

@@ -259,6 +259,7 @@ class Problem:
     def accepts(self, points: FloatArray) -> BoolArray:
         """Which points (n, n_parameters) materials and filters accept at every spot; nothing is simulated."""
         accepted = np.ones(len(points), dtype=np.bool_)
+        before = None
         for term in self.terms:
             rows = np.full((len(points), len(self.study.space.names)), np.nan)
             for i in np.flatnonzero(accepted):
@@ -266,7 +267,9 @@ class Problem:
                     rows[i] = self._row(self._inputs(term, points[i]))
                 except PalpateError:
                     accepted[i] = False
-            accepted[accepted] = accepted_by_all(self.study.filters, self.study.space, rows[accepted])
+            if before is None or not np.array_equal(rows[accepted], before[accepted]):
+                accepted[accepted] = accepted_by_all(self.study.filters, self.study.space, rows[accepted])
+            before = rows
         return accepted
 
     def simulated(self, term: SpotTerm, inputs: SpotInputs) -> Simulation:

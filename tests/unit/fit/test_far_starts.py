@@ -3,9 +3,12 @@
 The benchmark ``bench_search.py`` does the same for 40 truths of each material.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from palpate.fit.problem import Problem
 from palpate.fit.starts import accepted_start
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden
@@ -43,3 +46,24 @@ def test_a_start_that_filters_refuse_is_moved_to_the_middle_of_what_they_accept(
     moved = accepted_start(problem, middle)
     assert problem.accepts(moved[None])[0]
     assert np.array_equal(accepted_start(problem, moved), moved)
+
+
+def test_what_spots_share_is_filtered_once(pressed, stage_of):
+    asked = []
+
+    class Counted(pressed.Rising):
+        def accept(self, space, values):
+            asked.append(len(values))
+            return super().accept(space, values)
+
+    study = pressed.study_of(Yeoh(), ("c1", "c2", "c3"), [Counted()])
+    stage = stage_of(study, pressed.measured_at(study, next(pressed.truths(study, 1, seed=3))))
+    one = stage.run()[0].end.problem
+    terms = [*one.terms, *(replace(one.terms[0], spot=spot) for spot in ("p2", "p3"))]
+    several = Problem(study, terms, stage.simulations.of, study.parametrisation)
+    points = np.random.default_rng(0).uniform(size=(40, 3))
+    asked.clear()
+    accepted = several.accepts(points)
+    assert asked == [40]
+    assert 0 < accepted.sum() < 40
+    assert np.array_equal(accepted, one.accepts(points))
