@@ -58,3 +58,16 @@ def test_a_factor_whose_first_system_was_hard_is_renewed(monkeypatch):
     for _ in range(7):
         solver.solve(values, lambda: values, np.ones(24), 1e-3)
     assert solver.n_factorisations == 2
+
+
+def test_a_factor_that_derivatives_made_is_compared_with_itself(monkeypatch):
+    steps = iter([2, *[20] * 30])
+    monkeypatch.setattr(LinearSolver, "_iterate", lambda self, matrix, rhs, *rest: (rhs, next(steps)))
+    rows = np.repeat(np.arange(24), np.diff(PATTERN.indptr))
+    solver, values = LinearSolver(PATTERN), (rows == PATTERN.indices).astype(float)
+    solver.solve(values, lambda: values, np.ones(24), 1e-3)
+    solver.reset()
+    solver.solve_all(values, lambda: values, np.ones((2, 24)), 1e-3)
+    for _ in range(30):  # as many steps as its first system
+        solver.solve(values, lambda: values, np.ones(24), 1e-3)
+    assert solver.n_factorisations == 2

@@ -115,7 +115,7 @@ class LinearSolver:
         self._pattern = pattern
         self._factor = _factor(pattern, "single")
         self._ready = False
-        self._fresh_steps = 0
+        self._fresh_steps = MOST_KRYLOV_STEPS
         self._extra_steps = 0
 
     def reset(self) -> None:
@@ -128,7 +128,7 @@ class LinearSolver:
         It begins in single precision, whatever the one before it has needed: its bits are its own.
         """
         self.reset()
-        self.n_factorisations = self._fresh_steps = 0
+        self.n_factorisations = 0
         if self._factor.precision != "single":
             self._factor = _factor(self._pattern, "single")
 
@@ -206,7 +206,7 @@ class LinearSolver:
 
     def _factorise(self, values: FloatArray) -> None:
         self.n_factorisations += 1
-        self._ready, self._extra_steps = False, 0
+        self._ready, self._fresh_steps, self._extra_steps = False, MOST_KRYLOV_STEPS, 0
         try:
             self._factor.factorise(values)
         except np.linalg.LinAlgError:
