@@ -1,6 +1,7 @@
 """Presses of living limbs: laws of the finite elements, their emulator, and the fit to people left out."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -12,7 +13,16 @@ from hypothesis import given, settings, strategies as st
 
 from palpate.cli.app import main
 from palpate.errors import PalpateError
-from palpate_multis import Population, Presses, fit, left_out, person_factor, read_presses, simulate_press
+from palpate_multis import (
+    Population,
+    Presses,
+    fit,
+    left_out,
+    person_factor,
+    read_presses,
+    simulate_press,
+    with_sites,
+)
 from palpate_multis.emulator import LOWER, UPPER, WIDTHS_MM, emulator, simulated
 
 FEW = settings(max_examples=4, deadline=None)
@@ -79,6 +89,29 @@ def test_people_left_out_are_predicted() -> None:
     assert 0.92 < np.mean((presses().compliance > lower) & (presses().compliance < upper)) < 0.98
 
 
+def test_people_left_out_are_predicted_better_where_the_site_is_known() -> None:
+    folds = [np.arange(k, presses().n_people, 5) for k in range(5)]
+    predicted = left_out(presses(), folds, by_site=True)
+    assert np.mean(np.abs(predicted / presses().compliance - 1.0)) < 0.255
+    by_site = with_sites(population(), presses())
+    assert by_site.press_spread < 0.9 * population().press_spread
+    lower, upper = by_site.interval(predicted)
+    assert 0.92 < np.mean((presses().compliance > lower) & (presses().compliance < upper)) < 0.98
+    with pytest.raises(PalpateError, match="press 2: site 'neck' is not one of LA_A, LA_P"):
+        by_site.site_factor(np.array(["LA_A", "neck"]))
+
+
+@given(st.lists(st.floats(0.2, 5.0), min_size=1, max_size=9))
+def test_a_sites_factor_has_the_least_mean_relative_error(factors: list[float]) -> None:
+    chosen = presses()[np.arange(len(factors))]
+    middle = population().predict(chosen.layers_mm, chosen.width_mm, chosen.force_N)[0]
+    ratios = np.array(factors)
+    made = replace(chosen, compliance=middle * ratios, site=np.full(len(factors), "here"))
+    (found,) = with_sites(population(), made).sites.values()
+    error = np.abs(found / ratios - 1.0).mean()
+    assert all(error <= np.abs(other / ratios - 1.0).mean() + 1e-12 for other in ratios)
+
+
 def test_fats_share_of_the_compression_was_never_fitted() -> None:
     table = presses()
     _, share = population().predict(table.layers_mm, table.width_mm, table.force_N)
@@ -96,6 +129,7 @@ def test_a_fit_finds_the_numbers_that_made_the_presses() -> None:
         force_N=table.force_N,
         compliance=compliance,
         fat_share=share,
+        site=table.site,
     )
     found = fit(made)
     assert found.muscle_MPa == pytest.approx(0.02, rel=0.02)
@@ -133,6 +167,24 @@ def test_the_command_fits_other_presses(tmp_path: Path, capsys: pytest.CaptureFi
     assert fits[0]["fit"]["muscle_MPa"] == pytest.approx(population().muscle_MPa)
     first, stiffer = (fit["presses"][0]["compliance_mm_per_MPa"] for fit in fits)
     assert stiffer == pytest.approx(first / 1.2, rel=0.05)
+
+
+def test_the_command_takes_sites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    new, own = tmp_path / "new.csv", tmp_path / "own.csv"
+    head, row = "max_force_N,area_mm2,skin_mm,fat_mm,muscle_mm", "7,675,1.4,6,30"
+    new.write_text(f"{head},site\n{row},LL_A\n{row},UA_A\n")
+    assert main(["predict-press", str(new), "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    leg, arm = (press["compliance_mm_per_MPa"] for press in shown["presses"])
+    assert arm / leg == pytest.approx(shown["fit"]["sites"]["UA_A"] / shown["fit"]["sites"]["LL_A"])
+    assert main(["predict-press", str(new)]) == 0
+    assert "UA_A" in capsys.readouterr().out
+    _measured().drop("site").write_csv(own)
+    assert main(["predict-press", str(new), "--fitted-to", str(own)]) == 2
+    assert "give both the column 'site', or neither" in " ".join(capsys.readouterr().err.split())
+    new.write_text(f"{head},site\n{row},\n")
+    assert main(["predict-press", str(new)]) == 2
+    assert "row 2: no site" in " ".join(capsys.readouterr().err.split())
 
 
 def _measured() -> pl.DataFrame:

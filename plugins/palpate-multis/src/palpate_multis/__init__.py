@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         fit as fit,
         left_out as left_out,
         person_factor as person_factor,
+        with_sites as with_sites,
     )
     from palpate_multis.presses import Presses as Presses, read_presses as read_presses
 

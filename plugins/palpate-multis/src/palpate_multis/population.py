@@ -2,11 +2,11 @@
 
 The compliance of a press is that of the finite elements, times (F/√A / 0.3 N/mm)^−m. The load over the root
 of the probe's area is in proportion to the depth in a half-space. Two presses of one person share a factor
-of compliance, and each press has another: both are log-normal.
+of compliance, and each press has another: both are log-normal. Where the site is known it has a factor too.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from palpate.api import FloatArray, IntArray, PalpateError
 from palpate_multis.emulator import LOWER, UPPER, emulator
 from palpate_multis.layered_block import LENGTH_MM
-from palpate_multis.presses import Presses
+from palpate_multis.presses import Presses, StrArray
 
 SKIN_MPA = 0.6
 """Modulus of skin, assumed: published ones span orders of magnitude, and the presses do not identify it."""
@@ -49,6 +49,8 @@ class Population:
         Standard deviations of the logarithm of compliance: between people, and between presses of one.
     bias : float
         Mean of measured less predicted logarithms.
+    sites : mapping of site to float
+        Factors of compliance, which the spreads and the bias take account of; empty where sites do not count.
     """
 
     muscle_MPa: float
@@ -57,6 +59,7 @@ class Population:
     person_spread: float = 0.0
     press_spread: float = 0.0
     bias: float = 0.0
+    sites: Mapping[str, float] = field(default_factory=dict)
 
     def predict(
         self, layers_mm: FloatArray, width_mm: FloatArray, force_N: FloatArray
@@ -85,6 +88,23 @@ class Population:
             softness[here], share[here] = emulator(float(width))(inputs[here])
         load = force_N / np.sqrt(LENGTH_MM * width_mm) / REFERENCE_LOAD
         return softness / self.muscle_MPa * load**-self.load_exponent, share
+
+    def site_factor(self, site: StrArray) -> FloatArray:
+        """Factors of compliance at sites (n,).
+
+        Raises
+        ------
+        PalpateError
+            A site has no factor.
+        """
+        unknown = np.flatnonzero(~np.isin(site, list(self.sites)))
+        if unknown.size:
+            row = int(unknown[0])
+            raise PalpateError(
+                f"press {row + 1}: site '{site[row]}' is not one of {', '.join(self.sites)}; leave the "
+                "column out, or fit presses at that site"
+            )
+        return np.array([self.sites[each] for each in site.tolist()])
 
     def interval(self, compliance: FloatArray, n_known: int = 0) -> tuple[FloatArray, FloatArray]:
         """Ends (n,) that hold a new press with 95 %, the person having ``n_known`` other presses."""
@@ -118,6 +138,21 @@ def fit(presses: Presses, start: Sequence[float] = START) -> Population:
     )
     found = numbers(best.x)
     return _with_spread(found, presses)
+
+
+def with_sites(population: Population, presses: Presses) -> Population:
+    """The same numbers with a factor for each site: that of the least mean relative error of its presses."""
+    predicted = population.predict(presses.layers_mm, presses.width_mm, presses.force_N)[0]
+    ratios = presses.compliance / predicted
+    sites = {site: _middle(ratios[presses.site == site]) for site in np.unique(presses.site).tolist()}
+    return _with_spread(replace(population, sites=sites), presses)
+
+
+def _middle(ratios: FloatArray) -> float:
+    """Factor f of the least mean of abs(f/ratio - 1): the median with weights of 1/ratio."""
+    rising = np.sort(ratios)
+    below = np.cumsum(1.0 / rising)
+    return float(rising[np.searchsorted(below, 0.5 * below[-1])])
 
 
 def fit_own(presses: Presses, where: str) -> Population:
@@ -155,16 +190,18 @@ def bootstrap(presses: Presses, n_draws: int, seed: int = 0) -> list[Population]
     return [fit(presses[np.concatenate([rows[k] for k in people])], start) for people in drawn]
 
 
-def left_out(presses: Presses, folds: Sequence[IntArray]) -> FloatArray:
+def left_out(presses: Presses, folds: Sequence[IntArray], *, by_site: bool = False) -> FloatArray:
     """Predicted compliances (n,) [mm/MPa]: those of each fold's people by a fit to all others."""
     whole = fit(presses)
     start = (np.log(whole.muscle_MPa), np.log(whole.fat_MPa), whole.load_exponent)
     predicted = np.empty(len(presses.compliance))
     for people in folds:
         out = np.isin(presses.person, people)
-        found = fit(presses[np.flatnonzero(~out)], start)
-        held = presses[np.flatnonzero(out)]
+        others, held = presses[np.flatnonzero(~out)], presses[np.flatnonzero(out)]
+        found = fit(others, start)
         predicted[out] = found.predict(held.layers_mm, held.width_mm, held.force_N)[0]
+        if by_site:
+            predicted[out] *= with_sites(found, others).site_factor(held.site)
     return predicted
 
 
@@ -178,17 +215,16 @@ def person_factor(population: Population, residuals: FloatArray) -> float:
 def _with_spread(found: Population, presses: Presses) -> Population:
     """Spreads of the residuals between people and within, by analysis of variance."""
     predicted = found.predict(presses.layers_mm, presses.width_mm, presses.force_N)[0]
-    residuals = np.log(presses.compliance / predicted)
+    at_site = found.site_factor(presses.site) if found.sites else 1.0
+    residuals = np.log(presses.compliance / predicted / at_site)
     groups = [residuals[presses.person == number] for number in np.unique(presses.person)]
     n, k = len(residuals), len(groups)
     within = sum(((g - g.mean()) ** 2).sum() for g in groups) / max(n - k, 1)
     between = sum(len(g) * (g.mean() - residuals.mean()) ** 2 for g in groups) / max(k - 1, 1)
     mean_size = (n - sum(len(g) ** 2 for g in groups) / n) / max(k - 1, 1)
     person = max((between - within) / max(mean_size, 1.0), 0.0)
-    return Population(
-        muscle_MPa=found.muscle_MPa,
-        fat_MPa=found.fat_MPa,
-        load_exponent=found.load_exponent,
+    return replace(
+        found,
         person_spread=float(np.sqrt(person)),
         press_spread=float(np.sqrt(within)),
         bias=float(residuals.mean()),

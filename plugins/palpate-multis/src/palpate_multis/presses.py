@@ -7,8 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from palpate.api import CurveError, FloatArray, IntArray
+
+StrArray = NDArray[np.str_]
 
 WIDTH_MM = {360: 8.0, 675: 15.0}
 """Of the probe's face, by its area [mm²]."""
@@ -38,6 +41,8 @@ class Presses:
         Compression over force per area [mm/MPa].
     fat_share : (n,) array
         Of the compression of fat and muscle.
+    site : (n,) array of str
+        As the table names it; empty where it does not.
     """
 
     person: IntArray
@@ -46,6 +51,7 @@ class Presses:
     force_N: FloatArray
     compliance: FloatArray
     fat_share: FloatArray
+    site: StrArray
 
     def __getitem__(self, chosen: IntArray) -> "Presses":
         """Some of the presses."""
@@ -65,7 +71,8 @@ def read_presses(path: Path | None = None, *, measured: bool = True) -> Presses:
     path : Path, optional
         A CSV file; the 552 presses of MULTIS by default.
     measured : bool
-        Whether it has compliances; without them these and the shares are NaN, and the person is 0.
+        Whether it has compliances; without them these and the shares are NaN, and the person is 0. A column
+        ``site`` is read where there is one.
 
     Raises
     ------
@@ -100,7 +107,18 @@ def read_presses(path: Path | None = None, *, measured: bool = True) -> Presses:
         force_N=columns["max_force_N"],
         compliance=compliance,
         fat_share=share,
+        site=_sites(str(where), table),
     )
+
+
+def _sites(where: str, table: pl.DataFrame) -> StrArray:
+    """Sites (n,), each with a name or none."""
+    if "site" not in table.columns:
+        return np.full(table.height, "")
+    missing = np.flatnonzero(table["site"].is_null().to_numpy())
+    if missing.size:
+        raise CurveError(f"{where}, row {missing[0] + 2}: no site; name it, or leave the column out")
+    return table["site"].to_numpy().astype(np.str_)
 
 
 def _check(where: str, table: pl.DataFrame, columns: Mapping[str, FloatArray]) -> None:
