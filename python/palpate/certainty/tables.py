@@ -66,8 +66,8 @@ class Assessed:
         def weights(shares: FloatArray) -> FloatArray:
             # Before any curve each is spread evenly along its coordinate, as a search steps in it.
             values = box.lower + (box.upper - box.lower) * shares
-            points = np.stack([box.point(each) for each in values])
-            rates = np.stack([box.rates(each) for each in points])
+            points = box.point(values)
+            rates = box.rates(points)
             even: FloatArray = problem.accepts(points) / np.prod(rates / (box.upper - box.lower), axis=1)
             return even
 
@@ -76,12 +76,13 @@ class Assessed:
 
 def certainty_result(assessed: Sequence[Assessed], study: Study) -> CertaintyResult:
     """Put what was assessed into tables."""
+    densities = [each.density for each in assessed]
     return CertaintyResult(
-        intervals=_frame(row for each in assessed for row in _intervals(each)),
+        intervals=_frame(row for pair in zip(assessed, densities, strict=True) for row in _intervals(*pair)),
         budget=_frame(row for each in assessed for row in _budget(each)),
         directions=_frame(row for each in assessed for row in _directions(each)),
         adequacy=_frame(row for each in assessed for row in _adequacy(each, study)),
-        draws=_frame(row for each in assessed for row in _draws(each)),
+        draws=_frame(row for pair in zip(assessed, densities, strict=True) for row in _draws(*pair)),
     )
 
 
@@ -94,14 +95,13 @@ def _about(each: Assessed) -> dict[str, Any]:
     return {"fit": each.case.label, "scenario": each.case.scenario.name}
 
 
-def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
+def _intervals(each: Assessed, density: Density) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
     failed = any(check.is_failed for check in each.checks)
-    densities = (each.density, each.noise_only.within())
     ends = [
         box.lower + (box.upper - box.lower) * end
-        for density in densities
-        for end in density.interval(each.point)
+        for of in (density, each.noise_only.within())
+        for end in of.interval(each.point)
     ]
     for i, parameter in enumerate(box.parameters):
         value, (lower, upper, *of_noise) = float(each.values[i]), (float(end[i]) for end in ends)
@@ -141,9 +141,9 @@ def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
         }
 
 
-def _draws(each: Assessed) -> Iterator[dict[str, Any]]:
+def _draws(each: Assessed, density: Density) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
-    for shares in each.density.draws(N_DRAWS):
+    for shares in density.draws(N_DRAWS):
         values = box.lower + (box.upper - box.lower) * shares
         yield _about(each) | dict(zip(box.names, values.tolist(), strict=True))
 

@@ -30,7 +30,7 @@ class Box:
         return tuple(p.name for p in self.parameters)
 
     def values(self, point: FloatArray) -> FloatArray:
-        """Values (n_parameters,) at a point of the box."""
+        """Values (n_parameters,) at a point of the box, or of points (n, n_parameters)."""
         lower, upper = np.where(self.log, self.lower, 1.0), np.where(self.log, self.upper, 1.0)
         linear = self.lower + point * (self.upper - self.lower)
         values = np.where(self.log, lower * (upper / lower) ** point, linear)
@@ -38,7 +38,10 @@ class Box:
         return np.where(point >= 1.0, self.upper, np.clip(values, self.lower, self.upper))
 
     def point(self, values: FloatArray) -> FloatArray:
-        """Point (n_parameters,) of the box where these values are; on its edge where they are outside."""
+        """Point of the box where values (n_parameters,) are, or points (n, n_parameters) of several.
+
+        On the edge of the box where the values are outside.
+        """
         inside = np.clip(values, self.lower, self.upper)
         share = (inside - self.lower) / (self.upper - self.lower)
         lower, upper, at = (np.where(self.log, x, 2.0) for x in (self.lower, self.upper, inside))
@@ -60,7 +63,7 @@ class Box:
         return found
 
     def rates(self, point: FloatArray) -> FloatArray:
-        """Derivative (n_parameters,) of each value in its coordinate."""
+        """Derivative (n_parameters,) of each value in its coordinate, or (n, n_parameters) at points."""
         lower, upper = np.where(self.log, self.lower, 1.0), np.where(self.log, self.upper, np.e)
         rates: FloatArray = np.where(
             self.log, self.values(point) * np.log(upper / lower), self.upper - self.lower

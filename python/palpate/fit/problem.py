@@ -258,13 +258,13 @@ class Problem:
 
     def accepts(self, points: FloatArray) -> BoolArray:
         """Which points (n, n_parameters) materials and filters accept at every spot; nothing is simulated."""
-        accepted = np.ones(len(points), dtype=np.bool_)
+        accepted, values = np.ones(len(points), dtype=np.bool_), self.box.values(points)
         before = None
         for term in self.terms:
             rows = np.full((len(points), len(self.study.space.names)), np.nan)
             for i in np.flatnonzero(accepted):
                 try:
-                    rows[i] = self._row(self._inputs(term, points[i]))
+                    rows[i] = self._row(self.inputs_at(term, values[i]))
                 except PalpateError:
                     accepted[i] = False
             if before is None or not np.array_equal(rows[accepted], before[accepted]):

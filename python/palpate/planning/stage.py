@@ -151,10 +151,8 @@ class PlanningStage:
         problem, best = self.assessed.end.problem, self.assessed.end.best
         assert best is not None
         box = problem.box
-        drawn = [
-            box.point(box.lower + (box.upper - box.lower) * s) for s in self.assessed.density.draws(n - 1)
-        ]
-        points = np.stack([best.point, *drawn])
+        drawn = box.point(box.lower + (box.upper - box.lower) * self.assessed.density.draws(n - 1))
+        points = np.concatenate([best.point[None], drawn])
         accepted: FloatArray = points[problem.accepts(points)]
         return accepted
 
