@@ -8,12 +8,13 @@ use faer::sparse::linalg::cholesky::{
     self, CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
 };
 use faer::sparse::{FaerError, SparseColMatRef};
-use faer::{Par, Side, Spec};
+use faer::{Conj, MatMut, Par, Side, Spec};
 
 use crate::error::InputError;
 use crate::ordering::elimination_order;
+use crate::panels::Tiled;
 use crate::pattern::Pattern;
-use crate::triangular_solve::{Number, TriangularSolve};
+use crate::triangular_solve::TriangularSolve;
 
 /// One thread: simulations run side by side instead. With two, these factors gain a quarter.
 const PAR: Par = Par::Seq;
@@ -23,13 +24,18 @@ const BLOCKED: SupernodalThreshold = SupernodalThreshold::FORCE_SUPERNODAL;
 
 /// A factorisation: structure from the pattern, ordered by nested dissection, and numbers from the
 /// last values. B has blocks of one or two rows from Bunch–Kaufman pivoting inside supernodes.
-pub(crate) struct Factor<T> {
+pub(crate) struct Factor<T: Tiled> {
     symbolic: SymbolicCholesky<u32>,
     values: Vec<T>,
+    /// Entries of B off the diagonal.
+    beside: Vec<T>,
+    /// Which row is now at a place after pivoting, and where a row now is.
+    moved: Vec<u32>,
+    places: Vec<u32>,
     triangles: TriangularSolve<T>,
 }
 
-impl<T: Number> Factor<T> {
+impl<T: Tiled> Factor<T> {
     /// Orders a pattern, unless there is an order of elimination, and analyses it; the numbers are
     /// still to come.
     pub(crate) fn analyse(pattern: &Pattern, order: Option<&[u32]>) -> Result<Self, InputError> {
@@ -48,7 +54,8 @@ impl<T: Number> Factor<T> {
             .map_err(|_: FaerError| too_large(pattern))?;
         let values = vec![T::default(); symbolic.len_val()];
         let triangles = TriangularSolve::new(supernodal(&symbolic));
-        Ok(Self { symbolic, values, triangles })
+        let (beside, moved) = (vec![T::default(); pattern.n()], vec![0; pattern.n()]);
+        Ok(Self { symbolic, values, beside, places: moved.clone(), moved, triangles })
     }
 
     /// Unknowns in the order of elimination.
@@ -58,16 +65,15 @@ impl<T: Number> Factor<T> {
 
     /// Computes the numbers. A singular matrix may pass and give infinities or NaN in a solution.
     pub(crate) fn factorise(&mut self, pattern: &Pattern, values: &[T]) -> Result<(), InputError> {
-        let Self { symbolic, values: factor, triangles } = self;
-        let (n, params) = (pattern.n(), Spec::default());
+        let Self { symbolic, values: factor, beside, moved, places, triangles } = self;
+        let params = Spec::default();
         let need = symbolic.factorize_numeric_intranode_lblt_scratch::<T>(PAR, params);
         let mut memory = MemBuffer::try_new(need).map_err(|_| too_large(pattern))?;
-        let (mut beside, mut moved, mut places) = (vec![T::default(); n], vec![0; n], vec![0; n]);
         symbolic.factorize_numeric_intranode_lblt(
             factor,
-            &mut beside,
-            &mut moved,
-            &mut places,
+            beside,
+            moved,
+            places,
             SparseColMatRef::new(pattern.columns(), values),
             Side::Lower,
             PAR,
@@ -75,11 +81,22 @@ impl<T: Number> Factor<T> {
             params,
         );
         let pivots = (&moved[..], &places[..]);
-        triangles.take(order(symbolic), supernodal(symbolic), factor, &beside, pivots);
+        triangles.take(order(symbolic), supernodal(symbolic), factor, beside, pivots);
         Ok(())
     }
 
-    /// Solves for `n_rhs` right-hand sides: `read(k, unknown)` gives the k-th, `write(k, unknown, value)`
+    /// Solves for one right-hand side with the factor as it is, in place.
+    pub(crate) fn solve(&self, rhs: &mut [T]) {
+        let n = rhs.len();
+        let pivots = PermRef::new_checked(&self.moved, &self.places, n);
+        let factor =
+            cholesky::IntranodeLbltRef::new(&self.symbolic, &self.values, &self.beside, pivots);
+        let mut memory = MemBuffer::new(self.symbolic.solve_in_place_scratch::<T>(1, PAR));
+        let rhs = MatMut::from_column_major_slice_mut(rhs, n, 1);
+        factor.solve_in_place_with_conj(Conj::No, rhs, PAR, MemStack::new(&mut memory));
+    }
+
+    /// Solves with the packed factor for `n_rhs` right-hand sides: `read(k, unknown)` gives the k-th, `write(k, unknown, value)`
     /// takes its solution; `work` is kept from call to call.
     pub(crate) fn apply(
         &self,

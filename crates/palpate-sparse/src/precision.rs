@@ -125,20 +125,21 @@ impl Numbers {
 
     /// The solution for one right-hand side.
     pub(crate) fn apply(&self, rhs: &[f64]) -> Vec<f64> {
-        let mut solution = vec![0.0; rhs.len()];
         match self {
             Self::Double(factor) => {
-                factor.apply(1, &mut Vec::new(), |_, i| rhs[i], |_, i, x| solution[i] = x);
+                let mut solution = rhs.to_vec();
+                factor.solve(&mut solution);
+                solution
             }
             Self::Single { factor, scales } => {
                 let size = power_of_two(rhs.iter().fold(0.0, |most: f64, v| most.max(v.abs())));
-                let read = |_, i: usize| f32::rounded(rhs[i] * scales[i] / size);
-                factor.apply(1, &mut Vec::new(), read, |_, i, x| {
-                    solution[i] = f64::from(x) * scales[i] * size;
-                });
+                let mut scaled: Vec<f32> =
+                    rhs.iter().zip(scales).map(|(r, s)| f32::rounded(r * s / size)).collect();
+                factor.solve(&mut scaled);
+                let back = |(x, s): (&f32, &f64)| f64::from(*x) * s * size;
+                scaled.iter().zip(scales).map(back).collect()
             }
         }
-        solution
     }
 }
 

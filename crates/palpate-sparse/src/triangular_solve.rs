@@ -15,7 +15,7 @@ use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use faer::traits::RealField;
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::panels::Shape;
+use crate::panels::{Packed, Panels, Shape, Tiled};
 
 /// Numbers that a factor is kept in.
 pub(crate) trait Number:
@@ -138,10 +138,10 @@ impl Number for f64 {
 /// faer gives L, with a diagonal of ones: of every supernode a dense block of columns, its own rows
 /// first.
 #[derive(Debug)]
-pub(crate) struct TriangularSolve<T> {
+pub(crate) struct TriangularSolve<T: Tiled> {
     supernodes: Vec<Supernode>,
     /// Panels of all supernodes.
-    packed: Vec<T>,
+    packed: Packed<T>,
     /// Rows below the diagonal blocks.
     rows: Vec<u32>,
     /// Unknown at every place.
@@ -158,7 +158,8 @@ struct Supernode {
     rows: Range<usize>,
     /// Where faer keeps its columns.
     values: Range<usize>,
-    packed: Range<usize>,
+    triangles: Range<usize>,
+    tiles: Range<usize>,
 }
 
 impl Supernode {
@@ -168,10 +169,10 @@ impl Supernode {
     }
 }
 
-impl<T: Number> TriangularSolve<T> {
+impl<T: Tiled> TriangularSolve<T> {
     /// Reads the structure; the numbers and the order are still to come.
     pub(crate) fn new(symbolic: &SymbolicSupernodalCholesky<u32>) -> Self {
-        let (n, mut n_packed) = (symbolic.nrows(), 0);
+        let (n, mut n_triangles, mut n_tiles) = (symbolic.nrows(), 0, 0);
         let mut rows = Vec::new();
         let mut supernodes = Vec::with_capacity(symbolic.n_supernodes());
         let ends = symbolic.supernode_end();
@@ -182,14 +183,18 @@ impl<T: Number> TriangularSolve<T> {
             rows.extend_from_slice(node.pattern());
             let (columns, rows) = (node.start()..end as usize, first..rows.len());
             let shape = Shape { width: columns.len(), below: rows.len() };
-            let packed = n_packed..n_packed + shape.packed();
-            n_packed = packed.end;
+            let triangles = n_triangles..n_triangles + shape.n_triangles();
+            let tiles = n_tiles..n_tiles + shape.n_tiles() * T::PER_TILE;
+            (n_triangles, n_tiles) = (triangles.end, tiles.end);
             let values = values[s] as usize..values[s + 1] as usize;
-            supernodes.push(Supernode { columns, rows, values, packed });
+            supernodes.push(Supernode { columns, rows, values, triangles, tiles });
         }
         let tallest = supernodes.iter().map(|s| s.shape().length()).max().unwrap_or(0);
         let (diagonal, beside) = (vec![T::ONE; n], vec![T::default(); n]);
-        let packed = vec![T::default(); n_packed];
+        let packed = Packed {
+            triangles: Vec::with_capacity(n_triangles),
+            tiles: Vec::with_capacity(n_tiles),
+        };
         Self { supernodes, packed, rows, order: Vec::new(), diagonal, beside, tallest }
     }
 
@@ -206,13 +211,15 @@ impl<T: Number> TriangularSolve<T> {
         (moved, places): (&[u32], &[u32]),
     ) {
         self.order = moved.iter().map(|&row| order[row as usize]).collect();
+        self.packed.triangles.clear();
+        self.packed.tiles.clear();
         for (s, node) in self.supernodes.iter().enumerate() {
             let pattern = symbolic.supernode(s).pattern();
             let rows = &mut self.rows[node.rows.clone()];
             rows.iter_mut().zip(pattern).for_each(|(row, &was)| *row = places[was as usize]);
             let height = node.columns.len() + node.rows.len();
             let block = &values[node.values.clone()];
-            node.shape().pack(block, &mut self.packed[node.packed.clone()]);
+            node.shape().pack(block, &mut self.packed);
             let first = node.columns.start;
             let mut j = 0;
             while j < node.columns.len() {
@@ -232,6 +239,14 @@ impl<T: Number> TriangularSolve<T> {
                     j += 2;
                 }
             }
+        }
+    }
+
+    #[inline(always)]
+    fn panels(&self, node: &Supernode) -> Panels<'_, T> {
+        Panels {
+            triangles: &self.packed.triangles[node.triangles.clone()],
+            tiles: &self.packed.tiles[node.tiles.clone()],
         }
     }
 
@@ -264,14 +279,14 @@ impl<T: Number> TriangularSolve<T> {
 /// Both passes over x (m, n), compiled for this processor.
 ///
 /// Right-hand sides take turns at every few columns, so that the factor comes out of memory once.
-struct Passes<'a, T> {
+struct Passes<'a, T: Tiled> {
     triangles: &'a TriangularSolve<T>,
     n_rhs: usize,
     x: &'a mut [T],
     work: &'a mut [T],
 }
 
-impl<T: Number> WithSimd for Passes<'_, T> {
+impl<T: Tiled> WithSimd for Passes<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -286,7 +301,7 @@ impl<T: Number> WithSimd for Passes<'_, T> {
                 work[..own.len()].copy_from_slice(&x[own.clone()]);
                 work[own.len()..].fill(T::default());
             }
-            shape.down(simd, &triangles.packed[node.packed.clone()], work);
+            shape.down(simd, triangles.panels(node), work);
             let (diagonal, beside) =
                 (&triangles.diagonal[own.clone()], &triangles.beside[own.clone()]);
             for (x, work) in x.chunks_exact_mut(n).zip(work.chunks_exact_mut(shape.length())) {
@@ -311,7 +326,7 @@ impl<T: Number> WithSimd for Passes<'_, T> {
                 }
                 padding.fill(T::default());
             }
-            shape.up(simd, &triangles.packed[node.packed.clone()], work);
+            shape.up(simd, triangles.panels(node), work);
             for (x, work) in x.chunks_exact_mut(n).zip(work.chunks_exact(shape.length())) {
                 x[own.clone()].copy_from_slice(&work[..own.len()]);
             }
