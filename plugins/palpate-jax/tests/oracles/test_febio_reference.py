@@ -2,7 +2,7 @@
 
 Its uncoupled materials are three-field on hex8; coupled ones, tet10 and tet4 are plain. The indenter is
 glued to the skin (bulk mechanics alone), or presses without friction: there FEBio's sphere is faceted, which
-costs up to about 0.5 % of its force.
+costs up to about 0.5 % of its force. Yeoh's material is compared by the tests of ``palpate certify``.
 """
 
 import json
@@ -19,10 +19,9 @@ from palpate.mesh.topology import CELLS
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden
-from palpate_materials.yeoh import Yeoh
 
 DATA = Path(__file__).parents[1] / "data" / "febio_reference"
-MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
+MATERIALS = {"ogden": Ogden, "neo_hookean": NeoHookean}
 OUR_NAMES = {"k": "kappa", "v": "nu"}
 KINDS = {cell.meshio: kind for kind, cell in CELLS.items()}
 BONDED_RADIUS_MM = 5.0
@@ -98,7 +97,6 @@ ALL_THE_WAY = (0.6, *PRESS_AND_END_OF_TWIST, 4.0)
     [
         ("ogden", ALL_THE_WAY, True),
         ("ogden_m5", PRESS_AND_END_OF_TWIST, True),
-        ("yeoh", PRESS_AND_END_OF_TWIST, True),
         ("neo_hookean", ALL_THE_WAY, False),
         ("layered", PRESS_AND_END_OF_TWIST, ("skin",)),
     ],
@@ -118,7 +116,7 @@ def test_bonded_forearm_of_tet10_pressed_and_twisted():
 
 @pytest.mark.parametrize(
     ("case", "mean_dilatation"),
-    [("ogden", True), ("yeoh", True), ("neo_hookean", False), ("layered", ("skin",))],
+    [("ogden", True), ("neo_hookean", False), ("layered", ("skin",))],
 )
 def test_block_pressed_without_friction(case, mean_dilatation):
     errors = compared(f"frictionless_{case}", (0.75, 1.0), mean_dilatation=mean_dilatation)
