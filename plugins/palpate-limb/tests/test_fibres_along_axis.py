@@ -1,7 +1,6 @@
 """Fibres along the limb's axis, as ``palpate limb`` writes it: simulated, and their stiffness found again."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -12,54 +11,21 @@ import palpate_indentation
 import palpate_jax
 from palpate import AnisotropicMaterial, Parameter, hookimpl, open_problem, read_study
 from palpate.api import NO_FIELDS, Array
-from palpate.specimens import block
 from palpate.stages.synthesis import synthesise
 from palpate.testing import plugins_with
-from palpate_limb.limb_files import write_limb
 
-STUDY = """
-[study]
-name = "muscle"
-data = "simulated"
+from .block_study import study_of, write_block
 
-[[spot]]
-name = "p1"
-measured = { force = "p1.csv" }
-mesh = "p1.vtu"
-
-[experiment]
-loader = "csv"
-
-[limb]
-source = "meshio"
-
-[limb.settings]
-regions = { muscle = 0 }
-
-[protocol]
-indenter = { shape = "sphere", radius = "4 mm" }
-depth = "1 mm"
-friction = 0.0
-
+STUDY = (
+    study_of(("p1",), ("muscle",))
+    + """
 [region.muscle]
 material = "along_the_limb"
-
-[sampling]
-n_sets = 0
-
-[solver]
-name = "jax"
-settings = { depth_steps = 2 }
-
-[executor]
-name = "in_process"
-
-[selection]
-scenarios = ["III"]
 
 [truth]
 muscle.k = "30 kPa"
 """
+)
 
 
 class AlongTheLimb(AnisotropicMaterial):
@@ -87,16 +53,10 @@ class Provides:
         return [AlongTheLimb]
 
 
-def write(folder: Path, axis: tuple[float, float, float]) -> None:
-    limb = block("hex8", n_across=4, n_down=2, width_mm=12.0, height_mm=6.0)
-    axes = {"axis": {"hex8": np.tile(np.array(axis), (limb.mesh.n_cells, 1))}}
-    write_limb(folder / "p1.vtu", replace(limb, mesh=replace(limb.mesh, cell_fields=axes)))
-
-
 def test_the_stiffness_of_fibres_along_the_axis_is_found(tmp_path: Path) -> None:
     plugins = plugins_with(palpate_indentation, palpate_jax, Provides())
     (tmp_path / "study.toml").write_text(STUDY)
-    write(tmp_path, (1.0, 0.0, 0.0))
+    write_block(tmp_path / "p1.vtu", {}, fields={"axis": np.array([1.0, 0.0, 0.0])})
     study = read_study(tmp_path / "study.toml", plugins, need_measured=False)
     synthesise(study, plugins.channels)
     with open_problem(study, plugins=plugins) as problem:
@@ -106,6 +66,6 @@ def test_the_stiffness_of_fibres_along_the_axis_is_found(tmp_path: Path) -> None
             k = np.clip(k - slope @ problem.residuals(k) / (slope @ slope), *problem.bounds)
         assert k == pytest.approx([0.03], rel=1e-3)
         assert problem.fopt(k) < 1e-6
-    write(tmp_path, (0.0, 0.0, 1.0))
+    write_block(tmp_path / "p1.vtu", {}, fields={"axis": np.array([0.0, 0.0, 1.0])})
     with open_problem(study, plugins=plugins) as problem:
         assert problem.fopt([0.03]) > 1e-3, "the field of the mesh decides"
