@@ -1,5 +1,6 @@
 """Presses of living limbs with an ultrasound probe: layered finite elements, and a fit to all people."""
 
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from palpate.api import deferred, hookimpl
@@ -7,7 +8,9 @@ from palpate.api import deferred, hookimpl
 if TYPE_CHECKING:
     import typer
 
+    from palpate.api import StudyTemplate
     from palpate_multis.layered_block import simulate_press as simulate_press
+    from palpate_multis.person_study import write_study as write_study
     from palpate_multis.population import (
         Population as Population,
         bootstrap as bootstrap,
@@ -33,3 +36,13 @@ def palpate_commands(app: "typer.Typer") -> None:
         "palpate predict-press presses.csv --fitted-to measured.csv --json",
     )
     app.command(name_of(predict_press), rich_help_panel="Limbs", epilog=examples(*lines))(predict_press)
+
+
+@hookimpl
+def palpate_studies() -> "list[StudyTemplate]":
+    """Provide the presses of one person as a study."""
+    from palpate.api import StudyTemplate
+
+    summary = "one living person pressed by hand at four sites; slopes only (measured; MULTIS)"
+    directory = str(files("palpate_multis") / "studies" / "multis")
+    return [StudyTemplate(name="multis", summary=summary, directory=directory)]

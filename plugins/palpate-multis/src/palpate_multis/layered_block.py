@@ -63,9 +63,9 @@ def simulate_press(layers_mm: Sequence[float], ratios: Sequence[float], width_mm
     """
     if not all(0.0 < value < np.inf for value in (*layers_mm, *ratios, width_mm)):
         raise MeshError(f"layers {list(layers_mm)} mm, ratios {list(ratios)}; give numbers > 0")
-    x, y, depths = _coordinates(layers_mm, width_mm)
+    x, y, depths = coordinates(layers_mm, width_mm)
     points = np.stack(np.meshgrid(x, y, -depths[::-1], indexing="ij"), axis=-1).reshape(-1, 3)
-    cells = _cells((len(x), len(y), len(depths)))
+    cells = hexahedra((len(x), len(y), len(depths)))
     layer = np.searchsorted(np.cumsum(layers_mm)[:2], -points[cells, 2].mean(axis=1))
     matrix = _stiffness(points, cells, np.array([*ratios, 1.0])[layer])
     face = (points[:, 2] == 0.0) & (points[:, 0] <= 0.5 * LENGTH_MM) & (points[:, 1] <= 0.5 * width_mm)
@@ -82,7 +82,7 @@ def simulate_press(layers_mm: Sequence[float], ratios: Sequence[float], width_mm
     return SimulatedPress(compliance=LENGTH_MM * width_mm / force, shares=-np.diff(ends) / ends[0])
 
 
-def _coordinates(layers_mm: Sequence[float], width_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def coordinates(layers_mm: Sequence[float], width_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of the nodes: x, y from the middle outwards, and the depths; each layer has a node at its ends."""
     half, margin = 0.5 * LENGTH_MM, float(np.clip(np.sum(layers_mm), *MARGIN_MM))
     x = np.concatenate([[0.0, 12.0, 19.0, half], half + _growing(margin, 3.5, 4)])
@@ -105,7 +105,8 @@ def _growing(length_mm: float, first_mm: float, n: int) -> FloatArray:
     return scaled
 
 
-def _cells(shape: tuple[int, int, int]) -> IntArray:
+def hexahedra(shape: tuple[int, int, int]) -> IntArray:
+    """Nodes (n, 8) of the cells of a grid with so many nodes along x, y and z."""
     corners = np.indices([n - 1 for n in shape]).reshape(3, -1).T[:, None]
     corners = corners + ((HEX_CORNERS + 1.0) / 2.0).astype(np.int64)
     cells: IntArray = np.ravel_multi_index(tuple(corners.transpose(2, 0, 1)), shape)

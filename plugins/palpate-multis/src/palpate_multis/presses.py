@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,11 @@ class Presses:
         return int(self.person.max()) + 1
 
 
+def of_multis() -> Traversable:
+    """The table of MULTIS."""
+    return files("palpate_multis") / "data" / "presses.csv"
+
+
 def read_presses(path: Path | None = None, *, measured: bool = True) -> Presses:
     """Read a table of presses in the columns of the data that come with the plugin.
 
@@ -79,7 +85,7 @@ def read_presses(path: Path | None = None, *, measured: bool = True) -> Presses:
     CurveError
         The file cannot be read, lacks a column, or has a value that is missing or not > 0; with its row.
     """
-    where = path or files("palpate_multis") / "data" / "presses.csv"
+    where = path or of_multis()
     try:
         with where.open("rb") as stream:
             table = pl.read_csv(stream, infer_schema=False)
