@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from bench_limbs import cpu_s
 from scipy.optimize import lsq_linear
+from skin_over_tissue import TRUTH, study
 from study_mesh_size import RADIUS_MM, exact_segment, plan
 from study_real_mesh import read
 
@@ -34,66 +35,13 @@ FINER, COARSE = 0.33, 0.4
 """Edges under the sphere over its radius, of the truth and of the fits."""
 DEPTH = {"arm": "6 mm"}
 OF_LEGS = "4 mm"
-TRUTH = {"skin.E": 0.15, "soft_tissue.c1": 0.009}
-STUDY = """
-[study]
-name = "anatomy"
-description = "skin and soft tissue of a limb that may be the wrong one"
-data = "simulated"
-
-[[spot]]
-name = "spot"
-measured = "spot.csv"
-mesh = "spot.vtu"
-
-[experiment]
-loader = "csv"
-
-[limb]
-source = "meshio"
-
-[limb.settings]
-regions = { skin = 0, soft_tissue = 1 }
-
-[protocol]
-indenter = { shape = "sphere", radius = "7.5 mm" }
-depth = "DEPTH"
-twist = ["-22.5 deg", "22.5 deg", "0 deg"]
-friction = 1.0
-
-[region.skin]
-material = "neo_hookean"
-
-[region.skin.parameters]
-E = { lower = "0.01 MPa", upper = "1 MPa" }
-nu = 0.45
-
-[region.soft_tissue]
-material = "yeoh"
-
-[region.soft_tissue.parameters]
-c1 = { lower = "1 kPa", upper = "60 kPa" }
-c2 = "-0.6 kPa"
-c3 = "0.06 kPa"
-kappa = "0.5 MPa"
-
-[sampling]
-n_sets = 0
-seed = 1
-
+RANGES = '{ lower = "0.01 MPa", upper = "1 MPa" }', '{ lower = "1 kPa", upper = "60 kPa" }'
+TABLES = """
 [solver]
 name = "jax"
 settings = { depth_steps = 5, rotation_step_deg = 11.25 }
 
 [fit]
-
-[selection]
-scenarios = ["I", "II", "III"]
-generalise_by = "I"
-
-[truth]
-skin.E = "0.15 MPa"
-soft_tissue.c1 = "9 kPa"
 """
 
 
@@ -158,9 +106,9 @@ def write_mesh(file: Path, segment: Segment, skin_mm: float, ratio: float) -> No
 
 def errors(case: Path) -> dict[str, list[float]]:
     """Errors [%] of both moduli by scenario: two Gauss-Newton steps from the truth, each by up to twice."""
-    study, truth, found = palpate.read_study(case), np.array(list(TRUTH.values())), {}
+    case_study, truth, found = palpate.read_study(case), np.array(list(TRUTH.values())), {}
     for scenario in ("I", "II", "III"):
-        with palpate.open_problem(study, scenario=scenario, folder=case / "run") as problem:
+        with palpate.open_problem(case_study, scenario=scenario, folder=case / "run") as problem:
             assert list(problem.names) == list(TRUTH)
             shares = [np.ones(2)]
             for _ in range(2):
@@ -193,11 +141,12 @@ def main() -> None:
     known = json.loads(answers.read_text()) if answers.exists() else {}
     for limb, _, spot in (text.partition(":") for text in options.spots):
         home = options.folder / f"{limb}-{spot}"
-        study = STUDY.replace("DEPTH", DEPTH.get(limb, OF_LEGS))
+        press = ("7.5 mm", DEPTH.get(limb, OF_LEGS), "22.5 deg")
+        text = study({"spot": ("spot.csv", "spot.vtu")}, press, RANGES, TABLES)
         limbs = segments(options.anatomy, limb, spot)
         write_mesh(home / "truth" / "spot.vtu", *limbs["own"], FINER)
         if not (home / "truth" / "spot.csv").exists():
-            (home / "truth" / "study.toml").write_text(study)
+            (home / "truth" / "study.toml").write_text(text)
             if command(["synthesise", str(home / "truth")]):
                 raise SystemExit("palpate synthesise failed")
         for name, (segment, skin_mm) in limbs.items():
@@ -205,7 +154,7 @@ def main() -> None:
             if key not in known:
                 case = home / name
                 write_mesh(case / "spot.vtu", segment, skin_mm, COARSE)
-                (case / "study.toml").write_text(study)
+                (case / "study.toml").write_text(text)
                 (case / "spot.csv").write_bytes((home / "truth" / "spot.csv").read_bytes())
                 known[key] = errors(case)
                 answers.write_text(json.dumps(known, indent=1) + "\n")

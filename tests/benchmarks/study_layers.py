@@ -10,8 +10,9 @@ import sys
 from pathlib import Path
 
 import polars as pl
+from skin_over_tissue import TRUTH, study
+from study_answer import call
 
-from palpate.cli.app import main as palpate
 from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, write_phantom
 
 LIMB = Phantom(
@@ -33,57 +34,9 @@ LIMB = Phantom(
         InkMark(name="p2", station_mm=65.0, angle_deg=60.0, colour=(0.80, 0.08, 0.10)),
     ),
 )
-STUDY = """
-[study]
-name = "layers"
-description = "skin and soft tissue of a small simulated limb, identified together at two spots"
-data = "simulated"
-
-[[spot]]
-name = "p1"
-measured = "measured/p1.csv"
-mesh = "MESHES/p1.vtu"
-
-[[spot]]
-name = "p2"
-measured = "measured/p2.csv"
-mesh = "MESHES/p2.vtu"
-
-[experiment]
-loader = "csv"
-
-[limb]
-source = "meshio"
-
-[limb.settings]
-regions = { skin = 0, soft_tissue = 1 }
-
-[protocol]
-indenter = { shape = "sphere", radius = "5 mm" }
-depth = "4 mm"
-twist = ["-15 deg", "15 deg", "0 deg"]
-friction = 1.0
-
-[region.skin]
-material = "neo_hookean"
-
-[region.skin.parameters]
-E = { lower = "0.05 MPa", upper = "0.4 MPa" }
-nu = 0.45
-
-[region.soft_tissue]
-material = "yeoh"
-
-[region.soft_tissue.parameters]
-c1 = { lower = "4 kPa", upper = "20 kPa" }
-c2 = "-0.6 kPa"
-c3 = "0.06 kPa"
-kappa = "0.5 MPa"
-
-[sampling]
-n_sets = 0
-seed = 1
-
+PRESS = "5 mm", "4 mm", "15 deg"
+RANGES = '{ lower = "0.05 MPa", upper = "0.4 MPa" }', '{ lower = "4 kPa", upper = "20 kPa" }'
+TABLES = """
 [sampling.filters.drucker]
 
 [solver]
@@ -92,14 +45,6 @@ name = "jax"
 [fit]
 fine_edge = "2.2 mm"
 fine_runs = 1
-
-[selection]
-scenarios = ["I", "II", "III"]
-generalise_by = "I"
-
-[truth]
-skin.E = "0.15 MPa"
-soft_tissue.c1 = "9 kPa"
 """
 
 
@@ -110,25 +55,18 @@ def main(folder: Path) -> None:
     marks = ["--mark", "p1=green", "--mark", "p2=red"]
     sizes = ["--length", "50 mm", "--radius", "5 mm", "--skin", "2.5 mm"]
     run = folder / "run"
-    study = folder / "study.toml"
     for meshes, size in (("finer", "2 mm"), ("meshes", "3 mm")):
-        call([*scan, *marks, *sizes, "--size", size, "--into", str(folder / meshes)])
-        study.write_text(STUDY.replace("MESHES", meshes))
+        call(*scan, *marks, *sizes, "--size", size, "--into", str(folder / meshes))
+        files = {name: (f"measured/{name}.csv", f"{meshes}/{name}.vtu") for name in ("p1", "p2")}
+        (folder / "study.toml").write_text(study(files, PRESS, RANGES, TABLES))
         if meshes == "finer":
-            call(["synthesise", str(folder)])
-    call(["run", str(folder), "--out", str(run)])
-    truth = {"skin.E": 0.15, "soft_tissue.c1": 0.009}
+            call("synthesise", str(folder))
+    call("run", str(folder), "--out", str(run))
     fits = pl.read_parquet(run / "fit.parquet").unique(["fit", "scenario"], maintain_order=True)
-    errors = [(100.0 * (pl.col(name) / true - 1.0)).alias(f"{name} [%]") for name, true in truth.items()]
+    errors = [(100.0 * (pl.col(name) / true - 1.0)).alias(f"{name} [%]") for name, true in TRUTH.items()]
     with pl.Config(tbl_rows=60, tbl_cols=20, tbl_width_chars=150):
         sys.stdout.write(f"{fits.select('fit', 'scenario', 'fopt', 'n_runs', 'n_fine', *errors)}\n")
         sys.stdout.write(f"{pl.read_parquet(run / 'fit_mesh.parquet')}\n")
-
-
-def call(arguments: list[str]) -> None:
-    """Call palpate, or end."""
-    if palpate(arguments):
-        raise SystemExit(f"palpate {' '.join(arguments)} failed")
 
 
 if __name__ == "__main__":
