@@ -3,6 +3,8 @@
 As ``study_mesh_size.py``, with the limbs and places of ``bench_limbs.py``: all lengths of a mesh are in
 proportion to the edge under the sphere, and Richardson's extrapolation gives the limit. ``--skin 1.5``
 adds a layer of a neo-Hookean skin (E 0.15 MPa, ν 0.45) over the tissue. ``--depth`` is that of the press.
+``--bisect 0.28`` takes the default mesh in place of those of ``--sizes``, as it is and with edges above this
+share of the radius bisected under the sphere, as a fit's ``fine_edge`` does.
 All meshes have the same few load steps, to save time.
 """
 
@@ -12,16 +14,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from bench_limbs import VIRTUAL, arm, cpu_s, leg
+from bench_limbs import SIZE, VIRTUAL, arm, cpu_s, leg
 from study_mesh_size import PATH, RADIUS_MM, THETA, extrapolated, peaks, plan
 
 from palpate.domain import Indentation, Job, Limb, Response
 from palpate.indenters import Sphere
+from palpate.mesh.contact_edge import NEAR, contact_edge_mm
+from palpate.mesh.refinement import refined
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_limb.first_contact import moved_to_contact
 from palpate_limb.from_scan import ReadScan, ScanPlan, sound_mesh
 from palpate_limb.quality import assess
 from palpate_limb.segment import Segment, cut
+from palpate_limb.volume import MeshPlan
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.yeoh import Yeoh
 
@@ -78,6 +83,22 @@ def row(segment: Segment, ratio: float, layers_mm: dict[str, float], depth_mm: f
     return force, torque
 
 
+def bisected(segment: Segment, shares: list[float], depth_mm: float) -> None:
+    """Force and torque of the default mesh, and of that with shorter edges under the sphere."""
+    limb, _ = moved_to_contact(sound_mesh(segment, MeshPlan(size=SIZE)), RADIUS_MM)
+    near_mm = NEAR * RADIUS_MM
+    for share in (None, *shares):
+        start = cpu_s()
+        finer = limb if share is None else refined(limb, near_mm, share * RADIUS_MM)
+        force, torque = peaks(pressed(finer, depth_mm))
+        edge_mm, n_nodes = contact_edge_mm(finer, near_mm), finer.mesh.n_nodes
+        sys.stdout.write(
+            f"{segment.name:>16}{share or 0:>7.3f}{edge_mm:>9.2f}{n_nodes:>8}"
+            f"{force:>9.4f}{torque:>13.4f}{'':>9}{cpu_s() - start:>8.0f}\n"
+        )
+        sys.stdout.flush()
+
+
 def main() -> None:
     """Print a row for each size of each spot, the limits and the errors."""
     asked = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
@@ -86,11 +107,15 @@ def main() -> None:
     asked.add_argument("--sizes", type=float, nargs="+", default=[0.4, 0.3, 0.225])
     asked.add_argument("--skin", type=float, default=0.0)
     asked.add_argument("--depth", type=float, default=10.0)
+    asked.add_argument("--bisect", type=float, nargs="+", default=[])
     options = asked.parse_args()
     layers = {"skin": options.skin} if options.skin else {}
     sys.stdout.write("            spot    h/R  edge mm   nodes  force N  torque N·mm  Jacobian   cpu-s\n")
     for limb, _, spot in (text.partition(":") for text in options.spots):
         segment = segment_of(options.anatomy, limb, spot)
+        if options.bisect:
+            bisected(segment, options.bisect, options.depth)
+            continue
         values = np.array([row(segment, ratio, layers, options.depth) for ratio in options.sizes])
         for name, found in zip(("force", "torque"), values.T, strict=True):
             limit, order = extrapolated(np.array(options.sizes), found)
