@@ -165,7 +165,8 @@ class FitStage:
             problem = self.problem(case, {spot: self._nearest(spot) for spot in case.spots})
             self._cases.append(case)
             for start in starts[id(case)] or [{}]:
-                point = problem.point_of(start)
+                # What the earlier run has simulated there is not simulated again.
+                point = problem.point_of(start, exact=start is self.first_start)
                 case.fits.append(Fit(problem, point if start else scaled_start(problem, point)))
             fits += case.fits
         run_searches(self.study.search, fits, self.simulations.of, self.study.seed, self._stepped)
