@@ -19,7 +19,7 @@ def known_errors(
     study: Study,
     measured: Mapping[str, Response],
     terms: Sequence[SpotTerm],
-    n: int,
+    residuals: FloatArray,
     columns: Columns,
     refinement: Mapping[str, float],
 ) -> dict[str, dict[str, FloatArray]]:
@@ -31,8 +31,8 @@ def known_errors(
     measured : mapping of spot name to Response
         As the loader has read them.
     terms : sequence of SpotTerm
-    n : int
-        Number of residuals.
+    residuals : (n,) array
+        Simulated less measured.
     columns : Columns
         What it adds to the curves, of the causes that are simulated.
     refinement : mapping of spot name to float
@@ -46,7 +46,7 @@ def known_errors(
     found: dict[str, dict[str, FloatArray]] = {}
 
     def add(label: str, name: str, at: slice, values: FloatArray) -> None:
-        found.setdefault(label, {}).setdefault(name, np.zeros(n))[at] = values
+        found.setdefault(label, {}).setdefault(name, np.zeros(residuals.size))[at] = values
 
     for term, name, at, scale in pieces(terms):
         channel = channel_of(name)
@@ -61,7 +61,9 @@ def known_errors(
             left = term.corrections[channel] / (refinement[term.spot] ** ORDER - 1.0)
             add(MESH, "", at, (scale * left)[inside])
         elif study.solver.provides.mesh:
-            add(MESH, channel, at, (scale * study.budget.mesh * curve.ordinate)[inside])
+            # A share of the fitted curve: the noise of the measured one would bias the most likely values.
+            fitted = residuals[at] + (scale * curve.ordinate)[inside]
+            add(MESH, channel, at, study.budget.mesh * fitted)
     return found
 
 

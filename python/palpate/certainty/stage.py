@@ -114,7 +114,7 @@ class CertaintyStage:
         assert end.best is not None
         residuals, jacobian, point = _at_end(end)
         rows, channels = rows_of(end.problem.terms, residuals.size)
-        known = self._known(end, rows, columns)
+        known = self._known(end, residuals, rows, columns)
         groups = groups_of(rows)
         residuals, jacobian = groups @ residuals, groups @ jacobian
         known = {name: groups @ part for name, part in known.items()}
@@ -149,10 +149,10 @@ class CertaintyStage:
             channels=channels,
         )
 
-    def _known(self, end: Fit, rows: Rows, columns: Columns) -> dict[str, FloatArray]:
+    def _known(self, end: Fit, residuals: FloatArray, rows: Rows, columns: Columns) -> dict[str, FloatArray]:
         """What each known cause makes of the residuals: (n, m), one standard deviation each."""
         found = known_errors(
-            self.study, self.measured, end.problem.terms, rows.spot.size, columns, self.refinement
+            self.study, self.measured, end.problem.terms, residuals, columns, self.refinement
         )
         known = {
             label: np.stack(list(columns.values()), axis=1)

@@ -344,7 +344,7 @@ def _evidence(
     rows, channels = rows_of([term], n)
     groups = groups_of(rows)
     measured = {**design.measured, term.spot: term.measured}
-    found = known_errors(design.study, measured, [term], n, columns, design.refinement)
+    found = known_errors(design.study, measured, [term], evaluation.residuals[:n], columns, design.refinement)
     known = {
         _shared_name(label, name, press): groups @ column
         for label, of_label in found.items()

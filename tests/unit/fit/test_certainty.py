@@ -8,6 +8,8 @@ import pytest
 
 from palpate import pipeline
 from palpate.certainty.causes import Cause, WithCauses, causes_of, columns_of, drift_of
+from palpate.certainty.known_errors import MESH, known_errors
+from palpate.certainty.rows import pieces
 from palpate.certainty.stage import CertaintyStage
 from palpate.domain import ParameterSpace, RegionMaterial, Response, Simulation, Status
 from palpate.fit.least_squares import LeastSquares
@@ -66,6 +68,17 @@ def test_a_gain_adds_its_share_of_the_curve(ended):
     torque = simulated(case).response["torque"].ordinate
     np.testing.assert_allclose(found["p1", "torque"]["gain torque"], 0.02 * torque, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found["p1", "force"]["gain torque"], 0.0, atol=1e-12)
+
+
+def test_the_mesh_adds_a_share_of_the_fitted_curve_without_noise(ended, monkeypatch):
+    study, measured, case, _ = ended()
+    provides = replace(study.solver.provides, body="mesh")
+    monkeypatch.setattr(type(study.solver), "provides", provides)
+    terms, curves = case.end.problem.terms, simulated(case).response
+    found = known_errors(study, measured, terms, case.end.best.residuals, {}, {})[MESH]
+    for term, name, at, scale in pieces(terms):
+        expected = (study.budget.mesh * scale * curves[name].ordinate)[term.counted(name)]
+        np.testing.assert_allclose(found[name][at], expected, rtol=1e-6, atol=1e-9)
 
 
 def test_a_fixed_parameter_adds_its_slope(ended):
