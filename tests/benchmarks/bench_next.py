@@ -63,10 +63,11 @@ TOOL = Tool(
     threshold_MPa=None,
 )
 WAYS = {
-    "three, fopt": ("fopt", None),
-    "three, gls": ("gls", None),
-    "three for the tool, gls": ("gls", TOOL),
+    "three, fopt": ("fopt", False),
+    "three, gls": ("gls", False),
+    "three for the tool, gls": ("gls", True),
 }
+"""Estimator, and whether presses are chosen for the tool."""
 
 
 class Spots(strips.Layered):
@@ -96,7 +97,9 @@ def _along(rotations: np.ndarray) -> np.ndarray:
 
 
 class World:
-    """What is true in one session."""
+    """What is true in one session, and the presses that it allows."""
+
+    candidates, tool = CANDIDATES, TOOL
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -149,12 +152,17 @@ class World:
             self.shapes[spot, channel] = np.linalg.cholesky(along) @ self.rng.normal(size=grid.size)
         return np.interp(path, grid, self.shapes[spot, channel])
 
+    def simulations(self) -> strips.Here:
+        """What answers jobs."""
+        return strips.Here(self.study.solver, {})
+
+    def spot(self, name: str, protocol: Indentation) -> StudySpot:
+        """A press as a spot of a study."""
+        return StudySpot(spot=Spot(name=name), measured={}, mesh=None, protocol=protocol)
+
     def fitted(self, presses: dict[str, tuple[Indentation, Response]], estimator: str) -> PlanningStage:
         """Fit presses by name, and what can be planned from there."""
-        spots = tuple(
-            StudySpot(spot=Spot(name=name), measured={}, mesh=None, protocol=protocol)
-            for name, (protocol, _) in presses.items()
-        )
+        spots = tuple(self.spot(name, protocol) for name, (protocol, _) in presses.items())
         budget = self.study.budget.model_copy(update={"estimator": estimator})
         study = replace(self.study, spots=spots, budget=budget)
         measured = {name: response for name, (_, response) in presses.items()}
@@ -164,7 +172,7 @@ class World:
             design=Design(parameters=parameters, values=np.zeros((0, len(self.row))), seed=1, n_drawn=0),
             measured=measured,
             scores=pl.DataFrame(),
-            simulations=strips.Here(study.solver, {}),
+            simulations=self.simulations(),
             abscissae={"force": "depth_mm", "torque": "rotation_deg"},
         )
         (case,) = stage.run()
@@ -209,13 +217,14 @@ def widths_of(world: World, stage: PlanningStage) -> tuple[np.ndarray, np.ndarra
     return widths, np.append((low <= truth) & (truth <= high), ends[0] <= force <= ends[1])
 
 
-def chosen(world: World, first: tuple, estimator: str, tool: Tool | None) -> dict:
+def chosen(world: World, first: tuple, estimator: str, *, for_tool: bool) -> dict:
     """The first press and those that are chosen after it."""
+    options = PlanOptions(n_points=N_POINTS, tool=world.tool if for_tool else None)
     made = {"p1": first}
     stage = world.fitted(made, estimator)
     widths, expected, names = [widths_of(world, stage)[0]], [], []
     for _ in range(N_CHOSEN):
-        best = stage.run(CANDIDATES, PlanOptions(n_points=N_POINTS, tool=tool), {}).steps[0].chosen
+        best = stage.run(world.candidates, options, {}).steps[0].chosen
         press = best.press.press
         names.append(press.name)
         made[f"{press.name}#{len(made)}"] = (press.protocol, world.press(press.spot, press.protocol))
@@ -227,17 +236,23 @@ def chosen(world: World, first: tuple, estimator: str, tool: Tool | None) -> dic
 
 
 def session(seed: int, ways: list[str]) -> dict:
+    """Some ways in the world of a seed."""
+    return compared(World(seed), ways)
+
+
+def compared(world: World, ways: list[str]) -> dict:
     """Some ways in one world, the same first press in each."""
-    world = World(seed)
-    first = protocol_of(10.0, TWISTS_DEG[1])
-    alike = {spot: (first, world.press(spot, first)) for spot in THICKNESS}
+    usual = {press.name: press.protocol for press in world.candidates}
+    alike = {
+        spot: (usual[f"{spot}-10-22.5"], world.press(spot, usual[f"{spot}-10-22.5"])) for spot in THICKNESS
+    }
     found = {}
     for estimator in ("fopt", "gls"):
         widths, holds = widths_of(world, world.fitted(alike, estimator))
         found[f"four alike, {estimator}"] = {"widths": widths, "holds": holds}
     for way in ways:
-        estimator, tool = WAYS[way]
-        found[way] = chosen(world, alike["p1"], estimator, tool)
+        estimator, for_tool = WAYS[way]
+        found[way] = chosen(world, alike["p1"], estimator, for_tool=for_tool)
     return found
 
 
