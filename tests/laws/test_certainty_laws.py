@@ -8,7 +8,7 @@ from scipy.stats import binom, chi2
 from palpate.certainty.adequacy import checks
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.directions import directions
-from palpate.certainty.laplace import Laplace, laplace
+from palpate.certainty.laplace import Laplace, agreement, laplace
 from palpate.certainty.rows import Rows, grouped, groups_of
 
 seeds = st.integers(0, 2**32 - 1)
@@ -49,6 +49,25 @@ def test_generalised_least_squares_are_aitkens_and_never_wider(seed):
     by_fopt = density(jacobian, causes, range_sd=np.inf)
     assert np.linalg.eigvalsh(by_fopt.covariance - found.covariance).min() > -1e-9 * by_fopt.covariance.max()
     np.testing.assert_allclose(sum(found.shares.values()), 1.0, rtol=1e-9)
+
+
+def test_estimators_agree_as_often_as_they_should():
+    rng, jacobian, causes = linear(3)
+    errors = np.concatenate(list(causes.values()), axis=1)
+    found, other = [], []
+    for _ in range(400):
+        residuals = errors @ rng.normal(size=errors.shape[1])
+        both = [
+            laplace(np.zeros(3), r, jacobian, causes, range_sd=np.inf, is_gls=is_gls)
+            for r in (residuals, residuals + 0.5 * np.abs(errors).max())
+            for is_gls in (False, True)
+        ]
+        found.append(agreement(*both[:2]))
+        other.append(agreement(*both[2:]))
+    assert np.mean(found) == pytest.approx(0.5, abs=0.06)
+    assert np.mean(np.array(found) < 0.1) == pytest.approx(0.1, abs=0.05)
+    assert np.mean(other) < np.mean(found)
+    assert agreement(both[0], both[0]) == 1.0
 
 
 @given(seeds, st.floats(0.01, 10.0))

@@ -23,7 +23,7 @@ class Check:
 
     Parameters
     ----------
-    name : {"discrepancy", "runs", "spots", "ranges"}
+    name : {"discrepancy", "runs", "spots", "ranges", "estimators"}
     channel : int
         Number of the channel; negative for all.
     probability : float
@@ -45,6 +45,7 @@ def checks(
     rows: Rows,
     exceeds: Mapping[int, float],
     in_ranges: float,
+    agreement: float | None = None,
 ) -> Iterator[Check]:
     """Check the residuals of a fit.
 
@@ -59,6 +60,8 @@ def checks(
         Probability that its discrepancy is larger than a model may have.
     in_ranges : float
         Probability of a fit that, without its bounds, would end as far outside of the ranges.
+    agreement : float, optional
+        Probability of most likely values as far from those of the least Fopt, where these are wanted.
     """
     white = whitened(residuals, covariance)
     for channel, more in exceeds.items():
@@ -70,6 +73,8 @@ def checks(
         p = _spots(residuals, jacobian, covariance, rows)
         yield Check(name="spots", channel=-1, probability=p, is_failed=p < RARE)
     yield Check(name="ranges", channel=-1, probability=in_ranges, is_failed=in_ranges < RARE)
+    if agreement is not None:
+        yield Check(name="estimators", channel=-1, probability=agreement, is_failed=agreement < RARE)
 
 
 def whitened(residuals: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -26,6 +26,9 @@ RANGE = "range"
 RANGE_SD = 1.0
 """Standard deviation, in ranges, of what is known without any curve."""
 
+LEAST_GAIN = 1e-3
+"""Least share of a variance that one density has to be narrower by than another to be compared with it."""
+
 N_DRAWS = 1024
 """Points that stand for the density in the box."""
 
@@ -157,6 +160,21 @@ def laplace(
     made[RANGE] = covariance @ prior @ covariance
     centre = point - through @ (left.T @ residuals)
     return Laplace(centre=centre, covariance=(covariance + covariance.T) / 2.0, parts=made)
+
+
+def agreement(robust: Laplace, efficient: Laplace) -> float:
+    """Probability of centres as far apart as these, or farther, if both rest on the right errors.
+
+    The covariance of their difference is that of the wider density less that of the narrower one
+    (Hausman, Econometrica 46, 1978). Directions in which both are equally wide tell nothing.
+    """
+    root = np.linalg.cholesky(robust.covariance)
+    apart = np.linalg.solve(root, efficient.centre - robust.centre)
+    narrower, axes = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, efficient.covariance).T))
+    gained = 1.0 - narrower
+    used = gained > LEAST_GAIN
+    square = float(((axes.T @ apart)[used] ** 2 / gained[used]).sum())
+    return float(chi2.sf(square, used.sum())) if used.any() else 1.0
 
 
 def _gram(factor: FloatArray) -> FloatArray:

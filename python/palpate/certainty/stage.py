@@ -10,7 +10,7 @@ from palpate.certainty.adequacy import checks
 from palpate.certainty.causes import Columns, causes_of, columns_of
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.known_errors import known_errors
-from palpate.certainty.laplace import RANGE, laplace
+from palpate.certainty.laplace import RANGE, agreement, laplace
 from palpate.certainty.likelihood import whitening
 from palpate.certainty.planes import planes_of_fits
 from palpate.certainty.rows import Rows, grouped, groups_of, rows_of
@@ -128,14 +128,16 @@ class CertaintyStage:
         covariance = every @ every.T + errors.noise_covariance + errors.discrepancy_covariance
         is_gls = self.study.budget.is_gls
         of_all = laplace(point, residuals, jacobian, {**known, **parts}, is_gls=is_gls)
-        box = end.problem.box
+        box, agrees = end.problem.box, None
         if is_gls:
+            agrees = agreement(laplace(point, residuals, jacobian, {**known, **parts}), of_all)
             point, noise_only = np.clip(of_all.centre, 0.0, 1.0), of_all.by(NOISE, PRIORS, RANGE)
             values = box.lower + point * (box.upper - box.lower)
         else:
             values = box.values(end.best.point)
             of_noise = {NOISE: parts[NOISE], PRIORS: known[PRIORS]}
             noise_only = laplace(point, residuals, jacobian, of_noise)
+        found = checks(residuals, jacobian, covariance, rows, errors.exceeds, of_all.in_ranges, agrees)
         return Assessed(
             case=case,
             end=end,
@@ -145,7 +147,7 @@ class CertaintyStage:
             noise_only=noise_only,
             white=whitening(jacobian, covariance, groups),
             errors=errors,
-            checks=tuple(checks(residuals, jacobian, covariance, rows, errors.exceeds, of_all.in_ranges)),
+            checks=tuple(found),
             channels=channels,
         )
 

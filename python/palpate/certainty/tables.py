@@ -159,6 +159,8 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             "runs": f"the residuals of the {channel} are systematic along the curve",
             "spots": "the spots disagree on the parameters by more than their intervals",
             "ranges": "the curves ask for parameters outside of their ranges",
+            "estimators": "the most likely values are farther from those of the least Fopt than the errors "
+            "allow that both rest on",
         }
         yield _about(each) | {
             "check": check.name,
