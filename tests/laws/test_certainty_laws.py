@@ -51,6 +51,15 @@ def test_generalised_least_squares_are_aitkens_and_never_wider(seed):
     np.testing.assert_allclose(sum(found.shares.values()), 1.0, rtol=1e-9)
 
 
+@pytest.mark.parametrize("n", [32, 64, 200, 256])
+def test_draws_are_as_wide_as_their_density(n):
+    covariance = 1e-4 * np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 4.0]])
+    centre = np.array([0.4, 0.5, 0.6])
+    found = Laplace(centre=centre, covariance=covariance, parts={"noise": covariance}).within().draws(n)
+    np.testing.assert_allclose(found.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.3)
+    np.testing.assert_allclose(found.mean(axis=0), centre, atol=0.02)
+
+
 def test_estimators_agree_as_often_as_they_should():
     rng, jacobian, causes = linear(3)
     errors = np.concatenate(list(causes.values()), axis=1)
