@@ -231,11 +231,14 @@ def _goal(design: DesignProblem, options: PlanOptions, point: FloatArray) -> Goa
     """Make the goal where the fit has ended, or at a point (n_parameters,) of the box where none is known."""
     box, tool = design.problem.box, options.tool
     values = box.values(point) if design.estimate is None else design.estimate
+    at = box.point(values)
+    if not design.problem.accepts(at[None])[0]:  # most likely values that no material has
+        at = point
     return Goal(
         name=options.narrowed,
         parameters=shared_parameters(design),
         values=values[design.shared],
-        predicted=() if tool is None else tool_forces(design, tool, box.point(values)),
+        predicted=() if tool is None else tool_forces(design, tool, at),
     )
 
 

@@ -103,6 +103,22 @@ def test_force_of_a_tool_changes_as_its_gradient_says(run, tool):
         assert step @ force.gradient == pytest.approx(change, rel=5e-3)  # it is differenced
 
 
+def test_tool_is_pressed_where_there_is_a_material(run, tool, monkeypatch):
+    asked = []
+
+    def recorded(design, tool, point):
+        asked.append((design, point))
+        return tool_forces(design, tool, point)
+
+    monkeypatch.setattr(stage, "tool_forces", recorded)
+    _proposed(run, tool=tool)
+    ((design, point),) = asked
+    beyond = replace(design, estimate=2.0 * design.problem.box.upper)
+    goal = stage._goal(beyond, PlanOptions(tool=tool), point)
+    assert asked[1][1] is point
+    assert np.array_equal(goal.values, beyond.estimate)
+
+
 def test_prediction_of_a_tool_is_narrowed(run, tool):
     found = _proposed(run, tool=tool)
     tables = proposal_tables(found)
