@@ -113,10 +113,11 @@ def test_tool_is_pressed_where_there_is_a_material(run, tool, monkeypatch):
     monkeypatch.setattr(stage, "tool_forces", recorded)
     _proposed(run, tool=tool)
     ((design, point),) = asked
-    beyond = replace(design, estimate=2.0 * design.problem.box.upper)
-    goal = stage._goal(beyond, PlanOptions(tool=tool), point)
+    refused = replace(design, estimate=design.problem.box.upper)
+    monkeypatch.setattr(type(design.problem), "accepts", lambda self, points: np.zeros(len(points), bool))
+    goal = stage._goal(refused, PlanOptions(tool=tool), point)
     assert asked[1][1] is point
-    assert np.array_equal(goal.values, beyond.estimate)
+    assert np.array_equal(goal.values, refused.estimate)
 
 
 def test_prediction_of_a_tool_is_narrowed(run, tool):
