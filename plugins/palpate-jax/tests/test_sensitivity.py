@@ -67,7 +67,7 @@ def sloped(case, solver=SOLVER, **changes):
 
 
 def yeoh_on_hexahedra(**changes):
-    limb = block("hex8", n_across=6, n_down=2, **SIZE)
+    limb = block("hex8", n_across=8, n_down=3, **SIZE)
     return Case(limb, {"soft_tissue": Yeoh()}, {"soft_tissue": YEOH}, **changes)
 
 
