@@ -18,7 +18,7 @@ from palpate.planning.narrowing import Goal, Narrowing, Plan, bands, check_goal,
 from palpate.planning.options import PlanOptions
 from palpate.planning.presses import DesignProblem, Press, SimulatedPress, presses_so_far, simulated_presses
 from palpate.planning.pressure import with_pressures
-from palpate.planning.tool_force import check_tool, tool_forces
+from palpate.planning.tool_force import ToolForce, check_tool, tool_forces
 from palpate.progress import SILENT, Progress
 from palpate.study.reading import Study
 
@@ -231,14 +231,16 @@ def _goal(design: DesignProblem, options: PlanOptions, point: FloatArray) -> Goa
     """Make the goal where the fit has ended, or at a point (n_parameters,) of the box where none is known."""
     box, tool = design.problem.box, options.tool
     values = box.values(point) if design.estimate is None else design.estimate
-    at = box.point(values)
-    if not design.problem.accepts(at[None])[0]:  # most likely values that no material has
-        at = point
+    predicted: tuple[ToolForce, ...] = ()
+    if tool is not None:
+        at = box.point(values)
+        # The most likely values may be some that no material has.
+        predicted = tool_forces(design, tool, at if design.problem.accepts(at[None])[0] else point)
     return Goal(
         name=options.narrowed,
         parameters=shared_parameters(design),
         values=values[design.shared],
-        predicted=() if tool is None else tool_forces(design, tool, at),
+        predicted=predicted,
     )
 
 
