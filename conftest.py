@@ -56,6 +56,13 @@ SCENARIOS = (
 PATH = [(0.0, 0.0), (10.0, 0.0), (10.0, -22.5), (10.0, 22.5), (10.0, 0.0)]
 
 
+@pytest.fixture(scope="session")
+def soft_region() -> dict[str, object]:
+    """The table ``region`` of a study that searches both moduli of a neo-Hookean tissue."""
+    bounds = {"E": {"lower": "20 kPa", "upper": "120 kPa"}, "nu": {"lower": 0.2, "upper": 0.49}}
+    return {"tissue": {"material": "neo_hookean", "parameters": bounds}}
+
+
 @pytest.fixture(scope="session", autouse=True)
 def no_waiting_for_the_disk() -> Iterator[None]:
     """Leave out ``fsync``: it guards against a loss of power, which no test makes."""

@@ -23,20 +23,12 @@ CHOICE = ("--allowed", "allowed.toml", "--presses", 2, "--points", 3)
 
 
 @pytest.fixture
-def weighed(tmp_path):
+def weighed(tmp_path, soft_region):
     """Study of one press whose intervals are those of generalised least squares, and its plugins."""
     (tmp_path / "allowed.toml").write_text(ALLOWED)
     return StudyRunner(tmp_path).study(
         palpate_materials,
-        region={
-            "tissue": {
-                "material": "neo_hookean",
-                "parameters": {
-                    "E": {"lower": "20 kPa", "upper": "120 kPa"},
-                    "nu": {"lower": 0.2, "upper": 0.49},
-                },
-            }
-        },
+        region=soft_region,
         sampling={"n_sets": 0},
         fit={"search": "least_squares"},
         budget={"estimator": "gls"},

@@ -14,20 +14,12 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "closed_loop.py"
 
 @pytest.mark.parametrize(("until", "most", "n_widths"), [(1e-3, 2, 2), (1e3, 2, 1)])
 def test_loop_ends_when_it_is_sure_or_has_pressed_enough(
-    tmp_path, monkeypatch, capsys, until, most, n_widths
+    tmp_path, monkeypatch, capsys, soft_region, until, most, n_widths
 ):
     monkeypatch.setattr(pipeline, "write_report", lambda content, folder: ())
     study, plugins = StudyRunner(tmp_path).study(
         palpate_materials,
-        region={
-            "tissue": {
-                "material": "neo_hookean",
-                "parameters": {
-                    "E": {"lower": "20 kPa", "upper": "120 kPa"},
-                    "nu": {"lower": 0.2, "upper": 0.49},
-                },
-            }
-        },
+        region=soft_region,
         sampling={"n_sets": 0},
         fit={"search": "least_squares"},
         truth={"tissue": {"E": "70 kPa", "nu": 0.345}},

@@ -10,24 +10,14 @@ from palpate import pipeline
 from palpate.study.reading import read_study
 from palpate.testing.studies import StudyRunner
 
-REGION = {
-    "tissue": {
-        "material": "neo_hookean",
-        "parameters": {
-            "E": {"lower": "20 kPa", "upper": "120 kPa"},
-            "nu": {"lower": 0.2, "upper": 0.49},
-        },
-    }
-}
-
 
 @pytest.fixture(scope="session")
-def fitted(tmp_path_factory):
+def fitted(tmp_path_factory, soft_region):
     """Folder of a study of one press and its run, to the end of its fit; and the plugins."""
     folder = tmp_path_factory.mktemp("one_press")
     study, plugins = StudyRunner(folder).study(
         palpate_materials,
-        region=REGION,
+        region=soft_region,
         sampling={"n_sets": 0},
         fit={"search": "least_squares"},
         protocol={
