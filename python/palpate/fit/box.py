@@ -55,8 +55,10 @@ class Box:
         So what was simulated with these values is found, and not simulated again.
         """
         point = self.point(values)
-        # What one step of rounding, of the coordinate or of its value, is worth.
-        unit = np.maximum(np.spacing(point), 0.5 * np.spacing(np.abs(values)) / self.rates(point))
+        # What one step of rounding, of the coordinate or of its value, is worth. Below a power of two
+        # coordinates are half as far apart as above it.
+        step = np.spacing(np.nextafter(point, 0.0))
+        unit = np.maximum(step, 0.5 * np.spacing(np.abs(values)) / self.rates(point))
         near = np.clip(point + np.outer(_NUDGES, unit), 0.0, 1.0)
         hits = self.values(near) == values
         found: FloatArray = np.take_along_axis(near, hits.argmax(axis=0)[None], axis=0)[0]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 
 from palpate.domain import Parameter
 from palpate.fit.box import Box
@@ -31,6 +31,8 @@ def test_moduli_above_zero_and_what_is_spread_in_logarithms_are_logarithmic():
     np.testing.assert_allclose(BOX.values(np.full(4, 0.5)), [np.sqrt(2e-4), -1.02e-3, 4.5, 1.0])
 
 
+@example(np.array([1.0 - 2.0**-53, 0.0, 0.0, 0.0]))  # next below a power of two
+@example(np.array([0.5 - 2.0**-54, 0.0, 0.0, 0.0]))
 @given(points)
 def test_there_and_back(point):
     values = BOX.values(point)
