@@ -7,10 +7,11 @@ EDITABLE := $(addprefix -e ,$(PLUGINS))
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
 # In a terminal pip shows that it works.
 QUIET := $(if $(MAKE_TERMOUT),,--quiet)
+PYTEST_SET := -m "not slow and not browser and not packaging"
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
-.PHONY: coverage coverage-fe help demo test test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-next bench-search bench-solver bench-sparse clean
+.PHONY: coverage coverage-fe help demo test test-all test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-next bench-search bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -27,17 +28,20 @@ $(VENV)/installed: $(RUST) $(PYPROJECTS)
 demo: $(VENV)/installed ## identify the material of a simulated forearm, end to end
 	$(BIN)/palpate demo
 
-# Packages before lint: clippy has the build script of PyO3 run again, and what depends on it built again.
-# Then Rust next to Python, whose checks use one core.
-test: dist ## every check: lint, types, Rust and Python tests
+# Rust next to Python, whose lint uses one core.
+test: $(VENV)/installed ## what decides a merge: lint, types, Rust tests and the fast Python tests
 	$(MAKE) -j2 test-rust test-python
+
+# Packages first: clippy has the build script of PyO3 run again, and what depends on it built again.
+test-all: dist ## everything: slow tests, new random examples, packages and the site too
+	$(MAKE) -j2 test-rust test-python PYTEST_SET="--hypothesis-profile all"
 
 test-rust: lint-rust
 	cargo nextest run --workspace --release || { command -v cargo-nextest >/dev/null && exit 1 || cargo test --workspace --release; }
 	cargo test --workspace --release --doc
 
 test-python: lint-python
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal --cpu-times $(PYTEST_SET)
 
 # The wheel is not built from the source distribution: cargo would take its files, dated 2006, for unchanged.
 dist: $(VENV)/installed ## wheels and source distributions of every package, in dist/

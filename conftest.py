@@ -1,10 +1,14 @@
 """A study of a tissue whose answer is known in closed form, for the tests of every stage."""
 
+import gc
 import json
 import os
 import signal
+import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -30,11 +34,12 @@ from palpate.plugins.registry import load_file
 from palpate.stages.samplers import LatinHypercube
 from palpate.study.reading import Study, StudySpot
 
-# How long an example takes says more of the machine than of the code.
-hypothesis.settings.register_profile(
-    "palpate", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
-)
-hypothesis.settings.load_profile("palpate")
+# How long an example takes depends on the machine, not on the code. The fast set draws the same examples
+# each time, so that it fails for a change alone; what the other one finds becomes an `@example`.
+PROFILE = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
+hypothesis.settings.register_profile("fast", max_examples=20, derandomize=True, **PROFILE)
+hypothesis.settings.register_profile("all", max_examples=100, print_blob=True, **PROFILE)
+hypothesis.settings.load_profile("fast")
 
 # A shell starts a command in the background with Ctrl-C ignored, and some tests send one.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -44,6 +49,51 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+
+MOST_MB = 1000.0
+"""Memory of a process of the tests above which compiled functions are dropped after a file of tests."""
+
+_spent_s = [0.0]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--cpu-times", action="store_true", help="processor time by folder, and the 25 slowest")
+
+
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    if nextitem is not None and nextitem.path != item.path and "jax" in sys.modules and memory_mb() > MOST_MB:
+        sys.modules["jax"].clear_caches()
+        gc.collect()
+
+
+def memory_mb() -> float:
+    """Resident memory of this process; 0 where the system does not report it."""
+    status = Path("/proc/self/statm")
+    return int(status.read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 1e6 if status.exists() else 0.0
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: Any) -> Iterator[None]:
+    """Write the processor time of each phase of a test, its child processes included, into its report."""
+    report = yield
+    used = os.times()
+    spent_s = used.user + used.system + used.children_user + used.children_system
+    report.cpu_s, _spent_s[0] = spent_s - _spent_s[0], spent_s
+    return report
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    if not config.getoption("--cpu-times"):
+        return
+    tests, folders = Counter[str](), Counter[str]()
+    for report in chain(*terminalreporter.stats.values()):
+        if spent_s := getattr(report, "cpu_s", 0.0):
+            tests[report.nodeid] += spent_s
+            folders["/".join(Path(report.fspath).parent.parts[:3])] += spent_s
+    terminalreporter.section("processor time [s]")
+    for name, spent_s in [*folders.most_common(), ("together", folders.total()), *tests.most_common(25)]:
+        terminalreporter.line(f"{spent_s:8.1f}  {name}")
+
 
 TISSUE_FILE = Path(__file__).parent / "tests" / "data" / "plugins" / "analytic_tissue.py"
 TOY_PLUGIN = Path(__file__).parent / "tests" / "data" / "toy" / "toy_plugin.py"

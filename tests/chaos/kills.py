@@ -256,6 +256,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--random", type=int, default=200, help="kills at random moments")
     parser.add_argument("--workers", type=int, default=20, help="of them with worker processes")
+    parser.add_argument("--first", type=int, default=1, help="first write at which a run is killed")
     parser.add_argument("--stride", type=int, default=1, help="writes from one kill to the next")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
@@ -267,16 +268,18 @@ def main() -> int:
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
         small = Trials(Path(folder) / "small", n_sets=3, n_workers=1)
-        number = 1
+        number = asked.first
         while small.kill_at_write(f"run{number}", number, after=number % 4 > 1):
             small.check_end(f"run{number}")
             number += asked.stride
-        large = Trials(Path(folder) / "large", n_sets=60, n_workers=1)
-        for i in range(asked.random):
-            large.kill_at_random(f"run{i // 5}", moment)
-            if i % 5 == 4 or i + 1 == asked.random:
-                large.check_end(f"run{i // 5}")
-        counts += small.counts + large.counts
+        counts += small.counts
+        if asked.random:
+            large = Trials(Path(folder) / "large", n_sets=60, n_workers=1)
+            for i in range(asked.random):
+                large.kill_at_random(f"run{i // 5}", moment)
+                if i % 5 == 4 or i + 1 == asked.random:
+                    large.check_end(f"run{i // 5}")
+            counts += large.counts
         if asked.workers:
             spread = Trials(Path(folder) / "spread", n_sets=60, n_workers=2)
             for i in range(asked.workers):

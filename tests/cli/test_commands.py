@@ -71,6 +71,7 @@ def test_check_shows_what_a_run_would_do_and_writes_nothing(call: Call, study: P
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_check_tells_how_long_the_sweep_takes_and_offers_a_first_look(
     call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,6 +125,7 @@ def test_tables_of_curves_have_units_and_peaks(call: Call, study: Path) -> None:
     assert re.search(r"s1 +pull +11 +1 +1 to 2 +0 to 3 MPa +–", call("experiment", study).out)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
 def test_suspicious_curves_give_a_warning_in_check_and_run(call: Call, study: Path) -> None:
     edit(study, '"1000 kPa"', '"1 kPa"')
@@ -257,6 +259,7 @@ def test_an_exhausted_file_table_is_an_error(study: Path, tmp_path: Path) -> Non
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_a_process_ends_with_the_code(study: Path, tmp_path: Path) -> None:
     edit(study, '"closed_form"', '"clsed_form"')
     done = subprocess.run(
@@ -289,6 +292,7 @@ def test_run_prints_results_to_stdout_and_progress_to_stderr(call: Call, study: 
 LABELS = ["Verdict", "Parameters", "Warnings", "Time", "Page"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
 def test_a_run_ends_with_five_lines_after_the_tables_that_are_asked_for(call: Call, study: Path) -> None:
     edit(study, '"3 MPa"', '"2.0 MPa"')  # the truth is at the end of the range
@@ -323,6 +327,7 @@ def test_a_set_that_does_not_fit_has_no_parameters(call: Call, study: Path) -> N
     assert call("report", study, "--json").json["intervals"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
 def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) -> None:
     whole = call("run", study, "--json").json
@@ -348,6 +353,7 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
     assert any(file.endswith(".svg") for file in results["report"]["files"])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
 def test_a_scenario_without_a_set_ends_with_1_after_the_results(
     call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
@@ -460,6 +466,7 @@ def test_init_names_the_studies_when_the_name_is_wrong(call: Call) -> None:
     assert not Path("mine").exists()
 
 
+@pytest.mark.slow
 def test_demo_reports_that_the_data_are_simulated(call: Call) -> None:
     outcome = call("demo", "--study", "toy")
     assert outcome.code == 0

@@ -26,6 +26,7 @@ def without_sweep(study):
     return study
 
 
+@pytest.mark.slow
 def test_every_command_works_without_a_sweep(call, without_sweep, tmp_path):
     assert call("check", without_sweep, "--json").json["n_sets"] == 0
     ran = call("run", without_sweep, "--json")
@@ -46,6 +47,7 @@ def test_every_command_works_without_a_sweep(call, without_sweep, tmp_path):
     assert (more.code, more.json["n_sets"], more.json["n_simulations"]) == (0, 8, 16)
 
 
+@pytest.mark.slow
 def test_posteriors_of_a_fit_are_drawn_and_kept(call, without_sweep, tmp_path):
     pytest.importorskip("emcee")
     early = call("certainty", without_sweep)
@@ -118,6 +120,7 @@ def press(monkeypatch):
     return arrange
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("presses", "expected"),
     [(1, r"stopped with \d+ of \d+ simulations finished and kept"), (2, "stopped in stage 'fit'; finished")],
@@ -145,6 +148,7 @@ def test_ctrl_c_in_the_fit_is_shown_by_status_and_resumes_to_the_same_bytes(
         assert ledger.frame("simulations")["n_attempts"].max() == 1
 
 
+@pytest.mark.slow
 def test_a_second_run_and_a_second_fit_simulate_nothing(call, study, tmp_path):
     assert call("run", study, "--out", "run").code == 0
     before = (tables(tmp_path / "run"), attempts(tmp_path / "run"))

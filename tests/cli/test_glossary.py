@@ -27,6 +27,7 @@ def test_a_term_is_found_by_any_of_its_words_in_any_case(word):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", GLOSSARY.values(), ids=lambda term: term.name)
 def test_what_a_term_points_to_is_there(term):
     commands = app_commands()

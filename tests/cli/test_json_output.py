@@ -83,6 +83,7 @@ def test_the_command(call: Call) -> None:
     assert "did you mean 'run'" in refused.err
 
 
+@pytest.mark.slow
 def test_raw_writes_of_a_plugin_stay_out_of_the_results(tmp_path):
     plugin = tmp_path / "raw.py"
     plugin.write_text(

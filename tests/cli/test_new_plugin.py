@@ -33,6 +33,7 @@ def _run(arguments: list[str], folder: Path, paths: list[Path]) -> subprocess.Co
     )
 
 
+@pytest.mark.slow
 def test_their_tests_pass_at_once(made: dict[str, Path]) -> None:
     folder = made["material"].parent
     sources, tests = zip(*((path / "src", path / "tests") for path in made.values()), strict=True)
@@ -57,6 +58,7 @@ def test_their_tests_pass_at_once(made: dict[str, Path]) -> None:
         assert "def test_a_study_runs_with_it(" in (made[kind] / "tests" / f"test_my_{kind}.py").read_text()
 
 
+@pytest.mark.slow
 def test_their_settings_find_their_code(made: dict[str, Path]) -> None:
     done = _run(["-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "counts_half"], made["scenario"], [])
     assert done.returncode == 0, done.stdout + done.stderr
@@ -68,6 +70,7 @@ def test_a_readme_names_what_a_user_writes(made: dict[str, Path]) -> None:
     assert "palpate my-command STUDY" in (made["command"] / "README.md").read_text()
 
 
+@pytest.mark.slow
 def test_their_code_is_typed(made: dict[str, Path]) -> None:
     root = Path(__file__).parents[2]
     packages = [str(path / "src") for path in made.values()]

@@ -35,6 +35,7 @@ def weighed(tmp_path, soft_region):
     )
 
 
+@pytest.mark.slow
 def test_presses_are_planned_over_the_ranges(call, weighed):
     study, _ = weighed
     made = call("plan", study.file, *CHOICE, "--json", plugin=bench.__file__)

@@ -100,6 +100,7 @@ def predict(made, capsys):
     return call
 
 
+@pytest.mark.slow
 def test_a_tool_is_predicted_from_the_command_line(predict, made):
     code, found, _ = predict(TOOL, "--draws", "2")
     assert code == 0
@@ -121,6 +122,7 @@ def test_a_threshold_without_its_unit_is_refused(predict):
     assert 'write "50 MPa"' in messages
 
 
+@pytest.mark.slow
 def test_a_force_that_is_not_reached_is_reported_and_has_a_band(predict):
     code, found, _ = predict(FORCED.replace("FORCE", "1 kN"))
     assert code == 0

@@ -62,6 +62,7 @@ def tables(run):
     return {path.name: path.read_bytes() for path in (run / "report" / "tables").iterdir()}
 
 
+@pytest.mark.slow
 def test_a_received_run_is_reported_without_its_study(call, with_limb, tmp_path):
     ran = call("run", with_limb, "--out", "run", "--plugin", "meshed.py")
     assert ran.code == 0, ran.err
@@ -84,6 +85,7 @@ def test_a_received_run_is_reported_without_its_study(call, with_limb, tmp_path)
     assert tables(tmp_path / "received") == before
 
 
+@pytest.mark.slow
 def test_a_received_run_is_reported_with_plugins_that_are_trusted(call, study, tmp_path):
     call("run", study, "--out", "run")
     refused = call("report", "run", plugin=None)
@@ -95,6 +97,7 @@ def test_a_received_run_is_reported_with_plugins_that_are_trusted(call, study, t
     assert "study.toml" in call("report", "run").err
 
 
+@pytest.mark.slow
 def test_the_report_of_a_run_is_of_its_tables(call, study, tmp_path):
     """An edited study does not change what a finished run is reported as."""
     call("run", study, "--out", "run")
@@ -123,6 +126,7 @@ class StopsAfter(Silent):
         return self.n_left > 0
 
 
+@pytest.mark.slow
 def test_the_page_of_a_run_that_has_not_ended_shows_what_is_there(call, study, tmp_path):
     session = Session([Path(PLUGIN)])
     stopping = replace(session.study(study), executor=InProcess())
@@ -153,6 +157,7 @@ def test_a_run_before_its_first_result_has_no_page(call, study, tmp_path):
     assert (refused.code, "no simulation has ended yet" in refused.err) == (2, True)
 
 
+@pytest.mark.slow
 def test_run_and_study_mean_the_same_in_each_command(call, study):
     call("run", study, "--out", "runs/elsewhere")
     folders = [call(*command, "--json").json["folder"] for command in (["status", study], ["status"])]

@@ -139,6 +139,7 @@ def test_failures_are_grouped_by_reason_without_its_numbers():
     assert all(r["remedy"] for r in rows)
 
 
+@pytest.mark.slow
 def test_more_sets_keep_those_that_are_done(call, study, tmp_path):
     call("run", study)
     more = call("resume", "runs/toy", "--sets", "30", "--json", "--trust-plugins", plugin=None)
@@ -158,6 +159,7 @@ def test_more_sets_keep_those_that_are_done(call, study, tmp_path):
     assert refused.code == 0  # a run is never made smaller
 
 
+@pytest.mark.slow
 def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
     look = call("run", study, "--sets", "8", "--json")
     assert look.code == 0, look.err
@@ -177,6 +179,7 @@ def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_changed_study_shows_the_changes_and_forks_or_continues(call, study, tmp_path):
     call("run", study)
     path = study / "study.toml"
@@ -197,6 +200,7 @@ def test_a_changed_study_shows_the_changes_and_forks_or_continues(call, study, t
     assert "already there; name a folder without a run" in call("run", study, "--fork", "forked").err
 
 
+@pytest.mark.slow
 def test_a_changed_input_file_that_costs_simulations_needs_confirmation(call, study, tmp_path):
     call("run", study)
     for name in ("s1.txt", "s2.txt"):
@@ -219,6 +223,7 @@ def test_the_guide_reads_a_run_without_palpate(call, study):
     assert set(found["one"]["key"]) == {found["key"]}
 
 
+@pytest.mark.slow
 def test_a_change_that_costs_nothing_is_reported_and_the_run_continues(call, study):
     call("run", study)
     path = study / "study.toml"
@@ -229,6 +234,7 @@ def test_a_change_that_costs_nothing_is_reported_and_the_run_continues(call, stu
     assert "20 of 20 finished simulations are still valid" in ran.err
 
 
+@pytest.mark.slow
 def test_a_run_and_its_study_move_together_and_a_lost_study_is_requested(call, study, tmp_path):
     call("run", study, "--out", study / "run")
     moved = tmp_path / "moved"
@@ -247,6 +253,7 @@ def test_the_manifest_holds_no_place_of_this_machine(call, study, tmp_path):
     assert manifest["study_file"] == "../../study/study.toml"
 
 
+@pytest.mark.slow
 def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, tmp_path):
     run, path = tmp_path / "runs" / "toy", study / "study.toml"
     assert call("run", study).code == 0
@@ -276,6 +283,7 @@ def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, tmp_p
     assert tables(run) == wide
 
 
+@pytest.mark.slow
 def test_a_received_run_executes_no_untrusted_file(call, study, tmp_path):
     call("run", study, "--out", study / "run")
     planted = tmp_path / "planted.py"
@@ -298,6 +306,7 @@ def test_a_received_run_executes_no_untrusted_file(call, study, tmp_path):
     assert (tmp_path / "executed").exists()
 
 
+@pytest.mark.slow
 def test_a_run_moved_away_from_its_plugin_is_resumed_with_that_plugin(call, study, tmp_path):
     call("run", study, "--out", study / "run")
     (tmp_path / "far" / "away").mkdir(parents=True)
@@ -333,6 +342,7 @@ def test_two_studies_of_one_name_do_not_share_the_default_folder(call, study, tm
     assert call("resume", "runs/toy", "--study", other).code == 0
 
 
+@pytest.mark.slow
 def test_a_damaged_manifest_is_an_error_and_deleting_it_is_a_remedy(call, study, tmp_path):
     call("sample", study)
     manifest = tmp_path / "runs" / "toy" / "manifest.json"

@@ -105,6 +105,7 @@ def test_ctrl_c_once_drains_and_leaves_no_process(start, tmp_path):
     assert not re.search(r"[\r\x1b]", err), "a pipe gets lines, and nothing that moves a cursor"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
 def test_ctrl_c_twice_stops_jobs_that_would_take_forever(start, tmp_path):
     process = start(pause_s=600)

@@ -33,6 +33,7 @@ def test_writes_the_curves_of_the_truth_and_reports_the_files(
     assert y == pytest.approx(2.0 * (x - 1.0) * (1.0 + 0.5 * (x - 1.0)))
 
 
+@pytest.mark.slow
 def test_a_run_on_the_curves_is_near_the_truth(call: Call, planned: Path, tmp_path: Path) -> None:
     files = call("synthesise", planned, "--into", "made", "--json").json["files"]
     for file in files[:2]:

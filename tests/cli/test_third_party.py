@@ -64,6 +64,7 @@ def test_it_is_used_in_a_study_and_leaves_with_its_folder(installed: Path) -> No
     assert "no material 'reinforced'" in refused.stderr
 
 
+@pytest.mark.slow
 def test_its_tests_pass() -> None:
     path = os.pathsep.join([str(EXAMPLE / "src"), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(

@@ -47,6 +47,7 @@ def n_simulated(folder):
         return ledger.frame("simulations").height
 
 
+@pytest.mark.slow
 @quick
 def test_changed_code_is_named_and_its_results_are_made_again(call, study, tmp_path, plugin):
     run = tmp_path / "runs" / "toy"
@@ -68,6 +69,7 @@ def test_changed_code_is_named_and_its_results_are_made_again(call, study, tmp_p
     assert n_simulated(run) == n_other
 
 
+@pytest.mark.slow
 def test_trusted_results_stay_in_every_later_stage_and_are_on_record(call, study, tmp_path, plugin):
     run = tmp_path / "runs" / "toy"
     call("run", study, plugin=plugin())
@@ -99,6 +101,7 @@ def test_a_stage_after_the_sweep_refuses_other_code(call, study, tmp_path, plugi
     assert tables(tmp_path / "runs" / "toy") == before
 
 
+@pytest.mark.slow
 @quick
 def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, plugin):
     call("run", study, plugin=plugin())
@@ -108,6 +111,7 @@ def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, 
     assert n_simulated(tmp_path / "copy") == n_simulated(tmp_path / "runs" / "toy")
 
 
+@pytest.mark.slow
 @quick
 def test_stages_after_the_sweep_use_the_same_results(call, study, tmp_path, plugin):
     run = tmp_path / "runs" / "toy"
@@ -118,6 +122,7 @@ def test_stages_after_the_sweep_use_the_same_results(call, study, tmp_path, plug
     assert n_simulated(run) == n_first
 
 
+@pytest.mark.slow
 @quick
 def test_results_under_a_trusted_key_are_not_shared(call, study, tmp_path, plugin):
     path = study / "study.toml"

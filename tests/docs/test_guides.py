@@ -59,6 +59,7 @@ def test_links_lead_somewhere(guide):
             assert (guide.parent / target).exists(), target
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("guide", GUIDES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_every_call_is_one_that_palpate_understands(guide):
     app = build_app()
@@ -97,6 +98,7 @@ def write_block(path: Path) -> None:
     ).write(path)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
 def test_the_first_study_runs_from_log_to_report(tmp_path, monkeypatch, capsys):
     """All its commands in order, on a simulated log; two sets instead of forty, a block, coarse steps."""
@@ -121,6 +123,7 @@ def test_the_first_study_runs_from_log_to_report(tmp_path, monkeypatch, capsys):
     assert list(Path("runs/first/measured/plots").rglob("5_curves*"))
 
 
+@pytest.mark.slow
 def test_the_layered_guide_is_the_layered_study(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for line in commands_of(ROOT / "docs" / "layers.md"):
@@ -133,6 +136,7 @@ def test_the_layered_guide_is_the_layered_study(tmp_path, monkeypatch, capsys):
     assert [p.name for p in space.parameters] == ["skin.E", "soft_tissue.c1"]
 
 
+@pytest.mark.slow
 def test_the_guide_on_curves_is_so(tmp_path, monkeypatch, capsys):
     text = text_of(ROOT / "docs" / "curves.md")
     monkeypatch.chdir(tmp_path)

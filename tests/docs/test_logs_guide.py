@@ -30,6 +30,7 @@ def test_the_loader_is_short_and_is_found(tmp_path: Path) -> None:
     assert force.std.tolist() == [0.02, 0.02]
 
 
+@pytest.mark.slow
 def test_the_loader_keeps_the_contract(tmp_path: Path) -> None:
     (tmp_path / "press_log.py").write_text(LOADER, encoding="utf-8")
     (tmp_path / "test_press_log.py").write_text(CONTRACT, encoding="utf-8")

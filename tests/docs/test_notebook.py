@@ -42,6 +42,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], lis
     return values, found
 
 
+@pytest.mark.slow
 def test_every_cell_shows_itself_as_html_or_text(shown: tuple[dict[str, Any], list[Any]]) -> None:
     _, found = shown
     assert len(found) == 8

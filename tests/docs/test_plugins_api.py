@@ -24,6 +24,7 @@ TABLES = {
 }
 
 
+@pytest.mark.slow
 def test_the_code_runs_from_top_to_bottom():
     namespace: dict[str, object] = {}
     for block in PYTHON:

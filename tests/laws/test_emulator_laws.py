@@ -16,7 +16,7 @@ from palpate_materials.yeoh import Yeoh
 
 pressed = load_file(Path(__file__).parents[1] / "data" / "plugins" / "pressed_tissue.py")
 seeds = st.integers(0, 2**32 - 1)
-few = settings(max_examples=10, deadline=None)
+few = settings(max_examples=10)
 X = np.linspace(0.1, 1.0, 9)
 
 

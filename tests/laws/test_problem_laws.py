@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import (
@@ -132,7 +132,6 @@ seeds = st.integers(0, 10_000)
 every_spots = st.sampled_from([("p",), ("p", "q2"), ("p", "q2", "r33")])
 
 
-@settings(max_examples=60)
 @given(
     seeds,
     values_of,
@@ -165,7 +164,6 @@ def test_the_squares_sum_to_the_fopt_of_the_scores(
     assert problem.fopt(values) == pytest.approx(ranked["fopt"].mean(), rel=1e-12)
 
 
-@settings(max_examples=40)
 @given(seeds, values_of, every_spots, st.sampled_from(SCENARIOS), st.booleans(), st.booleans())
 def test_the_jacobian_is_the_derivative_of_the_residuals(seed, values, spots, scenario, exact, has_prior):
     values = np.clip(values, (0.6, -0.9), (3.9, 0.9))

@@ -1,7 +1,7 @@
 """Laws of scoring whole responses."""
 
 import numpy as np
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from palpate.domain import Curve, Job, Normaliser, Response, Scenario, ScoringRules, Simulation, Status
 from palpate.stages.scoring import score
@@ -75,7 +75,6 @@ def test_points_between_the_simulated_ones_add_nothing(values, n_between):
     assert scored([finer], (x, y))["nmse"][0] < 1e-18
 
 
-@settings(max_examples=50)
 @given(loops, st.floats(0.05, 0.95))
 def test_coverage_is_the_share_reached(values, share):
     x, y = twist(values)
@@ -94,7 +93,6 @@ def by_phase(pairs, measured):
     return dict(scores.filter(set_id=0).select("channel", "nmse").iter_rows()), counted
 
 
-@settings(max_examples=25)
 @given(loops, loops)
 def test_phases_weighed_by_their_points_are_the_whole(values, others):
     (x, y), (_, z) = twist(values), twist(np.resize(others, values.size))
@@ -103,7 +101,6 @@ def test_phases_weighed_by_their_points_are_the_whole(values, others):
     np.testing.assert_allclose(together, nmse["t"], rtol=1e-9, atol=1e-20)
 
 
-@settings(max_examples=25)
 @given(loops, loops)
 def test_a_phase_ignores_the_points_of_the_other(values, others):
     (x, y), (_, z) = twist(values), twist(np.resize(others, values.size))

@@ -68,7 +68,7 @@ def test_fopt_on_the_ray_is_that_of_a_simulation_there(swept):
         assert row["fopt"] == pytest.approx(there["fopt"][0], rel=1e-9, abs=1e-14)
 
 
-@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.floats(0.0, 1.0))
 def test_no_other_multiple_within_the_ranges_is_better(swept, share):
     of = swept()

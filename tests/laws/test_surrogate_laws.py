@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, given, strategies as st
 from scipy.optimize import minimize
 
 from palpate.stages.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
@@ -24,7 +24,6 @@ def fitted(sets, residuals):
     return fit_slopes(sets - origin, residuals, (residuals**2).sum(axis=1)).form(origin)
 
 
-@settings(max_examples=25)
 @given(seed=SEEDS, n_parameters=st.integers(1, 4), more=st.floats(0.01, 3.0))
 def test_where_curves_follow_the_parameters_the_ends_are_the_farthest_sets_as_good(seed, n_parameters, more):
     sets, residuals, offset, slopes = linear_problem(seed, n_parameters)
@@ -54,7 +53,6 @@ def test_where_curves_follow_the_parameters_the_ends_are_the_farthest_sets_as_go
     np.testing.assert_allclose(farthest.x[0], high, rtol=1e-3, atol=1e-4)
 
 
-@settings(max_examples=40)
 @given(seed=SEEDS, larger=st.floats(1.1, 10.0))
 def test_a_wider_limit_makes_no_interval_narrower(seed, larger):
     sets, residuals, _, _ = linear_problem(seed, 3)
@@ -66,7 +64,6 @@ def test_a_wider_limit_makes_no_interval_narrower(seed, larger):
         assert narrow[1] - 1e-6 <= wide[1] <= 1.0
 
 
-@settings(max_examples=40)
 @given(seed=SEEDS)
 def test_curves_of_second_degree_have_the_slopes_at_the_origin(seed):
     sets, residuals, offset, slopes = linear_problem(seed, 2)
@@ -77,7 +74,6 @@ def test_curves_of_second_degree_have_the_slopes_at_the_origin(seed):
     np.testing.assert_allclose(found.residuals, offset, atol=1e-8)
 
 
-@settings(max_examples=40)
 @given(seed=SEEDS)
 def test_noise_is_not_taken_for_an_identification(seed):
     random = np.random.default_rng(seed)
@@ -85,7 +81,6 @@ def test_noise_is_not_taken_for_an_identification(seed):
     assert fit_slopes(sets, residuals, (residuals**2).sum(axis=1)).q2 < LEAST_Q2
 
 
-@settings(max_examples=40)
 @given(seed=SEEDS, curved=st.floats(0.0, 1.0), noise=st.sampled_from([0.0, 1e-3, 0.1]))
 def test_a_parameter_without_effect_reaches_across_its_range(seed, curved, noise):
     sets, residuals, offset, slopes = linear_problem(seed, 3)

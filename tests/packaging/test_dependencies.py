@@ -31,6 +31,7 @@ def modules(folder: Path) -> Iterator[str]:
             yield from (name.split(".")[0] for name in names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_it_declares_what_it_imports(folder: Path) -> None:
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]

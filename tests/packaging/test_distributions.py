@@ -21,7 +21,10 @@ ROOT = Path(__file__).parents[2]
 DIST = ROOT / "dist"
 FOLDERS = (ROOT, *sorted(path.parent for path in ROOT.glob("plugins/*/pyproject.toml")))
 
-pytestmark = pytest.mark.skipif(not list(DIST.glob("*.whl")), reason="dist/ is empty; run `make dist`")
+pytestmark = [
+    pytest.mark.packaging,
+    pytest.mark.skipif(not list(DIST.glob("*.whl")), reason="dist/ is empty; run `make dist`"),
+]
 
 
 def distribution(folder: Path) -> str:

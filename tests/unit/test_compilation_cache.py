@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 RUN = """
 import numpy as np
 from palpate.mechanics import initial_moduli
@@ -20,6 +22,7 @@ def moduli(home):
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
 
 
+@pytest.mark.slow
 def test_a_kept_compilation_is_used_and_a_damaged_one_is_not(tmp_path):
     first = moduli(tmp_path)
     kept = sorted(tmp_path.rglob("jit__rest-*"))
@@ -35,6 +38,7 @@ def test_a_kept_compilation_is_used_and_a_damaged_one_is_not(tmp_path):
     assert all(len(path.read_bytes()) > 0.9 * len(content) for path, content in whole.items())  # replaced
 
 
+@pytest.mark.slow
 def test_a_home_that_is_no_folder_costs_nothing_but_time(tmp_path):
     home = tmp_path / "home"
     home.write_text("")

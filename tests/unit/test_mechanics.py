@@ -136,6 +136,7 @@ def test_divided_difference_and_limit_agree_where_they_meet(monkeypatch):
         np.testing.assert_allclose(limit, divided, atol=1e-9 * np.abs(limit).max())
 
 
+@pytest.mark.slow
 def test_derivative_passes_through_the_stress():
     """Forward and reverse, in F and in theta, at equal stretches."""
     F = jnp.asarray(STATES["two_equal"])
@@ -153,6 +154,7 @@ def test_derivative_passes_through_the_stress():
         np.testing.assert_allclose(forward[1][..., k], slope, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_stacks_and_vmap_agree_with_single_points():
     material = POWER_LAW
     F = np.array(list(STATES.values())).reshape(2, 4, 3, 3)

@@ -264,6 +264,7 @@ def test_the_manifest_lists_what_the_numbers_depend_on(make_study, plugins, tmp_
     assert set(manifest["channels"]) == {"force", "torque"}
 
 
+@pytest.mark.slow
 def test_a_fit_of_an_earlier_run_does_not_remain(make_study, plugins, tmp_path):
     pipeline.run_study(make_study(search=LeastSquares()), tmp_path / "run", plugins)
     result = pipeline.run_study(make_study(), tmp_path / "run", plugins)

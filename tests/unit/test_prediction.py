@@ -164,6 +164,7 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     assert any("add fine_edge to the tool file" in note for note in printed["notes"])
 
 
+@pytest.mark.slow
 def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tmp_path, monkeypatch):
     study, run = fitted
     coarse, fine = ({spot: block("hex8", n_across=n, n_down=2) for spot in study.spot_names} for n in (6, 12))
@@ -186,6 +187,7 @@ def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tm
     )
 
 
+@pytest.mark.slow
 def test_draws_that_fail_are_counted_and_reported(fitted, plugins, tmp_path, monkeypatch):
     study, run = fitted
     tool = read_tool(tool_file(tmp_path), study, plugins)
@@ -205,6 +207,7 @@ def test_draws_that_fail_are_counted_and_reported(fitted, plugins, tmp_path, mon
     )
 
 
+@pytest.mark.slow
 def test_a_spot_that_the_joint_fit_leaves_out_has_the_shared_values_alone(
     fitted, plugins, tmp_path, monkeypatch
 ):
@@ -224,6 +227,7 @@ def test_a_spot_that_the_joint_fit_leaves_out_has_the_shared_values_alone(
         run_prediction(study, run, tool, plugins.channels, SILENT)
 
 
+@pytest.mark.slow
 def test_a_band_by_slopes_needs_a_solver_that_gives_them(fitted, plugins, tmp_path):
     study, run = fitted
     tool = read_tool(tool_file(tmp_path), study, plugins)

@@ -35,6 +35,7 @@ def read(name: str) -> ReadScan:
     return read_scan(FOLDERS[name] / "skin.ply", [FOLDERS[name] / bone for bone in given["bones"]], plan)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FOLDERS)
 def test_every_spot_has_a_segment_with_bones_below_it(name: str) -> None:
     scan, stump = read(name), bool(options(name).get("stump"))

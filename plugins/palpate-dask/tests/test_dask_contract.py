@@ -6,6 +6,7 @@ from palpate.testing import ExecutorContract
 from palpate_dask.executor import DaskExecutor
 
 
+@pytest.mark.slow
 class TestDask(ExecutorContract):
     n_sets = 4
 

@@ -145,6 +145,7 @@ def test_what_cannot_be_sent_is_refused_before_there_is_a_cluster(study, monkeyp
         list(DaskExecutor().results(batch))
 
 
+@pytest.mark.slow
 def test_a_cluster_of_this_machine_holds_limits_and_gives_the_same_bits(study, tmp_path):
     study = hurting(study, tmp_path)
     found = {o.index: o for o in DaskExecutor().results(batch_of(study, time_s=1.5))}
@@ -202,6 +203,7 @@ def test_workers_stay_warm_and_what_is_not_to_go_on_is_drained(study, tmp_path):
     assert len({pid for _, pid in started(tmp_path)}) <= 2
 
 
+@pytest.mark.slow
 def test_cluster_and_processes_stay_for_the_next_batch_until_they_are_closed(study, tmp_path, monkeypatch):
     opened, connected = [], dask_cluster.connected
 
@@ -300,6 +302,7 @@ def cluster(tmp_path):
         process.wait()
 
 
+@pytest.mark.slow
 def test_the_scheduler_s_end_loses_nothing_and_the_sweep_continues_elsewhere(study, tmp_path, cluster):
     scheduler, file = cluster
     settings = study.solver.settings.model_copy(update={"pause_s": 0.1})

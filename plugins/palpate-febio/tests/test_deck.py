@@ -96,6 +96,7 @@ def test_decks_are_these(name, monkeypatch):
     assert found == file.read_text()
 
 
+@pytest.mark.slow
 def test_the_bytes_do_not_depend_on_the_run():
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); import test_deck as t, hashlib; "

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import Status
@@ -108,6 +108,7 @@ def test_any_text_is_read(text):
     assert read_log(text).finished in (None, True, False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "line",
     ["* ERROR *\n", "\n\t", "invalid ", "linear solver ", "failed to loading ", "invalid " * 120 + "\n"],
@@ -187,7 +188,6 @@ def test_a_model_that_febio_refuses_is_named_by_its_cause():
     assert "Invalid value for parameter: 1_soft_tissue.v" in verdict.message
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, len(recorded("good.log"))), st.integers(0, len(recorded("good.csv")) - 1))
 def test_a_run_cut_off_anywhere_is_never_sound(n, m):
     verdict = judge(ended(-9), recorded("good.log")[:n], recorded("good.csv")[:m], GOOD_STEPS, 7.5)

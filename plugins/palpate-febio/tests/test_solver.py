@@ -105,6 +105,7 @@ def test_half_steps_give_results_at_the_same_points(fake):
         np.testing.assert_array_equal(halves.response[channel].abscissa, whole.response[channel].abscissa)
 
 
+@pytest.mark.slow
 def test_a_run_that_diverges_by_every_method_keeps_what_it_reached(fake):
     simulation = fake("diverge").simulate(job_of(), LIMB)
     assert simulation.status is Status.DIVERGED
@@ -210,6 +211,7 @@ def test_an_unfinished_finer_run_verifies_nothing_and_reports_what_it_has(n_rows
 # ---------------------------------------------------------------- conventions
 
 
+@pytest.mark.slow
 def test_the_convention_follows_the_probe(fake, tmp_path):
     keep = tmp_path / "kept"
     for words, convention, c3 in (("", "febio4", 2.76e-4), ("textbook_yeoh", "textbook", 9.2e-5)):
@@ -224,6 +226,7 @@ def test_the_convention_follows_the_probe(fake, tmp_path):
         assert f"<c3>{c3:.12g}</c3>" in deck
 
 
+@pytest.mark.slow
 def test_a_binary_is_probed_once(fake, tmp_path):
     for _ in range(2):
         assert fake().convention(Yeoh()).convention == "febio4"

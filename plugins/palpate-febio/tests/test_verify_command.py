@@ -74,6 +74,7 @@ def study(tmp_path, fake_febio):
     return folder
 
 
+@pytest.mark.slow
 def test_a_run_verifies_its_sets_and_febio_agrees(call, study, tmp_path):
     ran = call("run", study, "--json", plugin=None)
     assert ran.code == 0, ran.err

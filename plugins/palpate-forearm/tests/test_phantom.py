@@ -25,6 +25,7 @@ def is_closed(surface: Surface) -> bool:
     return len(forward) == len(edges) and all((b, a) in forward for a, b in forward)
 
 
+@pytest.mark.slow
 def test_surfaces_are_closed_and_have_their_volume() -> None:
     """A cylinder of elliptic section, π a b l; a cone's frustum, π l (r² + r R + R²) / 3."""
     straight = [Section(station_mm=s, half_width_mm=30.0, half_height_mm=20.0) for s in (0.0, 50.0, 90.0)]

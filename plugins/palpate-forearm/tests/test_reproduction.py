@@ -108,6 +108,7 @@ def test_the_studies_are_the_papers(made):
             assert parameter.lower <= row["value"] <= parameter.upper, row
 
 
+@pytest.mark.slow
 def test_tables_are_next_to_the_papers(results, outcome):
     found = compare(outcome)
     assert found.tables["table1"].height == table1().height
@@ -130,6 +131,7 @@ def test_tables_are_next_to_the_papers(results, outcome):
     assert general["here"] >= each_alone * (1.0 - 1e-12)
 
 
+@pytest.mark.slow
 def test_errata_name_the_figures(outcome):
     by_place = {erratum.where: erratum for erratum in compare(outcome).errata}
     assert (
@@ -148,6 +150,7 @@ def test_errata_name_the_figures(outcome):
     assert by_place["a check that table 2 passes"].here == "holds in every row"
 
 
+@pytest.mark.slow
 def test_files_have_all_of_it(outcome, made):
     file = write(compare(outcome), outcome.results, made.folder)
     text = file.read_text()
@@ -159,6 +162,7 @@ def test_files_have_all_of_it(outcome, made):
     )
 
 
+@pytest.mark.slow
 def test_more_sets_keep_the_first(made, plugins, results):
     more = made.extended(2 * SETS)
     again = reproduction.run(more, plugins).results
@@ -170,6 +174,7 @@ def test_more_sets_keep_the_first(made, plugins, results):
         made.extended(5)
 
 
+@pytest.mark.slow
 def test_a_material_that_fails_does_not_stop_the_others(tmp_path, plugins):
     announced = []
     both = scaled(prepare(tmp_path / "both", plugins, ["ogden", "neo_hookean"], 3), failing="ogden")
@@ -265,6 +270,7 @@ def test_nothing_is_timed_for_a_call_that_cannot_work(monkeypatch, capsys, tmp_p
     assert "give one of them" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
     from palpate_forearm import reproduce_command
 

@@ -12,6 +12,7 @@ from palpate.study.reading import read_study
 from palpate.study.tool import read_tool
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["plate", "cuff"])
 def test_a_tool_of_the_demo_fits_on_its_limb(name):
     plugins = Plugins.load()

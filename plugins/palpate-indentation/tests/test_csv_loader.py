@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from pydantic import ValidationError
 
 from palpate.domain import FloatArray
@@ -41,7 +41,6 @@ def moving(rows: list[tuple[float, float]]) -> FloatArray:
 # ------------------------------------------------------------------------ laws
 
 
-@settings(deadline=None)
 @given(rows=curves, dialect=dialects, crlf=st.booleans(), bom=st.booleans())
 def test_what_is_written_is_read_to_the_last_bit(
     tmp_path_factory: pytest.TempPathFactory,
@@ -62,7 +61,6 @@ def test_what_is_written_is_read_to_the_last_bit(
     np.testing.assert_array_equal(curve.ordinate, y)
 
 
-@settings(deadline=None)
 @given(
     scale=st.sampled_from([-1e3, -1.0, 1e-3, 0.5, 60.0]),
     offset=st.sampled_from([-2.0, 0.0, 1.0]),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from palpate.domain import Curve, FloatArray, Response
 from palpate.errors import CurveError
@@ -45,7 +45,6 @@ def assert_same(found: Response, expected: Response, tolerance: float = 0.0) -> 
             np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance * np.abs(b).max())
 
 
-@settings(deadline=None)
 @given(force=moving, torque=moving, dialect=dialects)
 def test_two_channels_in_one_file_are_read_back_to_the_last_bit(
     tmp_path_factory: pytest.TempPathFactory,
@@ -59,7 +58,6 @@ def test_two_channels_in_one_file_are_read_back_to_the_last_bit(
     assert_same(loader(**dialect).load(path), written)
 
 
-@settings(deadline=None)
 @given(rows=moving, channel=st.sampled_from(["force", "uniaxial", "simple_shear", "warmth"]))
 def test_one_channel_is_read_back(
     tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[float, float]], channel: str

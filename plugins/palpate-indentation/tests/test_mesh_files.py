@@ -14,7 +14,7 @@ import h5py
 import meshio
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from palpate.domain import Spot
 from palpate.errors import MeshError, PalpateError
@@ -117,7 +117,6 @@ def sound(suffix: str) -> bytes:
         return path.read_bytes()
 
 
-@settings(max_examples=120, deadline=None)
 @given(st.data(), st.sampled_from(["vtu", "vtk", "msh", "inp"]))
 def test_damage_to_a_mesh_file_never_escapes_as_anything_but_an_error(
     data: st.DataObject, suffix: str
@@ -157,6 +156,7 @@ def bomb(path: Path, n_megabytes: int) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are kept on Linux")
 def test_a_mesh_that_unpacks_to_more_than_its_memory_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from palpate import _core
 from palpate.specimens import block
@@ -76,7 +76,6 @@ def turn(rng):
     return q * np.linalg.det(q)
 
 
-@settings(max_examples=60, deadline=None)
 @given(states())
 def test_turning_and_moving_the_body_turns_its_forces(state):
     elements, u, rng = state
@@ -86,7 +85,6 @@ def test_turning_and_moving_the_body_turns_its_forces(state):
     np.testing.assert_allclose(turned, forces @ q.T, atol=1e-12 + 1e-12 * np.abs(forces).max())
 
 
-@settings(max_examples=60, deadline=None)
 @given(states())
 def test_forces_balance_and_have_no_moment(state):
     elements, u, _ = state
@@ -97,7 +95,6 @@ def test_forces_balance_and_have_no_moment(state):
     np.testing.assert_allclose(moment, 0.0, atol=1e-11 * size)
 
 
-@settings(max_examples=60, deadline=None)
 @given(states())
 def test_the_stiffness_is_symmetric_and_zero_for_rigid_motions(state):
     elements, u, rng = state
@@ -112,7 +109,6 @@ def test_the_stiffness_is_symmetric_and_zero_for_rigid_motions(state):
     np.testing.assert_allclose(rate, np.cross(spin, forces).ravel(), atol=1e-11 * size)
 
 
-@settings(max_examples=60, deadline=None)
 @given(states())
 def test_forces_are_the_slope_of_the_energy_and_the_stiffness_theirs(state):
     elements, u, rng = state
@@ -124,7 +120,6 @@ def test_forces_are_the_slope_of_the_energy_and_the_stiffness_theirs(state):
     np.testing.assert_allclose(stiffness @ d.ravel(), rate, atol=1e-6 * np.abs(rate).max())
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.sampled_from(sorted(CASES)), st.integers(0, 2**32), st.floats(0.5, 30.0))
 def test_inverted_elements_are_reported_and_never_a_number(case, seed, size):
     elements, rng = CASES[case], np.random.default_rng(seed)

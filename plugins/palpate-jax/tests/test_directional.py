@@ -88,6 +88,7 @@ def young_of_oblique_fibres(*direction):
     return 1 / np.linalg.inv(stiffness + 4 * K * np.outer(dyad, dyad))[0, 0]
 
 
+@pytest.mark.slow
 def test_uniaxial_stress_along_across_and_oblique():
     solver = HomogeneousSolver(HomogeneousSettings(incompressible=True))
     sets = [fibre(1, 0, 0), fibre(0, 1, 0), fibre(1, 2, 0), fibre(1, 0, 2), fibre(1, 1, 1, k=0.0)]
@@ -100,6 +101,7 @@ def test_uniaxial_stress_along_across_and_oblique():
     np.testing.assert_allclose(P[4], MU * (t - t**-2), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_equibiaxial_stress_is_the_mean_of_both_directions():
     solver = HomogeneousSolver(HomogeneousSettings(incompressible=True))
     (P,) = stresses(solver, Fibred(), [fibre(1, 2, 0)], "equibiaxial")
@@ -107,6 +109,7 @@ def test_equibiaxial_stress_is_the_mean_of_both_directions():
     np.testing.assert_allclose(P, MU * (t - t**-5) + fibre_slope(t) / 2, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_without_fibres_it_is_the_isotropic_result():
     solver = HomogeneousSolver()
     (P,) = stresses(solver, Fibred(), [fibre(1, 2, 2, k=0.0)], "pure_shear")

@@ -71,6 +71,7 @@ def written(tmp_path_factory):
     )
 
 
+@pytest.mark.slow
 def test_every_load_step_has_a_file_and_the_pvd_lists_them(written):
     listed = [e.attrib["file"] for e in ET.parse(written.folder / "path.pvd").iter("DataSet")]
     assert listed == ["000.vtu", "001.vtu", "002.vtu"]
@@ -143,6 +144,7 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_first_step(tmp_path)
 F = np.array([[1.1, 0.2, 0.0], [0.05, 0.9, 0.1], [0.0, -0.1, 1.05]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mean", [True, False])
 @pytest.mark.parametrize("kind", ["hex8", "tet10", "tet4"])
 def test_a_constant_deformation_has_the_material_s_stress(kind, mean):

@@ -87,6 +87,7 @@ def test_free_faces_carry_no_load():
     np.testing.assert_allclose(mu * (y_squared - 1) + lame * log_J, 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_initial_slopes_are_the_linear_elastic_ones():
     E, nu, e = 0.0735, 0.4434, 1e-6
     path = np.array([1.0, 1.0 + e])
@@ -97,6 +98,7 @@ def test_initial_slopes_are_the_linear_elastic_ones():
     assert slope["pure_shear"] == pytest.approx(E / (1 - nu**2), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_large_bulk_modulus_makes_it_incompressible():
     path = np.linspace(0.6, 1.8, 7)
     stiff = stresses(COMPRESSIBLE, Yeoh(), [0.0129, -1e-4, 9e-5, 1e4], FREE, path)
@@ -227,6 +229,7 @@ def test_parameters_that_are_felt_are_not_ignored():
     assert HomogeneousSolver(HomogeneousSettings(incompressible=True)).ignored(NeoHookean()) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", [COMPRESSIBLE, INCOMPRESSIBLE])
 def test_a_result_has_the_same_bits_in_any_batch(solver):
     paths = dict.fromkeys(FREE, STRETCHES)

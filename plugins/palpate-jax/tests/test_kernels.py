@@ -33,6 +33,7 @@ def displaced(points, state):
     }[state]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "mean", "law"),
     [

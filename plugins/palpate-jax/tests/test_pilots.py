@@ -53,6 +53,7 @@ def bits(simulation):
     return {name: curve.ordinate.tobytes() for name, curve in simulation.response.curves.items()}
 
 
+@pytest.mark.slow
 def test_the_same_bits_in_any_order_on_any_worker_and_without_the_files(limb, cache):
     expected = [bits(s) for s in JaxSolver(SETTINGS).simulate_many(map(job_of, range(8)), limb)]
     drawn = random.Random(3)
@@ -66,6 +67,7 @@ def test_the_same_bits_in_any_order_on_any_worker_and_without_the_files(limb, ca
             assert bits(found) == expected[set_id]
 
 
+@pytest.mark.slow
 def test_a_start_from_pilots_saves_effort_and_changes_no_result(limb):
     used = JaxSolver(SETTINGS)
     *_, warm = used.simulate_many(map(job_of, range(8)), limb)
@@ -93,6 +95,7 @@ def test_pilots_that_are_simulated_first_count_in_the_seconds(limb, monkeypatch)
     assert used.simulate(job_of(4), limb).seconds == 1.0
 
 
+@pytest.mark.slow
 def test_pilots_that_diverge_are_left_out(limb, monkeypatch):
     path = [(0.0, 0.0), (4.0, 0.0)]
     sets = np.array([COLLAPSES, *SETS[1:]])

@@ -99,6 +99,7 @@ def test_press_twist_and_reversal_with_sliding():
     check(case, [*(f"soft_tissue.{name}" for name in YEOH), "friction"])
 
 
+@pytest.mark.slow
 def test_two_regions_of_tetrahedra():
     """The skin sets the penalty; its material is coupled and one of its parameters no modulus."""
     limb = block("tet10", n_across=4, n_down=2, layers_mm={"skin": 4.0}, **SIZE)
@@ -114,6 +115,7 @@ def test_a_bonded_indenter_pulls():
     check(case, ["soft_tissue.c1", "soft_tissue.c3"])
 
 
+@pytest.mark.slow
 def test_the_sphere_leaves_and_returns():
     case = yeoh_on_hexahedra(path=[*PATH[:3], (0.0, -15.0), (2.0, 0.0)])
     check(case, ["soft_tissue.c1", "friction"])
@@ -141,6 +143,7 @@ def test_cuts_are_followed(monkeypatch):
         np.testing.assert_allclose(a[-2:], b[[-3, -1]], atol=1e-6 * np.abs(b).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("material", "values", "shape"),
     [(Yeoh(), YEOH, ()), (Ogden(), {"c1": 0.03, "m1": 3.0, "kappa": 0.4}, ("m1",))],

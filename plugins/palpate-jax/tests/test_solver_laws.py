@@ -93,6 +93,7 @@ def test_a_rotated_limb_responds_the_same(solver, limb, reference):
         np.testing.assert_allclose(curve(simulation, channel), expected, atol=1e-6 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_cold_sets_have_the_same_bits_after_any_others(limb):
     softer, path = 0.7 * YEOH * (1.0, 0.9, 1.0, 1.0), PATH[:3]
     jobs = {"a": make_job(YEOH, path), "b": make_job(softer, path), "c": make_job(2.0 * YEOH, path)}
@@ -169,6 +170,7 @@ def test_penetration_is_a_small_share_of_the_depth(reference):
     assert 0.0 < max(reference.diagnostics["penetration_mm"]) < 0.01 * 2.0
 
 
+@pytest.mark.slow
 def test_an_unstable_material_diverges_with_its_partial_curve(solver):
     limb = block("hex8", n_across=4, n_down=2, width_mm=24.0, height_mm=10.0)
     collapsing = [0.0141, -0.006, 1e-6, 0.4]
@@ -178,6 +180,7 @@ def test_an_unstable_material_diverges_with_its_partial_curve(solver):
     assert 0.0 < simulation.response["force"].abscissa[-1] < 6.0
 
 
+@pytest.mark.slow
 def test_tissue_that_loses_contact_slides_on():
     """A stable material whose contact finds no balance near the last one reaches the end of the path.
 

@@ -53,6 +53,7 @@ class Provides:
         return [AlongTheLimb]
 
 
+@pytest.mark.slow
 def test_the_stiffness_of_fibres_along_the_axis_is_found(tmp_path: Path) -> None:
     plugins = plugins_with(palpate_indentation, palpate_jax, Provides())
     (tmp_path / "study.toml").write_text(STUDY)

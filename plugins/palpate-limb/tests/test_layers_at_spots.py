@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 import palpate_indentation
 import palpate_jax
 import palpate_materials
@@ -40,6 +42,7 @@ def write_limbs(folder: Path, skin_mm: dict[str, float]) -> None:
         write_block(folder / f"{spot}.vtu", {"skin": thickness}, n_down=3)
 
 
+@pytest.mark.slow
 def test_one_modulus_fits_spots_with_skin_of_different_thickness(tmp_path: Path) -> None:
     plugins = plugins_with(palpate_indentation, palpate_jax, palpate_materials)
     (tmp_path / "study.toml").write_text(STUDY)

@@ -98,7 +98,7 @@ def test_missing_triangles_are_filled_in_even_where_their_rims_touch() -> None:
     assert whole.volume_mm3 == pytest.approx(tube().volume_mm3, rel=1e-12)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.integers(0, 10_000), st.integers(1, 40))
 def test_whatever_faces_are_missing_a_closed_surface_comes_back(seed: int, n: int) -> None:
     lost = np.random.default_rng(seed).choice(len(tube().faces), n, replace=False)
@@ -166,7 +166,6 @@ def test_a_size_that_leaves_the_unit_open_is_refused() -> None:
 # ---------------------------------------------------------------------- places
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.floats(0.05, 0.95), st.floats(-180.0, 180.0))
 def test_a_share_and_an_angle_are_where_they_say(share: float, angle: float) -> None:
     at = position_mm("p", Station(share=share, angle_deg=angle), around())
@@ -272,6 +271,7 @@ def test_the_bones_of_a_file_come_apart_and_take_their_names(tmp_path: Path) -> 
         read_bones(bones, names=("ulna",))
 
 
+@pytest.mark.slow
 def test_skin_and_bones_may_be_in_one_file(tmp_path: Path) -> None:
     whole = write(tmp_path, "limb.stl", open_tube(), lifted(tube(8.0, 150.0)), unit_mm=1000.0)
     plan = replace(PLAN, unit=None, places={"p1": Station(share=0.5, angle_deg=90.0)})
@@ -344,6 +344,7 @@ def test_a_bone_at_the_skin_is_moved_inwards_where_a_cover_is_asked_for() -> Non
 # --------------------------------------------------------------------- command
 
 
+@pytest.mark.slow
 def test_an_uncoloured_model_is_meshed_by_a_file_of_options(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.errors import MeshError, PalpateError
@@ -58,6 +58,7 @@ def files(folder: Path) -> Path:
 # ----------------------------------------------------------------------- marks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shading", "noise"), [(0.0, 0.0), (0.5, 0.03), (0.85, 0.06)])
 def test_marks_are_found_by_hue_in_any_light(shading: float, noise: float) -> None:
     surface = scanned(shading, noise)
@@ -70,6 +71,7 @@ def test_marks_are_found_by_hue_in_any_light(shading: float, noise: float) -> No
         assert np.rad2deg(np.arccos(min(1.0, float(found.spot.normal @ spot.normal)))) < 1.2
 
 
+@pytest.mark.slow
 def test_the_stated_uncertainty_is_of_the_size_of_the_errors() -> None:
     """Root mean square errors over 16 spots against the stated standard deviations."""
     across, turned = [], []
@@ -96,6 +98,7 @@ def test_names_without_colours_go_along_the_limb() -> None:
     assert name_marks(marks, names, -X, "s")["a"] is named["d"]
 
 
+@pytest.mark.slow
 def test_a_rigid_motion_of_the_scan_moves_the_spots_with_it() -> None:
     turn = motion(20.0, -35.0, 100.0, shift=(10.0, -40.0, 5.0))
     for surface in (scanned(), scanned().moved(turn)):
@@ -109,6 +112,7 @@ def test_a_rigid_motion_of_the_scan_moves_the_spots_with_it() -> None:
     np.testing.assert_allclose(after.spot.normal, turn[:3, :3] @ before.spot.normal, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_too_many_or_too_few_marks_are_listed_with_their_places() -> None:
     surface = scanned()
     listed = r"4 marks found where 5 were named .*green of .* mm² at \((89|90)\."
@@ -144,6 +148,7 @@ def test_a_scan_without_colours_is_refused() -> None:
 # ------------------------------------------------------------- files and checks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["ply", "obj", "glb"])
 def test_every_format_gives_the_same_scan(tmp_path: Path, suffix: str) -> None:
     given = scanned()
@@ -188,6 +193,7 @@ def spoiled(kind: str) -> Surface:
     return Surface(name="ulna", points_mm=points, faces=faces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "what"),
     [("hole", "holes"), ("part", "parts"), ("edge", "more than two"), ("crossing", "faces that intersect")],
@@ -253,7 +259,6 @@ PLY = b"".join(
 )
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.data(), st.sampled_from(["ply", "stl", "obj", "glb"]))
 def test_damage_to_a_file_never_escapes_as_anything_but_an_error(data: st.DataObject, suffix: str) -> None:
     import tempfile
@@ -331,6 +336,7 @@ def test_bones_as_others_publish_them_are_closed_and_repairs_are_reported(
     assert 20e3 < read.volume_mm3 < 60e3
 
 
+@pytest.mark.slow
 def test_a_scan_that_is_inside_out_has_the_same_normals(tmp_path: Path) -> None:
     body = scanned().trimesh
     body.visual.vertex_colors = np.round(255 * scanned().colours).astype(np.uint8)
@@ -388,6 +394,7 @@ def test_a_segment_is_the_limb_between_the_cuts_without_its_bones() -> None:
     assert (along.min(), along.max()) == pytest.approx((-40.0, 40.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", range(4))
 def test_every_segment_lacks_both_bones(k: int) -> None:
     phantom = Phantom()

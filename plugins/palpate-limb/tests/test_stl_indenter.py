@@ -59,6 +59,7 @@ def near(shape, within):
     return points[np.abs(shape.distance(points)) < within]
 
 
+@pytest.mark.slow
 def test_a_sphere_of_triangles_is_a_sphere(files):
     sphere = Sphere(radius_mm=7.5)
     points = near(sphere, 0.5)
@@ -113,6 +114,7 @@ def test_a_file_of_no_use_is_refused_by_name(files, name, edge, message):
         tool(files, name, edge)
 
 
+@pytest.mark.slow
 def test_the_key_has_the_content_and_not_the_folder(files, tmp_path):
     here, there = tool(files, "plate"), tmp_path / "plate.stl"
     there.write_bytes((files / "plate.stl").read_bytes())
@@ -123,6 +125,7 @@ def test_the_key_has_the_content_and_not_the_folder(files, tmp_path):
     assert tool(tmp_path, "plate").fingerprint() != here.fingerprint()
 
 
+@pytest.mark.slow
 def test_a_sphere_from_a_file_presses_and_turns_like_the_sphere(files):
     limb = block("hex8", n_across=6, n_down=2, width_mm=24.0, height_mm=12.0)
 
@@ -176,6 +179,7 @@ def test_a_run_is_shown_where_the_file_of_its_tool_is_not(files):
     assert edge_of_contact(limb, lost, contact) is None
 
 
+@pytest.mark.slow
 def test_a_file_that_is_edited_during_a_run_gives_no_result_under_the_old_key(files, tmp_path):
     (tmp_path / "plate.stl").write_bytes((files / "plate.stl").read_bytes())
     parent = tool(tmp_path, "plate")

@@ -100,6 +100,7 @@ def test_a_bent_edge_lowers_the_quality_before_it_folds_the_element() -> None:
     assert after[0] < 0.5 * before[0]
 
 
+@pytest.mark.slow
 def test_the_level_below_the_skin_is_at_its_depth() -> None:
     surface = below()
     middle = surface.points_mm[np.abs(surface.points_mm @ segment().axis) < 15.0]
@@ -110,6 +111,7 @@ def test_the_level_below_the_skin_is_at_its_depth() -> None:
         below_skin(segment(), 20.0)
 
 
+@pytest.mark.slow
 def test_a_layered_mesh_is_on_its_surfaces_and_can_be_simulated() -> None:
     limb = layered()
     mesh = limb.mesh
@@ -153,6 +155,7 @@ def test_extruded_layers_fill_what_is_between_core_and_skin(depths: tuple[float,
     np.testing.assert_allclose(points[boundary["skin"], 2], 3.0)
 
 
+@pytest.mark.slow
 def test_a_layer_that_reaches_a_bone_is_meshed_with_it() -> None:
     deep = gap_of_bones(segment()) + 2.0
     mesh = mesh_segment(segment(), MeshPlan(size=SIZE, layers_mm={"fat": deep}, kind="tet4")).mesh
@@ -162,6 +165,7 @@ def test_a_layer_that_reaches_a_bone_is_meshed_with_it() -> None:
     assert volumes[1] == pytest.approx(core, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_sphere_rests_on_the_mesh() -> None:
     limb, rise = moved_to_contact(layered(), 7.5)
     assert abs(rise) < 0.1
@@ -310,6 +314,7 @@ def run(folder: Path, *more: str) -> int:
     return main(arguments)
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_mesh_a_note_and_a_picture(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -361,6 +366,7 @@ def test_layers_axis_and_radii_are_read_from_text() -> None:
             radii_mm(wrong)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [

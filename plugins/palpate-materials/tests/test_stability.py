@@ -56,6 +56,7 @@ def test_bulk_modulus_plays_no_part_but_its_sign():
     assert not Drucker().stable(YEOH, thetas * [1, 1, 1, -1]).any()
 
 
+@pytest.mark.slow
 def test_counts_for_the_papers_ranges():
     """Of 250 sets the paper kept 140; no usual choice of modes comes that low on average."""
     counts = {"textbook": [], "febio4": [], "uniaxial": []}
@@ -72,6 +73,7 @@ def test_counts_for_the_papers_ranges():
     assert mean["uniaxial"] == pytest.approx(153, abs=6)
 
 
+@pytest.mark.slow
 def test_positive_energies_are_always_stable():
     rng = np.random.default_rng(0)
     for material in (Ogden(), NeoHookean(), MooneyRivlin()):
@@ -106,6 +108,7 @@ class Fibre(AnisotropicMaterial):
         return ground + theta[1] / 2 * (C[0, 0] - 1) ** 2
 
 
+@pytest.mark.slow
 def test_anisotropic_materials_are_checked_along_all_axes():
     drucker = Drucker(
         DruckerSettings(modes=("uniaxial",), least_stretch=0.5, largest_stretch=1.5, n_stretches=3)

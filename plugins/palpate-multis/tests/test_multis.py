@@ -25,7 +25,7 @@ from palpate_multis import (
 )
 from palpate_multis.emulator import LOWER, UPPER, WIDTHS_MM, emulator, simulated
 
-FEW = settings(max_examples=4, deadline=None)
+FEW = settings(max_examples=4)
 thicknesses = st.tuples(*(st.floats(low, high) for low, high in zip(LOWER[:3], UPPER[:3], strict=True)))
 
 
@@ -39,6 +39,7 @@ def population() -> Population:
     return fit(presses())
 
 
+@pytest.mark.slow
 @FEW
 @given(thicknesses, st.floats(1.1, 3.0))
 def test_stiffer_layers_and_a_wider_probe_need_more_force(layers: tuple[float, ...], factor: float) -> None:
@@ -67,6 +68,7 @@ def test_the_emulator_reproduces_its_runs_and_those_left_out() -> None:
     assert compliance[0] == pytest.approx(press.compliance, rel=0.03)
 
 
+@pytest.mark.slow
 def test_runs_of_the_embedded_solver_with_finite_strain_agree() -> None:
     """Neo-Hookean, a rounded box with contact, 10 % of the thickness deep: every fourth of 55 runs."""
     with (files("palpate_multis") / "data" / "runs_jax.csv").open("rb") as stream:
@@ -81,6 +83,7 @@ def test_runs_of_the_embedded_solver_with_finite_strain_agree() -> None:
     assert np.std(logs) < 0.09
 
 
+@pytest.mark.slow
 def test_people_left_out_are_predicted() -> None:
     folds = [np.arange(k, presses().n_people, 5) for k in range(5)]
     predicted = left_out(presses(), folds)
@@ -89,6 +92,7 @@ def test_people_left_out_are_predicted() -> None:
     assert 0.92 < np.mean((presses().compliance > lower) & (presses().compliance < upper)) < 0.98
 
 
+@pytest.mark.slow
 def test_people_left_out_are_predicted_better_where_the_site_is_known() -> None:
     folds = [np.arange(k, presses().n_people, 5) for k in range(5)]
     predicted = left_out(presses(), folds, by_site=True)
@@ -169,6 +173,7 @@ def test_the_command_fits_other_presses(tmp_path: Path, capsys: pytest.CaptureFi
     assert stiffer == pytest.approx(first / 1.2, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_command_takes_sites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     new, own = tmp_path / "new.csv", tmp_path / "own.csv"
     head, row = "max_force_N,area_mm2,skin_mm,fat_mm,muscle_mm", "7,675,1.4,6,30"
@@ -192,6 +197,7 @@ def _measured() -> pl.DataFrame:
         return pl.read_csv(stream)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("table", "words"),
     [

@@ -31,6 +31,7 @@ def test_the_ready_study_is_the_one_that_is_written_of_multis(tmp_path: Path) ->
         np.testing.assert_array_equal(written.cells[0].data, ready.cells[0].data)
 
 
+@pytest.mark.slow
 def test_spots_have_the_slopes_and_layers_of_the_table() -> None:
     plugins = Plugins.load()
     study = read_study(Path(plugins.studies["multis"].directory), plugins)

@@ -63,6 +63,7 @@ def figures(monkeypatch):
     return kept
 
 
+@pytest.mark.slow
 def test_five_pictures_are_written_and_nobodys_style_changes(processed, tmp_path):
     before = dict(rcParams)
     files = (draw_recording(processed.raw, tmp_path), *draw_processed(processed, tmp_path))

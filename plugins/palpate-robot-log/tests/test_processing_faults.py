@@ -146,6 +146,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETTINGS)
 def test_settings_that_do_not_fit_the_log_are_named(name):
     steps, message = SETTINGS[name]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.mesh.spot_frame import spot_axes
@@ -38,6 +38,7 @@ def same_curves(one, other, share):
         assert again.ordinate == pytest.approx(curve.ordinate, abs=share * np.abs(curve.ordinate).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_base_frame_does_not_matter(seed):
     random = np.random.default_rng(seed)
@@ -65,6 +66,7 @@ def test_signs_of_quaternions_do_not_matter():
     same_curves(logs.processed("p4"), process(flipped, logs.settings()), 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag_s", [-0.06, 0.04, 0.12])
 def test_a_lag_between_wrench_and_pose_is_found_and_taken_out(lag_s):
     # The wrench comes late by as much as it is read too early.
@@ -92,7 +94,6 @@ def poses(n_rows, seed):
     )
 
 
-@settings(max_examples=20, deadline=None)
 @given(seeds, st.floats(0.5, 20.0), st.lists(st.floats(-80.0, 80.0), min_size=3, max_size=3))
 def test_weight_and_centre_are_fitted_from_poses_in_free_air(seed, weight, centre):
     down, bias = -UP, np.array([0.7, -0.4, 0.2])
@@ -151,7 +152,6 @@ def test_a_log_with_poses_in_free_air_identifies_its_tool():
     same_curves(logs.processed("p4"), processed, 5e-3)
 
 
-@settings(max_examples=20, deadline=None)
 @given(seeds)
 def test_drift_and_bias_are_found_to_their_standard_deviations(seed):
     random, bare = np.random.default_rng(seed), poses(2000, seed)
@@ -177,7 +177,6 @@ def test_drift_and_bias_are_found_to_their_standard_deviations(seed):
     assert tared(still, bias).force_N.mean(axis=0) == pytest.approx(0.0, abs=0.02)
 
 
-@settings(max_examples=30, deadline=None)
 @given(seeds)
 def test_a_moment_is_moved_by_lever_and_force_and_keeps_its_part_along_the_force(seed):
     random, bare = np.random.default_rng(seed), poses(20, seed)
@@ -195,7 +194,6 @@ def test_a_moment_is_moved_by_lever_and_force_and_keeps_its_part_along_the_force
     assert there.moment_Nmm @ axes == pytest.approx(moment + np.cross(sensor - spot, force))
 
 
-@settings(max_examples=30, deadline=None)
 @given(seeds, st.floats(10.0, 400.0))
 def test_a_rotation_about_an_axis_is_read_for_any_signs_and_tilt(seed, reach):
     random = np.random.default_rng(seed)
@@ -219,6 +217,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["savgol", "spline"])
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("noise_share", [0.0, 0.003, 0.02])
@@ -237,6 +236,7 @@ def test_smoothing_keeps_peaks(method, shape, noise_share):
     assert np.all(np.abs(mean - true) < 0.005 * peak + spread)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["savgol", "spline"])
 def test_the_standard_deviation_of_smoothed_values_is_that_of_repeats(method):
     time = np.linspace(0.0, 1.0, 1000)
@@ -258,6 +258,7 @@ def test_thinning_averages_rows_and_loses_nothing_of_the_figures():
     same_curves(logs.processed("p1"), few, 0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "steps",
     [

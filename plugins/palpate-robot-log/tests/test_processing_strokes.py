@@ -38,6 +38,7 @@ def path(marks, values, profile):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise_deg", [1e-4, 0.01])
 @pytest.mark.parametrize("dwell_s", [0.3, 1.0])
 @pytest.mark.parametrize("profile", PROFILES)

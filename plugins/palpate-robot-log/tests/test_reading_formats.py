@@ -87,6 +87,7 @@ def assert_is_press(recording: Recording, table: write.Table) -> None:
     np.testing.assert_allclose(recording.quaternion, q, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "writer", "channels"), FORMATS.values(), ids=FORMATS.keys())
 def test_every_format_gives_the_same_recording(
     tmp_path: Path, name: str, writer: Writer, channels: ChannelMap

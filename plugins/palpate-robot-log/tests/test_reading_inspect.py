@@ -37,6 +37,7 @@ def read_as_proposed(path: Path, found: Inspection) -> int:
     return read_recording(path, channels, text).recording.n_rows
 
 
+@pytest.mark.slow
 def test_a_table_with_units_is_understood_whole(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     write.write_text(path, write.press(), ";", ",", head="made by hand\n")
@@ -185,6 +186,7 @@ def test_nothing_is_proposed_out_of_nothing() -> None:
     assert proposed({"a": np.zeros(9), "b": np.ones(9)}) == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("header", "settings"),
     [
@@ -227,6 +229,7 @@ def test_a_log_with_a_column_of_depth_stays_a_log(tmp_path: Path) -> None:
     assert 'loader = "robot_log"' in inspect_log(tmp_path / "log.csv").study_text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("header", "settings"),
     [

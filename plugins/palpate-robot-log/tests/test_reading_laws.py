@@ -45,7 +45,6 @@ def _columns(path: Path, wanted: list[str] | None = None) -> FloatArray:
 # ------------------------------------------------------------------------- text
 
 
-@settings(deadline=None, max_examples=60)
 @given(rows=tables, mark=marks, ending=st.sampled_from(["\n", "\r\n"]))
 def test_what_is_written_as_text_is_read_to_the_last_bit(
     tmp_path_factory: pytest.TempPathFactory, rows: list[list[float]], mark: tuple[str, str], ending: str
@@ -82,7 +81,6 @@ cells = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=300)
 @given(rows=st.lists(st.lists(cells, min_size=3, max_size=3), min_size=6, max_size=8))
 def test_the_fast_reader_never_differs_from_the_slow_one(
     tmp_path_factory: pytest.TempPathFactory, rows: list[list[str]]
@@ -139,7 +137,6 @@ def test_factors_are_those_of_pint(unit: str) -> None:
 turns = st.integers(0, 2**32 - 1).map(lambda seed: Rotation.random(9, rng=np.random.default_rng(seed)))
 
 
-@settings(deadline=None, max_examples=40)
 @given(turn=turns, sequence=st.sampled_from(["xyz", "zyx", "XYZ", "ZYX", "ZYZ"]))
 def test_every_form_of_a_turn_gives_the_same_quaternion(turn: Rotation, sequence: str) -> None:
     q = turn.as_quat()
@@ -193,6 +190,7 @@ def _mutate(content: bytes, rng: np.random.Generator) -> bytes:
     return bytes(data)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("kind", SEEDS)
 def test_damaged_bytes_give_a_log_or_a_curve_error(tmp_path: Path, kind: str) -> None:
@@ -235,7 +233,7 @@ def _check_well_formed(log: RawLog) -> None:
     propose(log)  # no numbers raise an error
 
 
-@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(max_size=400), ending=st.sampled_from([".csv", ".mat", ".bag", ".npz", ".db3", ""]))
 def test_any_bytes_are_a_log_or_a_curve_error(tmp_path: Path, content: bytes, ending: str) -> None:
     path = tmp_path / f"any{ending}"

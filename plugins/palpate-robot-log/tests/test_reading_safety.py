@@ -90,6 +90,7 @@ def test_the_metadata_of_a_bag_cannot_name_files_elsewhere(tmp_path: Path) -> No
 # ------------------------------------------------------------------------- bombs
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are kept on Linux")
 def test_archives_that_unpack_to_more_than_the_memory_are_an_error(tmp_path: Path) -> None:
     write.npz_bomb(tmp_path / "log.npz", 1 << 30)

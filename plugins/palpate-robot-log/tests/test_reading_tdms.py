@@ -48,7 +48,7 @@ def test_a_press_comes_back_as_from_other_formats(tmp_path: Path) -> None:
 
 
 @needs_nptdms
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.dictionaries(
         st.text("abcxyz '/_", min_size=1, max_size=6),
@@ -92,7 +92,7 @@ def test_time_stamps_are_seconds_since_the_first(tmp_path: Path) -> None:
 
 @needs_nptdms
 @given(st.floats(0.0, 100.0), st.integers(0, 10**6))
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_streams_of_one_file_have_one_clock(tmp_path: Path, lag: float, later_us: int) -> None:
     """Of time stamps and of waveforms that start at a time, whichever comes first."""
     path, start = tmp_path / "log.tdms", np.datetime64("2018-06-01T10:00:00", "us")

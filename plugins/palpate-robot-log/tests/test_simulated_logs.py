@@ -28,6 +28,7 @@ def along_branches(curve: Curve, abscissa):
     return np.concatenate(parts)
 
 
+@pytest.mark.slow
 def test_force_agrees_with_the_simulated_one(spot):
     clean, curve = logs.truth(spot).clean, logs.processed(spot).force
     press = slice(0, int(np.argmax(clean["depth_mm"])) + 1)

@@ -106,6 +106,7 @@ def test_the_study_is_marked_as_simulated_and_is_small():
     np.testing.assert_allclose(log["tz_Nm"], moment[::2], rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_sphere_may_touch_every_mesh_at_its_spot():
     for limb in load_limbs(study()).values():
         points = limb.mesh.points_mm
@@ -133,6 +134,7 @@ def pressed_again(path: Path, factor: float) -> None:
     log.with_columns((pl.col(c) - bias[c][0]) * factor + bias[c][0] for c in wrench).write_parquet(path)
 
 
+@pytest.mark.slow
 def test_what_inspection_proposes_reads_two_presses_and_draws_them(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "one.parquet").write_bytes((folder() / "logs" / "simulated_p1.parquet").read_bytes())

@@ -25,6 +25,7 @@ from palpate_validation.comparison_twist import TWIST_DEG, twist_rows
 MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
 
 
+@pytest.mark.slow
 def test_the_embedded_solver_agrees_with_febios_curves(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))

@@ -104,6 +104,7 @@ def elastic(self, job, limb):
     return Simulation(job=job, status=Status.OK, response=states.observed(job.channels))
 
 
+@pytest.mark.slow
 def test_with_febio_every_form_is_run_and_without_it_is_missed(call, fake_febio, monkeypatch, tmp_path):
     monkeypatch.setattr("palpate_validation.friction_command.DEMO", ("no such study", ""))
     monkeypatch.setattr("palpate_jax.solver.JaxSolver.simulate", elastic)

@@ -36,6 +36,7 @@ def results(study, executor, n_sets=8, limit_s=4.0):
     return to_do, {o.index: o for o in found}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["Faulty", "Batch"])
 def test_failures_stay_with_their_job(make_study, solver):
     to_do, found = results(make_study(solver), Processes())

@@ -249,6 +249,7 @@ def has_ended(pid):
         return True
 
 
+@pytest.mark.slow
 def test_every_job_has_one_result_whatever_its_worker_does(hard, tmp_path):
     found = {o.index: o for o in Processes().results(batch_for(hard, 6, time_s=5.0))}
     assert sorted(found) == list(range(6))
@@ -275,6 +276,7 @@ def test_a_process_that_leaves_the_group_blocks_nothing(hard, tmp_path, monkeypa
         os.kill(int(pid), signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_no_job(hard, tmp_path):
     batch = batch_for(hard, 40)
     found, hit = [], {}
@@ -300,6 +302,7 @@ if len(starts.read_text()) <= {n_killed}:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n_killed", "name"), [(2, "SIGKILL"), (100, "SIGSEGV")])
 def test_a_worker_that_dies_while_it_starts_is_replaced_a_few_times(make_study, tmp_path, n_killed, name):
     path = tmp_path / "starts.py"

@@ -105,6 +105,7 @@ def test_one_worker_serves_many_batches_and_is_sent_a_limb_once(batch, monkeypat
     assert has_ended(*processes)
 
 
+@pytest.mark.slow
 def test_what_a_worker_was_not_started_for_gets_other_workers(batch, tissue):
     executor = Processes()
     _, first = sizes_and_processes(executor, batch(["p1"], {}))

@@ -179,6 +179,7 @@ ALL_TRUE = {
 RATIO = Parameter(name="e_ratio", unit="1", lower=0.1, upper=2.0, kind="shape", description="of a test")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", [ExactPress, Press])
 @pytest.mark.parametrize("tied", [None, Tie(source="skin.e", factor=0.6), Tie(source="skin.e", factor=RATIO)])
 def test_the_jacobian_is_that_of_the_residuals(state, solver, tied):

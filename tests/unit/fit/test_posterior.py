@@ -34,6 +34,7 @@ def everywhere(points):
     return np.ones(len(points), dtype=bool)
 
 
+@pytest.mark.slow
 def test_draws_of_a_normal_density_have_its_mean_and_covariance():
     pytest.importorskip("emcee")
     start = np.random.default_rng(1).uniform(0.4, 0.6, (50, 2))
@@ -114,6 +115,7 @@ def sampled(pressed, stage_of):
     return study, PosteriorStage(study=study, design=stage.design, swept=()).run(cases, assessed)
 
 
+@pytest.mark.slow
 def test_the_posterior_is_that_of_a_grid_of_real_simulations(sampled):
     _, found = sampled
     main = found.posteriors[0]
@@ -134,6 +136,7 @@ def test_the_posterior_is_that_of_a_grid_of_real_simulations(sampled):
     assert box.names == ("tissue.c1", "tissue.m1")
 
 
+@pytest.mark.slow
 def test_what_is_printed_was_solved_again(sampled):
     study, found = sampled
     tables = posterior_result(found, study.seed)

@@ -138,6 +138,7 @@ def test_both_layers_are_found_where_one_spot_lacks_one(run, first):
     assert "no curve" not in joint["message"]
 
 
+@pytest.mark.slow
 def test_each_spot_has_a_value_of_its_own_after_a_sweep_of_one_column(run):
     result = run({"p1": (0.2, 0.3), "p2": (0.8, 0.0)}, space(by_spot=True), n_sets=6)
     assert [p.name for p in result.design.parameters] == ["skin.e", "fat.e"]
@@ -145,6 +146,7 @@ def test_each_spot_has_a_value_of_its_own_after_a_sweep_of_one_column(run):
     assert row(result, "all spots", "p2")["skin.e"] == pytest.approx(0.8, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_what_is_tied_follows_in_sweep_and_fit(run):
     result = run({"p1": (0.5, 0.3), "p2": (0.5, 0.0)}, space(tied=Tie(source="skin.e", factor=0.6)), n_sets=4)
     assert result.design.values.shape == (4, 1)
@@ -156,6 +158,7 @@ def test_what_is_tied_follows_in_sweep_and_fit(run):
         np.testing.assert_allclose(table["fat.e"], 0.6 * table["skin.e"])
 
 
+@pytest.mark.slow
 def test_three_layers_of_which_two_are_tied(run):
     ties = {"tied": Tie(source="skin.e", factor=0.6), "muscle": Tie(source="fat.e", factor=0.5)}
     result = run({"p1": (0.5, 0.3, 0.15), "p2": (0.5, 0.0, 0.15)}, space(**ties))
@@ -164,6 +167,7 @@ def test_three_layers_of_which_two_are_tied(run):
         assert found == pytest.approx([0.5, 0.3, 0.15], rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_spot", [False, True])
 def test_a_ratio_is_found(run, by_spot):
     ratio = Parameter(
@@ -185,6 +189,7 @@ def test_a_ratio_is_found(run, by_spot):
     assert ("initial shear modulus of fat " in lead) is not by_spot
 
 
+@pytest.mark.slow
 def test_a_gain_is_found_and_a_prior_counts(run):
     searched = {"gains": {"torque": {"lower": 0.5, "upper": 2.0, "by": "all"}}}
     truth = {"p1": (0.5, 0.3), "p2": (0.5, 0.0)}
@@ -218,6 +223,7 @@ SEARCHED = {
 }
 
 
+@pytest.mark.slow
 def test_contours_simulate_nothing_and_know_the_sets_of_the_sweep(run, asked, monkeypatch):
     made = []
 
@@ -254,6 +260,7 @@ def test_a_set_that_a_fit_would_simulate_otherwise_is_left_out(run, monkeypatch)
     assert made == [None]
 
 
+@pytest.mark.slow
 def test_the_posterior_asks_for_no_set_of_the_sweep_again(run, asked, plugins, monkeypatch):
     pytest.importorskip("emcee")
 

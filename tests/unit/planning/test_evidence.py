@@ -48,7 +48,7 @@ def _evidence(press, site, is_gls):
     )
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000), same=st.booleans())
 def test_rows_that_are_added_are_those_of_direct_inverse(seed, same):
     rng = np.random.default_rng(seed)
@@ -98,7 +98,6 @@ def _of_joint_fit(presses, sites, is_gls):
     return laplace(np.full(3, 0.5), np.zeros(len(slopes)), slopes, causes, is_gls=is_gls).covariance
 
 
-@settings(max_examples=20, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     same=st.booleans(),

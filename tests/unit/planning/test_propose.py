@@ -143,6 +143,7 @@ def test_tool_that_is_pressed_by_force_is_refused_before_anything_is_simulated(r
         _proposed(run, tool=replace(tool, protocol=by_force))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
 def test_picture_has_every_spot_with_its_best_candidates(run, tmp_path):
     found = _proposed(run)
@@ -165,6 +166,7 @@ def test_goal_and_tool_go_together(tool, options, message):
         PlanOptions(**({**options, "tool": tool} if "tool" in options else options))
 
 
+@pytest.mark.slow
 def test_limits_refuse_what_presses_too_hard(run):
     free = _proposed(run)
     peaks = {each.press.press.name: each.press.peaks["force"] for each in free.steps[0].ranked}

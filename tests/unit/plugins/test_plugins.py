@@ -391,6 +391,7 @@ def test_a_file_is_imported_once_for_its_content(write: Write) -> None:
     assert load(path).samplers["grid"] is not first
 
 
+@pytest.mark.slow
 def test_another_process_unpickles_what_the_file_defines(write: Write) -> None:
     path = write("grid", SAMPLER.format(name="grid"))
     pickled = pickle.dumps(load(path).samplers["grid"]())

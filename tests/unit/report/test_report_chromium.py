@@ -18,7 +18,10 @@ from .chromium import COMMAND, Chromium
 from .dimple import dimple
 from .hostile import ATTACK, NAMES, renamed
 
-pytestmark = pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed"),
+]
 
 
 @pytest.fixture(scope="module")

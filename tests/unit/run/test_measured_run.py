@@ -81,6 +81,7 @@ def test_later_stages_keep_what_the_first_has_reported(make_study, plugins, tmp_
     assert found.record == reported["p1"]
 
 
+@pytest.mark.slow
 def test_pictures_of_every_file_and_of_the_mean(make_study, plugins, tmp_path, telling):
     study, out = pressed_thrice(make_study(loader=telling())), tmp_path / "run"
     plots = out / "measured" / "plots"
@@ -130,6 +131,7 @@ def test_plots_need_a_folder(make_study, plugins, tmp_path):
         pipeline.measure(make_study(), tmp_path / "run", plugins, plots=True)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
 def test_one_study_of_two_indenters_and_three_presses_runs_to_its_end(make_study, plugins, tmp_path):
     study = pressed_thrice(make_study(search=LeastSquares()))

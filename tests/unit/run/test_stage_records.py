@@ -46,6 +46,7 @@ def cut(content):
     return content[: len(content) // 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [flipped, cut])
 def test_a_damaged_file_names_the_stage_that_makes_it_again(done, plugins, damage):
     study, run = done
@@ -65,6 +66,7 @@ def test_a_damaged_file_names_the_stage_that_makes_it_again(done, plugins, damag
     pipeline.run_study(study, run, plugins)
 
 
+@pytest.mark.slow
 def test_a_file_of_another_run_is_refused(done, plugins, tmp_path):
     study, run = done
     pipeline.run_study(replace(study, seed=2), tmp_path / "other", plugins)
@@ -81,6 +83,7 @@ def test_a_file_of_another_run_is_refused(done, plugins, tmp_path):
         pipeline.report(study, run, plugins)
 
 
+@pytest.mark.slow
 def test_a_fit_that_is_put_in_place_is_not_reported(make_study, plugins, tmp_path, done):
     plain = make_study(n_sets=4)
     pipeline.run_study(plain, tmp_path / "plain", plugins)
@@ -120,6 +123,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.slow
 def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugins):
     study, run = done
     manifest = (run / "manifest.json").read_bytes()
@@ -185,6 +189,7 @@ def test_simulations_that_came_later_make_the_scores_stale(make_study, plugins, 
             getattr(pipeline, verb)(study, run, plugins)
 
 
+@pytest.mark.slow
 def test_corrupt_records_require_every_stage_again(done, plugins):
     study, run = done
     for content in (b"", b"{", b"[]", b'{"design": 3}', b'{"design": {"files": []}}', b"\xff"):
@@ -194,6 +199,7 @@ def test_corrupt_records_require_every_stage_again(done, plugins):
     pipeline.run_study(study, run, plugins)
 
 
+@pytest.mark.slow
 def test_random_damage_of_any_table_is_never_read_as_other_numbers(done, plugins):
     study, run = done
     rng = np.random.default_rng(0)

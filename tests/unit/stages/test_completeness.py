@@ -39,6 +39,7 @@ def partial(make_study, plugins, tmp_path, monkeypatch):
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n_done", "missing"), [(20, "p2: 8 of 12"), (12, "p2: 0 of 12"), (5, "p1: 5 of 12")]
 )

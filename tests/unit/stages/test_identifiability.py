@@ -105,6 +105,7 @@ def test_a_joint_fit_is_the_centre_for_all_spots(identified):
     assert rows["fopt_threshold"].to_list() == pytest.approx([0.6, 0.6])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("coarse", "moved"), [(21.0, 3.0), (15.0, 5.0)])
 @pytest.mark.parametrize("known_of", [{}, {"fit": "all spots"}, {"fit": "p2", "scenario": "II"}])
 def test_no_interval_is_narrower_than_finer_meshes_moved_the_value(identified, coarse, moved, known_of):

@@ -102,6 +102,7 @@ def test_the_squares_of_a_term_sum_to_fopt(make_study, plugins, scenario):
         assert residuals @ residuals == pytest.approx(fopt, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_run_with_phases_is_fitted_and_reported(make_study, plugins, tmp_path, one_figure):
     scenarios = (WHOLE, MIXED, BACK, OUT)
     study = make_study(n_sets=12, search=LeastSquares(), scenarios=scenarios)

@@ -20,6 +20,7 @@ def study(make_study):
     return make_study("Faulty", n_sets=8, n_workers=2, time_limit_s=1.5)
 
 
+@pytest.mark.slow
 def test_frames_of_a_sweep_with_failures(study, plugins):
     measured, design = palpate.measure(study, plugins), palpate.sample(study)
     assert measured.columns == ["spot", "channel", "point", "abscissa", "ordinate"]

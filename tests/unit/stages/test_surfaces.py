@@ -92,6 +92,7 @@ def surfaces(study, folder):
     return StoredRun.by_files(study, RunDirectory(folder)).surfaces()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("search", [None, LeastSquares()])
 def test_the_skin_is_simulated_once_for_each_spot_and_read_back(skinned, plugins, tmp_path, search):
     made, simulated = skinned
@@ -149,6 +150,7 @@ def test_a_solver_without_skin_is_refused(make_study, plugins, tmp_path):
         pipeline.surface(study, run, plugins)
 
 
+@pytest.mark.slow
 def test_another_selection_has_no_skin_yet(skinned, plugins, tmp_path):
     made, _ = skinned
     study, run = made(), tmp_path / "run"

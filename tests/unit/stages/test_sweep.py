@@ -78,6 +78,7 @@ def test_a_key_of_another_study_is_not_computed_again(sweep, tissue, tmp_path):
     assert len(log.read_text().splitlines()) == 12
 
 
+@pytest.mark.slow
 def test_a_job_that_kills_its_worker_twice_is_not_tried_again(sweep, tmp_path, tissue):
     log = tmp_path / "log.txt"
     solver = tissue.Faulty(tissue.Faulty.Settings(log=str(log)))

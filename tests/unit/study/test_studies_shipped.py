@@ -114,6 +114,7 @@ def yeoh_columns(mode: str, t: np.ndarray) -> np.ndarray:
 # --------------------------------------------------------------------- forearm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FOREARM)
 def test_the_meshes_can_be_simulated(name: str) -> None:
     limbs = load_limbs(study(name))
@@ -142,6 +143,7 @@ def volume(points: np.ndarray, cells: np.ndarray) -> float:
     return total
 
 
+@pytest.mark.slow
 def test_the_demo_meshes_are_the_same_limbs() -> None:
     """Volume within 2 %, nearest bone within 1 mm of the finer meshes."""
     demo, full = load_limbs(study("forearm-demo")), load_limbs(study("forearm"))
@@ -230,6 +232,7 @@ def test_the_layered_study_warns_of_an_inverse_crime() -> None:
 # ------------------------------------------------------------- what texts claim
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FOREARM)
 def test_the_readme_gives_the_right_sizes(name: str) -> None:
     limbs = load_limbs(study(name))

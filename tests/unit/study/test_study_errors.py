@@ -455,6 +455,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("old", "new", "place", "key", "remedy"), CASES.values(), ids=CASES)
 def test_a_mistake_is_reported_with_line_key_and_remedy(
     tmp_path: Path, plugins: Plugins, old: str, new: str, place: str, key: str, remedy: str

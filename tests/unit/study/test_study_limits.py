@@ -75,6 +75,7 @@ BOMBS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("old", "new", "message"), BOMBS.values(), ids=BOMBS)
 def test_a_limit_is_reported_at_once(
     tmp_path: Path, plugins: Plugins, old: str, new: str, message: str

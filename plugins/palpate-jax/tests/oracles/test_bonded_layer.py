@@ -71,6 +71,7 @@ def torque_error(simulated, with_disc):
     return of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "nu"), sorted(FORCE))
 def test_force_is_the_layers(force_error, ratio, nu):
     """Measured +1.3 and +0.6 % (a/h = 0.4, ν = 0.45 and 0.5), +0.9 and −0.04 % (a/h = 0.8)."""

@@ -34,11 +34,13 @@ def pressed():
     return of
 
 
+@pytest.mark.slow
 def test_a_finer_mesh_gives_the_same_force(pressed):
     (coarse, _), (fine, _) = pressed(8, "0 deg"), pressed(16, "0 deg")
     assert coarse[2] == pytest.approx(fine[2], rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_turned_box_on_a_square_block_presses_alike_and_does_not_tilt(pressed):
     (straight, _), (turned, moment) = pressed(8, "0 deg"), pressed(8, "90 deg")
     assert turned[2] == pytest.approx(straight[2], rel=1e-4)

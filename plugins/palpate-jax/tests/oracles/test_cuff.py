@@ -55,6 +55,7 @@ def along():
     return of
 
 
+@pytest.mark.slow
 def test_a_rigid_arc_presses_like_a_foundation_and_nearly_like_a_band(along, observed_order):
     """Measured −3.0 and −0.2 % on meshes of 8 and 12 cells; the ratio of the mean pressures to 0.03 %."""
     inner = RADIUS - THICK

@@ -92,6 +92,7 @@ ALL_THE_WAY = (0.6, *PRESS_AND_END_OF_TWIST, 4.0)
 """Rows to compare at: half way down, at the bottom, and at both ends of the twist."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "rows", "mean_dilatation"),
     [
@@ -107,6 +108,7 @@ def test_bonded_block_pressed_and_twisted(case, rows, mean_dilatation):
     assert errors["torque"] < 1e-3
 
 
+@pytest.mark.slow
 def test_bonded_forearm_of_tet10_pressed_and_twisted():
     """Straight to the end of the twist: elastic, so the way there does not matter."""
     errors = compared("bonded_arm_tet10", (2.0,), mean_dilatation=False)
@@ -123,6 +125,7 @@ def test_block_pressed_without_friction(case, mean_dilatation):
     assert errors["force"] < 0.01
 
 
+@pytest.mark.slow
 def test_forearm_of_plain_tet4_pressed_deep():
     """10 mm, beyond the sphere's radius; the default penalty sinks in 0.1 mm, 1.4 % of the force here."""
     rows = (0.2, 0.4, 0.6, 0.8, 1.0)
@@ -130,6 +133,7 @@ def test_forearm_of_plain_tet4_pressed_deep():
     assert errors["force"] < 0.01
 
 
+@pytest.mark.slow
 def test_patches_take_the_locking_out_of_that_forearm():
     """What FEBio's linear tetrahedra lock at ν = 0.44 on this mesh shows as the excess of its force."""
     excess = -compared("frictionless_arm_tet4", (0.4, 1.0), mean_dilatation=True)["signed force"]

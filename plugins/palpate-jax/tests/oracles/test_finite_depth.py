@@ -70,6 +70,7 @@ def over_hertz(simulated, radius_mm):
     return lambda size: of(size) / small
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("size", "within"), [(0.1, 0.025), (0.4, 0.05)])
 def test_force_is_near_lins(over_hertz, radius_mm, size, within):
     """Measured −1.9 and −4.0 %, at depths of 0.01 and 0.16 radii.

@@ -53,6 +53,7 @@ def error(simulated, radius_mm):
     return of
 
 
+@pytest.mark.slow
 def test_force_is_sneddons_on_quadratic_tetrahedra(error):
     """Measured −0.3 % (ν = 0.4975; ν = 0.3 gives +0.2 %).
 
@@ -61,6 +62,7 @@ def test_force_is_sneddons_on_quadratic_tetrahedra(error):
     assert error("tet10", 0.4975, n_radius=2, n_core=2) == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_hexahedra_approach_sneddon(error, observed_order):
     """Measured +8.3, +3.2 and +1.85 %: order 1.4 both times."""
     errors = [error("hex8", 0.3, n_core=n, fine=1.1, **mesh) for n, mesh in HEX8.items()]

@@ -74,6 +74,7 @@ def half_width_error(found):
     return np.sqrt(np.mean((half_width / np.sqrt(4.0 * force * RADIUS / (np.pi * MODULUS)) - 1.0) ** 2))
 
 
+@pytest.mark.slow
 def test_half_width_pressure_and_compliance_are_hertzs(pressed, observed_order):
     """Measured: half-width 1.6 and 0.23 % (3 and 9 cells), pressure and compliance within 0.6 %."""
     coarse, fine = pressed(3), pressed(9)

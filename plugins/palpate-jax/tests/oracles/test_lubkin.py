@@ -92,6 +92,7 @@ def loop(simulated, radius_mm):
     return beta * a**2 / (FRICTION * force), moment / (FRICTION * force * a), rows["sticking"][2:]
 
 
+@pytest.mark.slow
 def test_partial_slip_is_lubkins(loop):
     """Measured +0.6, +1.3, +1.6, +1.1 and +0.1 % at the five c/a.
 
@@ -103,6 +104,7 @@ def test_partial_slip_is_lubkins(loop):
     np.testing.assert_allclose(y, [virgin(value) for value in x], rtol=0.03)
 
 
+@pytest.mark.slow
 def test_stick_shrinks_inwards(loop):
     assert (np.diff(loop[2][: len(STICK)]) < 0.0).all()
 

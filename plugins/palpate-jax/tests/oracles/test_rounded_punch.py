@@ -39,6 +39,7 @@ def force_error(n_radius):
     return step.answer.force_N[2] / (4.0 / (1.0 - NU) * DEPTH * KAPPA) - 1.0
 
 
+@pytest.mark.slow
 def test_a_rounded_punch_presses_a_layer_like_a_flat_one(observed_order):
     errors = [force_error(n) for n in (8, 12)]
     order = observed_order("rounded punch on a layer", errors, (8, 12))

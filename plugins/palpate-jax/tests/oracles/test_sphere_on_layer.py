@@ -19,6 +19,7 @@ EDGE = {0.4172: 1.1, 0.7479: 1.25}
 MESHES = ({"n_radius": 4, "n_core": 4, "growth": 1.5}, {"n_radius": 6, "n_core": 6, "growth": 1.31})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chi", sorted(RATIO))
 def test_force_is_the_layers(simulated, radius_mm, chi):
     """Measured +0.2, −0.2 and −0.5 %, from +2.7, +2.0 and +3.9 % on the coarse mesh.
