@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -104,6 +105,38 @@ SCENARIOS = (
     Scenario(name="III", weights={"force": 1.0}),
 )
 PATH = [(0.0, 0.0), (10.0, 0.0), (10.0, -22.5), (10.0, 22.5), (10.0, 0.0)]
+
+
+LIMIT_S = 300.0
+"""Most that a test waits for an event; only a failure takes so long."""
+
+
+def wait_until(reached: Callable[[], Any], still: Callable[[], bool] = lambda: True) -> Any:
+    """First value of ``reached`` that is not false; ``still`` is what must hold meanwhile."""
+    deadline = time.monotonic() + LIMIT_S
+    while not (value := reached()):
+        assert still(), "cannot be reached any more"
+        assert time.monotonic() < deadline, f"not reached within {LIMIT_S:g} s"
+        time.sleep(0.02)
+    return value
+
+
+def process_has_ended(pid: int) -> bool:
+    """True if no process has this id, or only what is left of one until its parent asks for it."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "ZX"
+    except OSError:
+        return True
+
+
+@pytest.fixture(scope="session")
+def until() -> Callable[..., Any]:
+    return wait_until
+
+
+@pytest.fixture(scope="session")
+def has_ended() -> Callable[[int], bool]:
+    return process_has_ended
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ import contextlib
 import math
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,6 +27,11 @@ T = TypeVar("T")
 
 TAIL_CHARACTERS = 32_000
 POLL_S = 0.05
+
+_IS_POSIX = os.name == "posix"
+
+GATE = ("/bin/sh", "-c", 'read -r _ && exec "$@" </dev/null', "sh")
+"""Becomes a program once a line comes in; ends where none can come any more."""
 
 GUARD = ("/bin/sh", "-c", 'read -r _; kill -9 -"$0"; [ -z "$1" ] || /bin/rm -rf -- "$1"')
 """Waits for the end of its input, which this process holds open, then kills a group and removes a folder."""
@@ -115,6 +121,7 @@ def run_program(
             _started(command, working_directory or folder, environment, limits, printed) as process,
             _guarded(process.pid, folder if is_scratch else None),
         ):
+            _let_in(process)
             stopped = _watched(process, folder, limits, printed)
             if stopped:
                 end_group(process, limits.grace_s)
@@ -185,26 +192,27 @@ def _started(
     limits: Limits,
     printed: IO[bytes],
 ) -> Iterator[subprocess.Popen[bytes]]:
+    variables = {**os.environ, **(environment or {})}
     try:
         process = subprocess.Popen(
-            list(command),
+            [*(GATE if _IS_POSIX else ()), _located(command[0], folder, variables), *command[1:]],
             cwd=folder,
-            env={**os.environ, **(environment or {})},
-            stdin=subprocess.DEVNULL,
+            env=variables,
+            stdin=subprocess.PIPE if _IS_POSIX else subprocess.DEVNULL,
             stdout=printed,
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
     except OSError as error:
-        raise PluginError(
-            f"{command[0]}: cannot be started ({error.strerror}); check the setting executable"
-        ) from None
+        raise PluginError(f"{command[0]}: cannot be started ({error.strerror}); check its path") from None
     try:
         _limit_memory(process.pid, limits.memory_mb)
         yield process
     finally:
         # Processes that it started would keep running.
         end_group(process, limits.grace_s if process.poll() is None else 0.0)
+        if process.stdin is not None:
+            process.stdin.close()
 
 
 def _limit_memory(pid: int, memory_mb: float) -> None:
@@ -216,10 +224,26 @@ def _limit_memory(pid: int, memory_mb: float) -> None:
             resource.prlimit(pid, resource.RLIMIT_AS, (n_bytes, n_bytes))
 
 
+def _located(program: str, folder: Path, variables: Mapping[str, str]) -> str:
+    """Path of a program that is relative to a folder, or on the search path of its variables."""
+    name = str(folder.absolute() / program) if os.path.dirname(program) else program
+    found = shutil.which(name, path=variables.get("PATH"))
+    if found is None:
+        raise PluginError(f"{program}: cannot be started (no such program); check its path")
+    return found
+
+
+def _let_in(process: "subprocess.Popen[bytes]") -> None:
+    """Let a program start: its guard knows its group now."""
+    if process.stdin is not None:
+        with contextlib.suppress(BrokenPipeError), process.stdin as gate:  # it may have been killed
+            gate.write(b"\n")
+
+
 @contextmanager
 def _guarded(group: int, scratch: Path | None) -> Iterator[None]:
     """Have a shell, in a group of its own, kill a process group if this process is killed."""
-    if os.name != "posix":
+    if not _IS_POSIX:
         yield
         return
     guard = subprocess.Popen(
@@ -240,7 +264,7 @@ def _guarded(group: int, scratch: Path | None) -> Iterator[None]:
 
 def end_group(process: "subprocess.Popen[bytes]", grace_s: float) -> None:
     """Ask a process group to end, and kill it where it does not."""
-    if os.name != "posix":
+    if not _IS_POSIX:
         process.kill()
         process.wait()
         return

@@ -12,21 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate import sandbox
 from palpate.domain import Curve
 from palpate.errors import CurveError, PluginError
 from palpate.sandbox import Limits, run_function, run_program
 
-LIMITS = Limits(time_s=30.0, stall_s=30.0, grace_s=0.5)
-
-
-def alive(pid: int) -> bool:
-    """Whether a process runs (a zombie does not)."""
-    try:
-        os.kill(pid, 0)
-        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    except (ProcessLookupError, FileNotFoundError):
-        return False
-    return state != "Z"
+LIMITS = Limits(time_s=300.0, stall_s=300.0, grace_s=0.5)
+HANGS = "import os, time\nwith open('pid', 'w') as file: print(os.getpid(), file=file)\ntime.sleep(600)"
 
 
 def python(tmp_path, code, limits=LIMITS):
@@ -57,13 +49,14 @@ def test_a_flood_is_drained_and_only_its_end_is_kept(tmp_path):
 
 
 def test_an_endless_flood_is_stopped(tmp_path):
-    limits = Limits(time_s=30.0, stall_s=30.0, grace_s=0.5, output_bytes=1_000_000)
+    limits = Limits(time_s=300.0, grace_s=0.5, output_bytes=1_000_000)
     ended = python(tmp_path, "while True: print('x' * 10000)", limits)
     assert "bytes written" in ended.stopped
 
 
 def test_a_time_limit_ends_it(tmp_path):
-    ended = python(tmp_path, "import time; time.sleep(60)", Limits(time_s=0.3, stall_s=9.0, grace_s=0.5))
+    limits = Limits(time_s=0.3, grace_s=600.0)
+    ended = run_program([sys.executable, "-S", "-c", "import time; time.sleep(600)"], tmp_path, limits)
     assert "time limit" in ended.stopped
     assert ended.exit_code == -15
 
@@ -71,73 +64,105 @@ def test_a_time_limit_ends_it(tmp_path):
 def test_a_program_that_ignores_the_request_is_killed(tmp_path):
     code = (
         "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
-        "print('x' * 10_000, flush=True); time.sleep(60)"
+        "print('x' * 10_000, flush=True); time.sleep(600)"
     )
-    ended = python(tmp_path, code, Limits(time_s=60.0, stall_s=60.0, grace_s=0.2, output_bytes=1000))
+    ended = python(tmp_path, code, Limits(time_s=600.0, grace_s=0.2, output_bytes=1000))
     assert ended.exit_code == -9
 
 
-def test_silence_is_no_progress_and_a_growing_file_is(tmp_path):
-    quiet = python(tmp_path, "import time; time.sleep(60)", Limits(time_s=30.0, stall_s=0.5, grace_s=0.5))
-    assert "nothing written for 0.5 s" in quiet.stopped
-    code = (
-        "import time\nwith open('log', 'w') as f:\n"
-        "    for k in range(12): f.write('x'); f.flush(); time.sleep(0.3)"
-    )
-    assert python(tmp_path, code, Limits(time_s=60.0, stall_s=3.0)).exit_code == 0
+class Program:
+    """Stands for a program that ends at the 12th look, and for the clock: looks are a second apart."""
+
+    def __init__(self, log, *, grows):
+        self.log, self.grows, self.now_s = log, grows, 0.0
+        log.touch()
+
+    def monotonic(self):
+        return self.now_s
+
+    def wait(self, timeout):
+        self.now_s += 1.0
+        if self.grows:
+            with self.log.open("a") as file:
+                file.write("x")
+        if self.now_s < 12.0:
+            raise subprocess.TimeoutExpired("program", timeout)
 
 
-def test_children_end_with_it(tmp_path):
+@pytest.mark.parametrize(
+    ("grows", "limits", "why"),
+    [
+        (True, Limits(time_s=60.0, stall_s=3.0), ""),
+        (False, Limits(time_s=60.0, stall_s=3.0), "stopped: nothing written for 3 s"),
+        (True, Limits(time_s=6.0, stall_s=3.0), "stopped after 6 s, its time limit"),
+    ],
+)
+def test_silence_is_no_progress_and_a_growing_file_is(tmp_path, monkeypatch, grows, limits, why):
+    program = Program(tmp_path / "log", grows=grows)
+    monkeypatch.setattr(sandbox, "time", program)
+    with tempfile.TemporaryFile() as printed:
+        assert sandbox._watched(program, tmp_path, limits, printed) == why
+
+
+def test_children_end_with_it(tmp_path, until, has_ended):
     code = "import os, time, sys\npid = os.fork()\nif pid == 0: time.sleep(600)\nprint(pid, flush=True)"
-    began = time.monotonic()
     ended = python(tmp_path, code)
     assert ended.exit_code == 0
-    while alive(int(ended.tail)) and time.monotonic() - began < 20.0:
-        time.sleep(0.01)
-    assert time.monotonic() - began < 20.0
+    until(lambda: has_ended(int(ended.tail)))
 
 
-def test_an_exception_here_ends_it_there(tmp_path, monkeypatch):
-    from palpate import sandbox
+def test_nothing_starts_whose_guard_does_not(tmp_path, monkeypatch):
+    def fails(*_):
+        raise KeyboardInterrupt
 
+    monkeypatch.setattr(sandbox, "_guarded", fails)
+    with pytest.raises(KeyboardInterrupt):
+        python(tmp_path, "open('ran', 'w')")
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_program_that_is_not_there_is_named(tmp_path):
+    for name in ("no-such-program", "./no-such-program"):
+        with pytest.raises(PluginError, match=rf"^{name}: cannot be started \(no such program\)"):
+            run_program([name], tmp_path, LIMITS)
+
+
+def written(path):
+    """Content of a file of one line, once the line is whole."""
+    text = path.read_text() if path.exists() else ""
+    return text if text.endswith("\n") else ""
+
+
+def test_an_exception_here_ends_it_there(tmp_path, monkeypatch, until, has_ended):
     def interrupted(*_):
-        while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
-            time.sleep(0.01)
+        until(lambda: written(tmp_path / "pid"))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(sandbox, "_watched", interrupted)
-    code = "import os, time; open('pid', 'w').write(str(os.getpid())); time.sleep(600)"
     with pytest.raises(KeyboardInterrupt):
-        python(tmp_path, code)
-    assert not alive(int((tmp_path / "pid").read_text()))
+        python(tmp_path, HANGS)
+    assert has_ended(int((tmp_path / "pid").read_text()))
 
 
 GUARDED = """
-import sys, time
+import sys
 from pathlib import Path
 from palpate.sandbox import Limits, run_program
-code = "import os, time; open('pid', 'w').write(str(os.getpid())); time.sleep(600)"
-run_program(
-    [sys.executable, "-c", code], Path(sys.argv[1]), Limits(time_s=600.0, stall_s=600.0), is_scratch=True
-)
+run_program([sys.executable, "-c", sys.argv[2]], Path(sys.argv[1]), Limits(time_s=600.0), is_scratch=True)
 """
 
 
-def test_a_runner_that_is_killed_leaves_neither_program_nor_folder(tmp_path):
+def test_a_runner_that_is_killed_leaves_neither_program_nor_folder(tmp_path, until, has_ended):
     folder = tmp_path / "it's scratch"
     folder.mkdir()
     runner = subprocess.Popen(
-        [sys.executable, "-c", GUARDED, str(folder)], env={**os.environ, "PYTHONPATH": ":".join(sys.path)}
+        [sys.executable, "-c", GUARDED, str(folder), HANGS],
+        env={**os.environ, "PYTHONPATH": ":".join(sys.path)},
     )
-    while not (folder / "pid").exists() or not (pid := (folder / "pid").read_text()):
-        time.sleep(0.02)
+    pid = int(until(lambda: written(folder / "pid")))
     runner.kill()
     runner.wait()
-    until = time.monotonic() + 120.0
-    while (alive(int(pid)) or folder.exists()) and time.monotonic() < until:
-        time.sleep(0.02)
-    assert not alive(int(pid))
-    assert not folder.exists()
+    until(lambda: has_ended(pid) and not folder.exists())
 
 
 # ------------------------------------------------------------------- functions
@@ -156,14 +181,14 @@ def test_a_function_returns_its_value_and_raises_its_errors():
 @pytest.mark.parametrize(
     ("function", "argument", "message"),
     [
-        (time.sleep, 60, "stopped after 1.5 s, its time limit"),
+        (time.sleep, 600, "stopped after 1.5 s, its time limit"),
         (signal.raise_signal, signal.SIGSEGV, "ended by signal 11"),
         (sys.exit, "broken", "exit code 1: broken"),
         (int, "x", "exit code 1: ValueError: invalid literal"),
     ],
 )
 def test_a_function_that_hangs_or_ends_its_process_is_an_error(function, argument, message):
-    limits = Limits(time_s=1.5 if function is time.sleep else 60.0, grace_s=0.5)
+    limits = Limits(time_s=1.5 if function is time.sleep else 300.0, grace_s=0.5)
     with pytest.raises(ChildProcessError, match=message):
         run_function(limits, function, argument)
 
@@ -171,7 +196,7 @@ def test_a_function_that_hangs_or_ends_its_process_is_an_error(function, argumen
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are kept on Linux")
 def test_a_function_that_needs_more_memory_than_its_limit_is_an_error():
     with pytest.raises(MemoryError):
-        run_function(Limits(time_s=60.0, memory_mb=1000.0), bytearray, 2_000_000_000)
+        run_function(Limits(time_s=300.0, memory_mb=1000.0), bytearray, 2_000_000_000)
 
 
 def test_temporary_files_of_a_function_are_removed():
@@ -184,8 +209,3 @@ def test_a_module_in_the_working_directory_is_not_imported(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     assert run_function(LIMITS, np.zeros, 3).size == 3
     assert run_function(LIMITS, os.getcwd) == str(tmp_path)
-
-
-def test_a_program_that_cannot_start_is_named(tmp_path):
-    with pytest.raises(PluginError, match="no_such_program"):
-        run_program(["no_such_program"], tmp_path, LIMITS)

@@ -169,13 +169,15 @@ def living_runner_of(folder: Path) -> Runner | None:
 
 
 def _is_alive(pid: int) -> bool:
-    """Whether a process of this machine exists."""
+    """True if a process of this machine runs: not one that has ended and that its parent has not asked for."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
     except PermissionError:
         pass
+    with contextlib.suppress(OSError):  # only Linux has it
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     return True
 
 
