@@ -11,7 +11,7 @@ PYTEST_SET := -m "not slow and not browser and not packaging"
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
-.PHONY: coverage coverage-fe help demo test test-all test-rust test-python dist docs chaos lint lint-python lint-rust format hooks bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-next bench-search bench-solver bench-sparse clean
+.PHONY: coverage coverage-fe help demo test test-all test-rust test-python dist docs chaos lint lint-python lint-stub lint-rust format hooks bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-next bench-search bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -33,7 +33,7 @@ test: $(VENV)/installed ## what decides a merge: lint, types, Rust tests and the
 	$(MAKE) -j2 test-rust test-python
 
 # Packages first: clippy has the build script of PyO3 run again, and what depends on it built again.
-test-all: dist ## everything: slow tests, new random examples, packages and the site too
+test-all: dist lint-stub ## everything: slow tests, new random examples, packages and the site too
 	$(MAKE) -j2 test-rust test-python PYTEST_SET="--hypothesis-profile all"
 
 test-rust: lint-rust
@@ -57,16 +57,18 @@ docs: $(VENV)/installed ## the site in target/docs, with a gallery of studies th
 chaos: $(VENV)/installed ## kill runs 200 times at random and at every write, and count what was lost
 	OMP_NUM_THREADS=1 $(BIN)/python tests/chaos/kills.py --random 200 --workers 20
 
-lint: lint-python lint-rust ## ruff, mypy --strict, imports, dead code, clippy pedantic, rustfmt
+lint: lint-python lint-stub lint-rust ## ruff, mypy --strict, imports, dead code, clippy pedantic, rustfmt
 
 lint-python: $(VENV)/installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/stubtest palpate._core --concise
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/vulture python plugins
 	$(BIN)/python tests/unused_exports.py
+
+lint-stub: $(VENV)/installed
+	$(BIN)/stubtest palpate._core --concise
 
 lint-rust: $(VENV)/installed
 	cargo fmt --check

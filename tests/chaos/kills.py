@@ -163,6 +163,7 @@ class Trials:
 
         _, status = os.waitpid(forked(act), 0)
         self._count("at writes", before, name)
+        self.counts["killed"] += os.WIFSIGNALED(status)
         return os.WIFSIGNALED(status)
 
     def kill_in_fit(self, name: str, step: int) -> None:
@@ -257,6 +258,7 @@ def main() -> int:
     parser.add_argument("--random", type=int, default=200, help="kills at random moments")
     parser.add_argument("--workers", type=int, default=20, help="of them with worker processes")
     parser.add_argument("--first", type=int, default=1, help="first write at which a run is killed")
+    parser.add_argument("--most", type=int, default=10**9, help="most kills at writes")
     parser.add_argument("--stride", type=int, default=1, help="writes from one kill to the next")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
@@ -269,7 +271,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
         small = Trials(Path(folder) / "small", n_sets=3, n_workers=1)
         number = asked.first
-        while small.kill_at_write(f"run{number}", number, after=number % 4 > 1):
+        while small.counts["kills at writes"] < asked.most and small.kill_at_write(
+            f"run{number}", number, after=number % 4 > 1
+        ):
             small.check_end(f"run{number}")
             number += asked.stride
         counts += small.counts

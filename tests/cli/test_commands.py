@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -241,8 +240,7 @@ def test_ctrl_c_that_a_callback_swallows_stops_the_next_stage(
 ) -> None:
     def check(*_: object) -> None:
         with contextlib.suppress(KeyboardInterrupt):  # as the interpreter does with one in a callback
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(1.0)
+            signal.raise_signal(signal.SIGINT)
 
     whole = Session.study
     monkeypatch.setattr(Session, "study", lambda self, path: (check(), whole(self, path))[1])
@@ -317,6 +315,7 @@ def test_a_run_ends_with_five_lines_after_the_tables_that_are_asked_for(call: Ca
     assert len(plain.out.splitlines()) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
 def test_a_set_that_does_not_fit_has_no_parameters(call: Call, study: Path) -> None:
     for name in ("s1.txt", "s2.txt"):

@@ -86,6 +86,7 @@ def test_what_needs_a_sweep_is_refused_without_one(call, study, n_sets, more, ex
     assert re.search(rf"study\.toml:\d+: .*{re.escape(expected)}", refused.err), refused.err
 
 
+@pytest.mark.slow
 def test_a_first_look_needs_no_sets_in_the_study_and_the_larger_run_keeps_it(call, study):
     path = study / "study.toml"
     path.write_text(path.read_text().replace("n_sets = 20", "n_sets = 0") + '[fit]\nsearch = "sweep"')

@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 import threading
-import time
 from types import SimpleNamespace
 
 import polars as pl
@@ -65,16 +64,14 @@ def test_a_log_hears_of_a_slow_sweep_every_minute(follow, monkeypatch):
     assert len(text.getvalue().splitlines()) > 3
 
 
-def test_a_log_hears_of_a_fit_whose_simulations_take_long(follow, monkeypatch):
+def test_a_log_hears_of_a_fit_whose_simulations_take_long(follow, monkeypatch, until):
     session, text = follow(is_terminal=False)
     monkeypatch.setattr(shown, "LINE_S", 0.0)
     monkeypatch.setattr(shown, "LOOK_S", 0.02)
     with StageProgress(session) as following:
         following.begin("fit", 0)
         following.at("all spots, scenario I: step 4, Fopt 0.002; 0 of 9 fits ended, 12 simulations")
-        deadline = time.monotonic() + 20.0
-        while text.getvalue().count("\n") < 3 and time.monotonic() < deadline:
-            time.sleep(0.02)
+        until(lambda: text.getvalue().count("\n") >= 3)
     lines = text.getvalue().splitlines()
     assert lines[0] == "fit …"
     assert lines[1].startswith("fit; all spots, scenario I: step 4, Fopt 0.002; 0 of 9 fits ended")
@@ -161,15 +158,13 @@ def test_the_time_left_counts_nothing_that_was_reused(follow, monkeypatch, n_reu
         assert following._left() == f"about {status_command.duration(10.0 * (95 - n_reused))} left"
 
 
-def test_the_side_shows_processor_memory_and_the_best_sets(call, study, tmp_path, follow, monkeypatch):
+def test_the_side_shows_processor_memory_and_the_best_sets(call, study, tmp_path, follow, monkeypatch, until):
     call("run", study, "--out", "run")
     monkeypatch.setattr(shown, "LOOK_S", 0.05)
     session, _ = follow(is_terminal=False)
     with StageProgress(session, tmp_path / "run") as following:
         following.begin("simulate", 5)
-        deadline = time.monotonic() + 20.0
-        while "best" not in following._side.text and time.monotonic() < deadline:
-            time.sleep(0.02)
+        until(lambda: "best" in following._side.text)
         side = following._side.text
     assert re.search(r"cpu \d+ % of \d+ cores, memory \d+\.\d GB; best pull only [\d.e-]+ \(s\d/\d+\)", side)
     assert not following._side._thread.is_alive()
@@ -189,16 +184,18 @@ def test_the_best_of_each_scenario_is_named_with_its_place():
 
 
 @pytest.mark.skipif(usage() is None, reason="no /proc here")
-def test_the_use_of_workers_and_of_what_they_start_counts():
+def test_the_use_of_workers_and_of_what_they_start_counts(until):
     before = usage()
     hold = "x = bytearray(150_000_000)\nwhile 1: x"
     busy = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {hold!r}])"
     child = subprocess.Popen([sys.executable, "-c", busy], start_new_session=True)
-    deadline = time.monotonic() + 20.0
+
+    def counts():
+        now = usage()
+        return now[1] >= before[1] + 140.0 and now[0] >= before[0] + 0.3
+
     try:
-        while (now := usage())[1] < before[1] + 140.0 or now[0] < before[0] + 0.3:
-            assert time.monotonic() < deadline, (before, now)
-            time.sleep(0.05)
+        until(counts)
     finally:
         import os
         import signal

@@ -170,6 +170,7 @@ def test_run_and_study_mean_the_same_in_each_command(call, study):
         assert (refused.code, "a run directory, not a study" in refused.err) == (2, True), command
 
 
+@pytest.mark.slow
 def test_the_page_is_opened_where_that_is_asked_for(call, study, monkeypatch):
     opened = []
     monkeypatch.setattr("typer.launch", opened.append)

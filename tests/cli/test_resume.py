@@ -94,6 +94,7 @@ def test_a_signal_outside_the_sweep_stops_at_once(call, study):
         signal.raise_signal(signal.SIGTERM)
 
 
+@pytest.mark.slow
 def test_status_shows_the_best_so_far_and_why_simulations_failed(call, study):
     ran = call("run", study, "--json").json
     best = call("status", "runs/toy", "--json").json["best"]
@@ -107,6 +108,7 @@ def test_status_shows_the_best_so_far_and_why_simulations_failed(call, study):
     assert "Best so far" in shown
 
 
+@pytest.mark.slow
 def test_status_of_a_run_at_work_names_the_runner(call, study, tmp_path):
     call("run", study)
     with locked(tmp_path / "runs" / "toy"):
@@ -331,6 +333,7 @@ def test_status_finds_the_run_that_is_meant(call, study, tmp_path, monkeypatch):
     assert call("status", ".", "--json").json["folder"] == "runs/toy"
 
 
+@pytest.mark.slow
 def test_two_studies_of_one_name_do_not_share_the_default_folder(call, study, tmp_path):
     call("sample", study)
     other = shutil.copytree(study, tmp_path / "other")

@@ -6,21 +6,21 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 TOY_PLUGIN = Path(__file__).parents[1] / "data" / "toy" / "toy_plugin.py"
 SLOW = """
-        Path(f"began-{os.getpid()}").touch()
-        time.sleep(float(os.environ["PAUSE_S"]))
+        Path(f"began-{job.spot}-{job.set_id}").touch()
+        while len(list(Path().glob("began-*"))) > int(os.environ["N_FREE"]) and not Path("go").exists():
+            time.sleep(0.02)
         assert isinstance(job.protocol"""
 
 
 @pytest.fixture
 def slow_study(study, tmp_path):
-    """Toy study on two workers, whose solver pauses before each answer."""
+    """Toy study on two workers; its solver answers ``N_FREE`` jobs, the others once ``go`` is there."""
     plugin = tmp_path / "slow.py"
     source = TOY_PLUGIN.read_text().replace("        assert isinstance(job.protocol", SLOW)
     plugin.write_text(source.replace("\nfrom pathlib", "\nimport os, time\nfrom pathlib", 1))
@@ -36,12 +36,12 @@ def start(slow_study, tmp_path):
     plugin, study = slow_study
     started = []
 
-    def run(pause_s):
+    def run(n_free):
         command = [sys.executable, "-m", "palpate", "--plugin", plugin, "run", study, "--out", "run"]
         process = subprocess.Popen(
             command,
             cwd=tmp_path,
-            env={**os.environ, "PAUSE_S": str(pause_s), "PALPATE_TEST": str(tmp_path)},
+            env={**os.environ, "N_FREE": str(n_free), "PALPATE_TEST": str(tmp_path)},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -81,25 +81,29 @@ def processes_of(folder):
     return found
 
 
-def until(process, reached, limit_s=60.0):
-    deadline = time.monotonic() + limit_s
-    while not reached():
-        assert process.poll() is None, process.stderr.read()
-        assert time.monotonic() < deadline, "never came to that"
-        time.sleep(0.02)
+def read_to(process, words):
+    """What the process writes to stderr, to the end of the line that has these words."""
+    lines = [""]
+    while words not in lines[-1]:
+        lines.append(process.stderr.readline())
+        assert lines[-1], f"ended without: {words}"
+    return "".join(lines)
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
-def test_ctrl_c_once_drains_and_leaves_no_process(start, tmp_path):
-    process = start(pause_s=0.3)
-    until(process, lambda: n_finished(tmp_path / "run") >= 2)
+def test_ctrl_c_once_drains_and_leaves_no_process(start, tmp_path, until):
+    process = start(n_free=2)
+    until(lambda: n_finished(tmp_path / "run") >= 2, still=lambda: process.poll() is None)
     assert len(processes_of(tmp_path)) == 3
+    until(lambda: len(list(tmp_path.glob("began-*"))) == 4, still=lambda: process.poll() is None)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    before = read_to(process, "finishing the simulations that are running; once more (Ctrl-C) stops at once")
+    (tmp_path / "go").touch()
+    out, after = process.communicate()
+    err = before + after
     assert process.returncode == 130, err
-    assert "finishing the simulations that are running; once more (Ctrl-C) stops at once" in err
     kept = int(re.search(r"stopped with (\d+) of 20 simulations finished and kept", err)[1])
-    assert 2 <= kept == n_finished(tmp_path / "run") < 20
+    assert 4 <= kept == n_finished(tmp_path / "run") < 20
     assert not processes_of(tmp_path)
     assert out == ""
     assert not re.search(r"[\r\x1b]", err), "a pipe gets lines, and nothing that moves a cursor"
@@ -107,17 +111,14 @@ def test_ctrl_c_once_drains_and_leaves_no_process(start, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
-def test_ctrl_c_twice_stops_jobs_that_would_take_forever(start, tmp_path):
-    process = start(pause_s=600)
-    until(process, lambda: len(list(tmp_path.glob("began-*"))) == 2)
+def test_ctrl_c_twice_stops_jobs_that_would_take_forever(start, tmp_path, until):
+    process = start(n_free=0)
+    until(lambda: len(list(tmp_path.glob("began-*"))) == 2, still=lambda: process.poll() is None)
     process.send_signal(signal.SIGTERM)  # what a batch system sends first
-    line = ""
-    while "finishing the simulations" not in line:
-        line = process.stderr.readline()
-        assert line, "ended at the first signal"
+    read_to(process, "finishing the simulations")
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate()
     assert process.returncode == 130, err
     assert "stopped in stage 'simulate'; finished simulations are kept" in err
     assert not processes_of(tmp_path)

@@ -91,6 +91,7 @@ def test_trusted_results_stay_in_every_later_stage_and_are_on_record(call, study
     assert scores(run).equals(before)
 
 
+@pytest.mark.slow
 def test_a_stage_after_the_sweep_refuses_other_code(call, study, tmp_path, plugin):
     call("run", study, plugin=plugin())
     before = tables(tmp_path / "runs" / "toy")

@@ -96,6 +96,7 @@ def test_the_list_of_commands_imports_nothing_heavy():
     assert done.stderr.strip() == ""
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_values_by_external_views():
     code = """
 import sys, types

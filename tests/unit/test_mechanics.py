@@ -183,6 +183,7 @@ def test_cauchy_stress_is_symmetric_and_pushed_forward():
     np.testing.assert_allclose(sigma, P @ F.T / np.linalg.det(F), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_anisotropic_energy_is_differentiated_directly():
     F, theta = STATES["distinct"], np.array([0.061, 0.2, 1.3])
     P, A = stress_and_tangent(IN_F, F, theta)

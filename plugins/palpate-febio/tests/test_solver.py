@@ -151,6 +151,7 @@ def test_a_hanging_run_is_ended(fake):
     assert simulation.response is None
 
 
+@pytest.mark.slow
 def test_runs_are_kept_on_request(fake, tmp_path):
     keep = tmp_path / "kept"
     fake("broyden_fails", keep_folder=str(keep)).simulate(job_of(), LIMB)

@@ -167,6 +167,7 @@ def test_a_node_that_slides_along_the_indenter_keeps_its_depth(contact, at_rest)
     assert np.abs(along - aside).max() > 5e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "shape",
     [

@@ -108,6 +108,7 @@ def test_two_regions_of_tetrahedra():
     check(case, ["skin.E", "skin.nu", "soft_tissue.c1", "soft_tissue.kappa", "friction"])
 
 
+@pytest.mark.slow
 def test_a_bonded_indenter_pulls():
     case = yeoh_on_hexahedra(path=PATH[:3])
     case = replace(case, limb=glued(case.limb))

@@ -50,6 +50,7 @@ def test_nothing_is_kept_that_nobody_asked_for():
     assert simulated("tet4", surface=False)[1].surface is None
 
 
+@pytest.mark.slow
 def test_tractions_add_up_to_the_force_and_the_moment(pressed):
     limb, simulation = pressed
     states = simulation.surface

@@ -51,6 +51,7 @@ def curve(simulation, channel):
     return simulation.response[channel].ordinate
 
 
+@pytest.mark.slow
 def test_force_grows_and_torque_follows_the_twist(reference):
     assert (np.diff(curve(reference, "force")) > 0.0).all()
     torque = reference.response["torque"]
@@ -120,6 +121,7 @@ def test_a_hold_changes_nothing(solver, limb):
         np.testing.assert_allclose(values, values[0], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_half_the_steps_give_the_same(limb, reference):
     finer = JaxSolver(JaxSettings(depth_steps=8, rotation_step_deg=2.5, tolerance=1e-7))
     simulation = finer.simulate(make_job(), limb)

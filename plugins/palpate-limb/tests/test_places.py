@@ -98,6 +98,7 @@ def test_missing_triangles_are_filled_in_even_where_their_rims_touch() -> None:
     assert whole.volume_mm3 == pytest.approx(tube().volume_mm3, rel=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 10_000), st.integers(1, 40))
 def test_whatever_faces_are_missing_a_closed_surface_comes_back(seed: int, n: int) -> None:

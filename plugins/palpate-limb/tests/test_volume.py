@@ -174,6 +174,7 @@ def test_the_sphere_rests_on_the_mesh() -> None:
     assert again.mesh.points_mm[again.mesh.node_sets["contact"], 2].max() == pytest.approx(0.0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_poor_mesh_is_refused() -> None:
     limb = layered()
     quality = assess(limb, segment(), 6.0)

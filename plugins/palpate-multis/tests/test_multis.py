@@ -58,6 +58,7 @@ def test_a_thin_layer_is_compressed_as_a_column_that_cannot_bulge() -> None:
     assert press.compliance == pytest.approx(0.2 * 1.49 * 0.02 / 0.51, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_emulator_reproduces_its_runs_and_those_left_out() -> None:
     for width in WIDTHS_MM:
         compliance, share = np.sqrt((emulator(width).left_out ** 2).mean(axis=0))
@@ -148,6 +149,7 @@ def test_a_person_with_other_presses_has_a_narrower_interval() -> None:
     assert person_factor(population(), np.zeros(0)) == 1.0
 
 
+@pytest.mark.slow
 def test_the_command_predicts_a_table_without_results(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -160,6 +162,7 @@ def test_the_command_predicts_a_table_without_results(
     assert "fat's share" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_command_fits_other_presses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Presses that are 1.2 times as stiff predict such a press."""
     _measured().with_columns(pl.col("stiffness_MPa_per_mm") * 1.2).write_csv(tmp_path / "stiffer.csv")

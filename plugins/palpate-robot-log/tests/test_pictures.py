@@ -114,6 +114,7 @@ def test_what_is_left_over_is_that_of_the_rows(processed, figures, tmp_path):
     assert "N·mm" in torque_left.get_ylabel()
 
 
+@pytest.mark.slow
 def test_no_legend_hides_what_is_left_over(processed, figures, tmp_path):
     draw_processed(processed, tmp_path)
     figure = figures["5_curves.png"]

@@ -48,6 +48,7 @@ def test_the_base_frame_does_not_matter(seed):
     same_curves(logs.processed("p2"), process(moved, logs.settings(gravity=gravity)), 1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("offset", "seed"), [(-50.0, 3), (1234.5, 4)])
 def test_clock_and_sensor_zero_do_not_matter(offset, seed):
     random, whole = np.random.default_rng(seed), logs.recording("p3")

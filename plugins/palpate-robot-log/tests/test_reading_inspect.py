@@ -55,6 +55,7 @@ def test_a_table_with_units_is_understood_whole(tmp_path: Path) -> None:
     assert any("this map reads the file: 240 rows at 200 Hz" in finding for finding in found.findings)
 
 
+@pytest.mark.slow
 def test_a_bag_is_understood_whole(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     pose = {name: values[::4] for name, values in write.press().items()}

@@ -161,6 +161,7 @@ def test_what_inspection_proposes_reads_two_presses_and_draws_them(tmp_path, mon
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_log_that_stops_half_way_ends_with_2_and_leaves_its_picture(tmp_path, capsys):
     log = pl.read_parquet(folder() / "logs" / "simulated_p1.parquet")
     log[:1500].write_parquet(tmp_path / "half.parquet")

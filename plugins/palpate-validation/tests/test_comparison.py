@@ -47,6 +47,7 @@ def test_the_embedded_solver_agrees_with_febios_curves(capsys, tmp_path, monkeyp
     assert list(found["solvers"]) == ["jax"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RECORDED_VALUES)
 def test_one_element_has_the_recorded_stress_in_one_convention(name):
     (row,) = one_element(MATERIALS[name](), None)

@@ -169,7 +169,7 @@ def living_runner_of(folder: Path) -> Runner | None:
 
 
 def _is_alive(pid: int) -> bool:
-    """True if a process of this machine runs: not one that has ended and that its parent has not asked for."""
+    """True if a process of this machine runs: a zombie does not."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -1,7 +1,6 @@
 """Workers: every job has one result, also when its process ends."""
 
 import os
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -157,7 +156,7 @@ def test_what_a_solver_prints_does_not_corrupt_the_results(make_study, tmp_path,
     assert {o.status for o in found.values()} == {Status.OK}
 
 
-def test_closing_the_sweep_stops_the_workers(make_study, tmp_path, tissue):
+def test_closing_the_sweep_stops_the_workers(make_study, tmp_path, tissue, until, has_ended):
     log = tmp_path / "log.txt"
     solver = tissue.Faulty(tissue.Faulty.Settings(log=str(log)))
     study = make_study(solver=solver)
@@ -166,17 +165,10 @@ def test_closing_the_sweep_stops_the_workers(make_study, tmp_path, tissue):
     hangs_then_works = [every["p1", 2], every["p2", 0]]
     sweep = Processes().results(batch_of(study, hangs_then_works, limit_s=600.0))
     next(sweep)
-    for _ in range(1500):
-        if " 2 " in log.read_text():  # a job that hangs has started
-            break
-        time.sleep(0.02)
-    else:
-        pytest.fail("the job that hangs did not begin within 30 s")
+    until(lambda: " 2 " in log.read_text())  # a job that hangs has started
     pids = {int(line.split()[-1]) for line in log.read_text().splitlines()}
     sweep.close()
-    for pid in pids:
-        with pytest.raises(ProcessLookupError):
-            os.kill(pid, 0)
+    assert all(map(has_ended, pids))
 
 
 def test_threads_of_all_workers_fit_the_machine():

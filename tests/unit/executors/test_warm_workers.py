@@ -1,9 +1,7 @@
 """Worker processes between batches: they stay, with their limbs, and never outlive their executor."""
 
-import os
 from collections import deque
 from dataclasses import replace
-from time import monotonic
 from types import SimpleNamespace
 
 import numpy as np
@@ -68,15 +66,7 @@ def sizes_and_processes(executor, batch):
     return [float(size) for size, _ in answers], {int(process) for _, process in answers}
 
 
-def has_ended(process):
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return True
-    return False
-
-
-def test_one_worker_serves_many_batches_and_is_sent_a_limb_once(batch, monkeypatch):
+def test_one_worker_serves_many_batches_and_is_sent_a_limb_once(batch, monkeypatch, has_ended):
     sent, tell = [], pool._Worker.tell
 
     def counting(worker, *message):
@@ -106,7 +96,7 @@ def test_one_worker_serves_many_batches_and_is_sent_a_limb_once(batch, monkeypat
 
 
 @pytest.mark.slow
-def test_what_a_worker_was_not_started_for_gets_other_workers(batch, tissue):
+def test_what_a_worker_was_not_started_for_gets_other_workers(batch, tissue, has_ended):
     executor = Processes()
     _, first = sizes_and_processes(executor, batch(["p1"], {}))
     more = batch(["p1"], {}, limits=Limits(time_s=30.0, memory_MB=2000.0))
@@ -157,12 +147,14 @@ def test_a_worker_gets_jobs_of_a_limb_that_it_has(batch, waiting, workers, expec
     assert [names[i] for i in of._take(workers[0])] == expected
 
 
-def test_few_jobs_keep_every_worker_busy(batch):
+def test_few_jobs_keep_every_worker_busy(batch, until):
     executor = Processes()
     limbs = {f"p{i}": limb(1.0) for i in range(4)}
     processes = set()
-    deadline = monotonic() + 60.0
-    while len(processes) < 2 and monotonic() < deadline:  # a worker may be late to start
-        processes |= sizes_and_processes(executor, batch(list(limbs), limbs, n_workers=2))[1]
-    assert len(processes) == 2
+
+    def served():
+        processes.update(sizes_and_processes(executor, batch(list(limbs), limbs, n_workers=2))[1])
+        return len(processes) == 2
+
+    until(served)  # a worker may be late to start
     executor.close()

@@ -248,6 +248,7 @@ def test_contours_simulate_nothing_and_know_the_sets_of_the_sweep(run, asked, mo
     )
 
 
+@pytest.mark.slow
 def test_a_set_that_a_fit_would_simulate_otherwise_is_left_out(run, monkeypatch):
     made = []
 

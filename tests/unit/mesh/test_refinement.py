@@ -99,6 +99,7 @@ def test_a_refined_mesh_conforms(limb, sizes):
     assert len(np.unique(outer_faces(kind, cells)[:, :3])) - 2 == len(outer_faces(kind, cells)) / 2  # Euler
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(limbs(), asked)
 def test_no_edge_near_the_spot_is_too_long_and_no_element_too_flat(limb, sizes):

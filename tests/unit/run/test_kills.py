@@ -25,8 +25,8 @@ def counts(*given: str) -> dict[str, int]:
 
 
 def test_a_run_that_is_killed_at_a_write_continues_to_the_same_bytes():
-    found = counts("--random", "0", "--workers", "0", "--first", "60", "--stride", "100000")
-    assert found["kills at writes"] == 2  # the second comes too late
+    found = counts("--random", "0", "--workers", "0", "--first", "60", "--most", "1")
+    assert found["killed"] == 1
 
 
 @pytest.mark.slow

@@ -73,6 +73,7 @@ def test_a_rigid_arc_presses_like_a_foundation_and_nearly_like_a_band(along, obs
     assert ratio == pytest.approx(0.968, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_an_arc_that_slips_round_the_limb_needs_friction_times_pressure_times_radius(along):
     """Pressed, then turned about the arc's axis: a tilt, a slide and a lift together."""
     turn = 5.0 * DEPTH / RADIUS

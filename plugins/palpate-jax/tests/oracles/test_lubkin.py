@@ -33,6 +33,8 @@ TABLE = np.array(
 STICK = (0.95, 0.8, 0.6, 0.4, 0.25)
 FRICTION, CONTACT = 0.3, 0.05
 
+pytestmark = pytest.mark.slow
+
 
 def _difference(c):
     return ellipk(1.0 - c**2) - ellipe(1.0 - c**2)
@@ -92,7 +94,6 @@ def loop(simulated, radius_mm):
     return beta * a**2 / (FRICTION * force), moment / (FRICTION * force * a), rows["sticking"][2:]
 
 
-@pytest.mark.slow
 def test_partial_slip_is_lubkins(loop):
     """Measured +0.6, +1.3, +1.6, +1.1 and +0.1 % at the five c/a.
 
@@ -104,7 +105,6 @@ def test_partial_slip_is_lubkins(loop):
     np.testing.assert_allclose(y, [virgin(value) for value in x], rtol=0.03)
 
 
-@pytest.mark.slow
 def test_stick_shrinks_inwards(loop):
     assert (np.diff(loop[2][: len(STICK)]) < 0.0).all()
 

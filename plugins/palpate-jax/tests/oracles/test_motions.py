@@ -54,6 +54,7 @@ def states_of(protocol, limb=BLOCK, slopes=False, theta=THETA, **settings):
     return balanced_states(reached)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.4])
 def test_press_to_a_force_is_press_to_the_depth_that_it_reaches(friction):
     by_force = states_of(protocol_of({"force": "0.5 N"}, friction=friction, depth_limit="4 mm"))
@@ -247,6 +248,7 @@ def test_a_force_is_reached_from_far_off_the_skin():
     np.testing.assert_allclose(lifted.pose[-1], direct.pose[-1], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_stiffer_tissue_under_a_force_has_what_a_softer_one_has_under_less():
     """The linear bands of a prediction by force take this from the states of one press."""
     protocol = protocol_of({"force": "0.5 N"}, friction=0.4, depth_limit="4 mm")

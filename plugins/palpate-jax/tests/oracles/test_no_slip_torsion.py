@@ -34,11 +34,13 @@ def glued_error(simulated, with_disc):
     return of
 
 
+@pytest.mark.slow
 def test_torque_of_a_glued_disc(glued_error):
     """Measured +1.35 %; the inscribed rim of 24 sides takes off 1.7 %, so the cells add about 3 %."""
     assert glued_error(**CROWDED) == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_torque_of_a_glued_disc_approaches_it(glued_error, observed_order):
     """Measured +12.2 and +7.8 % on even cells: order 1.1, of a singularity that allows one."""
     errors = [glued_error(**mesh) for mesh in EVEN.values()]

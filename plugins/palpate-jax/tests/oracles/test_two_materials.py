@@ -104,6 +104,7 @@ def fopt(tmp_path_factory: pytest.TempPathFactory) -> pl.DataFrame:
     )
 
 
+@pytest.mark.slow
 def test_both_materials_are_found_among_the_sets(fopt: pl.DataFrame) -> None:
     best = fopt.row(by_predicate=pl.col("chosen"), named=True)
     assert best["set_id"] == TRUE_SET
