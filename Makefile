@@ -83,47 +83,47 @@ hooks: $(VENV)/installed ## write the reference of hooks into plugins/README.md
 	$(BIN)/python docs/site/hook_reference.py plugins/README.md
 
 bench: $(VENV)/installed ## timings, each with a peer of the same run
-	$(BIN)/python tests/benchmarks/bench_scoring.py
-	$(BIN)/python tests/benchmarks/bench_elements.py
+	$(BIN)/python benchmarks/bench_scoring.py
+	$(BIN)/python benchmarks/bench_elements.py
 	@echo "more: make coverage, bench-core, bench-executors, bench-fit, bench-logs, bench-ledger, bench-next, bench-search, bench-solver, bench-sparse"
 
 coverage: $(VENV)/installed ## how often 95 % intervals hold the truth, over 600 simulated experiments
-	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_coverage.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_coverage.py
 
 coverage-fe: $(VENV)/installed ## the same by finite elements, and models that do not describe the data
-	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_inadequate.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_inadequate.py
 
 bench-core: $(VENV)/installed ## the core's kernels with their peers, and their instruction counts
-	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core.py
-	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_core_sampling.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_core.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_core_sampling.py
 	cargo bench -p palpate-core --bench instructions
 
 bench-executors: $(VENV)/installed ## what executors add to each job, and how many workers are fed
-	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_executors.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_executors.py
 
 bench-fit: $(VENV)/installed ## fits by finite elements: runs, time and errors
-	$(BIN)/python tests/benchmarks/bench_fit.py
+	$(BIN)/python benchmarks/bench_fit.py
 
 bench-ledger: $(VENV)/installed ## the ledger and Optuna's storages: cost of a result, opening and resuming 100,000 rows
 	$(BIN)/python -m pip install --quiet --group bench
-	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_ledger.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_ledger.py
 
 bench-logs: $(VENV)/installed ## a robot's log of a million rows, read and processed, with polars and NumPy as peers
-	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_reading.py
-	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_robot_log.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_reading.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_robot_log.py
 
 bench-next: $(VENV)/installed ## what chosen presses are worth, over 50 simulated sessions
-	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_next.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_next.py
 
 bench-search: $(VENV)/installed ## how many simulations a search needs, with CMA-ES and SciPy's differential evolution
 	$(BIN)/python -m pip install --quiet --group bench
-	OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench_search.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_search.py
 
 bench-solver: $(VENV)/installed ## whole simulations: by size, many sets together, with derivatives
-	$(BIN)/python tests/benchmarks/bench_solver.py
+	$(BIN)/python benchmarks/bench_solver.py
 
 bench-sparse: $(VENV)/installed ## factors of real tangents, with CHOLMOD's and SuperLU's
-	$(BIN)/python tests/benchmarks/bench_sparse.py
+	$(BIN)/python benchmarks/bench_sparse.py
 
 clean: ## remove what the build made
 	rm -rf $(VENV) target runs dist

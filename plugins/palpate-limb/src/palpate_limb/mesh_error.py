@@ -1,6 +1,6 @@
 """How far force and torque are off because of the mesh, as measured on the forearm phantom.
 
-``tests/benchmarks/study_mesh_size.py`` presses and twists the phantom's spot p2 on meshes of
+``benchmarks/study_mesh_size.py`` presses and twists the phantom's spot p2 on meshes of
 several sizes and extrapolates y(h) = y₀ + c hᵖ to h = 0. Its results are here, and in the
 note of every mesh. ``study_real_mesh.py`` does so on real limbs, where the torque is off by more.
 """

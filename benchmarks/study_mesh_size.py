@@ -1,4 +1,4 @@
-"""How force and torque of forearm spots depend on the mesh: ``python tests/benchmarks/study_mesh_size.py``.
+"""How force and torque of forearm spots depend on the mesh: ``python benchmarks/study_mesh_size.py``.
 
 The phantom's spots, Yeoh's material, a sphere of 7.5 mm, 10 mm deep, twisted by ±22.5°. All lengths
 of a mesh are in proportion to the edge under the sphere: far edges, and how far flat faces may leave
@@ -6,7 +6,7 @@ the surfaces goes with its square. Richardson's extrapolation fits y(h) = y₀ +
 made again, so a value has an error of chance too: ``--again N`` moves the spot by a tenth of a mm
 along the limb N times and prints the spread.
 
-    python tests/benchmarks/study_mesh_size.py --spot p2 --sizes 0.4 0.3 0.225
+    python benchmarks/study_mesh_size.py --spot p2 --sizes 0.4 0.3 0.225
 """
 
 import argparse

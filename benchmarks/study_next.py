@@ -1,4 +1,4 @@
-"""What chosen presses are worth by finite elements: ``python tests/benchmarks/study_next.py FOLDER``.
+"""What chosen presses are worth by finite elements: ``python benchmarks/study_next.py FOLDER``.
 
 Sessions as those of ``bench_next.py`` on the demo's forearm: four spots, each pressed 5 or 10 mm deep without
 a twist, with ±22.5° and with ±45°. The truth is a random Yeoh material of the ranges, on other and finer
@@ -9,7 +9,7 @@ Finite elements give the curves of a few materials; between these each is emulat
 ``study_prediction.py``. The tool whose force is predicted is the plate of the ready study, 5 mm deep at p1,
 on the mesh of the fit. What is in FOLDER is not simulated again.
 
-    python tests/benchmarks/study_next.py FOLDER --n 50
+    python benchmarks/study_next.py FOLDER --n 50
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""What one press shows of skin, fat and muscle: ``python tests/benchmarks/study_three_layers.py FOLDER``.
+"""What one press shows of skin, fat and muscle: ``python benchmarks/study_three_layers.py FOLDER``.
 
 A flat block, 48 mm wide, of 1.1 mm of skin and 4.4 mm of fat over 18.5 mm of muscle on bone (2,025 nodes,
 hex8, neo-Hookean), pressed 6 mm deep by a sphere of 7.5 mm and twisted by ±22.5°. The curves are the

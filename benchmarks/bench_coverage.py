@@ -5,8 +5,8 @@ with noise, an onset, gains, friction and mesh error drawn from the budget, and 
 path that no parameter explains. The fit knows none of them. Prints how many intervals of each parameter,
 and joint regions, hold the truth, beside those of the noise alone; and how many are called inadequate.
 
-    python tests/benchmarks/bench_coverage.py --n 200 --studies yeoh
-    python tests/benchmarks/bench_coverage.py --n 40 --posterior    # of emulated posteriors too
+    python benchmarks/bench_coverage.py --n 200 --studies yeoh
+    python benchmarks/bench_coverage.py --n 40 --posterior    # of emulated posteriors too
 """
 
 import argparse
@@ -31,7 +31,7 @@ from palpate.plugins.registry import load_file
 from palpate_materials.ogden import Ogden
 from palpate_materials.yeoh import Yeoh
 
-pressed = load_file(Path(__file__).parents[1] / "data" / "plugins" / "pressed_tissue.py")
+pressed = load_file(Path(__file__).parents[1] / "tests" / "data" / "plugins" / "pressed_tissue.py")
 
 NOISE, MESH, RATIO = 0.005, 0.03, 4.0
 """Noise over the largest ordinate; error of the coarse mesh; that over the error of the fine one."""

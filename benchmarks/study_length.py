@@ -1,4 +1,4 @@
-"""How long a segment has to be: ``python tests/benchmarks/study_length.py SCAN OPTIONS NAME=PLACE LENGTH …``.
+"""How long a segment has to be: ``python benchmarks/study_length.py SCAN OPTIONS NAME=PLACE LENGTH …``.
 
 Meshes one spot of a limb (a scan, its options and a place, as for ``palpate limb``) at several lengths [mm]
 with edges of a third of the radius, presses and twists it as ``study_mesh_size.py`` does, and prints

@@ -7,7 +7,7 @@ so, and then twice where the next press is expected to narrow most: by Fopt, by 
 by these the force of a tool. Prints each session as it ends, then how wide the intervals are relative to the
 four alike by Fopt, how many hold the truth, and the width that was expected over that of the fit.
 
-    python tests/benchmarks/bench_next.py --n 50
+    python benchmarks/bench_next.py --n 50
 """
 
 import argparse

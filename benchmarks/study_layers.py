@@ -1,4 +1,4 @@
-"""Two layers identified at two spots, from the scan on: ``python tests/benchmarks/study_layers.py FOLDER``.
+"""Two layers identified at two spots, from the scan on: ``python benchmarks/study_layers.py FOLDER``.
 
 A small limb with a bone and 2.5 mm of skin is scanned and meshed by ``palpate limb`` twice. On the finer
 meshes it is pressed by ``palpate synthesise`` with a known material in each layer; on the coarser ones,

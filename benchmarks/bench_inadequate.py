@@ -6,7 +6,7 @@ random Yeoh material that the study's ranges hold: counted are the 95 % interval
 those of the noise alone. The others have what the study does not know of: an Ogden material, a skin, a spot
 3 mm off, and little friction. Of all of them printed is what the checks say of the model.
 
-    python tests/benchmarks/bench_inadequate.py --sound 10 --into FOLDER    # keeps what it has simulated
+    python benchmarks/bench_inadequate.py --sound 10 --into FOLDER    # keeps what it has simulated
 """
 
 import argparse

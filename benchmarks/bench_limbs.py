@@ -1,4 +1,4 @@
-"""Real anatomy into meshes, unaided: ``python tests/benchmarks/bench_limbs.py ANATOMY [--interpolated N]``.
+"""Real anatomy into meshes, unaided: ``python benchmarks/bench_limbs.py ANATOMY [--interpolated N]``.
 
 ANATOMY has ``arm/`` (skin, radius, ulna) and ``residual_limb/`` (a mean shape and four virtual limbs,
 coordinates in lengths of the intact tibia). Each is meshed at four spots by one set of options; printed are

@@ -1,4 +1,4 @@
-"""From a real forearm's surface to its layers' moduli: ``python tests/benchmarks/study_answer.py FOLDER``.
+"""From a real forearm's surface to its layers' moduli: ``python benchmarks/study_answer.py FOLDER``.
 
 ``forearm-real`` with 1.5 mm of skin at p1 and p2, or at ``--spots``: ``palpate limb`` meshes it twice,
 ``palpate synthesise`` makes the measured curves of a press of 8 mm and a twist on the finer meshes,

@@ -5,7 +5,7 @@ scenario that generalises; the errors are those of the values under [truth]. The
 and solver make the data. The sweep that the paper would have run is the peer: its time is that of as many
 simulations as it has, each as long as the fit's were in the mean.
 
-    python tests/benchmarks/bench_fit.py --rows 1 4    # some of the rows
+    python benchmarks/bench_fit.py --rows 1 4    # some of the rows
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""What wrong anatomy costs in each parameter: ``python tests/benchmarks/study_anatomy.py ANATOMY FOLDER``.
+"""What wrong anatomy costs in each parameter: ``python benchmarks/study_anatomy.py ANATOMY FOLDER``.
 
 The truth is a limb with 2.2 mm of skin on a finer mesh, pressed and twisted. Its curves are then fitted on
 other limbs: its own, with bones 5 mm deeper, with 1 mm less or more skin, and an ellipse with its section

@@ -1,6 +1,6 @@
 """What executors add to each job, and how fast the main process feeds them: ``make bench-executors``.
 
-    python tests/benchmarks/bench_executors.py [--jobs 100000]
+    python benchmarks/bench_executors.py [--jobs 100000]
 
 The solver sleeps, so that 16 workers need no 16 cores. Run with OMP_NUM_THREADS=1.
 

@@ -1,4 +1,4 @@
-"""How often bands of predictions hold the truth: ``python tests/benchmarks/study_prediction.py FOLDER``.
+"""How often bands of predictions hold the truth: ``python benchmarks/study_prediction.py FOLDER``.
 
 The demo's forearm is fitted with the sphere at four spots, and the plate and the cuff of the ready study are
 predicted at p1. The truth is a random Yeoh material of the ranges, on other and finer meshes. Errors of each
@@ -10,7 +10,7 @@ values and slopes, the other meshes by their ratio to these. Printed are the lar
 out; then, for each tool, how often the bands hold the truth, and the errors of the predicted values. What is
 in FOLDER is not simulated again; its cases of another study, tool or budget are left out.
 
-    python tests/benchmarks/study_prediction.py FOLDER --n 40
+    python benchmarks/study_prediction.py FOLDER --n 40
 """
 
 import argparse

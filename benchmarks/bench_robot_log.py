@@ -28,7 +28,7 @@ SETTINGS = {
         "moment": {"columns": ["tx_Nm", "ty_Nm", "tz_Nm"]},
     }
 }
-DATA = Path(__file__).parents[2] / "plugins/palpate-robot-log/tests/data/robot_logs" / "robot_p1.npz"
+DATA = Path(__file__).parents[1] / "plugins/palpate-robot-log/tests/data/robot_logs" / "robot_p1.npz"
 NOISE = {"x_m": 5e-6, "y_m": 5e-6, "z_m": 5e-6, "fx_N": 0.04, "fy_N": 0.04, "fz_N": 0.04} | dict.fromkeys(
     ("tx_Nm", "ty_Nm", "tz_Nm"), 2.5e-4
 )

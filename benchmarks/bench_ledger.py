@@ -1,6 +1,6 @@
 """The ledger next to Optuna's storages: seconds for each finished simulation, and for a large ledger.
 
-    python tests/benchmarks/bench_ledger.py [--rows 100000]
+    python benchmarks/bench_ledger.py [--rows 100000]
 
 palpate keeps two curves of 80 points with each simulation; Optuna keeps two parameters and a
 value with each trial, and no curves. Both wait for the same disk. Run with OMP_NUM_THREADS=1.
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "chaos"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "chaos"))
 
 from kills import make_study
 

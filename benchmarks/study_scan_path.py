@@ -1,4 +1,4 @@
-"""From a scan with noise against the limb itself: ``python tests/benchmarks/study_scan_path.py FOLDER p2``.
+"""From a scan with noise against the limb itself: ``python benchmarks/study_scan_path.py FOLDER p2``.
 
 The direct path meshes the phantom's exact surfaces at its exact spot. The other one goes through files, as
 a laboratory does: a coloured scan (1.2 mm between points, noise, light from one side), its marks found by

@@ -5,7 +5,7 @@ palpate's searches, and of SciPy's differential evolution and CMA-ES as peers on
 random, with noise of 1 % of the largest ordinate. Then 40 truths of each material: how many fits end in the
 basin of the truth, and how many no worse than the best of 250 sets.
 
-    python tests/benchmarks/bench_search.py --fe --way CMA-ES    # at the demo's spot p1, by finite elements
+    python benchmarks/bench_search.py --fe --way CMA-ES    # at the demo's spot p1, by finite elements
 """
 
 import argparse
@@ -38,7 +38,7 @@ from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden
 from palpate_materials.yeoh import Yeoh
 
-pressed = load_file(Path(__file__).parents[1] / "data" / "plugins" / "pressed_tissue.py")
+pressed = load_file(Path(__file__).parents[1] / "tests" / "data" / "plugins" / "pressed_tissue.py")
 
 MATERIALS = {
     "ogden": (Ogden(), ("c1", "m1", "kappa")),
