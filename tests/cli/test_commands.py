@@ -277,6 +277,7 @@ def test_a_process_ends_with_the_code(study: Path, tmp_path: Path) -> None:
 # ----------------------------------------------------------------------- run
 
 
+@pytest.mark.slow
 def test_run_prints_results_to_stdout_and_progress_to_stderr(call: Call, study: Path) -> None:
     outcome = call("run", study, "--out", "here")
     assert outcome.code == 0

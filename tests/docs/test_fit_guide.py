@@ -26,6 +26,7 @@ def test_the_table_has_the_keys_of_a_study_and_their_defaults() -> None:
     assert left_out == {"parametrisation", "searched"}
 
 
+@pytest.mark.slow
 def test_two_optimisers_find_the_same_parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("cma", reason="in the dependency group dev")
     monkeypatch.chdir(tmp_path)

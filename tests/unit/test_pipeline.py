@@ -91,6 +91,7 @@ def test_no_page_is_made_of_simulations_of_another_study(make_study, plugins, ti
     assert pipeline.report(study, tmp_path / "run", plugins).files
 
 
+@pytest.mark.slow
 def test_single_stages_write_what_the_run_writes(make_study, plugins, tmp_path):
     study = make_study(search=LeastSquares())
     result = pipeline.run_study(study, tmp_path / "whole", plugins)
