@@ -175,20 +175,28 @@ class ScenarioDensity:
             inside = np.flatnonzero(term.counted(name))
             place = curves.places[term.spot, channel]
             matrix[np.arange(at.start, at.stop), place.start + inside] = scale[inside]
-            corrected = term.corrections.get(channel, 0.0) - term.measured[channel].ordinate
-            constant[at] = (scale * corrected)[inside]
+            constant[at] = (-scale * term.measured[channel].ordinate)[inside]
         self._curves = white @ matrix
         self._rest = white @ constant
         self._priors = [(i, p.prior) for i, p in enumerate(problem.parameters) if p.prior is not None]
 
     def white(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
         """Independent residuals (k, m) at values (k, n_parameters) with these ordinates (k, n_ordinates)."""
-        white = ordinates @ self._curves.T + self._rest
+        white = self._corrected(ordinates) @ self._curves.T + self._rest
         first = self.problem.n_points - len(self._priors)
         for row, (i, prior) in enumerate(self._priors, first):
             residual = self.problem.noise * (values[:, i] - prior.value) / prior.sd
             white = white + residual[:, None] * self._white[:, row]
         return white
+
+    def _corrected(self, ordinates: FloatArray) -> FloatArray:
+        """Ordinates (k, n) with what finer meshes add to each curve."""
+        corrected = ordinates.copy()
+        for term in self.problem.terms:
+            for channel in term.corrections:
+                place = self.curves.places[term.spot, channel]
+                corrected[:, place] = term.corrected(channel, ordinates[:, place])
+        return corrected
 
     def misfit(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
         """−2 log of the density (k,)."""

@@ -57,12 +57,15 @@ def known_errors(
         along = path_of(curve.abscissa) / path_of(curve.abscissa)[-1]
         drift = drift_of(study, measured[term.spot], channel) * along
         add(ZERO, f"{term.spot} {channel}", at, (scale * drift)[inside])
+        # Of the fitted curve: the noise of the measured one would bias the most likely values.
+        fitted = residuals[at] + (scale * curve.ordinate)[inside]
         if term.spot in refinement and channel in term.corrections:
-            left = term.corrections[channel] / (refinement[term.spot] ** ORDER - 1.0)
+            correction = term.corrections[channel]
+            known = (scale * (correction.coarse + correction.added))[inside]
+            size = np.linalg.norm(fitted[np.isfinite(known)]) / np.linalg.norm(known[np.isfinite(known)])
+            left = size * correction.added / (refinement[term.spot] ** ORDER - 1.0)
             add(MESH, "", at, (scale * left)[inside])
         elif study.solver.provides.mesh:
-            # A share of the fitted curve: the noise of the measured one would bias the most likely values.
-            fitted = residuals[at] + (scale * curve.ordinate)[inside]
             add(MESH, channel, at, study.budget.mesh * fitted)
     return found
 

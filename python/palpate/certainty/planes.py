@@ -72,8 +72,8 @@ class Valley:
         parts = []
         for term, name, _, scale in pieces(self.problem.terms):
             channel, inside = channel_of(name), term.counted(name)
-            known = term.measured[channel].ordinate - term.corrections.get(channel, 0.0)
-            parts.append(((ordinates[:, self._place(term.spot, channel)] - known) * scale)[:, inside])
+            here = term.corrected(channel, ordinates[:, self._place(term.spot, channel)])
+            parts.append(((here - term.measured[channel].ordinate) * scale)[:, inside])
         return np.concatenate(parts, axis=1)
 
     def unknown(self, points: FloatArray) -> FloatArray:

@@ -1,8 +1,8 @@
 """What a spot's finer mesh answers, as a correction of the curves of its coarser one.
 
 The fit runs on the coarse mesh. Its curves are corrected by the difference that the fine mesh makes at a
-set near the optimum, and the fit is repeated until that set is near enough (space mapping with an
-additive correction: Bandler et al., IEEE Trans. Microw. Theory Tech. 52, 2004).
+set near the optimum, scaled by the size of the coarse curve, and the fit is repeated until that set is near
+enough (space mapping: Bandler et al., IEEE Trans. Microw. Theory Tech. 52, 2004).
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.domain import FloatArray, Simulation, channel_of
-from palpate.fit.spot_term import NotRankedError, SpotTerm
+from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm
 from palpate.plugins.parametrisation import SpotInputs
 
 NEAR = 0.2
@@ -32,9 +32,12 @@ class FineRun:
     fine: Mapping[str, FloatArray]
 
     @property
-    def corrections(self) -> dict[str, FloatArray]:
+    def corrections(self) -> dict[str, Correction]:
         """What the fine mesh adds at each measured point; nothing where a curve is missing."""
-        return {name: np.nan_to_num(self.fine[name] - coarse) for name, coarse in self.coarse.items()}
+        return {
+            name: Correction(added=np.nan_to_num(self.fine[name] - coarse), coarse=coarse)
+            for name, coarse in self.coarse.items()
+        }
 
 
 def fine_run(term: SpotTerm, inputs: SpotInputs, coarse: Simulation, fine: Simulation) -> FineRun:
@@ -54,8 +57,11 @@ def fine_run(term: SpotTerm, inputs: SpotInputs, coarse: Simulation, fine: Simul
 
 
 def error_of(run: FineRun, term: SpotTerm, coarse: Mapping[str, FloatArray]) -> float:
-    """Root of the Fopt by which a correction may be wrong at other coarse curves, if it goes with them."""
-    squares = 0.0
+    """Root of the Fopt by which a correction may be wrong at other coarse curves.
+
+    Their size is accounted for: it may be wrong by as much of itself as their shape has changed.
+    """
+    squares, corrections = 0.0, run.corrections
     for name, weight in term.weights.items():
         channel = channel_of(name)
         there, here = run.coarse[channel], coarse[channel]
@@ -64,8 +70,9 @@ def error_of(run: FineRun, term: SpotTerm, coarse: Mapping[str, FloatArray]) -> 
         size = float(np.linalg.norm(there[known]))
         if size == 0.0:
             continue
-        changed = float(np.linalg.norm(here[known] - there[known])) / size
-        wrong = changed * np.where(known, run.corrections[channel], 0.0)
+        ratio = float(np.linalg.norm(here[known])) / size
+        changed = float(np.linalg.norm(here[known] - ratio * there[known])) / size
+        wrong = changed * np.where(known, corrections[channel].added, 0.0)
         scaled = wrong * term.scale(name, weight, known)
         squares += float(scaled @ scaled)
     return float(np.sqrt(squares))

@@ -40,6 +40,43 @@ class NotRankedError(Exception):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Correction:
+    """What a finer mesh adds to a curve, from one set at which both meshes were simulated.
+
+    Curves and their mesh's error are homogeneous of degree 1 in the moduli: at another set the finer mesh
+    adds as much more as the coarse curve is larger.
+
+    Parameters
+    ----------
+    added : (n,) array
+        Ordinates of the finer mesh less those of the coarse one; 0 where a curve is missing.
+    coarse : (n,) array
+        Ordinates of the coarse mesh at that set; NaN where the curve is missing.
+    """
+
+    added: FloatArray
+    coarse: FloatArray
+
+    def at(self, ordinates: FloatArray) -> FloatArray:
+        """What the finer mesh adds (..., n) to coarse curves (..., n), which may have NaN."""
+        added: FloatArray = self.ratio(ordinates)[..., None] * self.added
+        return added
+
+    def ratio(self, ordinates: FloatArray) -> FloatArray:
+        """Size (...) of coarse curves (..., n), over that of the curve from which the correction is."""
+        known = np.isfinite(ordinates) & np.isfinite(self.coarse)
+        here = np.linalg.norm(np.where(known, ordinates, 0.0), axis=-1)
+        there = np.linalg.norm(np.where(known, self.coarse, 0.0), axis=-1)
+        return np.asarray(np.where(there > 0.0, here / np.where(there > 0.0, there, 1.0), 1.0))
+
+    def is_same(self, other: "Correction") -> bool:
+        """True if both are of the same pair of simulations."""
+        return np.array_equal(self.added, other.added) and np.array_equal(
+            self.coarse, other.coarse, equal_nan=True
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpotTerm:
     """One spot of a problem.
 
@@ -55,8 +92,8 @@ class SpotTerm:
     rules : ScoringRules
     abscissae : mapping of channel to str
         Names of the abscissae, such as ``depth_mm``, by which offsets go.
-    corrections : mapping of channel to (n,) array
-        Added to the simulated ordinates at the measured points.
+    corrections : mapping of channel to Correction
+        Of the simulated ordinates at the measured points.
     channels : tuple of Channel
         What its jobs observe.
     site : str
@@ -70,7 +107,7 @@ class SpotTerm:
     materials: Mapping[str, Material]
     rules: ScoringRules
     abscissae: Mapping[str, str]
-    corrections: Mapping[str, FloatArray] = field(default_factory=dict)
+    corrections: Mapping[str, Correction] = field(default_factory=dict)
     channels: tuple[Channel, ...] = PRESS_AND_TWIST
     site: str = ""
 
@@ -124,6 +161,11 @@ class SpotTerm:
         """
         return self._values(self._observed(simulation, inputs), inputs, channel)
 
+    def corrected(self, channel: str, ordinates: FloatArray) -> FloatArray:
+        """Simulated ordinates (..., n) of a channel with what a finer mesh adds, where that is known."""
+        correction = self.corrections.get(channel)
+        return ordinates if correction is None else ordinates + correction.at(ordinates)
+
     def shifted(self, inputs: SpotInputs) -> Response:
         """Measured curves along the abscissae that these inputs give them."""
         curves = {name: self._shifted(name, inputs) for name in self.measured}
@@ -156,7 +198,7 @@ class SpotTerm:
         compared = compare(seen, self._shifted(channel, inputs))
         if compared.status not in self.rules.ranked_statuses:
             raise NotRankedError(f"{self.spot}: {compared.message or compared.status.remedy}")
-        return compared.values + self.corrections.get(channel, 0.0)
+        return self.corrected(channel, compared.values)
 
     def _channel(self, seen: Simulation, inputs: SpotInputs, name: str, weight: float) -> FloatArray:
         channel = channel_of(name)
@@ -192,7 +234,7 @@ def term_of(
     scenario: Scenario,
     measured: Response,
     abscissae: Mapping[str, str],
-    corrections: Mapping[str, FloatArray] | None = None,
+    corrections: Mapping[str, Correction] | None = None,
 ) -> SpotTerm:
     """State a spot of a study in a scenario; without a weight where it measures no channel of that."""
     return SpotTerm(

@@ -12,11 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, FloatArray, Response, Scenario, Simulation, channel_of
+from palpate.domain import Design, Response, Scenario, Simulation, channel_of
 from palpate.fit.mesh_correction import NEAR, FineRun, error_of, fine_run
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
-from palpate.fit.spot_term import NotRankedError, SpotTerm, term_of
+from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm, term_of
 from palpate.fit.starts import basins, scaled_start
 from palpate.plugins.parametrisation import SpotInputs
 from palpate.progress import SILENT, Progress
@@ -137,7 +137,7 @@ class FitStage:
 
     # ------------------------------------------------------------------ searching
 
-    def problem(self, case: Case, corrections: Mapping[str, Mapping[str, FloatArray]]) -> Problem:
+    def problem(self, case: Case, corrections: Mapping[str, Mapping[str, Correction]]) -> Problem:
         """State a case with corrections by spot and channel."""
         terms = [
             term_of(
@@ -201,7 +201,7 @@ class FitStage:
 
     # ----------------------------------------------------------------- finer meshes
 
-    def _nearest(self, spot: str) -> dict[str, FloatArray]:
+    def _nearest(self, spot: str) -> dict[str, Correction]:
         runs = self._fine.get(spot)
         return runs[-1].corrections if runs else {}
 
@@ -293,5 +293,5 @@ def _at_spot(values: Mapping[str, float], spot: str) -> dict[str, float]:
     return {head: values[name] for name, (head, _, at) in split.items() if at == spot}
 
 
-def _same(one: Mapping[str, FloatArray], other: Mapping[str, FloatArray]) -> bool:
-    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
+def _same(one: Mapping[str, Correction], other: Mapping[str, Correction]) -> bool:
+    return one.keys() == other.keys() and all(one[name].is_same(other[name]) for name in one)

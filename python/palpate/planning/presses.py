@@ -24,7 +24,7 @@ from palpate.domain import (
 from palpate.errors import PalpateError
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit
-from palpate.fit.spot_term import SpotTerm
+from palpate.fit.spot_term import Correction, SpotTerm
 from palpate.planning.evidence import ErrorSizes, Evidence, evidence_of
 from palpate.plugins.search import Evaluation, Trial
 from palpate.study.reading import Study
@@ -282,18 +282,20 @@ def _term(design: DesignProblem, press: Press, measured: Response) -> SpotTerm:
         protocol=press.protocol,
         measured=measured,
         weights=weights,
-        corrections={name: each for name, each in corrections.items() if each.any()},
+        corrections={name: each for name, each in corrections.items() if each is not None},
         channels=(*like.channels, *(each for of in design.limited.values() for each in of)),
     )
 
 
-def _as_of(like: SpotTerm, channel: str, curve: Curve) -> FloatArray:
-    """Correction by the finer mesh as large, relative to the curve, as that of the press so far."""
+def _as_of(like: SpotTerm, channel: str, curve: Curve) -> Correction | None:
+    """Correction of a planned curve: that of the press so far, along the path and relative to its size."""
     if channel not in like.corrections:
-        return np.zeros(curve.ordinate.size)
-    share = np.linalg.norm(like.corrections[channel]) / np.linalg.norm(like.measured[channel].ordinate)
-    correction: FloatArray = share * curve.ordinate
-    return correction
+        return None
+    known = like.corrections[channel]
+    there, here = (path_of(each.abscissa) for each in (like.measured[channel], curve))
+    added = np.interp(here / here[-1], there / there[-1], known.added)
+    there_size, here_size = (np.sqrt(np.nanmean(y**2)) for y in (known.coarse, curve.ordinate))
+    return Correction(added=added * here_size / there_size, coarse=curve.ordinate)
 
 
 def _as_measured(design: DesignProblem, press: Press, simulation: Simulation) -> Response:

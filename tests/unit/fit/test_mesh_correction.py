@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, strategies as st
+from hypothesis.extra.numpy import arrays
 
 from palpate.domain import Simulation, Status
 from palpate.fit.mesh_correction import FineRun, error_of, fine_run
@@ -123,10 +125,32 @@ def test_a_correction_is_as_wrong_as_the_curves_have_changed(fit, pressed):
     (term,) = case.end.problem.terms
     run = stage._fine["p1"][0]
     assert error_of(run, term, run.coarse) == 0.0
-    near, far = ({n: share * y for n, y in run.coarse.items()} for share in (1.01, 1.02))
-    assert 0.0 < error_of(run, term, near) == pytest.approx(error_of(run, term, far) / 2.0)
+    larger = {n: 2.0 * y for n, y in run.coarse.items()}
+    assert error_of(run, term, larger) == pytest.approx(0.0, abs=1e-12)
+    turned = {n: y[::-1] - y @ y[::-1] / (y @ y) * y for n, y in run.coarse.items()}  # of another shape
+    near, far = ({n: y + by * turned[n] for n, y in run.coarse.items()} for by in (1e-4, 2e-4))
+    assert 0.0 < error_of(run, term, near) == pytest.approx(error_of(run, term, far) / 2.0, rel=1e-3)
     same = FineRun(coarse=run.coarse, fine=run.coarse)
     assert error_of(same, term, far) == 0.0
+
+
+@given(
+    curves=arrays(float, (2, 6), elements=st.floats(-10.0, 10.0)),
+    size=st.floats(0.1, 10.0),
+    missing=st.integers(0, 5),
+)
+def test_a_correction_is_exact_where_all_moduli_are_scaled(curves, size, missing):
+    """Curves are homogeneous of degree 1 in the moduli, on either mesh."""
+    coarse, fine = curves
+    assume(np.linalg.norm(coarse[:missing]) > 1e-3)
+    coarse[missing:] = np.nan
+    correction = FineRun(coarse={"force": coarse}, fine={"force": fine}).corrections["force"]
+    scaled = size * np.stack([coarse, 2.0 * coarse])
+    expected = size * np.stack([fine, 2.0 * fine])
+    np.testing.assert_allclose(
+        (scaled + correction.at(scaled))[:, :missing], expected[:, :missing], atol=1e-9
+    )
+    assert np.array_equal(correction.at(coarse), correction.added)
 
 
 def test_a_curve_that_misses_points_corrects_nothing_there(fit):
@@ -143,7 +167,7 @@ def test_a_curve_that_misses_points_corrects_nothing_there(fit):
     some = replace(term, rules=replace(term.rules, minimum_coverage=0.5))
     run = fine_run(some, inputs, fine, short)
     for correction in run.corrections.values():
-        assert np.isfinite(correction).all()
-        assert correction[-1] == 0.0
+        assert np.isfinite(correction.added).all()
+        assert correction.added[-1] == 0.0
     with pytest.raises(NotRankedError, match="covers"):
         fine_run(replace(term, rules=replace(term.rules, minimum_coverage=1.0)), inputs, fine, short)

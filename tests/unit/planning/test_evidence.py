@@ -1,12 +1,17 @@
 """Evidence adds up to the covariance of the joint fit."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from palpate.certainty.laplace import laplace
 from palpate.certainty.rows import Rows
-from palpate.planning.evidence import ErrorSizes, evidence_of
+from palpate.domain import Curve
+from palpate.fit.spot_term import Correction
+from palpate.planning.evidence import ErrorSizes, FoptEvidence, evidence_of
+from palpate.planning.presses import _as_of
 
 ERRORS = ErrorSizes(
     noise={"force": 0.01, "torque": 0.02},
@@ -114,3 +119,28 @@ def test_sum_is_covariance_of_joint_fit(seed, same, span, is_gls):
     sizes = np.sqrt(np.diag(expected))
     assert np.abs(found - expected).max() <= 0.02 * np.outer(sizes, sizes).max()
     assert np.sqrt(np.diag(found)) == pytest.approx(sizes, rel=0.02)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_a_repeated_press_leaves_the_part_of_the_mesh_as_it_is(seed):
+    """Both err alike: a coarse mesh is too stiff, so that what the finer one adds is below zero."""
+    rng = np.random.default_rng(seed)
+    depths = np.linspace(0.5, 10.0, 20)
+    slopes = np.cumsum(rng.random((20, 3)), axis=0) ** [[1.0, 1.5, 2.0]]
+    coarse = slopes @ [1.0, 0.3, 0.1]
+    correction = Correction(added=-(0.03 + 0.01 * rng.random(20)) * coarse, coarse=coarse)
+    curve = Curve(channel="force", abscissa=depths, ordinate=1.02 * coarse)
+    term = SimpleNamespace(corrections={"force": correction}, measured={"force": curve})
+
+    def evidence(added):
+        return FoptEvidence(
+            information=slopes.T @ slopes,
+            noise=1e-9 * slopes.T @ slopes,  # next to nothing
+            causes={"mesh: ": (slopes.T @ added)[:, None]},
+        )
+
+    once = evidence(correction.at(curve.ordinate))
+    again = evidence(_as_of(term, "force", curve).at(curve.ordinate))
+    expected, found = once.covariance(1e6), (once + again).covariance(1e6)  # no prior
+    sizes = np.sqrt(np.diag(expected))
+    assert np.abs(found - expected).max() <= 1e-3 * np.outer(sizes, sizes).max()
