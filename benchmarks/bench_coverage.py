@@ -22,6 +22,7 @@ from pydantic import Field
 
 from palpate import Curve, Job, Limb, Response, Settings, Simulation, Solver, Status
 from palpate.certainty.causes import ONSET_MM, RELATIVE
+from palpate.certainty.mesh_error import SpotMesh
 from palpate.certainty.posterior_stage import PosteriorStage
 from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Design, ParameterSpace, RegionMaterial
@@ -189,7 +190,7 @@ def experiment(name: str, seed: int, *, posterior: bool = False) -> dict:
         abscissae={"force": "depth_mm", "torque": "rotation_deg"},
     )
     (case,) = stage.run()
-    certainty = CertaintyStage(study=study, measured=measured, refinement={"p1": RATIO**0.5})
+    certainty = CertaintyStage(study=study, measured=measured, meshes={"p1": SpotMesh(refinement=RATIO**0.5)})
     assessed = certainty.assess(case, certainty.columns(case))
     box = assessed.end.problem.box
     truth = (row - box.lower) / (box.upper - box.lower)

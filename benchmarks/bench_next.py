@@ -183,7 +183,7 @@ class World:
             measured=measured,
             assessed=certainty.assess(case, columns),
             columns=columns,
-            refinement={},
+            meshes={},
         )
 
     def tool_force(self, row: np.ndarray) -> float:

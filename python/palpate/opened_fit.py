@@ -7,8 +7,9 @@ from types import MappingProxyType
 
 import polars as pl
 
+from palpate.certainty.mesh_error import SpotMesh, noted_errors
 from palpate.certainty.stage import CertaintyStage
-from palpate.domain import Limb
+from palpate.domain import Indentation, Limb
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import Case, FitStage
 from palpate.fit.tables import refinement
@@ -19,8 +20,10 @@ from palpate.run.result import StudyInputs
 from palpate.run.stage_records import fit_from
 from palpate.stages import simulation
 from palpate.stages.cost import FitTime
+from palpate.stages.limb import size_at_contact
 from palpate.stages.sweep import Simulations
 from palpate.stored import StoredRun, opened_run
+from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import Study
 
 NO_INTERVALS = (
@@ -114,6 +117,22 @@ def certainty_stage(simulations: Simulations, inputs: StudyInputs, cases: Sequen
     return CertaintyStage(
         study=simulations.study,
         measured=inputs.measured,
-        refinement=refinement(simulations) if any(case.n_fine for case in cases) else {},
+        meshes=_meshes(simulations, is_refined=any(case.n_fine for case in cases)),
         progress=simulations.progress,
     )
+
+
+def _meshes(simulations: Simulations, *, is_refined: bool) -> dict[str, SpotMesh]:
+    study, limbs = simulations.study, simulations.limbs
+    ratios = refinement(simulations) if is_refined else {}
+    meshes = {}
+    for each in study.spots:
+        protocol, name = study.protocol_at(each.spot.name), each.spot.name
+        if each.mesh is not None and name in limbs and isinstance(protocol, Indentation):
+            radius_mm = protocol.indenter.radius_mm
+            meshes[name] = SpotMesh(
+                edge_over_radius=size_at_contact(study, limbs[name]) / radius_mm,
+                noted=noted_errors(mesh_note(each.mesh)),
+                refinement=ratios.get(name, 1.0),
+            )
+    return meshes

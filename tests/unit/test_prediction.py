@@ -160,7 +160,7 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     assert (printed["source"], printed["n_draws"]) == ("fit", found.n_draws)
     assert printed["notes"][0] == "SIMULATED curves."
     assert "Solved bands at p2 are those of 5 draws, each simulated." in printed["notes"]
-    assert any("at p1: normal force 1 %, peak pressure 1 %" in note for note in printed["notes"])
+    assert any("at p1: normal force 3 %, peak pressure 3 %" in note for note in printed["notes"])
     assert any("add fine_edge to the tool file" in note for note in printed["notes"])
 
 
@@ -419,9 +419,11 @@ def test_each_curve_has_the_error_that_its_own_largest_ordinate_shows():
             for name, most in (("force", force), ("torque", torque))
         }
 
-    errors = curve_errors(curves(10.0, -5.0), curves(10.0, -5.9), 2.0, 0.01)
+    errors = curve_errors(curves(10.0, -5.0), curves(10.0, -5.9), 2.0, {"force": 0.01, "torque": 0.01})
     assert errors == pytest.approx({"force": 0.01, "torque": 0.06})
-    assert set(curve_errors(curves(10.0, -5.0), None, 2.0, 0.02).values()) == {0.02}
+    assert set(curve_errors(curves(10.0, -5.0), None, 2.0, {"force": 0.02, "torque": 0.02}).values()) == {
+        0.02
+    }
 
 
 def test_a_force_that_was_given_is_as_wrong_by_the_mesh_as_its_depth():

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from palpate.certainty.causes import Columns, drift_of
+from palpate.certainty.mesh_error import SpotMesh
 from palpate.certainty.rows import path_of, pieces
-from palpate.domain import FloatArray, Response, channel_of
-from palpate.fit.spot_term import SpotTerm
-from palpate.fit.tables import ORDER
+from palpate.domain import BoolArray, FloatArray, Response, channel_of
+from palpate.fit.spot_term import Correction, SpotTerm
 from palpate.study.reading import Study
 
 MESH, ZERO = "mesh", "zero"
@@ -21,7 +21,7 @@ def known_errors(
     terms: Sequence[SpotTerm],
     residuals: FloatArray,
     columns: Columns,
-    refinement: Mapping[str, float],
+    meshes: Mapping[str, SpotMesh],
 ) -> dict[str, dict[str, FloatArray]]:
     """What one standard deviation of each cause adds to the residuals.
 
@@ -35,8 +35,8 @@ def known_errors(
         Simulated less measured.
     columns : Columns
         What it adds to the curves, of the causes that are simulated.
-    refinement : mapping of spot name to float
-        Element size under the indenter over that of the finer mesh, of each spot that has one.
+    meshes : mapping of spot name to SpotMesh
+        Of the spots whose meshes are known.
 
     Returns
     -------
@@ -59,15 +59,22 @@ def known_errors(
         add(ZERO, f"{term.spot} {channel}", at, (scale * drift)[inside])
         # Of the fitted curve: the noise of the measured one would bias the most likely values.
         fitted = residuals[at] + (scale * curve.ordinate)[inside]
-        if term.spot in refinement and channel in term.corrections:
-            correction = term.corrections[channel]
-            known = (scale * (correction.coarse + correction.added))[inside]
-            size = np.linalg.norm(fitted[np.isfinite(known)]) / np.linalg.norm(known[np.isfinite(known)])
-            left = size * correction.added / (refinement[term.spot] ** ORDER - 1.0)
-            add(MESH, "", at, (scale * left)[inside])
+        mesh = meshes.get(term.spot, SpotMesh())
+        if mesh.refinement > 1.0 and channel in term.corrections:
+            added = _added(term.corrections[channel], scale, inside, fitted)
+            add(MESH, f"{term.spot} {channel}", at, mesh.remainder(channel, added, fitted))
         elif study.solver.provides.mesh:
-            add(MESH, channel, at, study.budget.mesh * fitted)
+            add(MESH, channel, at, mesh.error(channel, study.budget.mesh) * fitted)
     return found
+
+
+def _added(correction: Correction, scale: FloatArray, inside: BoolArray, fitted: FloatArray) -> FloatArray:
+    """What a finer mesh adds to the residuals of a fitted curve (n,)."""
+    fine = (scale * (correction.coarse + correction.added))[inside]
+    known = np.isfinite(fine)
+    size = np.linalg.norm(fitted[known]) / max(float(np.linalg.norm(fine[known])), 1e-300)
+    added: FloatArray = size * (scale * correction.added)[inside]
+    return added
 
 
 def _label(cause: str) -> str:

@@ -12,6 +12,7 @@ from palpate.certainty.curve_errors import estimate
 from palpate.certainty.known_errors import known_errors
 from palpate.certainty.laplace import RANGE, agreement, laplace
 from palpate.certainty.likelihood import whitening
+from palpate.certainty.mesh_error import SpotMesh, is_stated
 from palpate.certainty.planes import planes_of_fits
 from palpate.certainty.rows import Rows, grouped, groups_of, rows_of
 from palpate.certainty.tables import ALLOWED, Assessed, certainty_result
@@ -36,14 +37,14 @@ class CertaintyStage:
     ----------
     study : Study
     measured : mapping of spot name to Response
-    refinement : mapping of spot name to float
-        Element size under the indenter over that of the finer mesh, of each spot that has one.
+    meshes : mapping of spot name to SpotMesh
+        Of the spots whose meshes are known.
     progress : Progress
     """
 
     study: Study
     measured: Mapping[str, Response]
-    refinement: Mapping[str, float] = field(default_factory=dict)
+    meshes: Mapping[str, SpotMesh] = field(default_factory=dict)
     progress: Progress = SILENT
 
     def run(self, cases: Sequence[Case]) -> CertaintyResult:
@@ -149,13 +150,20 @@ class CertaintyStage:
             errors=errors,
             checks=tuple(found),
             channels=channels,
+            has_usual_mesh_error=self._has_usual_mesh_error(end),
+        )
+
+    def _has_usual_mesh_error(self, end: Fit) -> bool:
+        """True if the mesh's error of a fitted channel is neither shown by a finer mesh nor stated."""
+        return self.study.solver.provides.mesh and any(
+            channel not in term.corrections and not is_stated(channel, self.study.budget.mesh)
+            for term in end.problem.terms
+            for channel in map(channel_of, term.weights)
         )
 
     def _known(self, end: Fit, residuals: FloatArray, rows: Rows, columns: Columns) -> dict[str, FloatArray]:
         """What each known cause makes of the residuals: (n, m), one standard deviation each."""
-        found = known_errors(
-            self.study, self.measured, end.problem.terms, residuals, columns, self.refinement
-        )
+        found = known_errors(self.study, self.measured, end.problem.terms, residuals, columns, self.meshes)
         known = {
             label: np.stack(list(columns.values()), axis=1)
             for label, columns in found.items()

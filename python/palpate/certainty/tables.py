@@ -10,6 +10,7 @@ import polars as pl
 from palpate.certainty.adequacy import Check
 from palpate.certainty.curve_errors import CurveErrors
 from palpate.certainty.directions import directions
+from palpate.certainty.known_errors import MESH
 from palpate.certainty.laplace import Density, Laplace
 from palpate.domain import FloatArray
 from palpate.fit.running import Fit
@@ -45,6 +46,8 @@ class Assessed:
     checks : tuple of Check
     channels : tuple of str
         By their numbers.
+    has_usual_mesh_error : bool
+        A mesh's error is neither shown by a finer mesh nor stated by the study.
     """
 
     case: Case
@@ -57,6 +60,7 @@ class Assessed:
     errors: CurveErrors
     checks: tuple[Check, ...]
     channels: tuple[str, ...]
+    has_usual_mesh_error: bool = False
 
     @property
     def density(self) -> Density:
@@ -117,8 +121,14 @@ def _intervals(each: Assessed, density: Density) -> Iterator[dict[str, Any]]:
             "noise_lower": of_noise[0],
             "noise_upper": of_noise[1],
             "relative_width": width,
-            "identifiability": UNCLEAR if failed else word_of(width),
+            "identifiability": UNCLEAR if failed or _is_mostly_mesh(each, i) else word_of(width),
         }
+
+
+def _is_mostly_mesh(each: Assessed, parameter: int) -> bool:
+    """True if the usual error of a mesh is the largest cause of a parameter's interval."""
+    shares = {cause: float(share[parameter]) for cause, share in each.laplace.shares.items()}
+    return each.has_usual_mesh_error and max(shares, key=shares.__getitem__) == MESH
 
 
 def _budget(each: Assessed) -> Iterator[dict[str, Any]]:

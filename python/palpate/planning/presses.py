@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.certainty.causes import Columns, causes_of, columns_of
 from palpate.certainty.known_errors import known_errors
+from palpate.certainty.mesh_error import SpotMesh
 from palpate.certainty.rows import grouped, groups_of, path_of, rows_of
 from palpate.domain import (
     Channel,
@@ -83,7 +84,7 @@ class DesignProblem:
     measured: Mapping[str, Response]
     errors: ErrorSizes
     columns: Columns = field(default_factory=dict)
-    refinement: Mapping[str, float] = field(default_factory=dict)
+    meshes: Mapping[str, SpotMesh] = field(default_factory=dict)
     estimate: FloatArray | None = None
     limited: Mapping[str, tuple[Channel, ...]] = field(default_factory=dict)
 
@@ -346,7 +347,7 @@ def _evidence(
     rows, channels = rows_of([term], n)
     groups = groups_of(rows)
     measured = {**design.measured, term.spot: term.measured}
-    found = known_errors(design.study, measured, [term], evaluation.residuals[:n], columns, design.refinement)
+    found = known_errors(design.study, measured, [term], evaluation.residuals[:n], columns, design.meshes)
     known = {
         _shared_name(label, name, press): groups @ column
         for label, of_label in found.items()

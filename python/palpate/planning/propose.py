@@ -47,7 +47,7 @@ def propose(
             measured=stored.inputs.measured,
             assessed=assessed,
             columns=certain.columns(assessed.case),
-            refinement=certain.refinement,
+            meshes=certain.meshes,
             progress=progress,
         )
         proposal = stage.run(presses, options, limits)

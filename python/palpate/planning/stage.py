@@ -7,6 +7,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from palpate.certainty.causes import Columns
+from palpate.certainty.mesh_error import SpotMesh
 from palpate.certainty.tables import Assessed
 from palpate.domain import FloatArray, Parameter, Response, Scenario
 from palpate.errors import StudyError
@@ -99,7 +100,7 @@ class PlanningStage:
     measured: Mapping[str, Response]
     assessed: Assessed
     columns: Columns
-    refinement: Mapping[str, float]
+    meshes: Mapping[str, SpotMesh]
     progress: Progress = SILENT
 
     def run(
@@ -142,7 +143,7 @@ class PlanningStage:
             measured=self.measured,
             errors=errors,
             columns=self.columns,
-            refinement=self.refinement,
+            meshes=self.meshes,
             estimate=box.lower + (box.upper - box.lower) * self.assessed.point,
         )
 

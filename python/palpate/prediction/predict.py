@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 
 from palpate.certainty.causes import RELATIVE
+from palpate.certainty.mesh_error import FORCE, usual_error
 from palpate.domain import (
     Channel,
     FloatArray,
@@ -313,7 +314,7 @@ def _mesh_errors(
     by_force: bool,
 ) -> _MeshErrors:
     """Compare a simulation with that on the mesh as it is; what the study states where that shows nothing."""
-    least, threshold = plan.stored.study.budget.mesh, plan.tool.threshold_MPa
+    stated, threshold = plan.stored.study.budget.mesh, plan.tool.threshold_MPa
     pressed, refinement, unknown, coarser, others = press_states(simulation, threshold), 1.0, "", None, None
     if as_is is None:
         unknown = "the tool file has no fine_edge"
@@ -325,7 +326,8 @@ def _mesh_errors(
         assert as_is.response is not None
         coarser, others = press_states(as_is, threshold), as_is.response.curves
     assert simulation.response is not None
-    quantities = mesh_errors(pressed, coarser, refinement, least)
+    quantities = mesh_errors(pressed, coarser, refinement, usual_error(FORCE, stated))
+    least = {name: usual_error(name, stated) for name in simulation.response.curves}
     curves = curve_errors(simulation.response.curves, others, refinement, least)
     if by_force and "force" in curves:
         sd = force_error(pressed, quantities)

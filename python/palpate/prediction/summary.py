@@ -143,11 +143,14 @@ def mesh_errors(
 
 
 def curve_errors(
-    curves: Mapping[str, Curve], coarser: Mapping[str, Curve] | None, refinement: float, least: float
+    curves: Mapping[str, Curve],
+    coarser: Mapping[str, Curve] | None,
+    refinement: float,
+    least: Mapping[str, float],
 ) -> dict[str, float]:
     """Relative standard deviation of each channel by its mesh: that of its largest ordinate."""
     others = {} if coarser is None else {name: _largest(curve) for name, curve in coarser.items()}
-    return {n: mesh_error(_largest(c), others.get(n), refinement, least) for n, c in curves.items()}
+    return {n: mesh_error(_largest(c), others.get(n), refinement, least[n]) for n, c in curves.items()}
 
 
 def force_error(pressed: PressStates, mesh: Mapping[str, float]) -> float | None:

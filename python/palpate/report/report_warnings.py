@@ -313,7 +313,10 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
     if UNCLEAR in [*rows["identifiability"], *together["identifiability"]] and not any(failed_checks(data)):
         yield ReportWarning(
             "How well some parameters are identified is unclear",
-            "Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets.",
+            "Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets."
+            if data.fit.certainty.intervals.is_empty()
+            else "The usual error of a mesh is the largest cause of their intervals. Correct the fit by a "
+            "finer mesh ([fit] fine_edge), or state the error of these meshes ([budget] mesh).",
         )
     apart = []
     for parameter, brief in data.brief.items():

@@ -9,12 +9,13 @@ import pytest
 from palpate import pipeline
 from palpate.certainty.causes import Cause, WithCauses, causes_of, columns_of, drift_of
 from palpate.certainty.known_errors import MESH, known_errors
+from palpate.certainty.mesh_error import SpotMesh, noted_errors
 from palpate.certainty.rows import pieces
 from palpate.certainty.stage import CertaintyStage
 from palpate.domain import ParameterSpace, RegionMaterial, Response, Simulation, Status
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
-from palpate.fit.spot_term import is_along_slopes, is_same_job
+from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.run.result import FitResult
@@ -77,8 +78,59 @@ def test_the_mesh_adds_a_share_of_the_fitted_curve_without_noise(ended, monkeypa
     terms, curves = case.end.problem.terms, simulated(case).response
     found = known_errors(study, measured, terms, case.end.best.residuals, {}, {})[MESH]
     for term, name, at, scale in pieces(terms):
-        expected = (study.budget.mesh * scale * curves[name].ordinate)[term.counted(name)]
+        usual = {"force": 0.03, "torque": 0.07}[name]
+        expected = (usual * scale * curves[name].ordinate)[term.counted(name)]
         np.testing.assert_allclose(found[name][at], expected, rtol=1e-6, atol=1e-9)
+
+
+def test_what_a_finer_mesh_leaves_is_of_each_spot_and_channel(ended):
+    study, measured, case, _ = ended()
+    (term,), residuals = case.end.problem.terms, case.end.best.residuals
+    coarse = {name: curve.ordinate for name, curve in simulated(case).response.curves.items()}
+    added = {"force": -0.04 * coarse["force"], "torque": -1e-4 * coarse["torque"]}
+    corrections = {name: Correction(added=added[name], coarse=y - added[name]) for name, y in coarse.items()}
+    terms = [replace(term, corrections=corrections)]
+    found = known_errors(study, measured, terms, residuals, {}, {"p1": SpotMesh(refinement=2.0)})[MESH]
+    left = {"force": added["force"] / 3.0, "torque": 0.015 * coarse["torque"]}  # or the scatter of meshes
+    for _, name, at, scale in pieces(terms):
+        expected = (scale * left[name])[term.counted(name)]
+        np.testing.assert_allclose(found[f"p1 {name}"][at], expected, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("budget", "has_fine_mesh", "word"),
+    [({}, False, "unclear"), ({"mesh": "7 %"}, False, "roughly"), ({}, True, "roughly")],
+)
+def test_the_usual_error_of_a_mesh_leaves_what_it_decides_unclear(
+    ended, monkeypatch, budget, has_fine_mesh, word
+):
+    """But for one that a study states, or that a finer mesh shows."""
+    study, measured, case, _ = ended()
+    provides = replace(study.solver.provides, body="mesh")
+    monkeypatch.setattr(type(study.solver), "provides", provides)
+    study = replace(study, budget=BudgetTable.model_validate(budget))
+    if has_fine_mesh:
+        (term,) = case.end.problem.terms
+        nothing = {
+            n: Correction(added=0.0 * y.ordinate, coarse=y.ordinate) for n, y in measured["p1"].curves.items()
+        }
+        monkeypatch.setattr(case.end.problem, "terms", (replace(term, corrections=nothing),))
+    found = CertaintyStage(study=study, measured=measured).run([case])
+    shares = found.budget.filter(parameter="tissue.c1", cause="mesh")["share"]
+    words = dict(found.intervals.select("parameter", "identifiability").iter_rows())
+    assert shares[0] > 0.5
+    assert words["tissue.c1"] == word
+
+
+def test_the_error_of_a_mesh_is_stated_or_noted_or_usual():
+    coarse, fine = SpotMesh(edge_over_radius=0.5), SpotMesh(edge_over_radius=0.15)
+    assert [coarse.error(name, {}) for name in BOTH] == [0.03, 0.07]
+    assert [fine.error(name, {}) for name in BOTH] == [0.015, 0.035]
+    assert fine.error("torque", {"": 0.02}) == fine.error("torque", {"torque": 0.02, "": 0.01}) == 0.02
+    note = {"mesh_error": {"edge_over_radius": 0.3, "force": 0.01, "torque": None, "measured_on": "a limb"}}
+    noted = SpotMesh(edge_over_radius=0.3, noted=noted_errors(note))
+    assert [noted.error(name, {}) for name in BOTH] == [0.01, 0.07]
+    assert noted_errors(None) == noted_errors({"mesh_error": "2 %"}) == {}
 
 
 def test_a_fixed_parameter_adds_its_slope(ended):
