@@ -311,8 +311,13 @@ def certainty(
     Raises
     ------
     StudyError
-        There is no fit, or none with intervals.
+        There is no fit, or none with intervals, or they are those of generalised least squares.
     """
+    if study.budget.is_gls:
+        raise StudyError(
+            f'{study.file}: posteriors are around the least Fopt, and the intervals of estimator = "gls" are '
+            "around the most likely values; leave [budget] estimator out to draw posteriors"
+        )
     with opened_fit(study, run_folder, plugins, progress) as (stored, simulations, cases):
         study, run, inputs = stored.study, stored.run, stored.inputs
         assessed = certainty_stage(simulations, inputs, cases).assessed(cases)

@@ -18,6 +18,7 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import chi2, qmc
 
 from palpate.domain import FloatArray
+from palpate.errors import PalpateError
 from palpate.run.result import LEVEL
 
 RANGE = "range"
@@ -80,12 +81,12 @@ class Laplace:
         root = np.linalg.cholesky(self.covariance).astype(np.float64)
         points, weights = _in_box(self.centre, root)
         known = weights if prior is None else weights * prior(points)
-        return Density(
-            centre=self.centre,
-            covariance=self.covariance,
-            points=points,
-            weights=known if known.any() else weights,
-        )
+        if not known.any():
+            raise PalpateError(
+                f"the filters reject all {len(points):,} values that describe the curves as well as the fit; "
+                "leave out a filter, or widen the ranges"
+            )
+        return Density(centre=self.centre, covariance=self.covariance, points=points, weights=known)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from palpate.certainty.likelihood import whitening
 from palpate.certainty.mesh_error import SpotMesh, is_stated
 from palpate.certainty.planes import planes_of_fits
 from palpate.certainty.rows import Rows, grouped, groups_of, rows_of
-from palpate.certainty.tables import ALLOWED, Assessed, certainty_result
+from palpate.certainty.tables import ALLOWED, Assessed, certainty_result, density_of
 from palpate.domain import Design, FloatArray, Response, Simulation, channel_of
 from palpate.errors import PalpateError, StoppedError
 from palpate.fit.running import Fit
@@ -146,6 +146,7 @@ class CertaintyStage:
             values=values,
             laplace=of_all,
             noise_only=noise_only,
+            density=density_of(of_all, end.problem),
             white=whitening(jacobian, covariance, groups),
             errors=errors,
             checks=tuple(found),

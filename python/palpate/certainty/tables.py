@@ -13,6 +13,7 @@ from palpate.certainty.directions import directions
 from palpate.certainty.known_errors import MESH
 from palpate.certainty.laplace import Density, Laplace
 from palpate.domain import FloatArray
+from palpate.fit.problem import Problem
 from palpate.fit.running import Fit
 from palpate.fit.stage import Case
 from palpate.run.result import CertaintyResult
@@ -40,6 +41,8 @@ class Assessed:
         The same, in the units of the parameters.
     laplace, noise_only : Laplace
         By all causes, and by the noise alone.
+    density : Density
+        By all causes, within the ranges and the filters.
     white : (m, n) array
         From the residuals to independent ones of variance 1, by all causes.
     errors : CurveErrors
@@ -56,37 +59,43 @@ class Assessed:
     values: FloatArray
     laplace: Laplace
     noise_only: Laplace
+    density: Density
     white: FloatArray
     errors: CurveErrors
     checks: tuple[Check, ...]
     channels: tuple[str, ...]
     has_usual_mesh_error: bool = False
 
-    @property
-    def density(self) -> Density:
-        """What is left of the density within the ranges and the filters."""
-        problem, box = self.end.problem, self.end.problem.box
 
-        def weights(shares: FloatArray) -> FloatArray:
-            # Before any curve each is spread evenly along its coordinate, as a search steps in it.
-            values = box.lower + (box.upper - box.lower) * shares
-            points = box.point(values)
-            rates = box.rates(points)
-            even: FloatArray = problem.accepts(points) / np.prod(rates / (box.upper - box.lower), axis=1)
-            return even
+def density_of(found: Laplace, problem: Problem) -> Density:
+    """What is left of a density within the ranges and the filters of a problem.
 
-        return self.laplace.within(weights)
+    Raises
+    ------
+    PalpateError
+        Nothing is.
+    """
+    box = problem.box
+
+    def weights(shares: FloatArray) -> FloatArray:
+        # Before any curve each is spread evenly along its coordinate, as a search steps in it.
+        values = box.lower + (box.upper - box.lower) * shares
+        points = box.point(values)
+        rates = box.rates(points)
+        even: FloatArray = problem.accepts(points) / np.prod(rates / (box.upper - box.lower), axis=1)
+        return even
+
+    return found.within(weights)
 
 
 def certainty_result(assessed: Sequence[Assessed], study: Study) -> CertaintyResult:
     """Put what was assessed into tables."""
-    densities = [each.density for each in assessed]
     return CertaintyResult(
-        intervals=_frame(row for pair in zip(assessed, densities, strict=True) for row in _intervals(*pair)),
+        intervals=_frame(row for each in assessed for row in _intervals(each)),
         budget=_frame(row for each in assessed for row in _budget(each)),
         directions=_frame(row for each in assessed for row in _directions(each)),
         adequacy=_frame(row for each in assessed for row in _adequacy(each, study)),
-        draws=_frame(row for pair in zip(assessed, densities, strict=True) for row in _draws(*pair)),
+        draws=_frame(row for each in assessed for row in _draws(each)),
     )
 
 
@@ -99,12 +108,12 @@ def _about(each: Assessed) -> dict[str, Any]:
     return {"fit": each.case.label, "scenario": each.case.scenario.name}
 
 
-def _intervals(each: Assessed, density: Density) -> Iterator[dict[str, Any]]:
+def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
     failed = any(check.is_failed for check in each.checks)
     ends = [
         box.lower + (box.upper - box.lower) * end
-        for of in (density, each.noise_only.within())
+        for of in (each.density, each.noise_only.within())
         for end in of.interval(each.point)
     ]
     for i, parameter in enumerate(box.parameters):
@@ -151,9 +160,9 @@ def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
         }
 
 
-def _draws(each: Assessed, density: Density) -> Iterator[dict[str, Any]]:
+def _draws(each: Assessed) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
-    for shares in density.draws(N_DRAWS):
+    for shares in each.density.draws(N_DRAWS):
         values = box.lower + (box.upper - box.lower) * shares
         yield _about(each) | dict(zip(box.names, values.tolist(), strict=True))
 

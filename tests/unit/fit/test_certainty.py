@@ -13,9 +13,11 @@ from palpate.certainty.mesh_error import SpotMesh, noted_errors
 from palpate.certainty.rows import pieces
 from palpate.certainty.stage import CertaintyStage
 from palpate.domain import ParameterSpace, RegionMaterial, Response, Simulation, Status
+from palpate.errors import StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job
+from palpate.plugins.interfaces import SetFilter
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.run.result import FitResult
@@ -274,6 +276,28 @@ class Notes:
 
     def __getattr__(self, name):
         return getattr(SILENT, name)
+
+
+class Nothing(SetFilter):
+    name, summary = "nothing", "rejects every set"
+
+    def accept(self, space, values):
+        return np.zeros(len(values), dtype=bool)
+
+
+def test_filters_that_reject_all_that_describes_the_curves_leave_no_intervals_and_the_reason(ended):
+    study, measured, case, _ = ended()
+    case.end.problem.study = replace(study, filters=(Nothing(),))
+    notes = Notes()
+    found = CertaintyStage(study=study, measured=measured, progress=notes).run([case])
+    assert found.intervals.is_empty()
+    assert "the filters reject all 1,024 values that describe the curves as well as the fit" in notes.texts[-1]
+
+
+def test_posteriors_are_refused_where_intervals_are_those_of_another_centre(make_study, plugins, tmp_path):
+    study = make_study(budget=BudgetTable(estimator="gls"))
+    with pytest.raises(StudyError, match=r"around the least Fopt.* leave \[budget\] estimator out"):
+        pipeline.certainty(study, tmp_path / "run", plugins)
 
 
 def test_where_slopes_fail_at_the_fit_there_are_no_intervals_and_no_error(ended):
