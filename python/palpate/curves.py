@@ -129,6 +129,8 @@ class Curve:
     std : (n,) array, optional
         Standard deviation of each ordinate, in its unit: the spread of single measurements
         of this point. None if unknown.
+    time_s : (n,) array, optional
+        When each point was passed, never decreasing; the curves of one press have one clock. None if unknown.
     slopes : mapping of name to (n,) array
         Derivative of a simulated ordinate in each textbook parameter, named ``region.parameter``, and
         in the coefficient of ``friction``; per unit of the parameter. Empty if not requested.
@@ -137,13 +139,14 @@ class Curve:
     ------
     CurveError
         Shapes differ, fewer than two points, a value that is not finite, a negative
-        standard deviation, or an abscissa that never moves.
+        standard deviation, a time that goes back, or an abscissa that never moves.
     """
 
     channel: str
     abscissa: FloatArray
     ordinate: FloatArray
     std: FloatArray | None = None
+    time_s: FloatArray | None = None
     slopes: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -153,6 +156,9 @@ class Curve:
         if self.std is not None:
             object.__setattr__(self, "std", frozen_floats(self.std))
             self._check_std(self.std)
+        if self.time_s is not None:
+            object.__setattr__(self, "time_s", frozen_floats(self.time_s))
+            self._check_time(self.time_s)
         slopes = {name: frozen_floats(values) for name, values in self.slopes.items()}
         object.__setattr__(self, "slopes", MappingProxyType(slopes))
         for name, values in slopes.items():
@@ -202,13 +208,28 @@ class Curve:
                 f"{where}: std[{bad[0]}] is {std[bad[0]]}; a standard deviation is finite and not negative"
             )
 
+    def _check_time(self, time_s: FloatArray) -> None:
+        where = f"curve '{self.channel}'"
+        if time_s.shape != self.ordinate.shape:
+            raise CurveError(
+                f"{where}: {time_s.shape} times for {self.ordinate.shape} points; "
+                "give one for each point, or none"
+            )
+        bad = np.flatnonzero(~np.isfinite(time_s) | (np.diff(time_s, prepend=-np.inf) < 0.0))
+        if bad.size:
+            raise CurveError(
+                f"{where}: time_s[{bad[0]}] is {time_s[bad[0]]}; a time is finite and never before "
+                "that of the point before it"
+            )
+
     def cut(self, rows: slice) -> "Curve":
-        """Keep some of the points, each with its standard deviation."""
+        """Keep some of the points, each with its standard deviation and time."""
         return Curve(
             channel=self.channel,
             abscissa=self.abscissa[rows],
             ordinate=self.ordinate[rows],
             std=None if self.std is None else self.std[rows],
+            time_s=None if self.time_s is None else self.time_s[rows],
             slopes={name: values[rows] for name, values in self.slopes.items()},
         )
 

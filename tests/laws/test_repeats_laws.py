@@ -45,6 +45,15 @@ def test_presses_that_differ_by_constants_have_their_spread(swings, n_points, sh
     np.testing.assert_allclose(mean.std, np.std(shifts, ddof=1), atol=1e-12)
 
 
+@given(TURNS, st.integers(2, 30), SHIFTS)
+def test_the_mean_has_the_mean_times_of_presses_that_all_have_them(swings, n_points, shifts):
+    one = press(swings, n_points)
+    time_s = np.linspace(0.0, 2.0, one.abscissa.size)
+    presses = {str(i): replace(one, time_s=time_s + s) for i, s in enumerate(shifts)}
+    np.testing.assert_allclose(average(presses).time_s, time_s + np.mean(shifts), atol=1e-12)
+    assert average(presses | {"no clock": one}).time_s is None
+
+
 @given(TURNS, SHIFTS, st.randoms(use_true_random=False))
 def test_the_order_of_the_presses_changes_nothing(swings, shifts, random):
     presses = [press(swings, 9, lambda x, s=s: np.cos(x + s)) for s in shifts]

@@ -1,4 +1,4 @@
-"""A curve may have standard deviations, also on disk."""
+"""A curve may have standard deviations and times, also on disk."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from palpate.run.result_files import frame_of, response_of
 X = [0.0, 1.0, 2.0]
 
 
-def curve(channel="force", std=None):
-    return Curve(channel=channel, abscissa=X, ordinate=[0.0, 2.0, 5.0], std=std)
+def curve(channel="force", std=None, time_s=None):
+    return Curve(channel=channel, abscissa=X, ordinate=[0.0, 2.0, 5.0], std=std, time_s=time_s)
 
 
 def test_a_standard_deviation_is_kept_read_only():
@@ -36,8 +36,33 @@ def test_a_standard_deviation_that_is_none_is_refused(std, message):
         curve(std=std)
 
 
+@pytest.mark.parametrize(
+    ("time_s", "message"),
+    [
+        ([0.0, 1.0], r"curve 'force': \(2,\) times for \(3,\) points; give one for each point, or none"),
+        ([0.0, 1.0, 0.9], r"curve 'force': time_s\[2\] is 0.9; a time is finite and never before"),
+        ([0.0, np.inf, 2.0], r"time_s\[1\] is inf"),
+    ],
+)
+def test_times_that_are_none_are_refused(time_s, message):
+    with pytest.raises(CurveError, match=message):
+        curve(time_s=time_s)
+
+
+def test_a_table_holds_the_times_of_the_curves_that_have_them():
+    response = Response(curves={"force": curve(time_s=[3.0, 3.0, 4.5]), "torque": curve("torque")})
+    frame = frame_of(response)
+    assert frame.columns == ["channel", "point", "abscissa", "ordinate", "time_s"]
+    found = response_of(frame)
+    assert found["force"].time_s.tolist() == [3.0, 3.0, 4.5]
+    assert found["torque"].time_s is None
+    with pytest.raises(ValueError, match="read-only"):
+        found["force"].time_s[0] = 1.0
+
+
 def test_a_part_of_a_curve_keeps_what_belongs_to_its_points():
-    part = curve(std=[0.1, 0.2, 0.3]).cut(slice(1, 3))
+    part = curve(std=[0.1, 0.2, 0.3], time_s=[0.0, 1.0, 3.0]).cut(slice(1, 3))
+    assert part.time_s.tolist() == [1.0, 3.0]
     assert (part.channel, part.abscissa.tolist(), part.ordinate.tolist(), part.std.tolist()) == (
         "force", [1.0, 2.0], [2.0, 5.0], [0.2, 0.3],
     )  # fmt: skip

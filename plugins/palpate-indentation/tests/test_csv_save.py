@@ -145,6 +145,48 @@ def test_a_standard_deviation_is_neither_made_up_nor_dropped(
         loader(channels=channels).save(tmp_path / "c.csv", unsure(std))
 
 
+TIMED = {
+    "force": {"abscissa": "d", "ordinate": "f", "time": {"name": "t_ms", "scale": 0.001}},
+    "torque": {"abscissa": "a", "ordinate": "t", "time": {"name": "t_ms", "scale": 0.001}},
+}
+
+
+def timed(force_s: object, torque_s: object) -> Response:
+    force = Curve(channel="force", abscissa=DEPTH, ordinate=DEPTH**2, time_s=force_s)
+    return Response(
+        curves={
+            "force": force,
+            "torque": Curve(channel="torque", abscissa=DEPTH, ordinate=-DEPTH, time_s=torque_s),
+        }
+    )
+
+
+def test_times_of_curves_in_one_column_are_read_back_in_seconds(tmp_path: Path) -> None:
+    path = tmp_path / "c.csv"
+    loader(channels=TIMED).save(path, timed([0.0, 0.5, 2.0], [3.0, 3.5, 4.0]))
+    assert path.read_text().splitlines()[:2] == ["d,a,f,t,t_ms", "0.0,0.0,0.0,-0.0,0.0"]
+    found = loader(channels=TIMED).load(path)
+    assert found["force"].time_s == pytest.approx([0.0, 0.5, 2.0])
+    assert found["torque"].time_s == pytest.approx([3.0, 3.5, 4.0])
+    assert loader(channels={"force": {"abscissa": "d", "ordinate": "f"}}).load(path)["force"].time_s is None
+
+
+def test_a_time_is_neither_made_up_nor_dropped(tmp_path: Path) -> None:
+    path = tmp_path / "c.csv"
+    with pytest.raises(CurveError, match=r"channel 'torque' has no time; remove channels\.torque\.time in"):
+        loader(channels=TIMED).save(path, timed([0.0, 0.5, 2.0], None))
+    plain = {c: {k: TIMED[c][k] for k in ("abscissa", "ordinate")} for c in TIMED}
+    with pytest.raises(CurveError, match=r"channel 'force' has a time; name a column under"):
+        loader(channels=plain).save(path, timed([0.0, 0.5, 2.0], None))
+
+
+def test_a_time_that_goes_back_names_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "c.csv"
+    path.write_text("d,f,t_ms\n0,0,0\n1,2,500\n2,3,400\n")
+    with pytest.raises(CurveError, match=r"c\.csv: channel 'force'.*time_s\[2\] is 0.4"):
+        loader(channels={"force": TIMED["force"]}).load(path)
+
+
 def test_a_negative_standard_deviation_names_its_file(tmp_path: Path) -> None:
     path = tmp_path / "c.csv"
     path.write_text("d,f,sf\n0,0,1\n1,2,-1\n")

@@ -89,6 +89,18 @@ def test_standard_deviations_are_of_the_size_of_the_errors(spot):
     assert 0.3 < size < 3.0
 
 
+def test_curves_have_the_times_of_their_phases(spot):
+    processed = logs.processed(spot)
+    press, first, last = (processed.phase(name) for name in ("press", "twist_1", "twist_3"))
+    force, torque = processed.force.time_s, processed.torque.time_s
+    # The motion starts slowly, and first contact is found up to 0.05 mm late.
+    assert force[0] == pytest.approx(press.start.time_s, abs=0.3)
+    assert force[-1] == pytest.approx(press.stop.time_s, abs=0.05)
+    assert (torque[0], torque[-1]) == pytest.approx((first.start.time_s, last.stop.time_s), abs=0.05)
+    turns = [torque[stop - 1] for _, stop in processed.torque.branches[:-1]]
+    assert turns == pytest.approx([logs.STARTS_S["twist_2"], logs.STARTS_S["twist_3"]], abs=0.05)
+
+
 def test_the_record_is_complete_json(spot):
     record = logs.processed(spot).record
     assert json.loads(json.dumps(dict(record), allow_nan=False)) == dict(record)

@@ -141,9 +141,8 @@ def _response(term: SpotTerm, values: Mapping[str, FloatArray]) -> Response:
         covered = np.isfinite(fitted)
         if covered.sum() > 1:
             curve = term.measured[name]
-            curves[name] = replace(
-                curve, abscissa=curve.abscissa[covered], ordinate=fitted[covered], std=None
-            )
+            x, y = curve.abscissa[covered], fitted[covered]
+            curves[name] = replace(curve, abscissa=x, ordinate=y, std=None, time_s=None)
     return Response(curves=curves)
 
 

@@ -55,21 +55,29 @@ def curve_rows(responses: Mapping[str, Response]) -> pl.DataFrame:
 
 
 def frame_of(response: Response) -> pl.DataFrame:
-    """Curves as rows of channel, point, abscissa, ordinate and, where any curve has it, std."""
-    has_std = any(curve.std is not None for curve in response.curves.values())
-    frame = curve_rows({"": response})
-    return frame.select("channel", "point", "abscissa", "ordinate", *(["std"] if has_std else []))
+    """Curves as rows of channel, point, abscissa, ordinate and, where any curve has them, std and time_s."""
+    curves = response.curves.values()
+    known = [name for name in ("std", "time_s") if any(getattr(c, name) is not None for c in curves)]
+    times = [np.full(c.abscissa.size, np.nan) if c.time_s is None else c.time_s for c in curves]
+    time_s = pl.Series("time_s", np.concatenate([np.empty(0), *times])).fill_nan(None)
+    frame = curve_rows({"": response}).with_columns(time_s)
+    return frame.select("channel", "point", "abscissa", "ordinate", *known)
 
 
 def response_of(frame: pl.DataFrame) -> Response:
     """Make curves of rows: the inverse of :func:`frame_of`."""
+
+    def known(rows: pl.DataFrame, name: str) -> FloatArray | None:
+        return rows[name].to_numpy() if name in rows and rows[name].count() else None
+
     return Response(
         curves={
             str(name): Curve(
                 channel=str(name),
                 abscissa=rows["abscissa"].to_numpy(),
                 ordinate=rows["ordinate"].to_numpy(),
-                std=rows["std"].to_numpy() if "std" in rows and rows["std"].count() else None,
+                std=known(rows, "std"),
+                time_s=known(rows, "time_s"),
             )
             for (name,), rows in frame.group_by("channel", maintain_order=True)
         }

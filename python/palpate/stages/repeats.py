@@ -24,7 +24,7 @@ def average(repeats: Mapping[str, Curve]) -> Curve:
     point as far as every press has come. Its ``std`` is that between presses,
     √(Σ(y − ȳ)²/(n − 1)), with the variance averaged over ``POOLED_SHARE`` of a branch;
     if every press has a standard deviation, it is no less than their
-    root mean square. A single press is returned as it is.
+    root mean square. Times are averaged too, if every press has them. A single press is returned as it is.
 
     Parameters
     ----------
@@ -52,7 +52,14 @@ def average(repeats: Mapping[str, Curve]) -> Curve:
     if all(curve.std is not None for curve in curves):
         own = np.stack([_at(c, c.std, abscissa) for c in curves if c.std is not None])
         std = np.maximum(std, np.sqrt(np.mean(own**2, axis=0)))
-    return Curve(channel=first.channel, abscissa=abscissa, ordinate=ordinates.mean(axis=0), std=std)
+    times = [_at(curve, curve.time_s, abscissa) for curve in curves if curve.time_s is not None]
+    return Curve(
+        channel=first.channel,
+        abscissa=abscissa,
+        ordinate=ordinates.mean(axis=0),
+        std=std,
+        time_s=np.maximum.accumulate(np.mean(times, axis=0)) if len(times) == len(curves) else None,
+    )
 
 
 def described(mean: Curve, repeats: Mapping[str, Curve]) -> dict[str, Any]:

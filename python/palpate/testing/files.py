@@ -108,9 +108,11 @@ class LoaderContract(ComponentContract):
             one, other = found[name], written[name]
             np.testing.assert_allclose(one.abscissa, other.abscissa, rtol=1e-12)
             np.testing.assert_allclose(one.ordinate, other.ordinate, rtol=1e-12)
-            assert (one.std is None) == (other.std is None)
-            if one.std is not None and other.std is not None:
-                np.testing.assert_allclose(one.std, other.std, rtol=1e-12)
+            for field in ("std", "time_s"):
+                was, read = getattr(one, field), getattr(other, field)
+                assert (was is None) == (read is None)
+                if was is not None:
+                    np.testing.assert_allclose(read, was, rtol=1e-12)
 
     def test_reads_the_same_twice_and_leaves_the_file_alone(
         self, loader: ExperimentLoader, good_file: Path

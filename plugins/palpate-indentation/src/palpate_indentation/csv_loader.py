@@ -55,13 +55,13 @@ class ChannelColumns(Settings):
     std: ColumnChoice | None = Field(
         default=None, description="Column of the ordinate's standard deviation; its offset is 0."
     )
+    time: ColumnChoice | None = Field(default=None, description="Column of the time; scale is to seconds.")
 
     @property
-    def all(self) -> tuple[Column, ...]:
-        """Abscissa, ordinate and, where there is one, standard deviation."""
-        return (
-            (self.abscissa, self.ordinate) if self.std is None else (self.abscissa, self.ordinate, self.std)
-        )
+    def by_field(self) -> dict[str, Column]:
+        """Columns by the field of the curve; without a standard deviation or a time where there is none."""
+        known = {"abscissa": self.abscissa, "ordinate": self.ordinate, "std": self.std, "time_s": self.time}
+        return {field: column for field, column in known.items() if column is not None}
 
 
 def _columns(abscissa: str, ordinate: str) -> ChannelColumns:
@@ -180,7 +180,7 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
 
 
 def _curves(table: TextTable, wanted: Mapping[str, ChannelColumns]) -> dict[str, Curve]:
-    columns = [column for channel in wanted.values() for column in channel.all]
+    columns = [column for channel in wanted.values() for column in channel.by_field.values()]
     rows, read = table.read([column.name for column in columns])
     values = {column: _values(table.path, rows, read[column.name], column) for column in columns}
     return {name: _curve(table.path, name, columns, values) for name, columns in wanted.items()}
@@ -195,53 +195,58 @@ def _rows(
             f"{path}: the curves are {', '.join(response)}, and the loader's settings name columns for "
             f"{', '.join(columns)}; name the same channels under channels, or use a separate file for each"
         )
-    # Abscissae first, then ordinates, then standard deviations.
-    places = [(k, c) for k in range(3) for c in response if k < len(columns[c].all)]
-    names = [columns[c].all[k].name for k, c in places]
+    # Abscissae first, then ordinates, then standard deviations; curves may share the column of their times.
+    fields = ("abscissa", "ordinate", "std", "time_s")
+    known = [(field, columns[c].by_field[field].name) for field in fields for c in response
+             if field in columns[c].by_field]  # fmt: skip
+    of_times = dict.fromkeys(name for field, name in known if field == "time_s")
+    names = [*(name for field, name in known if field != "time_s"), *of_times]
     if len(set(names)) < len(names):
         raise CurveError(
             f"{path}: two curves need one column ({', '.join(names)}); use a separate file for each"
         )
     written = {c: _written(path, curve, columns[c]) for c, curve in response.curves.items()}
-    now = np.array([written[c][k, 0] for k, c in places])
+    first = {name: values[0] for each in reversed(written.values()) for name, values in each.items()}
+    now = np.array([first[name] for name in names])
     blocks = []
-    for channel, values in written.items():
-        block = np.tile(now, (values.shape[1], 1))
-        for k in range(len(values)):
-            block[:, places.index((k, channel))] = values[k]
+    for by_column in written.values():
+        block = np.tile(now, (len(next(iter(by_column.values()))), 1))
+        for name, values in by_column.items():
+            block[:, names.index(name)] = values
         blocks.append(block)
         now = block[-1]
     return names, np.concatenate(blocks)
 
 
-def _written(path: Path, curve: Curve, columns: ChannelColumns) -> FloatArray:
-    """Values (n_columns, n) in the file's units, without the rest at both ends."""
-    if (curve.std is None) != (columns.std is None):
-        has, remedy = ("no", "remove") if curve.std is None else ("a", "name a column under")
-        raise CurveError(
-            f"{path}: channel '{curve.channel}' has {has} standard deviation; {remedy} "
-            f"channels.{curve.channel}.std in the loader's settings"
-        )
+def _written(path: Path, curve: Curve, columns: ChannelColumns) -> dict[str, FloatArray]:
+    """Values (n,) by column in the file's units, without the rest at both ends."""
+    for key, what, values, column in (
+        ("std", "standard deviation", curve.std, columns.std),
+        ("time", "time", curve.time_s, columns.time),
+    ):
+        if (values is None) != (column is None):
+            has, remedy = ("no", "remove") if values is None else ("a", "name a column under")
+            raise CurveError(
+                f"{path}: channel '{curve.channel}' has {has} {what}; {remedy} "
+                f"channels.{curve.channel}.{key} in the loader's settings"
+            )
     part = curve.cut(moving_span(curve.abscissa))
-    values = (part.abscissa, part.ordinate, part.std)
-    return np.stack(
-        [
-            (each - column.offset) / column.scale
-            for each, column in zip(values, columns.all, strict=False)
-            if each is not None
-        ]
-    )
+    return {
+        column.name: (getattr(part, field) - column.offset) / column.scale
+        for field, column in columns.by_field.items()
+    }
 
 
 def _curve(path: Path, channel: str, columns: ChannelColumns, values: Mapping[Column, FloatArray]) -> Curve:
-    abscissa, ordinate, *std = (values[column] for column in columns.all)
+    fields = {field: values[column] for field, column in columns.by_field.items()}
     try:
-        span = moving_span(abscissa)
+        span = moving_span(fields["abscissa"])
         return Curve(
             channel=channel,
-            abscissa=abscissa[span],
-            ordinate=ordinate[span],
-            std=std[0][span] if std else None,
+            abscissa=fields["abscissa"][span],
+            ordinate=fields["ordinate"][span],
+            std=fields["std"][span] if "std" in fields else None,
+            time_s=fields["time_s"][span] if "time_s" in fields else None,
         )
     except CurveError as error:
         raise CurveError(

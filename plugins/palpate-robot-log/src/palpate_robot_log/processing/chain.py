@@ -232,7 +232,7 @@ def _branch(
     smooth = partial(smoothed, time, method=choice.method, window_s=choice.window, order=choice.order)
     level, values = smooth(abscissa, peak=_ABSCISSA * span).values, smooth(ordinate, peak=peak)
     points = settings.resampling.points if settings.resampling.enabled else None
-    return branch(level, values, zero_std, points, start), values
+    return branch(time, level, values, zero_std, points, start), values
 
 
 def _force(

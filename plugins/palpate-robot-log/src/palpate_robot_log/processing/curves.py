@@ -11,16 +11,18 @@ from palpate_robot_log.processing.smoothing import Smoothed
 _SLOPE_POINTS = 31
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Branch:
     """A monotone part of a curve; arrays (n,) in the order travelled."""
 
     abscissa: FloatArray
     ordinate: FloatArray
     std: FloatArray
+    time_s: FloatArray
 
 
 def branch(
+    time_s: FloatArray,
     abscissa: FloatArray,
     ordinate: Smoothed,
     extra_std: FloatArray,
@@ -31,6 +33,7 @@ def branch(
 
     Parameters
     ----------
+    time_s : (n,) array
     abscissa : (n,) array
         Smoothed; what noise is left in its sense of travel is levelled.
     ordinate : Smoothed
@@ -45,12 +48,12 @@ def branch(
     level = sense * np.minimum(np.maximum.accumulate(sense * abscissa), sense * abscissa[-1])
     inside = level >= start
     level, values = level[inside], ordinate.values[inside]
-    std = np.hypot(ordinate.std, extra_std)[inside]
+    std, time = np.hypot(ordinate.std, extra_std)[inside], time_s[inside]
     if points is None:
-        return Branch(abscissa=level, ordinate=values, std=std)
+        return Branch(level, values, std, time)
     grid = np.linspace(level[0], level[-1], points)
-    at = sense * grid, sense * level
-    return Branch(abscissa=grid, ordinate=np.interp(*at, values), std=np.interp(*at, std))
+    resampled = (np.interp(sense * grid, sense * level, each) for each in (values, std, time))
+    return Branch(grid, *resampled)
 
 
 def with_shift_std(part: Branch, shift_std: float) -> Branch:
@@ -65,11 +68,12 @@ def with_shift_std(part: Branch, shift_std: float) -> Branch:
 
 def joined(channel: str, branches: Sequence[Branch]) -> Curve:
     """One curve of successive branches, which share their turning points."""
-    abscissa, ordinate, std = (
-        [np.array(getattr(part, name)) for part in branches] for name in ("abscissa", "ordinate", "std")
+    abscissa, ordinate, std, time = (
+        [np.array(getattr(part, name)) for part in branches]
+        for name in ("abscissa", "ordinate", "std", "time_s")
     )
     for k in range(1, len(branches)):
-        for values in (abscissa, ordinate):
+        for values in (abscissa, ordinate, time):
             values[k - 1][-1] = (values[k - 1][-1] + values[k][0]) / 2.0
         std[k - 1][-1] = max(std[k - 1][-1], std[k][0])
     kept = [slice(0 if k == 0 else 1, None) for k in range(len(branches))]
@@ -78,4 +82,5 @@ def joined(channel: str, branches: Sequence[Branch]) -> Curve:
         abscissa=np.concatenate([a[s] for a, s in zip(abscissa, kept, strict=True)]),
         ordinate=np.concatenate([o[s] for o, s in zip(ordinate, kept, strict=True)]),
         std=np.concatenate([d[s] for d, s in zip(std, kept, strict=True)]),
+        time_s=np.concatenate([t[s] for t, s in zip(time, kept, strict=True)]),
     )
