@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         Prior as Prior,
         Protocol as Protocol,
         RegionMaterial as RegionMaterial,
+        Relaxation as Relaxation,
         Response as Response,
         Scenario as Scenario,
         Simulation as Simulation,

@@ -1,6 +1,6 @@
 """Curves, measured or simulated, with points in the order travelled."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from inspect import isfunction
@@ -18,6 +18,9 @@ BoolArray = NDArray[np.bool_]
 
 PHASES = ("load", "unload")
 """Parts of a path: where the abscissa's magnitude grows, and where it falls."""
+
+SIGNIFICANT = 3.0
+"""Standard deviations that a fall must exceed to be more than noise."""
 
 
 def channel_of(name: str) -> str:
@@ -281,6 +284,61 @@ def moving_span(abscissa: FloatArray) -> slice:
     return slice(int(moves[0]), int(moves[-1]) + 2)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Relaxation:
+    """Fall of a channel while the indenter rested in contact.
+
+    Parameters
+    ----------
+    channel : str
+    phase : str
+        Name of the rest, such as ``dwell_1``.
+    duration_s : float
+        Of the rest.
+    start_value : float
+        At the start of the rest, in the unit of the ordinate.
+    fall : float
+        By how much the magnitude is smaller at the end of the rest; negative where it is larger.
+    fall_std : float
+        Standard deviation of the fall.
+    time_constant_s : float, optional
+        Of one exponential; None if unknown.
+
+    Raises
+    ------
+    CurveError
+        A value that is not finite, a negative standard deviation, or a rest of no duration.
+    """
+
+    channel: str
+    phase: str
+    duration_s: float
+    start_value: float
+    fall: float
+    fall_std: float
+    time_constant_s: float | None = None
+
+    def __post_init__(self) -> None:
+        where = f"relaxation of '{self.channel}' in '{self.phase}'"
+        for name in ("duration_s", "start_value", "fall", "fall_std"):
+            if not np.isfinite(getattr(self, name)):
+                raise CurveError(f"{where}: {name} is {getattr(self, name)}; give a finite number")
+        if self.fall_std < 0.0:
+            raise CurveError(f"{where}: fall_std is {self.fall_std}; a standard deviation is not negative")
+        if not self.duration_s > 0.0:
+            raise CurveError(f"{where}: duration_s is {self.duration_s}; a rest lasts longer than 0 s")
+
+    @property
+    def share(self) -> float:
+        """Fall over the magnitude at the start; 0 where that is zero."""
+        return self.fall / abs(self.start_value) if self.start_value else 0.0
+
+    @property
+    def is_significant(self) -> bool:
+        """True if noise alone does not make such a fall, or rise."""
+        return abs(self.fall) > SIGNIFICANT * self.fall_std
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
     """Curves by channel name: the response of a limb, measured or simulated.
@@ -288,6 +346,8 @@ class Response:
     Parameters
     ----------
     curves : mapping of channel name to Curve
+    relaxations : sequence of Relaxation, optional
+        Of a measured response: what a loader has found in the rests of its presses.
     record : mapping, optional
         How the curves were obtained, as numbers, text, lists and tables. The manifest
         of a run keeps it for each file of a loader. A loader's ``warnings``, a list of
@@ -295,10 +355,12 @@ class Response:
     """
 
     curves: Mapping[str, Curve]
+    relaxations: Sequence[Relaxation] = ()
     record: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "curves", MappingProxyType(dict(self.curves)))
+        object.__setattr__(self, "relaxations", tuple(self.relaxations))
         object.__setattr__(self, "record", MappingProxyType(dict(self.record)))
 
     def __repr__(self) -> str:

@@ -21,6 +21,7 @@ from palpate.curves import (
     Channel as Channel,
     Curve as Curve,
     FloatArray as FloatArray,
+    Relaxation as Relaxation,
     Response as Response,
     channel_of as channel_of,
     frozen_floats,

@@ -40,6 +40,7 @@ from palpate.stages import scoring, selection, simulation
 from palpate.stages.completeness import completeness, without_result
 from palpate.stages.experiment import draw_files, load_measured, load_presses, mean, measured_warnings
 from palpate.stages.limb import limb_warnings, load_limbs
+from palpate.stages.relaxation import relaxation_warnings
 from palpate.stages.stiffness_scaling import best_scaled_sets
 from palpate.stages.study_design import draw_study
 from palpate.stages.sweep import Simulations
@@ -71,8 +72,13 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     simulation.check_jobs(study, to_do, limbs)
     if not isinstance(study.search, BestSet):
         check_fit(study, measured, abscissae_of(plugins))
-    warnings = (*odd_settings(study), *measured_warnings(measured), *limb_warnings(study, limbs))
+    of_curves = _measured_warnings(study, measured)
+    warnings = (*odd_settings(study), *of_curves, *limb_warnings(study, limbs))
     return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings)
+
+
+def _measured_warnings(study: Study, measured: Mapping[str, Response]) -> tuple[str, ...]:
+    return (*measured_warnings(measured), *relaxation_warnings(measured, study.budget.gain))
 
 
 def run_study(
@@ -203,7 +209,7 @@ def measure(
         run.write_measured(measured, made_from)
         for name, folder in folders.items():
             draw_presses(presses[name], measured[name], plugins.channels, study.notice, folder)
-    for text in measured_warnings(measured):
+    for text in _measured_warnings(study, measured):
         progress.note(f"warning: {text}")
     progress.step()
     return measured

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.domain import Curve, Response
+from palpate.domain import Curve, Relaxation, Response
 from palpate.errors import CurveError
 from palpate.run.result_files import frame_of, response_of
 
@@ -75,6 +75,37 @@ def test_a_table_holds_each_curves_standard_deviation_or_that_there_is_none(torq
     found = response_of(frame_of(response))
     assert found["force"].std.tolist() == [0.1, 0.2, 0.3]
     assert (found["torque"].std is None) if torque_std is None else found["torque"].std.tolist() == torque_std
+
+
+def rest(**changes):
+    given = {
+        "channel": "force",
+        "phase": "dwell",
+        "duration_s": 1.0,
+        "start_value": -8.0,
+        "fall": 0.4,
+        "fall_std": 0.1,
+    }
+    return Relaxation(**(given | changes))
+
+
+def test_a_relaxation_is_a_share_of_what_was_there_and_significant_beyond_three_deviations():
+    assert rest().share == 0.05
+    assert rest(start_value=0.0).share == 0.0
+    assert [rest(fall=fall).is_significant for fall in (0.29, 0.31, -0.31)] == [False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fall": np.nan}, r"relaxation of 'force' in 'dwell': fall is nan; give a finite number"),
+        ({"fall_std": -0.1}, r"fall_std is -0.1; a standard deviation is not negative"),
+        ({"duration_s": 0.0}, r"duration_s is 0.0; a rest lasts longer than 0 s"),
+    ],
+)
+def test_a_relaxation_that_is_none_is_refused(changes, message):
+    with pytest.raises(CurveError, match=message):
+        rest(**changes)
 
 
 def test_a_table_of_curves_without_one_has_no_column_for_it():

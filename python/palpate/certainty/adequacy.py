@@ -23,19 +23,22 @@ class Check:
 
     Parameters
     ----------
-    name : {"discrepancy", "runs", "spots", "ranges", "estimators"}
+    name : {"discrepancy", "runs", "spots", "ranges", "estimators", "relaxation"}
     channel : int
         Number of the channel; negative for all.
     probability : float
         Of residuals as unlike those of a good model as these, or more.
     is_failed : bool
         Whether the model does not describe the data.
+    message : str
+        What is wrong, where that is not in the residuals.
     """
 
     name: str
     channel: int
     probability: float
     is_failed: bool
+    message: str = ""
 
 
 def checks(

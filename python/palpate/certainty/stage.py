@@ -1,12 +1,12 @@
 """The certainty of a study's fits: intervals, their causes, and whether the model describes the data."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import polars as pl
 
-from palpate.certainty.adequacy import checks
+from palpate.certainty.adequacy import Check, checks
 from palpate.certainty.causes import Columns, causes_of, columns_of
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.known_errors import known_errors
@@ -23,6 +23,7 @@ from palpate.fit.stage import Case
 from palpate.plugins.search import Trial
 from palpate.progress import SILENT, Progress
 from palpate.run.result import CertaintyResult
+from palpate.stages.relaxation import relaxation_of
 from palpate.study.reading import Study
 
 NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
@@ -149,7 +150,7 @@ class CertaintyStage:
             density=density_of(of_all, end.problem),
             white=whitening(jacobian, covariance, groups),
             errors=errors,
-            checks=tuple(found),
+            checks=(*found, *self._relaxation(case)),
             channels=channels,
             has_usual_mesh_error=self._has_usual_mesh_error(end),
         )
@@ -161,6 +162,18 @@ class CertaintyStage:
             for term in end.problem.terms
             for channel in map(channel_of, term.weights)
         )
+
+    def _relaxation(self, case: Case) -> Iterator[Check]:
+        """Check the rests of the case's spots, where any were measured."""
+        measured = {spot: self.measured[spot] for spot in case.spots}
+        if found := relaxation_of(measured, self.study.budget.gain):
+            yield Check(
+                name="relaxation",
+                channel=-1,
+                probability=found.probability,
+                is_failed=found.is_beyond,
+                message=found.sentence,
+            )
 
     def _known(self, end: Fit, residuals: FloatArray, rows: Rows, columns: Columns) -> dict[str, FloatArray]:
         """What each known cause makes of the residuals: (n, m), one standard deviation each."""

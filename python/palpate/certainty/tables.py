@@ -180,6 +180,7 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             "ranges": "the curves ask for parameters outside of their ranges",
             "estimators": "the most likely values are farther from those of the least Fopt than the errors "
             "allow that both rest on",
+            "relaxation": check.message,
         }
         yield _about(each) | {
             "check": check.name,

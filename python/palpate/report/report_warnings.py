@@ -13,6 +13,7 @@ from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.stages.completeness import described
 from palpate.stages.experiment import measured_warnings
 from palpate.stages.identifiability import UNCLEAR, share_of_range
+from palpate.stages.relaxation import REMEDY, relaxation_of
 from palpate.stages.selection import by_reason, failures, unranked
 
 GOOD_R2 = 0.95
@@ -88,6 +89,8 @@ def report_warnings(
     wrong = [f"{fit} R² {at:.3g}" for fit, at in r2 if at < NO_FIT_R2]
     yield from _listed(f"{len(wrong)} of the best sets do not fit", wrong, CHECK)
     yield from _about_adequacy(data)
+    if sentence := apparent(data):
+        yield ReportWarning(sentence, REMEDY)
     yield from _about_missing(data)
     poor = [f"{fit} R² {at:.3f}" for fit, at in r2 if NO_FIT_R2 <= at < GOOD_R2]
     yield from _listed(
@@ -137,11 +140,21 @@ def _some(texts: Sequence[str], most: int = 4) -> str:
 def failed_checks(data: ReportData) -> Iterator[tuple[str, str, str, str]]:
     """Fit, scenario, what is wrong and what to do of each fit whose model does not describe the data."""
     checks = data.fit.certainty.adequacy
-    for row in () if checks.is_empty() else checks.filter("failed").iter_rows(named=True):
+    if checks.is_empty():
+        return
+    # Apparent moduli are still a result; what else fails takes it away.
+    failed = checks.filter(pl.col("failed") & (pl.col("check") != "relaxation"))
+    for row in failed.iter_rows(named=True):
         kind = row["check"] if row["check"] in INADEQUATE else "discrepancy"
         is_specimen = kind == "discrepancy" and data.study.protocol is None
         remedy = INADEQUATE["specimen" if is_specimen else kind]
         yield row["fit"], row["scenario"], row["message"], remedy
+
+
+def apparent(data: ReportData) -> str:
+    """Sentence on moduli that are apparent ones, since the tissue relaxed; empty where they are not."""
+    found = relaxation_of(data.measured, data.study.budget.gain)
+    return found.sentence[:1].upper() + found.sentence[1:] if found and found.is_beyond else ""
 
 
 def _about_adequacy(data: ReportData) -> Iterator[ReportWarning]:
@@ -310,7 +323,8 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
             "Values that fit about as well reach across most of the range, or are as large as the value; "
             "do not read it as the tissue's.",
         )
-    if UNCLEAR in [*rows["identifiability"], *together["identifiability"]] and not any(failed_checks(data)):
+    is_explained = bool(apparent(data)) or any(failed_checks(data))
+    if UNCLEAR in [*rows["identifiability"], *together["identifiability"]] and not is_explained:
         yield ReportWarning(
             "How well some parameters are identified is unclear",
             "Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets."

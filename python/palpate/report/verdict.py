@@ -13,6 +13,7 @@ from palpate.report.report_warnings import (
     CHECK,
     NO_FIT_R2,
     ReportWarning,
+    apparent,
     failed_checks,
     report_warnings,
 )
@@ -48,6 +49,8 @@ class Verdict:
         Sentence on the simulations of the sweep and of the fit; empty where there was no fit.
     warnings : tuple of ReportWarning
         The most severe first.
+    apparent : str
+        Why the parameters are those of one rate; empty where nothing shows it.
     failure : str
         Why no parameters can be read from the run, and what to check; empty where they can.
     without_result : mapping of (spot, scenario) to str
@@ -63,13 +66,16 @@ class Verdict:
     identifiability: tuple[str, ...]
     spent: str = ""
     warnings: tuple[ReportWarning, ...]
+    apparent: str = ""
     failure: str = ""
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was found, how well each parameter is identified, and what it cost."""
-        return tuple(sentence for sentence in (self.lead, *self.identifiability, self.spent) if sentence)
+        """What was found, at which rate, how well each parameter is identified, and what it cost."""
+        apparent = f"{self.apparent}." if self.apparent else ""
+        found = (self.lead, apparent, *self.identifiability, self.spent)
+        return tuple(sentence for sentence in found if sentence)
 
 
 def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdict:
@@ -87,6 +93,7 @@ def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdic
         identifiability=() if no_fit else tuple(_identified(data, found)),
         spent=_spent(data),
         warnings=(*report_warnings(data, bests, tables), *section_warnings(data)),
+        apparent=apparent(data),
         failure=no_fit,
         without_result=data.without_result,
     )

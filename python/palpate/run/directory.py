@@ -35,7 +35,7 @@ from urllib.parse import quote
 import numpy as np
 import polars as pl
 
-from palpate.domain import Channel, Design, Parameter, Response
+from palpate.domain import Channel, Design, Parameter, Relaxation, Response
 from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.run.atomic_files import write_atomically
@@ -53,6 +53,9 @@ _CERTAINTY = tuple(each.name for each in fields(CertaintyResult))
 _POSTERIOR = tuple(each.name for each in fields(PosteriorResult))
 _OF_FIT = ("fit", "fit_trace", "fit_mesh", "fit_curves", *_CERTAINTY)
 _OPTIONAL = ("stiffness_scaling", "verification", "surface", *_OF_FIT, *_POSTERIOR)
+
+RELAXATIONS = "relaxations"
+"""Key of what relaxed, in the record of measured curves."""
 
 
 class RunDirectory:
@@ -168,22 +171,25 @@ class RunDirectory:
 
     def write_measured(self, measured: Mapping[str, Response], made_from: Mapping[str, str]) -> None:
         """Write ``measured/<spot>.parquet``, and to the manifest how the curves came about."""
+        records = {spot: _described(response) for spot, response in measured.items()}
         for spot, response in measured.items():
             write_frame(self._measured(spot), frame_of(response))
-            write_atomically(self._record(spot), _json(plain(response.record)))
+            write_atomically(self._record(spot), _json(records[spot]))
         files = [path for spot in measured for path in (self._measured(spot), self._record(spot))]
         self.records.write("measured", files, made_from)
-        records = {spot: plain(response.record) for spot, response in measured.items()}
         write_atomically(self.folder / "manifest.json", _json(self.manifest() | {"measured": records}))
 
     def measured(self, spots: tuple[str, ...]) -> dict[str, Response]:
         """Measured responses of these spots."""
-        return {
-            spot: replace(
-                self.records.read("measured", self._measured(spot), _response), record=self._recorded(spot)
+        found = {}
+        for spot in spots:
+            curves, record = (
+                self.records.read("measured", self._measured(spot), _response),
+                self._recorded(spot),
             )
-            for spot in spots
-        }
+            relaxations = [Relaxation(**item) for item in record.pop(RELAXATIONS, [])]
+            found[spot] = replace(curves, relaxations=relaxations, record=record)
+        return found
 
     def plots(self, spot: str) -> Path:
         """Folder of the pictures of a spot's presses."""
@@ -387,6 +393,12 @@ class RunDirectory:
 
 def _parquet(content: bytes) -> pl.DataFrame:
     return pl.read_parquet(io.BytesIO(content))
+
+
+def _described(response: Response) -> dict[str, Any]:
+    """How measured curves came about, and what relaxed meanwhile."""
+    relaxed = [asdict(item) for item in response.relaxations]
+    return {**plain(response.record), **({RELAXATIONS: relaxed} if relaxed else {})}
 
 
 def _response(content: bytes) -> Response:

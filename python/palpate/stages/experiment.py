@@ -89,7 +89,7 @@ def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Pre
 
 
 def mean(presses: Presses) -> Response:
-    """Average the presses of a spot channel by channel, with the record of each file.
+    """Average the presses of a spot channel by channel, with the rests and the record of each file.
 
     Raises
     ------
@@ -108,7 +108,11 @@ def mean(presses: Presses) -> Response:
             averages[channel] = described(curves[channel], repeats)
     files = {file: response.record for file, response in presses.responses.items() if response.record}
     record = {"files": files, "averages": averages, "warnings": list(presses.warnings)}
-    return Response(curves=curves, record={key: what for key, what in record.items() if what})
+    return Response(
+        curves=curves,
+        relaxations=[item for response in presses.responses.values() for item in response.relaxations],
+        record={key: what for key, what in record.items() if what},
+    )
 
 
 def measured_warnings(measured: Mapping[str, Response]) -> tuple[str, ...]:

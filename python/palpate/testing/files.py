@@ -90,6 +90,7 @@ class LoaderContract(ComponentContract):
         assert list(response)
         for name in response:
             assert response[name].channel == name
+        assert {item.channel for item in response.relaxations} <= set(response)
 
     def test_refuses_bad_files_by_name(self, loader: ExperimentLoader, bad_files: Sequence[Path]) -> None:
         assert bad_files

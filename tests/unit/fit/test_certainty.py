@@ -12,7 +12,7 @@ from palpate.certainty.known_errors import MESH, known_errors
 from palpate.certainty.mesh_error import SpotMesh, noted_errors
 from palpate.certainty.rows import pieces
 from palpate.certainty.stage import CertaintyStage
-from palpate.domain import ParameterSpace, RegionMaterial, Response, Simulation, Status
+from palpate.domain import ParameterSpace, RegionMaterial, Relaxation, Response, Simulation, Status
 from palpate.errors import StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
@@ -265,6 +265,24 @@ def test_another_material_does_not_describe_the_data(ended):
     assert "discrepancy" in failed["check"].to_list()
     assert "more than the 2 % that the budget allows" in failed["message"][0]
     assert set(found.intervals["identifiability"]) == {"unclear"}
+
+
+def test_a_tissue_that_relaxes_fails_the_check_and_its_words_are_unclear(ended):
+    study, measured, case, _ = ended()
+    rest = Relaxation(
+        channel="force", phase="dwell_1", duration_s=1.0, start_value=10.0, fall=1.2, fall_std=0.02
+    )
+    rested = {"p1": replace(measured["p1"], relaxations=[rest])}
+    found = CertaintyStage(study=study, measured=rested).run([case])
+    row = found.adequacy.filter(check="relaxation").row(0, named=True)
+    assert row["failed"]
+    assert row["message"].endswith("% in 1 s; these are apparent moduli of this rate")
+    assert set(found.intervals["identifiability"]) == {"unclear"}
+    calm = {"p1": replace(measured["p1"], relaxations=[replace(rest, fall=0.01)])}
+    found = CertaintyStage(study=study, measured=calm).run([case])
+    row = found.adequacy.filter(check="relaxation").row(0, named=True)
+    assert (row["failed"], row["message"]) == (False, "")
+    assert "unclear" not in set(found.intervals["identifiability"])
 
 
 class Notes:

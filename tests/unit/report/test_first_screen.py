@@ -6,6 +6,7 @@ import polars as pl
 import pytest
 from hypothesis import given, strategies as st
 
+from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Table, Word
 from palpate.report import make_tables
@@ -107,6 +108,54 @@ def test_where_the_model_fails_a_banner_takes_the_place_of_parameters(fitted):
     page = render(data, make_tables(data), make_verdict(data, {}), [])
     assert 'class="banner"' not in page
     assert 'class="answer"' in page
+
+
+def relaxing(data, share):
+    """The same run, its first spot's force fallen by a share of its peak in a rest of 1 s."""
+    spot, response = next(iter(data.measured.items()))
+    peak = float(abs(response["force"].ordinate).max())
+    rest = Relaxation(
+        channel="force",
+        phase="dwell_1",
+        duration_s=1.0,
+        start_value=peak,
+        fall=share * peak,
+        fall_std=1e-3 * peak,
+    )
+    return replace(data, measured={**data.measured, spot: replace(response, relaxations=[rest])})
+
+
+def test_a_tissue_that_relaxed_has_apparent_moduli_below_a_banner(fitted):
+    sentence = "The tissue at p1 relaxed by 12 % in 1 s; these are apparent moduli of this rate"
+    data = relaxing(passed(fitted), 0.12)
+    verdict = make_verdict(data, make_tables(data))
+    assert verdict.failure == ""
+    assert f"{sentence}." in verdict.sentences
+    assert verdict.warnings[0].what == sentence
+    page = render(data, make_tables(data), verdict, [])
+    assert f'<p class="banner" role="alert">{sentence}.</p>' in page
+    assert 'class="answer"' in page
+    calm = relaxing(passed(fitted), 0.01)
+    verdict = make_verdict(calm, make_tables(calm))
+    assert not verdict.apparent
+    assert 'class="banner"' not in render(calm, make_tables(calm), verdict, [])
+
+
+def test_the_failed_check_of_a_tissue_that_relaxed_takes_no_parameters_away(fitted):
+    data = relaxing(passed(fitted), 0.12)
+    certainty = data.fit.certainty
+    row = certainty.adequacy.head(1).with_columns(check=pl.lit("relaxation"), failed=pl.lit(value=True))
+    checks = pl.concat([certainty.adequacy, row])
+    words = certainty.intervals.with_columns(identifiability=pl.lit("unclear"))
+    changed = replace(certainty, adequacy=checks, intervals=words)
+    data = replace(data, fit=replace(data.fit, certainty=changed))
+    verdict = make_verdict(data, make_tables(data))
+    assert verdict.failure == ""
+    assert {each.identifiability for each in verdict.estimates} == {"unclear"}
+    heads = [warning.what for warning in verdict.warnings]
+    assert heads[0].startswith("The tissue at p1 relaxed")
+    assert not [what for what in heads if "does not describe" in what or "is unclear" in what]
+    assert "relaxation" in make_tables(data)["inadequate"]["check"].to_list()
 
 
 def test_warnings_of_what_leads_come_before_those_of_other_fits(fitted):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate import pipeline
-from palpate.domain import Curve, Indentation, PointWeighting, Response, ScoringRules
+from palpate.domain import Curve, Indentation, PointWeighting, Relaxation, Response, ScoringRules
 from palpate.errors import CurveError, PluginError, StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.indenters import Sphere
@@ -79,6 +79,25 @@ def test_later_stages_keep_what_the_first_has_reported(make_study, plugins, tmp_
     found = RunDirectory(out).measured(("p1",))["p1"]
     np.testing.assert_array_equal(found["force"].std, measured["p1"]["force"].std)
     assert found.record == reported["p1"]
+
+
+def test_what_relaxed_in_any_press_is_kept_with_the_mean(make_study, plugins, tmp_path, telling):
+    fell = Relaxation(
+        channel="force", phase="dwell_1", duration_s=1.0, start_value=8.0, fall=0.5, fall_std=0.1
+    )
+
+    class Relaxing(telling):
+        def load(self, path, channel=None):
+            return replace(super().load(path, channel), relaxations=[fell])
+
+    study, out = pressed_thrice(make_study(loader=Relaxing())), tmp_path / "run"
+    measured = pipeline.measure(study, out, plugins)
+    assert measured["p1"].relaxations == (fell, fell, fell)
+    assert RunDirectory(out).measured(("p1",))["p1"].relaxations == measured["p1"].relaxations
+    (first, *_) = manifest(out)["measured"]["p1"]["relaxations"]
+    assert first["phase"] == "dwell_1"
+    assert first["time_constant_s"] is None
+    assert "relaxations" not in RunDirectory(out).measured(("p1",))["p1"].record
 
 
 @pytest.mark.slow

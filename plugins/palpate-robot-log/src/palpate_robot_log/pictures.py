@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from palpate.api import STYLE, BoolArray, Curve, FloatArray, IntArray
 from palpate_robot_log.processing.phases import Phase
 from palpate_robot_log.processing.processed import Processed
-from palpate_robot_log.processing.relaxation import SIGNIFICANT
 from palpate_robot_log.recording import Recording
 
 N_BUCKETS = 1000
@@ -124,8 +123,7 @@ def _draw_phases(processed: Processed, folder: Path) -> Path:
             _line(axis, time, values, color="0.15")
             axis.set_ylabel(label)
         _name_phases(axes[0], processed.phases)
-        significant = [item for item in processed.relaxations if abs(item.fall) > SIGNIFICANT * item.fall_std]
-        for item in significant:
+        for item in (each for each in processed.relaxations if each.is_significant):
             phase = processed.phase(item.phase)
             axes[2 if item.channel == "force" else 3].annotate(
                 f"falls {100.0 * item.share:.1f} %",

@@ -59,7 +59,8 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
 
         reading = self._read(path)
         processed = process(reading.recording, self.settings)
-        curves = processed.response.curves
+        found = processed.response
+        curves = found.curves
         if channel is not None and channel not in curves:
             raise CurveError(
                 f"{path}: no channel '{channel}' comes of this log (found: {', '.join(curves)}); "
@@ -69,7 +70,8 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         record = {"reading": dict(reading.record), **processed.record}
         if warnings := self._warnings(processed):
             record["warnings"] = warnings
-        return Response(curves=wanted, record=record)
+        relaxations = [item for item in found.relaxations if item.channel in wanted]
+        return Response(curves=wanted, relaxations=relaxations, record=record)
 
     def _warnings(self, processed: "Processed") -> list[str]:
         from palpate_robot_log.processing.gravity import weight_left_in

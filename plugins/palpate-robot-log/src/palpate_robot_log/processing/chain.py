@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from palpate.api import Curve, FloatArray, IntArray
+from palpate.api import Curve, FloatArray, IntArray, Relaxation
 from palpate.mesh.spot_frame import SpotWrench
 from palpate_robot_log.processing import checks, record
 from palpate_robot_log.processing.curves import Branch, branch, joined, with_shift_std
@@ -30,7 +30,7 @@ from palpate_robot_log.processing.located import (
 from palpate_robot_log.processing.onset import Onset
 from palpate_robot_log.processing.phases import Phase, name_phases
 from palpate_robot_log.processing.processed import Processed
-from palpate_robot_log.processing.relaxation import Relaxation, relaxation
+from palpate_robot_log.processing.relaxation import relaxation
 from palpate_robot_log.processing.rotation import mean_orientation, unrotated
 from palpate_robot_log.processing.settings import ProcessingSettings, Window
 from palpate_robot_log.processing.slides import Slide, find_slide
@@ -108,7 +108,7 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         lag=lag,
         normal=located.normal,
         onset=onset,
-        relaxations=_relaxations(located, settings, phases, wrench),
+        relaxations=_relaxations(located, settings, phases, wrench, drift_std_per_s),
         tool=clean.tool,
         drift=clean.drift,
         bias=clean.bias,
@@ -286,15 +286,20 @@ def _slide(located: Located) -> Slide:
 
 
 def _relaxations(
-    located: Located, settings: ProcessingSettings, phases: tuple[Phase, ...], wrench: SpotWrench
+    located: Located,
+    settings: ProcessingSettings,
+    phases: tuple[Phase, ...],
+    wrench: SpotWrench,
+    drift_std_per_s: Mapping[str, float],
 ) -> tuple[Relaxation, ...]:
     if not settings.relaxation.enabled:
         return ()
     time = located.recording.time_s
     signals = {"force": wrench.pressing, "torque": wrench.twisting}
     found = [
-        relaxation(phase.name, channel, time[phase.rows(time)], values[phase.rows(time)])
+        relaxation(phase.name, channel, time[rows], values[rows], drift_std_per_s.get(channel, 0.0))
         for phase in phases
+        for rows in [phase.rows(time)]
         if phase.name.startswith("dwell")
         for channel, values in signals.items()
         # Before the twist there is no torque that could relax.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import Curve, FloatArray, IntArray, Response
+from palpate.api import Curve, FloatArray, IntArray, Relaxation, Response
 from palpate.mesh.spot_frame import SpotWrench
 from palpate_robot_log.processing.alignment import Lag
 from palpate_robot_log.processing.drift import Drift
@@ -16,7 +16,6 @@ from palpate_robot_log.processing.motion import Motion
 from palpate_robot_log.processing.normal import Normal
 from palpate_robot_log.processing.onset import Onset
 from palpate_robot_log.processing.phases import Phase
-from palpate_robot_log.processing.relaxation import Relaxation
 from palpate_robot_log.processing.slides import Slide
 from palpate_robot_log.processing.spot_frame import lateral_force
 from palpate_robot_log.processing.tare import Bias
@@ -79,10 +78,10 @@ class Processed:
 
     @property
     def response(self) -> Response:
-        """The curves by channel, with the record."""
+        """The curves by channel, with what relaxed and the record."""
         found = {"force": self.force, "torque": self.torque, "lateral_force": self.lateral_force}
         curves = {channel: curve for channel, curve in found.items() if curve is not None}
-        return Response(curves=curves, record=self.record)
+        return Response(curves=curves, relaxations=self.relaxations, record=self.record)
 
     @property
     def sliding(self) -> FloatArray:

@@ -60,7 +60,7 @@ def with_record(
         "smoothing": {name: [_of_smoothing(s) for s in each] for name, each in smoothings.items()},
         "resampling": {"points": {n: c.abscissa.size for n, c in processed.response.curves.items()}},
         "slide": {} if processed.slide is None else {"along": processed.slide.along},
-        "relaxation": {"dwells": [asdict(item) for item in processed.relaxations]},
+        "relaxation": {"dwells": [asdict(item) | {"share": item.share} for item in processed.relaxations]},
     }
     steps = [
         {"step": name, "settings": getattr(settings, name).model_dump(mode="json"), "found": each or {}}
