@@ -5,7 +5,7 @@ has a bias, a slow drift, noise and the tool's weight, as in the study ``robot-l
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,20 +26,35 @@ DRIFT_PER_S = np.array([0.002, 0.002, 0.002, 0.04, 0.04, 0.04])
 """Bounds of both, from which they are drawn evenly."""
 
 
-def write_log(path: Path, response: Response, seed: int) -> None:
-    """Log a press of these curves, smooth between their points, as a Parquet file."""
+def write_log(
+    path: Path,
+    response: Response,
+    seed: int,
+    *,
+    speed_mm_s: float = SPEED_MM_S,
+    relaxed: Callable[[FloatArray, FloatArray], FloatArray] | None = None,
+) -> None:
+    """Log a press of these curves, smooth between their points, as a Parquet file.
+
+    ``relaxed`` makes force and torque (n,) of a tissue that relaxes of the elastic ones and of the time
+    since first contact [s].
+    """
     random = np.random.default_rng(seed)
     force, torque = response["force"], response["torque"]
-    depth, angle = _motion(force, torque)
+    depth, angle = _motion(force, torque, speed_mm_s)
     press = PchipInterpolator(force.abscissa, force.ordinate)
     pressing = np.where(depth > 0.0, press(np.maximum(depth, 0.0)), 0.0)
     twisting = _twisting(torque, angle) * pressing / pressing.max()  # what is left goes with the force
+    time = np.arange(depth.size) / RATE_HZ
+    if relaxed is not None:
+        since, touching = np.maximum(time - time[np.argmax(depth > 0.0)], 0.0), pressing > 0.0
+        pressing, twisting = (relaxed(since, each) * touching for each in (pressing, twisting))
+        pressing = np.maximum(pressing, 0.0)
     normal = random.normal(size=3) * 0.5 + np.array([0.0, 0.0, 1.0])
     normal /= np.linalg.norm(normal)
     start = _tool_against(normal) * Rotation.from_euler("z", random.uniform(0.0, 360.0), degrees=True)
     turned = Rotation.from_rotvec(np.radians(angle)[:, None] * normal) * start
     down = WEIGHT_N * turned.inv().apply([0.0, 0.0, -1.0])
-    time = np.arange(depth.size) / RATE_HZ
     bias, drift = (bound * random.uniform(-1.0, 1.0, 6) for bound in (BIAS, DRIFT_PER_S))
     wrench = np.hstack(
         [
@@ -55,11 +70,11 @@ def write_log(path: Path, response: Response, seed: int) -> None:
     pl.DataFrame(table, schema=list(names)).write_parquet(path)
 
 
-def _motion(force: Curve, torque: Curve) -> tuple[FloatArray, FloatArray]:
+def _motion(force: Curve, torque: Curve, speed_mm_s: float) -> tuple[FloatArray, FloatArray]:
     """Depth [mm] and rotation [degrees] in every row."""
     deepest = float(force.abscissa.max())
     turns = torque.abscissa[_turning(torque.abscissa)]
-    down = _ramp([-CLEARANCE_MM, deepest], SPEED_MM_S)
+    down = _ramp([-CLEARANCE_MM, deepest], speed_mm_s)
     rest = np.full(round(REST_S * RATE_HZ), deepest)
     turn = _ramp(turns, SPEED_DEG_S)
     depth = np.concatenate([down, rest, np.full(turn.size, deepest), rest, down[::-1]])

@@ -1,0 +1,43 @@
+"""Relaxation in a rest of a log is found, and is too much for the default budget from 5 % on."""
+
+import numpy as np
+import pytest
+
+from palpate.stages.relaxation import relaxation_of
+from palpate.study.model import BudgetTable
+from palpate_robot_log.processing.chain import process
+
+from . import simulated_logs as logs
+
+RELAXED = {"p1": (0.05, 0.3), "p2": (0.05, 3.0), "p3": (0.12, 0.5), "p4": (0.10, 5.0)}
+"""Fall in the first rest, and its time constant [s]."""
+
+
+def relaxed(spot, fall, tau_s):
+    """A log whose wrench falls from the first rest on, until the tool departs."""
+    whole, tissue = logs.recording(spot), logs.processed(spot).tared
+    since = np.maximum(whole.time_s - logs.STARTS_S["dwell_1"], 0.0)
+    lost = fall * (1.0 - np.exp(-since / tau_s)) / (1.0 - np.exp(-1.0 / tau_s))
+    lost = (lost * (whole.time_s < logs.STARTS_S["departure"]))[:, None]
+    return whole.less(lost * tissue.force_N, lost * tissue.moment_Nmm)
+
+
+def worst(response):
+    return relaxation_of({"p": response}, BudgetTable().gain)
+
+
+@pytest.mark.parametrize("spot", logs.SPOTS)
+def test_five_percent_in_a_rest_are_flagged(spot):
+    fall, tau_s = RELAXED[spot]
+    found = worst(process(relaxed(spot, fall, tau_s), logs.settings()).response)
+    assert found.is_beyond
+    assert found.share == pytest.approx(fall, abs=0.01)
+    assert found.rest.duration_s == pytest.approx(1.0, abs=0.05)
+    assert (found.rest.channel, found.rest.phase) == ("force", "dwell_1")
+
+
+@pytest.mark.parametrize("spot", logs.SPOTS)
+def test_an_elastic_tissue_is_not_flagged(spot):
+    found = worst(logs.processed(spot).response)
+    assert not found.is_beyond
+    assert abs(found.share) < 0.01
