@@ -11,7 +11,7 @@ PYTEST_SET := -m "not slow and not browser and not packaging"
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
 
 .DEFAULT_GOAL := help
-.PHONY: coverage coverage-fe help demo test test-all test-rust test-python dist docs chaos lint lint-python lint-stub lint-rust format hooks bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-next bench-search bench-solver bench-sparse clean
+.PHONY: coverage coverage-fe help demo test test-all test-rust test-python dist docs chaos lint lint-python lint-stub lint-rust format hooks relaxation bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-next bench-search bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -92,6 +92,10 @@ coverage: $(VENV)/installed ## how often 95 % intervals hold the truth, over 600
 
 coverage-fe: $(VENV)/installed ## the same by finite elements, and models that do not describe the data
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_inadequate.py
+
+relaxation: $(VENV)/installed ## how often relaxation is flagged in robot logs, and what it does to intervals
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_relaxation.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/study_relaxation.py
 
 bench-core: $(VENV)/installed ## the core's kernels with their peers, and their instruction counts
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_core.py

@@ -12,6 +12,7 @@ and joint regions, hold the truth, beside those of the noise alone; and how many
 import argparse
 import functools
 import sys
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -173,13 +174,15 @@ def measured_at(study, row: np.ndarray, rng: np.random.Generator) -> Response:
     return Response(curves=curves)
 
 
-def experiment(name: str, seed: int, *, posterior: bool = False) -> dict:
+def experiment(
+    name: str, seed: int, *, posterior: bool = False, measure: Callable[..., Response] = measured_at
+) -> dict:
     """One experiment: which intervals hold the truth, and why the model was called inadequate."""
     rng = np.random.default_rng(seed)
     coarse = MESH * rng.normal()
     study = study_of(name, Layered(LayeredSettings(coarse=coarse, fine=coarse / RATIO)))
     (row,) = pressed.truths(study, 1, seed)
-    measured = {"p1": measured_at(study, row, rng)}
+    measured = {"p1": measure(study, row, rng)}
     none = np.zeros((0, len(row)))
     stage = FitStage(
         study=study,

@@ -35,8 +35,8 @@ FALLS = 0.05, 0.20
 """Bounds of the fall in the first rest, over the force where it starts."""
 TIMES_S = 0.1, 10.0
 """Bounds of the time constant."""
-FAST_MM_S = 10.0
-"""Speed at which the press takes 1 s."""
+FAST_MM_S, SLOW_MM_S = 10.0, 0.5
+"""Speeds at which the press takes 1 and 20 s."""
 
 Relaxed = Callable[[FloatArray, FloatArray], FloatArray]
 
@@ -133,6 +133,7 @@ def main() -> None:
             ("10 % in all by time, press of 1 s", of_time, FAST_MM_S),
             ("10 % in all by history, press of 1 s", of_history, FAST_MM_S),
             ("10 % in all by history, press of 5 s", of_history, SPEED_MM_S),
+            ("10 % in all by history, press of 20 s", of_history, SLOW_MM_S),
         ):
             report(what, (found_in(folder, seed, relaxed, speed_mm_s) for seed in range(40, 50)))
 

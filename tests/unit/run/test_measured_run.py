@@ -100,6 +100,26 @@ def test_what_relaxed_in_any_press_is_kept_with_the_mean(make_study, plugins, tm
     assert "relaxations" not in RunDirectory(out).measured(("p1",))["p1"].record
 
 
+def test_a_check_of_the_study_warns_of_a_tissue_that_relaxed(make_study, plugins, telling):
+    class Relaxing(telling):
+        def load(self, path, channel=None):
+            response = super().load(path, channel)
+            peak = float(response["force"].ordinate.max())
+            rest = Relaxation(
+                channel="force",
+                phase="dwell",
+                duration_s=2.0,
+                start_value=peak,
+                fall=0.3 * peak,
+                fall_std=0.0,
+            )
+            return replace(response, relaxations=[rest])
+
+    found = pipeline.check_study(make_study(loader=Relaxing()), plugins).warnings
+    assert sum("relaxed by 30 % in 2 s; these are apparent moduli of this rate. The" in w for w in found) == 1
+    assert not any("relaxed" in w for w in pipeline.check_study(make_study(), plugins).warnings)
+
+
 @pytest.mark.slow
 def test_pictures_of_every_file_and_of_the_mean(make_study, plugins, tmp_path, telling):
     study, out = pressed_thrice(make_study(loader=telling())), tmp_path / "run"
