@@ -320,9 +320,12 @@ class Relaxation:
 
     def __post_init__(self) -> None:
         where = f"relaxation of '{self.channel}' in '{self.phase}'"
-        for name in ("duration_s", "start_value", "fall", "fall_std"):
-            if not np.isfinite(getattr(self, name)):
-                raise CurveError(f"{where}: {name} is {getattr(self, name)}; give a finite number")
+        optional = () if self.time_constant_s is None else ("time_constant_s",)
+        for name in ("duration_s", "start_value", "fall", "fall_std", *optional):
+            value = float(getattr(self, name))
+            object.__setattr__(self, name, value)  # a file holds no scalars of arrays
+            if not np.isfinite(value):
+                raise CurveError(f"{where}: {name} is {value}; give a finite number")
         if self.fall_std < 0.0:
             raise CurveError(f"{where}: fall_std is {self.fall_std}; a standard deviation is not negative")
         if not self.duration_s > 0.0:

@@ -91,6 +91,7 @@ def rest(**changes):
 
 def test_a_relaxation_is_a_share_of_what_was_there_and_significant_beyond_three_deviations():
     assert rest().share == 0.05
+    assert type(rest(fall=np.float64(0.4)).fall) is float
     assert rest(start_value=0.0).share == 0.0
     assert [rest(fall=fall).is_significant for fall in (0.29, 0.31, -0.31)] == [False, True, True]
 
