@@ -6,7 +6,7 @@ Public too are :mod:`palpate.testing` (contracts), :mod:`palpate.mechanics`, :mo
 :mod:`palpate.delimited` (text files of columns) and :mod:`palpate.sandbox` (programs and functions
 within limits of time and memory).
 
-A plugin that needs this version or a newer one sets ``palpate_api = (1, 1)`` in its module; an older palpate
+A plugin that needs this version or a newer one sets ``palpate_api = (1, 0)`` in its module; an older palpate
 leaves it out with that reason.
 """
 

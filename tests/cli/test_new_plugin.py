@@ -1,6 +1,7 @@
 """A new plugin of each kind passes its own tests at once; a name that cannot be is refused."""
 
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -31,6 +32,11 @@ def _run(arguments: list[str], folder: Path, paths: list[Path]) -> subprocess.Co
     return subprocess.run(
         [sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False
     )
+
+
+def test_the_help_names_every_kind(call: Call) -> None:
+    words = re.findall(r"\w+", call("new-plugin", "--help").out)
+    assert set(KITS) <= set(words)
 
 
 @pytest.mark.slow

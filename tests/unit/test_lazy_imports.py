@@ -1,7 +1,9 @@
 """Packages whose names are imported when they are used."""
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -112,3 +114,9 @@ print(views["palpate.curves", "Curve"](palpate.Curve(channel="<f>", abscissa=[0,
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "&lt;f&gt;" in done.stdout
     assert "<polyline" in done.stdout
+
+
+@pytest.mark.parametrize("file", ["python/palpate/api.py", "plugins/README.md", "CHANGELOG.md"])
+def test_the_version_that_a_text_names_is_the_one_that_exists(file):
+    text = (Path(__file__).parents[2] / file).read_text(encoding="utf-8")
+    assert set(re.findall(r"palpate_api = \((\d+), (\d+)\)", text)) == {tuple(map(str, api.API_VERSION))}

@@ -16,8 +16,8 @@ def new_plugin(
         str,
         typer.Argument(
             metavar="KIND",
-            help="material, solver, loader, scenario, limb, executor, sampler, search, parametrisation, "
-            "section, filter, channel, command or study.",
+            help="material, indenter, motion, solver, loader, scenario, limb, executor, sampler, search, "
+            "parametrisation, section, filter, channel, command or study.",
         ),
     ],
     name: Annotated[

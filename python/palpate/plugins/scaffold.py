@@ -46,7 +46,7 @@ KITS: Mapping[str, Kit] = MappingProxyType(
         "indenter": Kit(
             "indenters", "indenter", "IndenterContract", _named('shape = "{}"', "protocol.indenter")
         ),
-        "protocol": Kit("motions", "motion", "MotionContract", _named('motion = "{}"', "protocol")),
+        "motion": Kit("motions", "motion", "MotionContract", _named('motion = "{}"', "protocol")),
         "solver": Kit("solvers", "solver", "SolverContract", _named('name = "{}"', "solver")),
         "loader": Kit("loaders", "loader", "LoaderContract", _named('loader = "{}"', "experiment")),
         "scenario": Kit(
