@@ -40,7 +40,8 @@ NOISE = 0.005
 BUDGET = BudgetTable.model_validate(
     {"onset": "0.05 mm", "tilt": "1 deg", "zero": 0.003, "mesh": 0.03, "friction": 0.1}
 )
-"""The mesh's error as a mesh study of these limbs shows it; the rest as palpate assumes."""
+"""The mesh's error as far as force goes: that of the torque is 4.5 to 8.4 % on these meshes against one with
+edges of 1.3 mm. The rest as palpate assumes."""
 REGION, SOLVER = "soft_tissue", {"depth_steps": 8, "rotation_step_deg": 7.5}
 POINTS = 4
 """Measured points for each simulated one."""

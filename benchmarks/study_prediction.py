@@ -45,7 +45,8 @@ TOOLS = {"plate": 5.0, "cuff": 3.0}
 N_COARSE, N_FINE = 8, 3
 """Materials that are simulated on the meshes of the fit, and those of them on the finer ones."""
 BUDGET = BudgetTable.model_validate({"onset": "0 mm", "zero": 0.003, "mesh": 0.03, "friction": 0.1})
-"""The mesh's error as a mesh study of these limbs shows it; the rest as palpate assumes."""
+"""The mesh's error as far as force goes: that of the torque is 4.5 to 8.4 % on these meshes against one with
+edges of 1.3 mm. The rest as palpate assumes."""
 RELATIVE = 0.1
 """Standard deviation of friction and of the bulk modulus, over their values."""
 TRUE_EDGE_MM, TRUE_REACH_MM = 5.0, 25.0
