@@ -42,8 +42,11 @@ hypothesis.settings.register_profile("fast", max_examples=20, derandomize=True, 
 hypothesis.settings.register_profile("all", max_examples=100, print_blob=True, **PROFILE)
 hypothesis.settings.load_profile("fast")
 
-# A shell starts a command in the background with Ctrl-C ignored, and some tests send one.
-signal.signal(signal.SIGINT, signal.default_int_handler)
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Let Ctrl-C raise: a shell in the background, or a test before this one, may have it ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 # Kernels are compiled once for all test processes and worker processes, and for the next run of the
 # tests; set before anything imports JAX. Its keys hold the code, its own version and its flags.
